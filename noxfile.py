@@ -1,4 +1,5 @@
-"""The commands of CI, each under its name, in the environment that is active, or else in that of nox: ``nox -l`` lists them.
+"""The commands of CI, each under its name, in the environment that is active, or else in that of nox: ``nox -l`` lists
+them.
 
 ``pythons`` and ``lowest`` make environments of their own, with uv; a Python that is not installed is an error.
 """
@@ -15,7 +16,14 @@ nox.options.sessions = ["lint", "types", "imports", "tests"]
 if "VIRTUAL_ENV" not in os.environ:  # .venv/bin/nox without an activated environment: the tools beside nox
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 os.environ.setdefault("UV_PYTHON_DOWNLOADS", "never")
-PLUGINS = ["-e", "plugins/etendue-demosaic-malvar", "-e", "plugins/etendue-demosaic-menon", "-e", "plugins/etendue-array"]
+PLUGINS = [
+    "-e",
+    "plugins/etendue-demosaic-malvar",
+    "-e",
+    "plugins/etendue-demosaic-menon",
+    "-e",
+    "plugins/etendue-array",
+]
 EXTRAS = ["test", "distributed", "cubes", "view", "raw", "objects"]
 
 
@@ -54,15 +62,21 @@ def long(session: nox.Session) -> None:
 def pythons(session: nox.Session) -> None:
     """The paper's camera and the laws under each Python that is supported. Words behind -- go to pytest."""
     session.install("-e", ".[test]", *PLUGINS)
-    session.run("etendue", "run", "pipelines/paper.toml", "--archive", f"{session.create_tmp()}/paper", "--recompute", "--quiet")
+    session.run(
+        "etendue", "run", "pipelines/paper.toml", "--archive", f"{session.create_tmp()}/paper", "--recompute", "--quiet"
+    )
     session.run("pytest", *session.posargs)
 
 
 @nox.session(python="3.11", venv_backend="uv")
 def lowest(session: nox.Session) -> None:
-    """The same with the oldest versions that pyproject.toml allows; some laws on bits aside. Words behind -- go to pytest."""
+    """The same with the oldest versions that pyproject.toml allows; some laws on bits aside. Words behind -- go to
+    pytest.
+    """
     session.install("--resolution", "lowest-direct", "-e", f".[{','.join(EXTRAS)}]", *PLUGINS)
-    session.run("etendue", "run", "pipelines/paper.toml", "--archive", f"{session.create_tmp()}/paper", "--recompute", "--quiet")
+    session.run(
+        "etendue", "run", "pipelines/paper.toml", "--archive", f"{session.create_tmp()}/paper", "--recompute", "--quiet"
+    )
     session.run("pytest", "-m", "not long and not bits", *session.posargs)
 
 
@@ -74,6 +88,10 @@ def docs(session: nox.Session) -> None:
 
 @nox.session
 def links(session: nox.Session) -> None:
-    """Links that lead out of the site, sources of sensors among them. Needs the net: not part of CI; without one it says so."""
-    session.run("sphinx-build", "-q", "-b", "linkcheck", "docs", "docs/_build/links", *session.posargs, success_codes=[0, 1])
+    """Links that lead out of the site, sources of sensors among them. Needs the net: not part of CI; without one it
+    says so.
+    """
+    session.run(
+        "sphinx-build", "-q", "-b", "linkcheck", "docs", "docs/_build/links", *session.posargs, success_codes=[0, 1]
+    )
     session.run("python", "docs/making/links.py", "docs/_build/links/output.json")

@@ -1,9 +1,10 @@
-"""What an archive is on disk, and what it costs to write and read it: files, bytes, small chunks, one cell through plain xarray.
+"""What an archive is on disk, and what it costs to write and read it: files, bytes, small chunks, one cell through
+plain xarray.
 
     etendue run pipelines/sweep.toml --archive /tmp/sweep --quiet && python benchmarks/archive.py /tmp/sweep
 
-Bytes are set beside the same chunks raw, and beside all of them through lz4 (what archives with a file for every cell did). CPU time,
-smallest of the repeats.
+Bytes are set beside the same chunks raw, and beside all of them through lz4 (what archives with a file for every cell
+did). CPU time, smallest of the repeats.
 """
 
 from __future__ import annotations
@@ -84,7 +85,10 @@ def main() -> None:
     arrays = sum(json.loads(p.read_text())["node_type"] == "array" for p in (folder / "data.zarr").rglob("zarr.json"))
     print(f"files {files}, arrays {arrays}   (goal: files <= 2 x arrays + 100 = {2 * arrays + 100})")
     stored, raw, packed = bytes_of(folder)
-    print(f"chunks {stored / 1e6:.1f} MB; raw {raw / 1e6:.1f} MB; all of them through lz4 {packed / 1e6:.1f} MB: {stored / packed:.2f} x")
+    print(
+        f"chunks {stored / 1e6:.1f} MB; raw {raw / 1e6:.1f} MB; all of them through lz4 {packed / 1e6:.1f} MB: "
+        f"{stored / packed:.2f} x"
+    )
     print(f"a chunk of 1 kB: {small_chunks():.1f} us   (goal <= 10 us)")
     store = str(folder / "data.zarr")
     tree = xarray.open_datatree(store, engine="zarr")
@@ -94,7 +98,10 @@ def main() -> None:
         own = [d for d in array.dims if d in node["status"].dims] if "status" in node else []
         at = {d: array.sizes[d] // 2 for d in own}
         one = array.isel(at)
-        print(f"one cell of {node.path}/{array.name}, {one.nbytes / 1e3:.0f} kB: {best(lambda a=array, i=at: a.isel(i).values, 15):.2f} ms")
+        print(
+            f"one cell of {node.path}/{array.name}, {one.nbytes / 1e3:.0f} kB: "
+            f"{best(lambda a=array, i=at: a.isel(i).values, 15):.2f} ms"
+        )
 
 
 if __name__ == "__main__":

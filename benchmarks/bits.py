@@ -3,8 +3,8 @@
     python benchmarks/bits.py > after.json [--only paper sweep]
     python benchmarks/bits.py --against before.json
 
-Axis values, tables of a run and pictures are left out; what is left is what the physics gave. ``--common``: with random numbers that do
-not depend on parameter values, so that a change of what keys them changes nothing.
+Axis values, tables of a run and pictures are left out; what is left is what the physics gave. ``--common``: with random
+numbers that do not depend on parameter values, so that a change of what keys them changes nothing.
 """
 
 from __future__ import annotations

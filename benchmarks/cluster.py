@@ -2,9 +2,9 @@
 
     python benchmarks/cluster.py 1000 10000 30000
 
-Two workers of one thread, cells of 32 x 32 values that take no time, two in a batch, all kept in an archive. Beside it the same run with
-`--scheduler serial`: what its process holds then, it holds for plan, journal and tables. CPU milliseconds a cell are of the cells' own
-stages too (workers).
+Two workers of one thread, cells of 32 x 32 values that take no time, two in a batch, all kept in an archive. Beside it
+the same run with `--scheduler serial`: what its process holds then, it holds for plan, journal and tables. CPU
+milliseconds a cell are of the cells' own stages too (workers).
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python benchmarks/colour.py [--plot FILE]
 
-This file bears the name of the library colour-science, and Python looks in this folder first: whoever imports ``colour`` from a
-benchmark comes here and is sent on to the library.
+This file bears the name of the library colour-science, and Python looks in this folder first: whoever imports
+``colour`` from a benchmark comes here and is sent on to the library.
 """
 
 import importlib

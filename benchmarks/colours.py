@@ -2,11 +2,12 @@
 
     python benchmarks/colour.py [--plot FILE]
 
-1. The 24 patches of the ColorChecker under five lights, through pipelines/colour.toml, noise included: CIEDE2000 between the mean of
-   each patch and its true colour, for our fitted matrix, for peers fitted by colour-science to the same camera values, and without a
-   matrix. The truth is reflectance x light x observer, in the same bins.
+1. The 24 patches of the ColorChecker under five lights, through pipelines/colour.toml, noise included: CIEDE2000
+   between the mean of each patch and its true colour, for our fitted matrix, for peers fitted by colour-science to the
+   same camera values, and without a matrix. The truth is reflectance x light x observer, in the same bins.
 2. What the reader sees in the end: the encoded picture, decoded again, against the truth adapted to D65 the same way.
-3. Matrices, adaptation, Lab, CIEDE2000 and encodings: error against 60-digit values or colour-science, milliseconds beside colour-science.
+3. Matrices, adaptation, Lab, CIEDE2000 and encodings: error against 60-digit values or colour-science, milliseconds
+   beside colour-science.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ def patches(picture: Any) -> Any:
         for column in range(6):
             y, x = rows / 2 + (row - 1.5) * pitch, columns / 2 + (column - 2.5) * pitch
             half = 0.25 * pitch
-            found.append(picture[:, round(y - half) : round(y + half), round(x - half) : round(x + half)].mean(axis=(1, 2)))
+            found.append(
+                picture[:, round(y - half) : round(y + half), round(x - half) : round(x + half)].mean(axis=(1, 2))
+            )
     return np.array(found)
 
 
@@ -92,18 +95,27 @@ def camera(plot: Path | None) -> None:
         text = [f"{differences[name].mean():5.2f} / {differences[name].max():5.2f}" for name in ways]
         residual, condition = (float(tree["colour_fit"][name].sel(at)) for name in ("fit_residual", "fit_condition"))
         print(f"{light:6s} " + " ".join(f"{t:>13s}" for t in text) + f" {residual:9.4f} {condition:9.2f}")
-    print("(ours keeps white exact and is fitted to reflectances, before any picture is taken; the peers are fitted to the picture itself)")
+    print(
+        "(ours keeps white exact and is fitted to reflectances, before any picture is taken; the peers are fitted to "
+        "the picture itself)"
+    )
     print("\nours by patch")
     print("      " + " ".join(f"{i:4d}" for i in range(1, 25)))
     for light, values in table.items():
         print(f"{light:6s}" + " ".join(f"{v:4.1f}" for v in values))
-    print("\nthe encoded picture, decoded, against the truth adapted to D65 (CAT16): mean / largest / patches beyond the gamut")
+    print(
+        "\nthe encoded picture, decoded, against the truth adapted to D65 (CAT16): mean / largest / patches beyond the "
+        "gamut"
+    )
     target = matrices.xyz_from_xy(matrices.D65_XY)
     for light in LIGHTS:
         at = {"illuminant": light}
         true, white = truth(light)
         adapted = true @ matrices.von_kries_matrix(white, target, matrices.TRANSFORMS["cat16"]).T
-        shown = encoding.srgb_decode(patches(tree["encode"].rgb_display.sel(at).values.astype(float))) @ matrices.RGB_TO_XYZ_SRGB.T
+        shown = (
+            encoding.srgb_decode(patches(tree["encode"].rgb_display.sel(at).values.astype(float)))
+            @ matrices.RGB_TO_XYZ_SRGB.T
+        )
         found = apart(shown, adapted, target)
         outside = int(np.sum(np.any((adapted @ np.linalg.inv(matrices.RGB_TO_XYZ_SRGB).T < 0), axis=1)))
         print(f"{light:6s} {found.mean():5.2f} / {found.max():5.2f} / {outside}")
@@ -122,7 +134,9 @@ def draw(rows: list[Any], file: Path) -> None:
     target = matrices.xyz_from_xy(matrices.D65_XY)
     figure, axes = plt.subplots(len(rows), 1, figsize=(12, 1.1 * len(rows)), layout="constrained")
     for axis, (light, true, ours, white) in zip(axes, rows, strict=True):
-        to_rgb = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB) @ matrices.von_kries_matrix(white, target, matrices.TRANSFORMS["cat16"])
+        to_rgb = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB) @ matrices.von_kries_matrix(
+            white, target, matrices.TRANSFORMS["cat16"]
+        )
         strip = np.stack([true @ to_rgb.T, ours @ to_rgb.T], axis=1).reshape(1, 48, 3)
         axis.imshow(encoding.srgb_encode(np.clip(strip, 0, 1)), aspect="auto")
         axis.set(yticks=[], xticks=np.arange(0.5, 48, 2), xticklabels=range(1, 25))
@@ -148,17 +162,27 @@ def costs() -> None:
     steps: dict[str, tuple[Callable[[], Any], Callable[[], Any], float]] = {
         "RGB to XYZ": (
             lambda: matrices.apply_matrix(matrices.RGB_TO_XYZ_SRGB, picture),
-            lambda: library.RGB_to_XYZ(last, space, apply_cctf_decoding=False), 5e-4,
+            lambda: library.RGB_to_XYZ(last, space, apply_cctf_decoding=False),
+            5e-4,
         ),
         "sRGB encoding": (lambda: encoding.srgb_encode(picture), lambda: space.cctf_encoding(last), 2e-6),
-        "BT.709 encoding": (lambda: encoding.bt709_encode(picture), lambda: library.cctf_encoding(last, function="ITU-R BT.709"), 2e-6),
+        "BT.709 encoding": (
+            lambda: encoding.bt709_encode(picture),
+            lambda: library.cctf_encoding(last, function="ITU-R BT.709"),
+            2e-6,
+        ),
         "Lab": (lambda: difference.lab(picture, white), lambda: library.XYZ_to_Lab(last, matrices.D65_XY), 2e-3),
-        "CIEDE2000": (lambda: difference.delta_e_2000(a, b), lambda: library.delta_E(a_last, b_last, method="CIE 2000"), 2e-2),
+        "CIEDE2000": (
+            lambda: difference.delta_e_2000(a, b),
+            lambda: library.delta_E(a_last, b_last, method="CIE 2000"),
+            2e-2,
+        ),
         "von Kries (CAT16)": (
             lambda: matrices.apply_matrix(adapt, picture),
-            lambda: library.adaptation.chromatic_adaptation_VonKries(last, light, white, transform="CAT16"), 2e-5,
+            lambda: library.adaptation.chromatic_adaptation_VonKries(last, light, white, transform="CAT16"),
+            2e-5,
         ),
-    }  # fmt: skip
+    }
     heads = f"{'ours, ms':>9s} {'colour-science, ms':>19s} {'ratio':>6s} {'largest difference':>19s} {'bound':>8s}"
     print(f"\n{'256 x 256, float32, one thread':34s} {heads}")
     for name, (ours, theirs, bound) in steps.items():

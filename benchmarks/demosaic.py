@@ -2,14 +2,14 @@
 
     python benchmarks/demosaic.py --pictures FOLDER [--samples] [--plot demosaic.png]
 
-FOLDER holds ``kodak/`` and ``mcmaster/`` with pictures of the Kodak PhotoCD and McMaster sets, PNG or TIFF, 8 bit. ``--samples``
-adds the sample pictures that scikit-learn (china, flower) and scikit-image (astronaut, coffee, chelsea, rocket) bring, where they
-are installed. Without pictures only speeds are measured. Peers need colour-demosaicing.
+FOLDER holds ``kodak/`` and ``mcmaster/`` with pictures of the Kodak PhotoCD and McMaster sets, PNG or TIFF, 8 bit.
+``--samples`` adds the sample pictures that scikit-learn (china, flower) and scikit-image (astronaut, coffee, chelsea,
+rocket) bring, where they are installed. Without pictures only speeds are measured. Peers need colour-demosaicing.
 
-A picture is mosaicked as GRBG in single precision, 1 at 255; the result is rounded and clipped to 8 bit, and 10 pixels at the border
-are left out. CPSNR is that of all three channels together, and the mean of a set is that of its pictures' values. Speed is that of one
-thread, by the shortest thread CPU time of five or, where these are short, of as many as take a tenth of a second; freed memory is
-kept, as in a run.
+A picture is mosaicked as GRBG in single precision, 1 at 255; the result is rounded and clipped to 8 bit, and 10 pixels
+at the border are left out. CPSNR is that of all three channels together, and the mean of a set is that of its pictures'
+values. Speed is that of one thread, by the shortest thread CPU time of five or, where these are short, of as many as
+take a tenth of a second; freed memory is kept, as in a run.
 """
 
 from __future__ import annotations
@@ -105,7 +105,11 @@ def pictures(folder: Path | None, samples: bool) -> dict[str, dict[str, np.ndarr
     """Sets of (3, y, x) pictures, float32, 1 at 255."""
     found: dict[str, dict[str, np.ndarray]] = {}
     for name in ("kodak", "mcmaster"):
-        files = sorted(p for p in (folder / name).glob("*") if p.suffix.lower() in (".png", ".tif", ".tiff")) if folder else []
+        files = (
+            sorted(p for p in (folder / name).glob("*") if p.suffix.lower() in (".png", ".tif", ".tiff"))
+            if folder
+            else []
+        )
         if files:
             found[name] = {file.stem: _read(file) for file in files}
         else:
@@ -172,7 +176,12 @@ def measured(method: Method, sets: dict[str, dict[str, np.ndarray]]) -> Row:
 
 def table(rows: dict[str, Row], sets: dict[str, dict[str, np.ndarray]]) -> None:
     heads = [f"{name} ({len(members)}), dB" for name, members in sets.items()]
-    print("\n" + f"{'method':<32}" + "".join(f" | {head:^22}" for head in heads) + f" | {'Mpixel/s 512^2':>14} | {'on pictures':>11}")
+    print(
+        "\n"
+        + f"{'method':<32}"
+        + "".join(f" | {head:^22}" for head in heads)
+        + f" | {'Mpixel/s 512^2':>14} | {'on pictures':>11}"
+    )
     for method, row in rows.items():
         cells = [f"{np.mean(v):5.2f} ({min(v):5.2f}..{max(v):5.2f})" for v in row.cpsnr.values()]
         print(
@@ -192,19 +201,32 @@ def claims(rows: dict[str, Row], sets: dict[str, dict[str, np.ndarray]]) -> None
         text = [("-" if math.isnan(v) else f"{v:.2f}").rjust(w) for v, w in ((bound, 7), (value, 8), (peer, 8))]
         print(f"{claim:<66} | {' | '.join(text)} | {verdict}")
 
-    for name, kodak, mcmaster, rate in (("demosaic_directional", 39.8, 34.6, 10.0), ("demosaic_residual", 40.2, 36.0, 1.0)):
+    for name, kodak, mcmaster, rate in (
+        ("demosaic_directional", 39.8, 34.6, 10.0),
+        ("demosaic_residual", 40.2, 36.0, 1.0),
+    ):
         if name not in rows:
             print(f"{name} is not installed")
             continue
         row = rows[name]
         line(f"{name}: Kodak, dB; peer Menon 2007", kodak, row.mean("kodak"), menon.mean("kodak"))
         line(f"{name}: McMaster, dB; peer Menon 2007", mcmaster, row.mean("mcmaster"), menon.mean("mcmaster"))
-        line(f"{name}: both, Mpixel/s; peer Menon 2007", rate, row.rate("kodak", "mcmaster"), menon.rate("kodak", "mcmaster"))
+        line(
+            f"{name}: both, Mpixel/s; peer Menon 2007",
+            rate,
+            row.rate("kodak", "mcmaster"),
+            menon.rate("kodak", "mcmaster"),
+        )
         line(f"{name}: 512 x 512, Mpixel/s; peer Menon 2007", rate, row.speed, menon.speed)
     if "demosaic_directional" in rows:
         row = rows["demosaic_directional"]
         if "samples" in sets:
-            line("demosaic_directional: samples, dB, at least Menon's", menon.mean("samples"), row.mean("samples"), menon.mean("samples"))
+            line(
+                "demosaic_directional: samples, dB, at least Menon's",
+                menon.mean("samples"),
+                row.mean("samples"),
+                menon.mean("samples"),
+            )
             ratio = row.rate("samples") / menon.rate("samples")
             line("demosaic_directional: samples, speed over Menon's", 20.0, ratio, 1.0)
         line("demosaic_directional: 512 x 512, speed over Menon's", 20.0, row.speed / menon.speed, 1.0)
@@ -218,7 +240,11 @@ def agreement(methods: dict[str, Method]) -> None:
     """Where ours and a peer are the same method, they are the same numbers."""
     raw = np.random.default_rng(1).random((64, 66))
     print("\n" + f"{'the same method as':<44} | largest difference, double precision, 10 pixels from the border")
-    for name, peer in (("demosaic_bilinear", "bilinear"), ("demosaic_malvar", "Malvar 2004"), ("demosaic_menon", "Menon 2007")):
+    for name, peer in (
+        ("demosaic_bilinear", "bilinear"),
+        ("demosaic_malvar", "Malvar 2004"),
+        ("demosaic_menon", "Menon 2007"),
+    ):
         if name in methods and PEER + peer in methods:
             inner = np.s_[:, BORDER:-BORDER, BORDER:-BORDER]
             difference = np.abs(methods[name](raw) - methods[PEER + peer](raw))[inner].max()
@@ -232,7 +258,9 @@ def plot(rows: dict[str, Row], sets: dict[str, dict[str, np.ndarray]], file: Pat
     from matplotlib import pyplot
 
     size = (5.5 * len(sets), 5.0)
-    figure, axes = pyplot.subplots(1, len(sets), figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained")
+    figure, axes = pyplot.subplots(
+        1, len(sets), figsize=size, sharex=True, sharey=True, squeeze=False, layout="constrained"
+    )
     looks = {False: {"marker": "o", "color": "C0"}, True: {"marker": "s", "color": "C3", "mfc": "none"}}
     for axis, name in zip(axes[0], sets, strict=True):
         for method, row in rows.items():
@@ -255,7 +283,9 @@ def plot(rows: dict[str, Row], sets: dict[str, dict[str, np.ndarray]], file: Pat
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="with kodak/ and mcmaster/ in it")
-    parser.add_argument("--samples", action="store_true", help="sample pictures of scikit-image and scikit-learn, where installed")
+    parser.add_argument(
+        "--samples", action="store_true", help="sample pictures of scikit-image and scikit-learn, where installed"
+    )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="error against run time, as a picture")
     arguments = parser.parse_args()
     keep_freed_memory()

@@ -3,10 +3,11 @@
 In:  a seed, a folder for the tables and pictures that a camera may name.
 Out: a pipeline document (``random_cameras.toml_of`` writes it); a stage's ``name`` is its slot in the chain.
 
-A declared range is drawn from as it stands, log-uniformly where it spans decades; one without an end is cut to a span that is
-wide for a camera (``SPANS``, ``WIDE``). Knobs of fidelity keep their defaults: what they cost in accuracy is another question. What
-stages say together about several values (bins that divide, light as wide as the pixels, a mask's own demosaicers) is kept, so that
-few cameras are refused. Methods of ``white_estimate`` that look at the picture are not drawn: they refuse pictures by their contract.
+A declared range is drawn from as it stands, log-uniformly where it spans decades; one without an end is cut to a span
+that is wide for a camera (``SPANS``, ``WIDE``). Knobs of fidelity keep their defaults: what they cost in accuracy is
+another question. What stages say together about several values (bins that divide, light as wide as the pixels, a mask's
+own demosaicers) is kept, so that few cameras are refused. Methods of ``white_estimate`` that look at the picture are
+not drawn: they refuse pictures by their contract.
 """
 
 from __future__ import annotations
@@ -32,21 +33,56 @@ Document = dict[str, Any]
 LARGEST, SMALL = 48, 16  # pixels along a side
 INF = math.inf
 SPANS: dict[str, tuple[float, float]] = {
-    "f_number": (0.5, 128), "focal_length": (0.5, 2000), "magnification": (-2, -1e-4), "pupil_magnification": (0.2, 5),
-    "focus_distance": (10, 1e7), "object_distance": (10, 1e7), "transmittance": (0.01, 1), "pixel_pitch": (0.3, 50),
-    "aperture_fraction": (0.05, 1), "integration_time": (1e-6, 1e3), "peak_qe": (0.01, 1), "depletion_depth": (0.05, 20),
-    "diffusion_depth": (0.1, 1000), "diffusion_length": (0.1, 1e4), "surface_transmission": (0.01, 1),
-    "full_well_density": (1, 1e6), "dark_current_density": (1e-14, 1e-4), "dark_doubling": (1, 50), "analogue_gain": (1e-2, 1e4),
-    "read_noise_after": (0.1, 1000), "read_noise": (0.01, 1000), "dsnu": (0.01, 100), "conversion_gain": (1e-4, 1e3),
-    "render_exposure": (1e-3, 1e3), "white_luminance": (1e-3, 1e6),
-}  # fmt: skip
-WIDE = {"um": (0.01, 2.0), "mm": (0.01, 10.0), "deg": (0.0, 180.0), "electron": (0.1, 100.0), "deg/mm": (0.01, 5.0), "1": (1e-3, 0.1)}
+    "f_number": (0.5, 128),
+    "focal_length": (0.5, 2000),
+    "magnification": (-2, -1e-4),
+    "pupil_magnification": (0.2, 5),
+    "focus_distance": (10, 1e7),
+    "object_distance": (10, 1e7),
+    "transmittance": (0.01, 1),
+    "pixel_pitch": (0.3, 50),
+    "aperture_fraction": (0.05, 1),
+    "integration_time": (1e-6, 1e3),
+    "peak_qe": (0.01, 1),
+    "depletion_depth": (0.05, 20),
+    "diffusion_depth": (0.1, 1000),
+    "diffusion_length": (0.1, 1e4),
+    "surface_transmission": (0.01, 1),
+    "full_well_density": (1, 1e6),
+    "dark_current_density": (1e-14, 1e-4),
+    "dark_doubling": (1, 50),
+    "analogue_gain": (1e-2, 1e4),
+    "read_noise_after": (0.1, 1000),
+    "read_noise": (0.01, 1000),
+    "dsnu": (0.01, 100),
+    "conversion_gain": (1e-4, 1e3),
+    "render_exposure": (1e-3, 1e3),
+    "white_luminance": (1e-3, 1e6),
+}
+WIDE = {
+    "um": (0.01, 2.0),
+    "mm": (0.01, 10.0),
+    "deg": (0.0, 180.0),
+    "electron": (0.1, 100.0),
+    "deg/mm": (0.01, 5.0),
+    "1": (1e-3, 0.1),
+}
 WINDOWS = ((380, 780), (400, 700), (360, 830), (300, 1100))
 BINS = (1, 2, 5, 7, 10, 13, 20, 25, 40, 50, 100, 150, 300, 400)  # nm
 OWN_MASKS = ("RG/GB", "RGB/", "GR/BG", "RYYB/YRBY", "RGBE/GRBE", "R/G/B", "CM/YG", "RGW/GBW/WWR", "B/", "RW/WB")
 FIXED = {  # the drawer's own affair, or given in another way
-    "width", "height", "spacing", "light", "wavelength_from", "wavelength_to", "bin_width", "rows", "columns", "sampling", "radiance",
-}  # fmt: skip
+    "width",
+    "height",
+    "spacing",
+    "light",
+    "wavelength_from",
+    "wavelength_to",
+    "bin_width",
+    "rows",
+    "columns",
+    "sampling",
+    "radiance",
+}
 SPACES = {"display", "matrix", "target"}
 
 
@@ -156,7 +192,12 @@ class Drawn:
         self.light()
         self.sensor()
         self.picture()
-        found: Document = {"name": f"camera{self.seed}", "seed": self.seed, "camera": self.camera, "stages": self.stages}
+        found: Document = {
+            "name": f"camera{self.seed}",
+            "seed": self.seed,
+            "camera": self.camera,
+            "stages": self.stages,
+        }
         if self.chance(0.2):
             found["precision"] = self.one_of(("float32", "float64"))
         if self.chance(0.2):
@@ -206,7 +247,9 @@ class Drawn:
         self.camera = own
 
     def window(self) -> tuple[float, float, float]:
-        """Wavelengths from, to, and the width of a bin, nm: mostly as many bins as channels, which fewer do not tell apart."""
+        """Wavelengths from, to, and the width of a bin, nm: mostly as many bins as channels, which fewer do not tell
+        apart.
+        """
         least = 1 if self.chance(0.05) else len(self.letters)
         if self.chance(0.75):
             low, high = self.one_of(WINDOWS[:2] if self.chance(0.8) else WINDOWS)
@@ -253,19 +296,33 @@ class Drawn:
         self.camera["illuminant"] = self.illuminant(low, high)
         self.filters(low, high)
         pitch = self.camera["pixel_pitch"]
-        self.rows, self.columns = (int(self.one_of((1, 2, 3, *range(4, SMALL if self.small else LARGEST + 1)))) for _ in range(2))
+        self.rows, self.columns = (
+            int(self.one_of((1, 2, 3, *range(4, SMALL if self.small else LARGEST + 1)))) for _ in range(2)
+        )
         self.paper = self.chance(0.1)
         spacing = pitch if self.paper else float(f"{pitch / self.one_of((1, 2, 2, 3, 4, self.between(1, 4))):.9g}")
         margin = 0 if self.paper else int(self.rng.integers(0, 9))
         across, down = (math.ceil(n * pitch / spacing - 1e-9) + 2 * margin for n in (self.columns, self.rows))
         frame = max(across, down) * spacing
         centre = [self.between(-2, 2) if self.chance(0.2) else None for _ in range(2)]
-        reach = math.hypot(*(abs(c or 0.0) + 0.5e-3 * n * spacing for c, n in zip(centre, (down, across), strict=True)))  # mm from the axis
+        reach = math.hypot(
+            *(abs(c or 0.0) + 0.5e-3 * n * spacing for c, n in zip(centre, (down, across), strict=True))
+        )  # mm from the axis
         self.cells = self.chance(0.3)
         chosen = self.one_of(
-            self.able(lambda kind: is_source(kind) and "white_luminance" in parameters_of(kind) and "variable" not in parameters_of(kind))
+            self.able(
+                lambda kind: (
+                    is_source(kind)
+                    and "white_luminance" in parameters_of(kind)
+                    and "variable" not in parameters_of(kind)
+                )
+            )
         )
-        own = {name for name, (p, _, _) in parameters_of(self.registry.load(chosen)).items() if p.units == "um"} - FIXED - {"margin"}
+        own = (
+            {name for name, (p, _, _) in parameters_of(self.registry.load(chosen)).items() if p.units == "um"}
+            - FIXED
+            - {"margin"}
+        )
         scaled = {name: self.between(0.02 * frame, frame) for name in own}
         if {"smallest", "largest"} <= own:
             scaled["smallest"], scaled["largest"] = sorted((scaled["smallest"], scaled["largest"]))
@@ -273,13 +330,26 @@ class Drawn:
             scaled["spot_sigma"], scaled["pitch"] = spacing, spacing * self.between(10, 50)
         if "file" in parameters_of(self.registry.load(chosen)):
             scaled["file"] = self.photograph()
-        frequencies = {n for n, (p, _, _) in parameters_of(self.registry.load(chosen)).items() if p.units == "cycles/um"}
+        frequencies = {
+            n for n, (p, _, _) in parameters_of(self.registry.load(chosen)).items() if p.units == "cycles/um"
+        }
         self.add(
-            "scene", chosen, 0.15, white_luminance=self.between(*SPANS["white_luminance"]), width=across * spacing, height=down * spacing,
-            spacing=spacing, light="cells" if self.cells else "bandlimited", wavelength_from=low, wavelength_to=high, bin_width=width,
-            centre_y=centre[0], centre_x=centre[1],
-            **scaled, **{n: self.between(0.05 / spacing, 0.4 / spacing) for n in frequencies},
-        )  # fmt: skip
+            "scene",
+            chosen,
+            0.15,
+            white_luminance=self.between(*SPANS["white_luminance"]),
+            width=across * spacing,
+            height=down * spacing,
+            spacing=spacing,
+            light="cells" if self.cells else "bandlimited",
+            wavelength_from=low,
+            wavelength_to=high,
+            bin_width=width,
+            centre_y=centre[0],
+            centre_x=centre[1],
+            **scaled,
+            **{n: self.between(0.05 / spacing, 0.4 / spacing) for n in frequencies},
+        )
         scene = self.stages[-1]
         defaults = {name: default for name, (_, _, default) in parameters_of(self.registry.load(chosen)).items()}
         if {"low", "high"} <= set(defaults) and scene.get("low", defaults["low"]) > scene.get("high", defaults["high"]):
@@ -290,7 +360,16 @@ class Drawn:
         self.maybe(0.2, "filter", "optical_filter", table=self.transmission(low, high) if self.chance(0.4) else None)
         self.maybe(0.1, "vignetting", "vignetting", **self.rim())
         self.maybe(0.1, "angular", "angular_response", table=None)
-        self.maybe(0.15, "distortion", "distortion", table=None, k1=self.between(-0.02, 0.02), k2=None, k3=None, reference_radius=reach)
+        self.maybe(
+            0.15,
+            "distortion",
+            "distortion",
+            table=None,
+            k1=self.between(-0.02, 0.02),
+            k2=None,
+            k3=None,
+            reference_radius=reach,
+        )
         self.lens(spacing)
         self.maybe(0.15, "glare", "glare")
         self.maybe(0.2, "low_pass", "birefringent", dispersion=None)
@@ -303,8 +382,16 @@ class Drawn:
 
     def lens(self, spacing: float) -> None:
         lenses = self.able(lambda kind: kind.role == "lens" and "prescription" not in parameters_of(kind))
-        use = "diffraction" if self.chance(0.5) else self.one_of(("diffraction", "lens_gaussian") if self.small else lenses)
-        given: Document = {"light": "cells" if self.cells else "bandlimited"} if "light" in parameters_of(self.registry.load(use)) else {}
+        use = (
+            "diffraction"
+            if self.chance(0.5)
+            else self.one_of(("diffraction", "lens_gaussian") if self.small else lenses)
+        )
+        given: Document = (
+            {"light": "cells" if self.cells else "bandlimited"}
+            if "light" in parameters_of(self.registry.load(use))
+            else {}
+        )
         if use == "lens_psf":
             radius = np.linspace(0, 8 * spacing, 41)
             rows = [f"{r:.6g},{math.exp(-((r / (1.5 * spacing)) ** 2)):.6g}" for r in radius]
@@ -341,7 +428,9 @@ class Drawn:
             self.add("ideal", "ideal_mosaic")
         if faulty and self.chance(0.7):
             self.add("correct", self.one_of(("correct_defects", "correct_found_defects")))
-        self.maybe(0.1, "shading", "lens_shading", map="model", table=None, model=self.one_of(("cos4", "disc")), **self.rim())
+        self.maybe(
+            0.1, "shading", "lens_shading", map="model", table=None, model=self.one_of(("cos4", "disc")), **self.rim()
+        )
 
     def read_out(self) -> None:
         self.add("expose", "exposure")
@@ -362,13 +451,24 @@ class Drawn:
         self.add("demosaic", self.one_of(self.demosaicers()))
         channels = 3 if "R" in self.letters and self.stages[-1]["use"] != "demosaic_any" else len(self.letters)
         if self.chance(0.5):
-            fits = self.able(lambda kind: kind.role in ("sharpening", "denoising") and set(reads_of(kind)) == {"rgb_camera"})
-            deep = self.able(lambda kind: kind.role == "sharpening" and "transfers" in kind.reads and "rgb_camera" in kind.reads)
-            self.add("restore", self.one_of(deep if self.chance(0.2) and deep and channels == len(self.letters) else fits))
+            fits = self.able(
+                lambda kind: kind.role in ("sharpening", "denoising") and set(reads_of(kind)) == {"rgb_camera"}
+            )
+            deep = self.able(
+                lambda kind: kind.role == "sharpening" and "transfers" in kind.reads and "rgb_camera" in kind.reads
+            )
+            self.add(
+                "restore", self.one_of(deep if self.chance(0.2) and deep and channels == len(self.letters) else fits)
+            )
         self.add("fit", "colour_fit", reflectances=None)
         self.add("to_xyz_scene", "camera_to_xyz")
         display = self.one_of((*rgb_space_names(), *tables("display"))) if self.chance(0.5) else "sRGB"
-        self.add("adapt", "balance", target=display if self.chance(0.8) else self.one_of(("D65", "D50", "A", "E")), gains="white")
+        self.add(
+            "adapt",
+            "balance",
+            target=display if self.chance(0.8) else self.one_of(("D65", "D50", "A", "E")),
+            gains="white",
+        )
         self.add("display", "display", display=display)
         self.add("encode", "encode")
         self.maybe(0.3, "to_xyz", "to_xyz")
@@ -416,14 +516,17 @@ class Drawn:
         from etendue_camera.field.psf_bank import PsfBank
 
         step = np.arange(-5, 6)[:, None]
-        spots = [[np.exp(-0.5 * ((step / (1 + w)) ** 2 + (step.T / (1 + h)) ** 2)) for w in (0.45, 0.65)] for h in (0.0, 0.5)]
+        spots = [
+            [np.exp(-0.5 * ((step / (1 + w)) ** 2 + (step.T / (1 + h)) ** 2)) for w in (0.45, 0.65)] for h in (0.0, 0.5)
+        ]
         reach = max(self.rows, self.columns) * self.camera["pixel_pitch"]
         PsfBank(np.array([0.0, reach]), np.array([0.45, 0.65]), spots, spacing, "drawn").save(self.file("bank.npz"))
         return self.file("bank.npz").name
 
 
 def draw(seed: int, folder: Path, small: bool = False) -> Document:
-    """The camera with this seed, which is another where other stages are installed; its files are written into the folder.
+    """The camera with this seed, which is another where other stages are installed; its files are written into the
+    folder.
 
     ``small``: one that takes half a second, of few pixels behind a plain lens.
     """

@@ -2,8 +2,9 @@
 
     python benchmarks/edges.py [--pictures edges.png] [--light bandlimited|cells]
 
-Table: MTF50 of a slanted edge of 5 degrees as measured on 200 x 400 pixels, noise-free, before the mosaic, against the analytic one:
-the photon-weighted transfer function of the chart's rendering, diffraction, diffusion and pixel along the edge's normal.
+Table: MTF50 of a slanted edge of 5 degrees as measured on 200 x 400 pixels, noise-free, before the mosaic, against the
+analytic one: the photon-weighted transfer function of the chart's rendering, diffraction, diffusion and pixel along the
+edge's normal.
 """
 
 from __future__ import annotations
@@ -46,14 +47,19 @@ def camera(scene: dict[str, Any], pitch: float, f_number: float, rows: int, colu
     for name, count in (("width", columns), ("height", rows)):
         size[name] = (count + 2 * math.ceil(margin(f_number) / pitch)) * pitch
     return {
-        "name": "edges", "precision": "float64",
+        "name": "edges",
+        "precision": "float64",
         "camera": {"peak_qe": QE, "pixel_pitch": pitch, "f_number": f_number, "focal_length": 50},
         "stages": [
             {"name": "scene", "white_luminance": 1000, **BANDS, **size, **scene},
-            {"use": "irradiance"}, {"use": "diffraction"}, {"use": "diffusion"}, {"use": "pixel", "rows": rows, "columns": columns},
+            {"use": "irradiance"},
+            {"use": "diffraction"},
+            {"use": "diffusion"},
+            {"use": "pixel", "rows": rows, "columns": columns},
         ],
-        "wanted": ["photon_rate", "irradiance.white_irradiance"], "keep": ["pixel", "irradiance.white_irradiance"],
-    }  # fmt: skip
+        "wanted": ["photon_rate", "irradiance.white_irradiance"],
+        "keep": ["pixel", "irradiance.white_irradiance"],
+    }
 
 
 def photon_rate(scene: dict[str, Any], pitch: float, f_number: float, rows: int, columns: int) -> tuple[Any, Any]:
@@ -93,7 +99,9 @@ def pictures(path: Path) -> None:
         "edge": ({"use": "slanted_edge", "angle": ANGLE}, (32, 48)),
         "chart": ({"use": "composite"}, (120, 160)),
     }
-    figure, axes = pyplot.subplots(len(PITCHES) * 3, len(F_NUMBERS), figsize=(2.0 * len(F_NUMBERS), 1.7 * 3 * len(PITCHES)))
+    figure, axes = pyplot.subplots(
+        len(PITCHES) * 3, len(F_NUMBERS), figsize=(2.0 * len(F_NUMBERS), 1.7 * 3 * len(PITCHES))
+    )
     for row, pitch in enumerate(PITCHES):
         for number, (name, (scene, (rows, columns))) in enumerate(scenes.items()):
             for column, f_number in enumerate(F_NUMBERS):

@@ -1,11 +1,14 @@
-"""Edits of the code between two runs of one archive: what can change a bit is computed again and named, anything else is reused.
+"""Edits of the code between two runs of one archive: what can change a bit is computed again and named, anything else
+is reused.
 
     python benchmarks/edits.py                      # 25 edits of the engine's list, 10 of present, cli and archive
     python benchmarks/edits.py --seed 4 --engine 50 --others 0
     python benchmarks/edits.py --table              # ten edits, one of each kind: which stages are computed again
 
-In:  a temporary copy of the package, the only thing that is edited: an operator or a literal at a time, drawn by the seed.
-Out: a line for each edit: where, what, cells computed and reused, the reason that the run gives; exit code 1 where one is not as it
+In:  a temporary copy of the package, the only thing that is edited: an operator or a literal at a time, drawn by the
+     seed.
+Out: a line for each edit: where, what, cells computed and reused, the reason that the run gives; exit code 1 where one
+     is not as it
 should be. An edit with which nothing can be planned any more is drawn again, and counted in the last line.
 """
 
@@ -34,10 +37,22 @@ SHOWN = ("present", "cli", "archive")
 HOUSES = ("etendue", "etendue_camera", "etendue_lab")
 PLUGIN = "etendue_demosaic_malvar"
 OTHER = {
-    ast.Add: ("+", "-"), ast.Sub: ("-", "+"), ast.Mult: ("*", "/"), ast.Div: ("/", "*"), ast.FloorDiv: ("//", "*"), ast.Mod: ("%", "*"),
-    ast.Pow: ("**", "*"), ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">"), ast.Eq: ("==", "!="),
-    ast.NotEq: ("!=", "=="), ast.And: ("and", "or"), ast.Or: ("or", "and"),
-}  # fmt: skip
+    ast.Add: ("+", "-"),
+    ast.Sub: ("-", "+"),
+    ast.Mult: ("*", "/"),
+    ast.Div: ("/", "*"),
+    ast.FloorDiv: ("//", "*"),
+    ast.Mod: ("%", "*"),
+    ast.Pow: ("**", "*"),
+    ast.Lt: ("<", "<="),
+    ast.LtE: ("<=", "<"),
+    ast.Gt: (">", ">="),
+    ast.GtE: (">=", ">"),
+    ast.Eq: ("==", "!="),
+    ast.NotEq: ("!=", "=="),
+    ast.And: ("and", "or"),
+    ast.Or: ("or", "and"),
+}
 CAMERA = """
 name = "edits"
 seed = 3
@@ -67,9 +82,20 @@ columns = 32
 [sweep]
 f_number = [2, 5.6]
 """
-BEFORE, BEHIND = ("irradiance", "falloff", "diffraction", "diffusion"), (
-    "mosaic", "exposure", "shot_noise", "read_noise", "adc", "linearise", "demosaic_bilinear", "sharpen", "resolution",
-)  # fmt: skip
+BEFORE, BEHIND = (
+    ("irradiance", "falloff", "diffraction", "diffusion"),
+    (
+        "mosaic",
+        "exposure",
+        "shot_noise",
+        "read_noise",
+        "adc",
+        "linearise",
+        "demosaic_bilinear",
+        "sharpen",
+        "resolution",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -110,7 +136,10 @@ def edits_of(path: Path) -> Iterator[Edit]:
                 yield Edit(path, node.lineno, node.col_offset, node.end_col_offset or 0, old, repr(node.value * 2 or 1))
         for left, right, kind in pairs:
             old, new = OTHER.get(kind, ("", ""))
-            where, until = (getattr(left, "end_lineno", 0), getattr(left, "end_col_offset", 0)), getattr(right, "lineno", 0)
+            where, until = (
+                (getattr(left, "end_lineno", 0), getattr(left, "end_col_offset", 0)),
+                getattr(right, "lineno", 0),
+            )
             if not old or where[0] != until or not lines[until - 1].isascii():
                 continue
             between = lines[until - 1][where[1] : getattr(right, "col_offset", 0)]
@@ -129,7 +158,9 @@ class Bench:
         for own in (*(package.parent / name for name in HOUSES), *beside):
             shutil.copytree(own, self.package.parent / own.name, ignore=shutil.ignore_patterns("__pycache__", ".*"))
         stages = {name: f'[[stages]]\nuse = "{name}"\n' for name in (*BEFORE, *BEHIND)}
-        text = CAMERA.replace('[[stages]]\nuse = "pixel"', "".join(stages[name] for name in BEFORE) + '[[stages]]\nuse = "pixel"')
+        text = CAMERA.replace(
+            '[[stages]]\nuse = "pixel"', "".join(stages[name] for name in BEFORE) + '[[stages]]\nuse = "pixel"'
+        )
         behind = "".join(stages[name] for name in BEHIND).replace("demosaic_bilinear", demosaicer)
         (folder / "edits.toml").write_text(text.replace("[sweep]", f"{behind}\n[sweep]"))
         first = self.run("first")
@@ -142,7 +173,15 @@ class Bench:
         """What a run says of itself; None where it breaks off before anything is computed or reused."""
         path = os.pathsep.join([str(self.folder / "src"), *filter(None, [os.environ.get("PYTHONPATH")])])
         environment = {**os.environ, "PYTHONPATH": path, "ETENDUE_CACHE": str(self.folder / "cache")}
-        asked = ["run", str(self.folder / "edits.toml"), "--archive", str(self.folder / archive), "--scheduler", "serial", "--json"]
+        asked = [
+            "run",
+            str(self.folder / "edits.toml"),
+            "--archive",
+            str(self.folder / archive),
+            "--scheduler",
+            "serial",
+            "--json",
+        ]
         done = subprocess.run(
             [sys.executable, "-m", "etendue", *asked],
             capture_output=True,
@@ -171,8 +210,16 @@ class Bench:
             shutil.rmtree(self.folder / "second")
 
 
-TEN = (  # what is edited, where, what stands there, what instead, and from which stage on cells are computed again: "" none, "all" all
-    ("kernel", "etendue_camera/electronics/converter.py", "import numpy", "import  numpy", "read_noise"),  # in one file with the converter
+# what is edited, where, what stands there, what instead, and from which stage on cells are computed again: "" none,
+# "all" all
+TEN = (
+    (
+        "kernel",
+        "etendue_camera/electronics/converter.py",
+        "import numpy",
+        "import  numpy",
+        "read_noise",
+    ),  # in one file with the converter
     ("stage", "etendue_camera/restoration/stages/sharpening.py", "annotations\n", "annotations  # edited\n", "sharpen"),
     ("engine, compute", "etendue/compute/given.py", "import", "import ", "all"),
     ("engine, plan", "etendue/plan/cost.py", "import", "import ", ""),
@@ -210,7 +257,10 @@ def table(package: Path) -> int:
             first = next((name for name in order if name in again), "") if found["computed"] else ""
             first = "all" if found["computed"] == bench.cells else first
             wrong += first != expected
-            print(f"{what:16} {found['computed']:>8} {found['reused']:>7}  {first or 'none':17} {expected or 'none'}", flush=True)
+            print(
+                f"{what:16} {found['computed']:>8} {found['reused']:>7}  {first or 'none':17} {expected or 'none'}",
+                flush=True,
+            )
     print(f"{wrong} of {len(TEN)} not as they should be")
     return int(wrong > 0)
 
@@ -238,7 +288,10 @@ def main() -> int:
         for files, count, engine in ((engine_files(bench.package), asked.engine, True), (others, asked.others, False)):
             bad, drawn = _drawn(bench, files, count, engine, draw)
             wrong, again = wrong + bad, again + drawn
-        print(f"{wrong} of {asked.engine + asked.others} not as they should be; {again} more with which nothing can be planned or read")
+        print(
+            f"{wrong} of {asked.engine + asked.others} not as they should be; {again} more with which nothing can be "
+            f"planned or read"
+        )
     return int(wrong > 0)
 
 
@@ -258,11 +311,18 @@ def _drawn(bench: Bench, files: Iterable[Path], count: int, engine: bool, draw: 
         module = ".".join(edit.path.relative_to(bench.package.parent).with_suffix("").parts)
         reasons = found["reasons"]
         assert isinstance(reasons, dict)
-        fine = found["reused"] == 0 and all(module in text for text in reasons.values()) if engine else found["reused"] == bench.cells
+        fine = (
+            found["reused"] == 0 and all(module in text for text in reasons.values())
+            if engine
+            else found["reused"] == bench.cells
+        )
         wrong += not fine
         where, what = f"{edit.path.relative_to(bench.package)}:{edit.line}", f"{edit.old} -> {edit.new}"
         reason = next(iter(sorted(set(reasons.values()), key=lambda text: module not in text)), "")
-        print(f"{where:28} {what:18} {found['computed']:>8} {found['reused']:>7}  {reason}{'' if fine else '   WRONG'}", flush=True)
+        print(
+            f"{where:28} {what:18} {found['computed']:>8} {found['reused']:>7}  {reason}{'' if fine else '   WRONG'}",
+            flush=True,
+        )
     return wrong, again
 
 

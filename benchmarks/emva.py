@@ -3,9 +3,9 @@
     python benchmarks/emva.py [--seeds 200] [--first 0]
 
 The sensor is the product's own stages (bracket, exposure, shot_noise, full_well, read_noise, adc); the measurement is
-`etendue_camera.electronics.emva.measure`, which sees raw frames only. For each quantity: truth, mean over the sensors, bias (in
-percent, and in standard errors of the mean), half an interval, how wide that is beside what estimates spread (1 is right), and the share
-of 95 % intervals that hold the truth. Bound: 90 to 98 %.
+`etendue_camera.electronics.emva.measure`, which sees raw frames only. For each quantity: truth, mean over the sensors,
+bias (in percent, and in standard errors of the mean), half an interval, how wide that is beside what estimates spread
+(1 is right), and the share of 95 % intervals that hold the truth. Bound: 90 to 98 %.
 """
 
 from __future__ import annotations
@@ -27,12 +27,25 @@ from etendue_camera.electronics.stages.read_out import Adc, ReadNoise
 
 ROWS, COLUMNS, LEVELS, FRAMES = 96, 128, 16, 2
 BASE = {
-    "pixel_pitch": 5.4, "aperture_fraction": 0.741, "full_well_density": 1000.0, "bits": 12, "black_level": 128.0,
-    "dark_current_density": 2e-9, "read_noise": 8.0, "dsnu": 3.0, "prnu": 0.01, "dark_nonuniformity": 0.1,
-}  # fmt: skip
+    "pixel_pitch": 5.4,
+    "aperture_fraction": 0.741,
+    "full_well_density": 1000.0,
+    "bits": 12,
+    "black_level": 128.0,
+    "dark_current_density": 2e-9,
+    "read_noise": 8.0,
+    "dsnu": 3.0,
+    "prnu": 0.01,
+    "dark_nonuniformity": 0.1,
+}
 SENSORS = {
     "limited by the well, gain 1": {"conversion_gain": 0.23},
-    "limited by the converter, gain 8": {"conversion_gain": 0.23, "analogue_gain": 8.0, "read_noise": 2.0, "read_noise_after": 6.0},
+    "limited by the converter, gain 8": {
+        "conversion_gain": 0.23,
+        "analogue_gain": 8.0,
+        "read_noise": 2.0,
+        "read_noise_after": 6.0,
+    },
 }
 GRID = Grid.of({"y": Line(ROWS, 0.0, 1.0, "1", (0.0, 5.4)), "x": Line(COLUMNS, 0.0, 1.0, "1", (0.0, 5.4))})
 CHECKED = ("gain", "read_noise", "dark_current", "full_well", "prnu", "dsnu")
@@ -53,7 +66,9 @@ def frames(values: dict[str, Any], rate: float, seed: int, what: str) -> Any:
     """Raw frames (level, frame, y, x) of a light of so many electron/s, from the product's own stages."""
     chain = (ShotNoise, FullWell, ReadNoise, Adc)
     light, sensor = np.full((ROWS, COLUMNS), rate, np.float32), PatternRandom(str(seed).encode(), GRID, "float32")
-    exposed = [stage(Exposure, values, integration_time=float(time)).run(light, sensor)["expected_charge"] for time in times()]
+    exposed = [
+        stage(Exposure, values, integration_time=float(time)).run(light, sensor)["expected_charge"] for time in times()
+    ]
     charge = np.repeat(exposed, FRAMES, axis=0)
     for kind in chain:
         one = stage(kind, values)
@@ -65,7 +80,9 @@ def frames(values: dict[str, Any], rate: float, seed: int, what: str) -> Any:
 
 
 def truth(values: dict[str, Any], pattern_time: float = 0.05) -> tuple[dict[str, float], float]:
-    """What a perfect measurement finds, with its patterns after a time; and the photocurrent that saturates after 0.1 s."""
+    """What a perfect measurement finds, with its patterns after a time; and the photocurrent that saturates after
+    0.1 s.
+    """
     adc = stage(Adc, values)
     dark = float(dynamic_range.dark_electrons(values["dark_current_density"], values["pixel_pitch"] ** 2, 1.0))
     rate = (adc.saturation() / 0.1) - dark
@@ -79,7 +96,9 @@ def truth(values: dict[str, Any], pattern_time: float = 0.05) -> tuple[dict[str,
     }, rate
 
 
-def study(values: dict[str, Any], seeds: int, first: int = 0) -> tuple[dict[str, float], dict[str, list[emva.Estimate]]]:
+def study(
+    values: dict[str, Any], seeds: int, first: int = 0
+) -> tuple[dict[str, float], dict[str, list[emva.Estimate]]]:
     """The truth, and the estimates of every quantity for each of so many sensors."""
     true, rate = truth(values)
     found: dict[str, list[emva.Estimate]] = {name: [] for name in CHECKED}
@@ -102,8 +121,13 @@ def main() -> int:
         began = time.perf_counter()
         values = {**BASE, **own}
         true, found = study(values, seeds, asked.first)
-        print(f"{title}: {seeds} sensors of {COLUMNS} x {ROWS} pixels, {LEVELS} times, {FRAMES} frames each of light and dark")
-        heads = f"{'truth':>11s} {'mean':>11s} {'bias %':>8s} {'of s.e.':>8s} {'+- %':>7s} {'wide':>6s} {'coverage':>9s}"
+        print(
+            f"{title}: {seeds} sensors of {COLUMNS} x {ROWS} pixels, {LEVELS} times, {FRAMES} frames each of light and "
+            f"dark"
+        )
+        heads = (
+            f"{'truth':>11s} {'mean':>11s} {'bias %':>8s} {'of s.e.':>8s} {'+- %':>7s} {'wide':>6s} {'coverage':>9s}"
+        )
         print(f"  {'quantity':14s} {'unit':12s} {heads}")
         for name in CHECKED:
             value = np.array([e.value for e in found[name]])
@@ -113,8 +137,10 @@ def main() -> int:
             bias = value.mean() - true[name]
             mark = "" if LOW <= held <= HIGH else "   beyond 90-98 %"
             print(
-                f"  {name:14s} {found[name][0].unit or '1':12s} {true[name]:11.5g} {value.mean():11.5g} {100 * bias / true[name]:8.3f} "
-                f"{bias / error:8.2f} {100 * wide:7.2f} {wide * true[name] / T_63 / value.std(ddof=1):6.2f} {100 * held:8.1f}%{mark}"
+                f"  {name:14s} {found[name][0].unit or '1':12s} {true[name]:11.5g} {value.mean():11.5g} "
+                f"{100 * bias / true[name]:8.3f} "
+                f"{bias / error:8.2f} {100 * wide:7.2f} {wide * true[name] / T_63 / value.std(ddof=1):6.2f} "
+                f"{100 * held:8.1f}%{mark}"
             )
             if mark:
                 beyond.append(f"{name} ({title})")

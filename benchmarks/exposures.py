@@ -2,11 +2,12 @@
 
     python benchmarks/exposures.py [--pictures FOLDER]
 
-Sixty exposures from a thousandth to a thousand times the one at which a diffuse white clips, noise-free: the worst fall below the running
-maximum of the balanced mosaic, of any channel of `rgb_display`, and of its luma. Only the mosaic cannot fall: where one channel of a
-colour is clipped, a matrix with negative entries, and the negative weights of sharpening and of demosaicers that look across channels,
-make others fall. `--pictures` writes contact sheets of `smallest.toml` and `colour.toml` at 1/10, 1, 10, 100 and 1000 times their
-exposure, with brightness by the scene and by the camera, and one strip of the developed pictures for each.
+Sixty exposures from a thousandth to a thousand times the one at which a diffuse white clips, noise-free: the worst fall
+below the running maximum of the balanced mosaic, of any channel of `rgb_display`, and of its luma. Only the mosaic
+cannot fall: where one channel of a colour is clipped, a matrix with negative entries, and the negative weights of
+sharpening and of demosaicers that look across channels, make others fall. `--pictures` writes contact sheets of
+`smallest.toml` and `colour.toml` at 1/10, 1, 10, 100 and 1000 times their exposure, with brightness by the scene and by
+the camera, and one strip of the developed pictures for each.
 """
 
 from __future__ import annotations
@@ -42,16 +43,31 @@ COLOUR = ("colour_fit", "camera_to_xyz", "balance", "display", "encode")
 
 
 def camera(chart: str, way: tuple[str, ...], brightness: str) -> dict:  # type: ignore[type-arg]
-    size = {"width": "280 um", "height": "280 um", "spacing": "1 um", "bin_width": 60, "wavelength_from": 400, "wavelength_to": 700}
-    before = ("irradiance", "diffraction", "diffusion", {"use": "pixel", "rows": 48, "columns": 48}, "mosaic", "ideal_mosaic")
+    size = {
+        "width": "280 um",
+        "height": "280 um",
+        "spacing": "1 um",
+        "bin_width": 60,
+        "wavelength_from": 400,
+        "wavelength_to": 700,
+    }
+    before = (
+        "irradiance",
+        "diffraction",
+        "diffusion",
+        {"use": "pixel", "rows": 48, "columns": 48},
+        "mosaic",
+        "ideal_mosaic",
+    )
     stages = [{"use": s} if isinstance(s, str) else s for s in (*before, "white", "balance_mosaic", *way, *COLOUR)]
     return {
-        "name": "exposures", "precision": "float64",
+        "name": "exposures",
+        "precision": "float64",
         "camera": {"peak_qe": [0.36, 0.44, 0.40], "f_number": 4, "brightness": brightness},
         "stages": [{"use": chart, "name": "scene", "white_luminance": 250, **size}, *stages],
         "sweep": {"integration_time": [float(RIGHT * t) for t in np.logspace(-3, 3, 60)]},
         "wanted": ["balance_mosaic.mosaic_linear", "encode.rgb_display"],
-    }  # fmt: skip
+    }
 
 
 def fall(values: np.ndarray) -> float:
@@ -102,7 +118,10 @@ def pictures(folder: Path) -> None:
                     with xarray.open_datatree(Path(archive) / "a" / "data.zarr", engine="zarr") as tree:
                         group = next(g for g in tree["encode"].subtree if "rgb_display" in g)
                         strip.append(np.moveaxis(group.rgb_display.squeeze().values, 0, -1))
-                print(f"{name}, brightness by the {brightness}, {factor:g} x: mean display value {strip[-1].mean():.4f}, {sheet}")
+                print(
+                    f"{name}, brightness by the {brightness}, {factor:g} x: mean display value {strip[-1].mean():.4f}, "
+                    f"{sheet}"
+                )
             whole = np.concatenate(strip, axis=1).repeat(3, axis=0).repeat(3, axis=1)
             Image.fromarray(np.rint(255 * whole).astype(np.uint8)).save(folder / f"{name}-{brightness}.png")
 

@@ -2,10 +2,11 @@
 
     python benchmarks/field_blur.py [--quick]
 
-Lenses: 0.05, 0.15 and 0.5 waves each of coma, astigmatism and field curvature at the corner (f/4, 550 nm), pictures of 65 x 65
-samples of 0.5 um at 9 heights; a window of 512 x 512 samples from corner to corner. Errors of a random scene (0.9 black, 0.1
-light points, the hardest kind) and of edges, as rms over mean as usual for such tables and as the largest error over full scale,
-beside the bound that was predicted; against the finest tiles that fit. Times: one plane of float32, one thread, CPU.
+Lenses: 0.05, 0.15 and 0.5 waves each of coma, astigmatism and field curvature at the corner (f/4, 550 nm), pictures of
+65 x 65 samples of 0.5 um at 9 heights; a window of 512 x 512 samples from corner to corner. Errors of a random scene
+(0.9 black, 0.1 light points, the hardest kind) and of edges, as rms over mean as usual for such tables and as the
+largest error over full scale, beside the bound that was predicted; against the finest tiles that fit. Times: one plane
+of float32, one thread, CPU.
 """
 
 from __future__ import annotations
@@ -65,9 +66,16 @@ def blurs(n: int) -> None:
         pictures = bank(waves, float(np.hypot(line[0], line[0])))
         reference = blur.prepare(pictures, line, line, [WAVELENGTH], "tiles", 1e-3, 65, lost=LOST)
         exact = [blur.apply(scene.astype(float), reference) for scene in (points, edges)]
-        print(f"\n{name}: {waves:g} waves, kernels of {reference.choice.size} samples; reference {reference.choice.grid} tiles,", end=" ")
+        print(
+            f"\n{name}: {waves:g} waves, kernels of {reference.choice.size} samples; reference {reference.choice.grid} "
+            f"tiles,",
+            end=" ",
+        )
         print(f"bound {reference.choice.error - LOST:.1e} from the direct sum")
-        print(f"{'method':<14}{'count':>6}{'ms':>8}{'rms/mean':>11}{'largest, points':>17}{'edges':>10}{'bound':>10}{'cost':>7}")
+        print(
+            f"{'method':<14}{'count':>6}{'ms':>8}{'rms/mean':>11}{'largest, points':>17}{'edges':>10}{'bound':>10}"
+            f"{'cost':>7}"
+        )
 
         def row(label: str, prepared: Any, exact: Any = exact) -> float:
             seconds, image = clock(lambda: blur.apply(points, prepared))
@@ -75,7 +83,8 @@ def blurs(n: int) -> None:
             rms = float(np.sqrt(np.mean(apart[0] ** 2)) / points.mean())
             choice = prepared.choice
             print(
-                f"{label:<14}{choice.count:>6}{seconds * 1e3:>8.0f}{rms:>11.1e}{apart[0].max():>17.1e}{apart[1].max():>10.1e}"
+                f"{label:<14}{choice.count:>6}{seconds * 1e3:>8.0f}{rms:>11.1e}{apart[0].max():>17.1e}"
+                f"{apart[1].max():>10.1e}"
                 f"{choice.error - LOST:>10.1e}{choice.cost:>7.0f}"
             )
             return float(max(a.max() for a in apart))
@@ -118,11 +127,16 @@ def claims(n: int) -> None:
                 worst = max(worst, abs(float(blur.apply(plane, prepared).sum(dtype=float)) - 1))
             print(f"flux of a point, {method}, {np.dtype(kind).name:<8}, 16 places{'':<18}{bound:>8.0e} {worst:>10.1e}")
     kernels = [pictures.kernel_at(*place, PITCH)[0] for place in rng.uniform(line[0], line[-1], (50, 2))]
-    print(f"flux of a kernel, 50 places and azimuths{'':<15}{1e-6:>8.0e} {max(abs(k.sum() - 1) for k in kernels):>10.1e}")
+    print(
+        f"flux of a kernel, 50 places and azimuths{'':<15}{1e-6:>8.0e} {max(abs(k.sum() - 1) for k in kernels):>10.1e}"
+    )
     prepared = blur.prepare(pictures, line, line, [WAVELENGTH], "tiles", 1e-2, 9, weights="image")
     worst = float(np.abs(blur.apply(np.ones((1, n, n), np.float32), prepared) - 1).max())
     print(f"a uniform plane, weights 'image', float32{'':<14}{1e-6:>8.0e} {worst:>10.1e}")
-    print(f"a uniform plane, weights 'source': divergence of the mean displacement {blur.unevenness(pictures):.1e} (not bounded)")
+    print(
+        f"a uniform plane, weights 'source': divergence of the mean displacement {blur.unevenness(pictures):.1e} (not "
+        f"bounded)"
+    )
 
 
 def distortion(n: int) -> None:
@@ -132,9 +146,17 @@ def distortion(n: int) -> None:
     ratio = lens.ratio(corner, 0.55)
     radius = np.linspace(0, 0.99 * corner * 0.93, 4001)
     back = lens.undistort(lens.distort(radius, 0.55), 0.55)
-    print(f"\nundistort(distort(r)) = r: largest error {np.abs(back - radius).max() / corner:.1e} of the corner; bound 1e-12")
-    print(f"distortion of a small asphere (-6.2 % at the corner), {n} x {n}: largest error of slanted edges over contrast, and bound")
-    print(f"{'order':>6}{'oversampling':>13}{'ms':>7}" + "".join(f"{f'{s:g} samples':>22}" for s in (1.0, 1.4, 2.0, 4.0)))
+    print(
+        f"\nundistort(distort(r)) = r: largest error {np.abs(back - radius).max() / corner:.1e} of the corner; bound "
+        f"1e-12"
+    )
+    print(
+        f"distortion of a small asphere (-6.2 % at the corner), {n} x {n}: largest error of slanted edges over "
+        f"contrast, and bound"
+    )
+    print(
+        f"{'order':>6}{'oversampling':>13}{'ms':>7}" + "".join(f"{f'{s:g} samples':>22}" for s in (1.0, 1.4, 2.0, 4.0))
+    )
 
     def chart(y: Any, x: Any, softness: float) -> Any:
         return 0.5 + 0.5 * erf((x * np.cos(0.1) + y * np.sin(0.1) - 0.21 * n) / np.sqrt(2) / softness)

@@ -1,14 +1,15 @@
-"""One digest per array, whoever computes it: schedulers, workers, batches, hash seeds, killed and resumed, grown, compacted, in strips.
+"""One digest per array, whoever computes it: schedulers, workers, batches, hash seeds, killed and resumed, grown,
+compacted, in strips.
 
     python benchmarks/identity.py [--pipeline pipelines/smallest.toml] [--only threads]
 
 In:  a pipeline, run in every way of the table, each in a process of its own and an archive of its own.
-Out: the ways and their CPU seconds; then every array of the stages with its one digest, or the digests that differ and by which ways. Exit
-     code 1 if any do.
+Out: the ways and their CPU seconds; then every array of the stages with its one digest, or the digests that differ and
+     by which ways. Exit code 1 if any do.
 
-Compacted: the archive is written anew by `compact` and looked at there. Grown: a run of the value in the middle of every axis, then of
-all. Strips: frames of any size are worked in strips of eight rows behind the sensor, as frames above 2 Mpixel are. Bands: cells of any
-size are stored in bands of rows, as those above 64 MB are.
+Compacted: the archive is written anew by `compact` and looked at there. Grown: a run of the value in the middle of
+every axis, then of all. Strips: frames of any size are worked in strips of eight rows behind the sensor, as frames
+above 2 Mpixel are. Bands: cells of any size are stored in bands of rows, as those above 64 MB are.
 """
 
 from __future__ import annotations
@@ -48,19 +49,33 @@ class Way:
 
     def __str__(self) -> str:
         more = [name for name in ("killed", "grown", "compacted", "strips", "bands") if getattr(self, name)]
-        return (
-            f"{self.scheduler} x {self.workers}, batches of {self.batch_seconds:g} s, hash seed {self.hash_seed} {' '.join(more)}".rstrip()
-        )
+        told = f"{self.scheduler} x {self.workers}, batches of {self.batch_seconds:g} s, hash seed {self.hash_seed}"
+        return " ".join([told, *more])
 
 
 WAYS = (
-    Way(), Way(hash_seed=1), Way(batch_seconds=0.0), Way(batch_seconds=1e3), Way(killed=True), Way(compacted=True),
-    Way(grown=True, compacted=True), Way(strips=True), Way(strips=True, batch_seconds=1e3, hash_seed=2),
-    *(Way("threads", n, hash_seed=n) for n in (1, 2, 4)), Way("threads", 2, 0.0), Way("threads", 4, 0.01, 3, killed=True, compacted=True),
-    Way("threads", 2, strips=True), Way(bands=True), Way("threads", 2, bands=True, strips=True, grown=True, compacted=True),
-    *(Way("processes", n, hash_seed=n) for n in (1, 2, 4)), Way("processes", 2, 0.0), Way("processes", 2, 0.01, 3, killed=True),
-    *(Way("distributed", n, hash_seed=n) for n in (1, 2, 4)), Way("distributed", 2, 0.0), Way("distributed", 2, 0.01, 3, killed=True),
-)  # fmt: skip
+    Way(),
+    Way(hash_seed=1),
+    Way(batch_seconds=0.0),
+    Way(batch_seconds=1e3),
+    Way(killed=True),
+    Way(compacted=True),
+    Way(grown=True, compacted=True),
+    Way(strips=True),
+    Way(strips=True, batch_seconds=1e3, hash_seed=2),
+    *(Way("threads", n, hash_seed=n) for n in (1, 2, 4)),
+    Way("threads", 2, 0.0),
+    Way("threads", 4, 0.01, 3, killed=True, compacted=True),
+    Way("threads", 2, strips=True),
+    Way(bands=True),
+    Way("threads", 2, bands=True, strips=True, grown=True, compacted=True),
+    *(Way("processes", n, hash_seed=n) for n in (1, 2, 4)),
+    Way("processes", 2, 0.0),
+    Way("processes", 2, 0.01, 3, killed=True),
+    *(Way("distributed", n, hash_seed=n) for n in (1, 2, 4)),
+    Way("distributed", 2, 0.0),
+    Way("distributed", 2, 0.01, 3, killed=True),
+)
 PROGRAM = """
 import json, sys
 from pathlib import Path
@@ -88,7 +103,9 @@ def once(pipeline: Path, archive: Path, way: Way, overrides: dict[str, Any]) -> 
     options = {"scheduler": way.scheduler, "workers": way.workers, "batch_seconds": way.batch_seconds}
     given = json.dumps([str(pipeline), str(archive), overrides, way.strips, way.bands, options])
     env = {**os.environ, "PYTHONHASHSEED": str(way.hash_seed)}
-    return subprocess.Popen([sys.executable, str(archive.parent / "program.py"), given], env=env, stderr=subprocess.PIPE)
+    return subprocess.Popen(
+        [sys.executable, str(archive.parent / "program.py"), given], env=env, stderr=subprocess.PIPE
+    )
 
 
 def run(pipeline: Path, archive: Path, way: Way) -> Path:
@@ -102,7 +119,15 @@ def run(pipeline: Path, archive: Path, way: Way) -> Path:
     (archive.parent / "program.py").write_text(PROGRAM)
     if way.grown:
         axes = tomllib.loads(pipeline.read_text())["sweep"]
-        ended(once(pipeline, archive, way, {f"sweep.{axis}": [values[(len(values) - 1) // 2]] for axis, values in axes.items()}), way)
+        ended(
+            once(
+                pipeline,
+                archive,
+                way,
+                {f"sweep.{axis}": [values[(len(values) - 1) // 2]] for axis, values in axes.items()},
+            ),
+            way,
+        )
     if way.killed:
         process, journal = once(pipeline, archive, way, {}), archive / "journal.jsonl"
         while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b'"done"') > 20):
@@ -113,7 +138,11 @@ def run(pipeline: Path, archive: Path, way: Way) -> Path:
             raise RuntimeError(f"{way}: ended before it was killed")
     ended(once(pipeline, archive, way, {}), way)
     if way.compacted:
-        subprocess.run([sys.executable, "-m", "etendue", "compact", archive, f"{archive}-compact"], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(
+            [sys.executable, "-m", "etendue", "compact", archive, f"{archive}-compact"],
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
     return Path(f"{archive}-compact") if way.compacted else archive
 
 
@@ -124,7 +153,9 @@ def ended(process: subprocess.Popen[bytes], way: Way) -> None:
 
 
 def digests(archive: Path) -> Iterator[tuple[str, str]]:
-    """Every array of the stages and its digest; the only shape of a stage has no name, since what has grown stands in the stage's group."""
+    """Every array of the stages and its digest; the only shape of a stage has no name, since what has grown stands
+    in the stage's group.
+    """
     import xarray
 
     with xarray.open_datatree(archive / "data.zarr", engine="zarr", chunks=None) as tree:

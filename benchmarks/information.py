@@ -1,9 +1,10 @@
-"""Information along a camera: capacity against closed forms, NEQ predicted and found, losses of pairs predicted and measured.
+"""Information along a camera: capacity against closed forms, NEQ predicted and found, losses of pairs predicted and
+measured.
 
     python benchmarks/information.py [--frames 64 | 0] [--pipeline pipelines/paper_physical.toml] [--no-colour]
 
-A claim is printed with its bound; what misses it is marked and makes the exit code 1. Measured are real runs: frames of noise, edges
-without noise of cameras from which the stages were taken, and pictures of the scene.
+A claim is printed with its bound; what misses it is marked and makes the exit code 1. Measured are real runs: frames of
+noise, edges without noise of cameras from which the stages were taken, and pictures of the scene.
 """
 
 from __future__ import annotations
@@ -51,16 +52,29 @@ def closed_forms() -> None:
 
     def of(name: str, quanta: Any, expected: float, variance: float = 1.0) -> None:
         found = kernel.capacity(quanta, square, variance)
-        claim(name, f"{expected:.6f}", f"{found:.6f} ({abs(found / expected - 1):.1e})", abs(found / expected - 1) < 0.01)
+        claim(
+            name, f"{expected:.6f}", f"{found:.6f} ({abs(found / expected - 1):.1e})", abs(found / expected - 1) < 0.01
+        )
 
     for electrons in (100.0, 1e4):
-        of(f"white noise, no blur, {electrons:g} electrons, 4:1", np.full((1, 1), electrons), 0.5 * math.log2(1 + 0.12 * electrons), 0.12)
+        of(
+            f"white noise, no blur, {electrons:g} electrons, 4:1",
+            np.full((1, 1), electrons),
+            0.5 * math.log2(1 + 0.12 * electrons),
+            0.12,
+        )
     for snr in (10.0, 1e4):
         a = 4 * (math.pi * 1.5) ** 2
-        of(f"Gaussian of 1.5 pixels, SNR {snr:g}: -pi Li2(-SNR) / (2 a ln 2)", snr * np.exp(-a * radius**2),
-           -math.pi / (2 * a * math.log(2)) * float(scipy.special.spence(1 + snr)))  # fmt: skip
-    of("square pixel, SNR 1e8: 0.5 log2 SNR + 2 (1 - ln pi) / ln 2", 1e8 * (np.sinc(fy) * np.sinc(fx)) ** 2,
-       0.5 * math.log2(1e8) + 2 * (1 - math.log(math.pi)) / math.log(2))  # fmt: skip
+        of(
+            f"Gaussian of 1.5 pixels, SNR {snr:g}: -pi Li2(-SNR) / (2 a ln 2)",
+            snr * np.exp(-a * radius**2),
+            -math.pi / (2 * a * math.log(2)) * float(scipy.special.spence(1 + snr)),
+        )
+    of(
+        "square pixel, SNR 1e8: 0.5 log2 SNR + 2 (1 - ln pi) / ln 2",
+        1e8 * (np.sinc(fy) * np.sinc(fx)) ** 2,
+        0.5 * math.log2(1e8) + 2 * (1 - math.log(math.pi)) / math.log(2),
+    )
 
     def ring(f: float, snr: float) -> float:
         return float(math.pi * f * math.log2(1 + snr * airy(np.array(f / 0.4)) ** 2))
@@ -70,13 +84,22 @@ def closed_forms() -> None:
         of(f"diffraction that ends at 0.4 cycles/pixel, SNR {snr:g}: by rings", snr * airy(radius / 0.4) ** 2, expected)
     along = kernel.capacity_along(lambda f: 1e8 * np.sinc(f) ** 2, 1.0)
     line = 0.5 * math.log2(1e8) + (1 - math.log(math.pi)) / math.log(2)
-    claim("along a line: square pixel, SNR 1e8", f"{line:.6f}", f"{along:.6f} ({abs(along / line - 1):.1e})", abs(along / line - 1) < 0.01)
+    claim(
+        "along a line: square pixel, SNR 1e8",
+        f"{line:.6f}",
+        f"{along:.6f} ({abs(along / line - 1):.1e})",
+        abs(along / line - 1) < 0.01,
+    )
     print("the ideal observer")
     for sigma in (1.0, 2.0, 4.0):
         expected = math.sqrt(1000 * math.pi) * sigma
         found = kernel.ideal_observer(np.full((1, 1), 1e3), kernel.gaussian_object(fy, fx, sigma), square)
-        claim(f"Gaussian of {sigma:g} pixels in white noise: sqrt(pi NEQ) sigma", f"{expected:.4f}",
-              f"{found:.4f} ({abs(found / expected - 1):.1e})", abs(found / expected - 1) < 0.01)  # fmt: skip
+        claim(
+            f"Gaussian of {sigma:g} pixels in white noise: sqrt(pi NEQ) sigma",
+            f"{expected:.4f}",
+            f"{found:.4f} ({abs(found / expected - 1):.1e})",
+            abs(found / expected - 1) < 0.01,
+        )
 
 
 def airy(r: Any) -> Any:
@@ -86,7 +109,10 @@ def airy(r: Any) -> Any:
 
 def quanta(pipeline: Any, count: int) -> None:
     report = information(pipeline, REGISTRY, count=count)
-    print(f"NEQ of the linear pictures of {pipeline.name}, largest difference along x between found and predicted (bound: 5 %)")
+    print(
+        f"NEQ of the linear pictures of {pipeline.name}, largest difference along x between found and predicted "
+        f"(bound: 5 %)"
+    )
     for curve in report.curves:
         about = f"{100 * curve.apart:.1f} % ({curve.periodograms} periodograms)"
         claim(f"{curve.stage} {curve.channel}", "5 %", about, curve.apart < 0.05 and curve.periodograms >= 400)
@@ -101,7 +127,8 @@ def pairs(pipeline: Any, count: int, colour: bool) -> None:
     noisy = Frames(alone, count)
     for game, measured in ((contrast, seen), (snr, noisy)):
         print(
-            f"{game.name}: what pairs lose, dB: predicted from shares, and measured without both (bound: 5 % of {game.shares.gross:.2f} dB)"
+            f"{game.name}: what pairs lose, dB: predicted from shares, and measured without both (bound: 5 % of "
+            f"{game.shares.gross:.2f} dB)"
         )
         against(game, {pair: found for pair in game.pairs if (found := measured.lost(pair)) is not None})
     if colour:
@@ -133,8 +160,12 @@ def against(game: Any, measured: dict[tuple[str, str], float]) -> None:
             continue
         predicted, found = game.shares.of_pair(*pair), measured[pair]
         own = f"{100 * abs(predicted - found) / abs(found):.1f} % of its own" if found else ""
-        claim(f"{' and '.join(pair)}: {predicted:.3f}, {found:.3f} ({own})", "5 %", f"{100 * abs(predicted - found) / gross:.2f} %",
-              abs(predicted - found) < 0.05 * gross)  # fmt: skip
+        claim(
+            f"{' and '.join(pair)}: {predicted:.3f}, {found:.3f} ({own})",
+            "5 %",
+            f"{100 * abs(predicted - found) / gross:.2f} %",
+            abs(predicted - found) < 0.05 * gross,
+        )
 
 
 class Edges:
@@ -155,17 +186,23 @@ class Edges:
         demosaic = next(stage for stage, variable in self.detail.answers if variable == "rgb_camera")
         base = self.pipeline
         if pixel in out:
-            base = replace(base, shared={**base.shared, "aperture_fraction": 0.02})  # a point, but for 0.01 % at Nyquist
+            base = replace(
+                base, shared={**base.shared, "aperture_fraction": 0.02}
+            )  # a point, but for 0.01 % at Nyquist
         gone = set(out) - {pixel}
         if demosaic in gone:
             ideal = ideal_of(base, REGISTRY)
-            camera = ideal_of(base, REGISTRY, gone - {demosaic} - set(ideal.left_out), set(ideal.left_out) - gone).pipeline
+            camera = ideal_of(
+                base, REGISTRY, gone - {demosaic} - set(ideal.left_out), set(ideal.left_out) - gone
+            ).pipeline
         else:
             camera = without_stages(base, gone)
         plan = make_plan(replace(camera, wanted=None, keep=None), REGISTRY, False)
         last = [n.name for n in plan.nodes if "rgb_camera" in n.writes][-1]
         names = tuple(str(v) for v in plan.cells[last, ()].grids["rgb_camera"]["channel"].values())
-        seen = SimpleNamespace(pipeline=camera, plan=plan, pitch=self.detail.pitch, mask=self.detail.mask, names_of=lambda place: names)
+        seen = SimpleNamespace(
+            pipeline=camera, plan=plan, pitch=self.detail.pitch, mask=self.detail.mask, names_of=lambda place: names
+        )
         found = edge_contrast(seen, [(last, "rgb_camera")], 1.0, self.frequency, REGISTRY)  # type: ignore[arg-type]
         return float(self.weight @ np.abs(found[last, "rgb_camera"]["G"]))
 
@@ -192,7 +229,9 @@ class Frames:
         if light:
             detail = fine_detail(without_stages(self.pipeline, light), REGISTRY, 0.18)
         place = ([stage for stage in self.cameras if stage not in out][-1], "rgb_camera")
-        every = np.stack([frame[place][1] for frame in frames(detail, REGISTRY, self.count, [n for n in out if n in detail.noisy()])])
+        every = np.stack(
+            [frame[place][1] for frame in frames(detail, REGISTRY, self.count, [n for n in out if n in detail.noisy()])]
+        )
         share = detail.electrons["G"] / detail.signal()["G"]
         return float(every.mean() * share / math.sqrt(every.var(axis=0, ddof=1).mean()))
 

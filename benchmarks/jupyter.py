@@ -1,12 +1,14 @@
-"""The widget and the glance in a real JupyterLab: are they drawn, does a slider move the pictures, are pixels the store's.
+"""The widget and the glance in a real JupyterLab: are they drawn, does a slider move the pictures, are pixels the
+store's.
 
     python benchmarks/jupyter.py [ARCHIVE] [-o shot.png] [--chromium /usr/bin/chromium] [--height 900]
 
-Without an archive pipelines/smallest.toml is run first. A JupyterLab of this Python is started on a free port of 127.0.0.1 with a token,
-its folders below a temporary one; headless Chromium opens a notebook of two cells, ``etendue.open_archive(...).etendue`` and
-``etendue.present.page.notebook.view(...)``, and runs them. Printed is a row for each step, with its time and what was seen; the exit code
-is 1 where something is not as it should be. Kernel and server are ended, and it is said whether any of them is left. Needs jupyterlab,
-``etendue[view]``, playwright and a Chromium.
+Without an archive pipelines/smallest.toml is run first. A JupyterLab of this Python is started on a free port of
+127.0.0.1 with a token, its folders below a temporary one; headless Chromium opens a notebook of two cells,
+``etendue.open_archive(...).etendue`` and ``etendue.present.page.notebook.view(...)``, and runs them. Printed is a row
+for each step, with its time and what was seen; the exit code is 1 where something is not as it should be. Kernel and
+server are ended, and it is said whether any of them is left. Needs jupyterlab, ``etendue[view]``, playwright and a
+Chromium.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ SLIDE = """([axis, place]) => {
   const slider = document.querySelector(`input[data-axis=${axis}]`);
   slider.value = place; slider.dispatchEvent(new Event('input')); return performance.now(); }"""
 COLOURS = """() => {  // how many colours the first picture has: one that is not drawn has one
-  const c = document.querySelector('.pixels'), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data, seen = new Set();
+  const c = document.querySelector('.pixels'), seen = new Set(),
+    d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
   for (let i = 0; i < d.length; i += 4) seen.add(d[i] * 65536 + d[i + 1] * 256 + d[i + 2]);
   return seen.size; }"""
 
@@ -74,7 +77,10 @@ class Rows:
     def say(self, step: str, right: Any, seen: str = "") -> None:
         now = time.perf_counter()
         self.right = self.right and right is not False
-        print(f"{step:<34}{now - self.began:8.2f}  {'' if right == '' else 'ok' if right else 'WRONG':<6}{seen}", flush=True)
+        print(
+            f"{step:<34}{now - self.began:8.2f}  {'' if right == '' else 'ok' if right else 'WRONG':<6}{seen}",
+            flush=True,
+        )
         self.began = time.perf_counter()
 
 
@@ -95,7 +101,9 @@ def notebook(path: Path, archive: str, height: int) -> None:
         for n, text in enumerate(cells)
     ]
     kernel = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
-    path.write_text(json.dumps({"cells": made, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}), encoding="utf-8")
+    path.write_text(
+        json.dumps({"cells": made, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}), encoding="utf-8"
+    )
 
 
 @contextmanager
@@ -103,20 +111,33 @@ def server(place: Path) -> Iterator[tuple[str, str, int]]:
     """A JupyterLab below a folder: its address, its token, its process, which is ended."""
     token = secrets.token_urlsafe(24)
     own = {
-        "JUPYTER_RUNTIME_DIR": "runtime", "JUPYTER_CONFIG_DIR": "config", "JUPYTER_DATA_DIR": "data", "IPYTHONDIR": "ipython",
+        "JUPYTER_RUNTIME_DIR": "runtime",
+        "JUPYTER_CONFIG_DIR": "config",
+        "JUPYTER_DATA_DIR": "data",
+        "IPYTHONDIR": "ipython",
         "JUPYTERLAB_SETTINGS_DIR": "settings",
-    }  # fmt: skip
+    }
     silent = place / "settings/@jupyterlab/apputils-extension/notification.jupyterlab-settings"
     silent.parent.mkdir(parents=True)
     silent.write_text(json.dumps({"fetchNews": "false", "checkForUpdates": False}))
     environment = {**os.environ, **{name: str(place / folder) for name, folder in own.items()}, "JUPYTER_TOKEN": token}
     command = [
-        sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", "--ServerApp.ip=127.0.0.1", "--ServerApp.port=0",
-        f"--ServerApp.root_dir={place}", "--expose-app-in-browser", "--LabApp.extension_manager=readonly", 
+        sys.executable,
+        "-m",
+        "jupyterlab",
+        "--no-browser",
+        "--allow-root",
+        "--ServerApp.ip=127.0.0.1",
+        "--ServerApp.port=0",
+        f"--ServerApp.root_dir={place}",
+        "--expose-app-in-browser",
+        "--LabApp.extension_manager=readonly",
         "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate",
-    ]  # fmt: skip
+    ]
     with open(place / "server.log", "w") as log:
-        process = subprocess.Popen(command, env=environment, cwd=place, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+        process = subprocess.Popen(
+            command, env=environment, cwd=place, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+        )
     try:
         yield address(place, process), token, process.pid
     finally:
@@ -168,12 +189,15 @@ def looked_at(rows: Rows, url: str, token: str, archive: Path, chromium: str, ou
         page.wait_for_selector(".jp-OutputArea .etendue img")
         pictures = page.locator(".jp-OutputArea .etendue img")
         page.wait_for_function(
-            "[...document.querySelectorAll('.jp-OutputArea .etendue img')].every((one) => one.complete && one.naturalWidth > 0)"
+            "[...document.querySelectorAll('.jp-OutputArea .etendue img')].every((one) => one.complete && "
+            "one.naturalWidth > 0)"
         )
         rows.say("tree.etendue is drawn", pictures.count() > 0, f"{pictures.count()} pictures")
         kernel = int(page.locator(".jp-OutputArea-output pre", has_text="kernel ").first.inner_text().split()[1])
         page.wait_for_selector("iframe[title=etendue]")
-        frame = next(one for one in page.frames if one.parent_frame and one.frame_element().get_attribute("title") == "etendue")
+        frame = next(
+            one for one in page.frames if one.parent_frame and one.frame_element().get_attribute("title") == "etendue"
+        )
         frame.wait_for_selector(".panes[data-shown]")
         frame.wait_for_timeout(500)
         colours = frame.evaluate(COLOURS)
@@ -191,8 +215,16 @@ def looked_at(rows: Rows, url: str, token: str, archive: Path, chromium: str, ou
         stored = values_at(archive, {axis: axes[axis][place] for axis, place in places.items()})[:, row, column]
         same = told == stored.astype(float).tolist()
         rows.say("a pixel is the store's", same, f"row {row}, column {column}: {', '.join(f'{v:.4f}' for v in told)}")
-        outside = [one for one in asked if urlsplit(one).scheme in ("http", "https", "ws", "wss") and urlsplit(one).hostname != "127.0.0.1"]
-        rows.say("requests that leave the machine", not outside, f"{len(outside)} of {len(asked)} {' '.join(outside[:3])}".rstrip())
+        outside = [
+            one
+            for one in asked
+            if urlsplit(one).scheme in ("http", "https", "ws", "wss") and urlsplit(one).hostname != "127.0.0.1"
+        ]
+        rows.say(
+            "requests that leave the machine",
+            not outside,
+            f"{len(outside)} of {len(asked)} {' '.join(outside[:3])}".rstrip(),
+        )
         rows.say("errors of the page", not complaints, f"{len(complaints)} {' '.join(complaints[:3])}".rstrip())
         if output:
             page.mouse.move(5, 5)
@@ -212,7 +244,11 @@ def pointed_at(page: Any, frame: Any) -> tuple[int, int, list[float]]:
     box = canvas.bounding_box()
     page.mouse.move(box["x"] + 0.4 * box["width"], box["y"] + 0.55 * box["height"])
     told = frame.wait_for_selector("[data-probe='encode.rgb_display'][data-row]")
-    return int(told.get_attribute("data-row")), int(told.get_attribute("data-column")), json.loads(told.get_attribute("data-values"))
+    return (
+        int(told.get_attribute("data-row")),
+        int(told.get_attribute("data-column")),
+        json.loads(told.get_attribute("data-values")),
+    )
 
 
 def axis_values(archive: Path) -> dict[str, list[float]]:
@@ -236,7 +272,9 @@ def ended(url: str, token: str) -> None:
     with urllib.request.urlopen(urllib.request.Request(f"{url}api/kernels", headers=head), timeout=30) as answer:
         kernels = json.load(answer)
     for one in kernels:
-        urllib.request.urlopen(urllib.request.Request(f"{url}api/kernels/{one['id']}", headers=head, method="DELETE"), timeout=60).close()
+        urllib.request.urlopen(
+            urllib.request.Request(f"{url}api/kernels/{one['id']}", headers=head, method="DELETE"), timeout=60
+        ).close()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Knobs: what a figure of `resolution` costs and errs by setting, and what closed forms cost; bound beside measured value.
+"""Knobs: what a figure of `resolution` costs and errs by setting, and what closed forms cost; bound beside measured
+value.
 
     python benchmarks/knobs.py
 
@@ -46,7 +47,10 @@ def figures(every: list[Any], nodes: int, solved: bool, points: int) -> tuple[fl
     """Milliseconds a camera with nothing remembered, and the figures."""
     TABLES.clear()
     start = time.process_time()
-    rows = [Resolution(pixel_pitch=p, nodes=nodes, solved=solved, point_nodes=points).run(otfs, weights) for p, otfs, weights in every]
+    rows = [
+        Resolution(pixel_pitch=p, nodes=nodes, solved=solved, point_nodes=points).run(otfs, weights)
+        for p, otfs, weights in every
+    ]
     return 1e3 * (time.process_time() - start) / len(every), rows
 
 

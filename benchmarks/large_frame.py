@@ -2,9 +2,9 @@
 
     python benchmarks/large_frame.py [--bands 31] [--rows 3000] [--columns 4000] [--folder DIR]
 
-The cube is written once to a Zarr store (default compression of zarr), one band per chunk. Each way runs in a process of
-its own on two threads; memory is the largest resident set above that of the interpreter with everything imported. The
-reference is the float64 whole frame, every band its own transform, by plain scipy with the same kernels.
+The cube is written once to a Zarr store (default compression of zarr), one band per chunk. Each way runs in a process
+of its own on two threads; memory is the largest resident set above that of the interpreter with everything imported.
+The reference is the float64 whole frame, every band its own transform, by plain scipy with the same kernels.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ def write_cube(path: Path, bands: int, rows: int, columns: int) -> None:
         cube[band] = light
     cube.attrs["actual_range"] = [0.01, 0.9]
     edges = np.linspace(395, 705, bands + 1)
-    for name, values in (("wavelength_bounds", np.stack([edges[:-1], edges[1:]], 1)), ("white_radiance", np.full(bands, 0.1))):
+    for name, values in (
+        ("wavelength_bounds", np.stack([edges[:-1], edges[1:]], 1)),
+        ("white_radiance", np.full(bands, 0.1)),
+    ):
         group.create_array(name, data=values)
     for name, size in (("y", rows), ("x", columns)):
         group.create_array(name, data=(np.arange(size) - 0.5 * (size - 1)) * SPACING)
@@ -51,13 +54,19 @@ def write_cube(path: Path, bands: int, rows: int, columns: int) -> None:
 
 def pipeline(store: str, terms: int) -> dict[str, Any]:
     return {
-        "name": "large", "precision": "float32", "keep": ["pixel"], "wanted": ["photon_rate"],
+        "name": "large",
+        "precision": "float32",
+        "keep": ["pixel"],
+        "wanted": ["photon_rate"],
         "camera": {"peak_qe": [0.4, 0.5, 0.3], "pixel_pitch": SPACING, "f_number": F_NUMBER, "focal_length": 20},
         "stages": [
-            {"use": "radiance_cube", "name": "scene", "file": store}, {"use": "irradiance"}, {"use": "diffraction"}, {"use": "diffusion"},
+            {"use": "radiance_cube", "name": "scene", "file": store},
+            {"use": "irradiance"},
+            {"use": "diffraction"},
+            {"use": "diffusion"},
             {"use": "pixel", "wavelength_terms": terms},
         ],
-    }  # fmt: skip
+    }
 
 
 def resident() -> int:
@@ -85,7 +94,9 @@ def run(store: str, terms: int, out: str) -> None:
 
     stages = [{"use": "uniform", "name": "scene", "white_luminance": 1, "width": 60, "height": 40}]
     stages += [{"use": name} for name in ("irradiance", "diffraction", "pixel")]
-    etendue.simulate({"name": "warm", "camera": {"peak_qe": [1, 1, 1]}, "stages": stages})  # imports, before memory is counted
+    etendue.simulate(
+        {"name": "warm", "camera": {"peak_qe": [1, 1, 1]}, "stages": stages}
+    )  # imports, before memory is counted
     base = resident()
     began = time.perf_counter()
     plan = planner.make_plan(session.from_document(pipeline(store, terms)), installed_stages())
@@ -119,7 +130,9 @@ def reference(store: str, out: str) -> None:
     cube, bounds = group["radiance"], np.asarray(group["wavelength_bounds"][...])
     plan = planner.make_plan(from_document(pipeline(store, 0)), installed_stages())
     pixel = plan.of("pixel")[0].stage
-    weights = pixel.weights(pixel.prepare({"wavelength_edges": np.append(bounds[:, 0], bounds[-1, 1]), "wavelength": bounds.mean(1)}))
+    weights = pixel.weights(
+        pixel.prepare({"wavelength_edges": np.append(bounds[:, 0], bounds[-1, 1]), "wavelength": bounds.mean(1)})
+    )
     rows, columns = cube.shape[1:]
     fy = sampling.frequencies(rows, SPACING, half=False)
     fx = sampling.frequencies(columns, SPACING, half=True)
@@ -130,7 +143,9 @@ def reference(store: str, out: str) -> None:
         half = sampling.transform(np.asarray(cube[band], dtype=float))
         otf = diffraction.circular_otf(radial, wavelength, number)
         alpha = float(silicon.absorption(np.array(wavelength)))
-        otf = otf * photodiode.collection_mtf(radial, alpha, pixel.depletion_depth, pixel.diffusion_depth, pixel.diffusion_length)
+        otf = otf * photodiode.collection_mtf(
+            radial, alpha, pixel.depletion_depth, pixel.diffusion_depth, pixel.diffusion_length
+        )
         half *= np.concatenate([otf, otf[1 : fy.size - fy.size // 2][::-1]])
         sums = sums + weights[:, band, None, None] * half
     width = pixel.pixel_pitch * pixel.aperture_fraction
@@ -141,7 +156,9 @@ def reference(store: str, out: str) -> None:
 
 
 def child(*arguments: str) -> dict[str, Any]:
-    done = subprocess.run([sys.executable, __file__, "--child", *arguments], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, __file__, "--child", *arguments], capture_output=True, text=True, check=False
+    )
     if done.returncode:
         raise SystemExit(done.stderr)
     return json.loads(done.stdout.strip().splitlines()[-1])
@@ -167,17 +184,29 @@ def main() -> int:
         child("reference", store, f"{folder}/reference.npy")
         truth = np.load(f"{folder}/reference.npy", mmap_mode="r")
         scale = float(truth.max())
-        heads = (("plan s", 7), ("run s", 7), ("of reading", 10), ("bound", 6), ("MiB", 6), ("of 1024", 8), ("error", 9), ("stated", 9))
+        heads = (
+            ("plan s", 7),
+            ("run s", 7),
+            ("of reading", 10),
+            ("bound", 6),
+            ("MiB", 6),
+            ("of 1024", 8),
+            ("error", 9),
+            ("stated", 9),
+        )
         print(f"{'way':10s} " + " ".join(f"{text:>{width}s}" for text, width in heads))
         worst = 0
         for name, terms in WAYS.items():
-            found = min((child("run", store, str(terms), f"{folder}/own.npy") for _ in range(2)), key=lambda r: r["seconds"])
+            found = min(
+                (child("run", store, str(terms), f"{folder}/own.npy") for _ in range(2)), key=lambda r: r["seconds"]
+            )
             own = np.load(f"{folder}/own.npy", mmap_mode="r")
             error = max(float(np.abs(a - b).max()) for a, b in zip(own, truth, strict=True)) / scale
             bound = 5.0 if terms == 0 else 2.5
             ratio, mib = found["seconds"] / reading, found["memory"] / 2**20
             print(
-                f"{name:10s} {found['plan']:7.2f} {found['seconds']:7.2f} {ratio:10.2f} {bound:6.1f} {mib:6.0f} {mib / 1024:8.2f} "
+                f"{name:10s} {found['plan']:7.2f} {found['seconds']:7.2f} {ratio:10.2f} {bound:6.1f} {mib:6.0f} "
+                f"{mib / 1024:8.2f} "
                 f"{error:9.1e} {found['stated']:9.1e}"
             )
             worst += ratio > bound or mib > 1024 or error > 1e-4

@@ -1,4 +1,5 @@
-"""The two light models: flux and sign of a point, undershoot, pixels, edges, dark light beside highlights; error against time.
+"""The two light models: flux and sign of a point, undershoot, pixels, edges, dark light beside highlights; error
+against time.
 
     python benchmarks/light_models.py
 
@@ -42,7 +43,9 @@ def row(claim: str, bound: str, measured: str) -> None:
 
 def point_in_cells(otf: Otf, spacing: float, size: int = 160) -> Any:
     axis = cells.Axis(size, spacing)
-    table = cells.folded(otf, cells.reach_of(otf, spacing), axis, axis, cells.mean_rule(axis, False), cells.mean_rule(axis, True))
+    table = cells.folded(
+        otf, cells.reach_of(otf, spacing), axis, axis, cells.mean_rule(axis, False), cells.mean_rule(axis, True)
+    )
     return cells.planes_of(table + 0j, axis, axis)
 
 
@@ -90,7 +93,11 @@ def pixels() -> None:
         table = cells.folded(otf, cells.reach_of(otf, spacing), axis, axis, *rules)
         found.append(float(cells.planes_of(table + 0j, axis, axis)[0, 0]) * count**2)
     limit = np.linalg.solve(np.stack([parts**0.0, parts**-2.0, parts**-4.0], axis=1), found)[0]
-    row("cells: energy of an Airy pattern on the paper's pixel, limit of small cells", "5e-6", f"{abs(limit - PAPER_PIXEL):.1e}")
+    row(
+        "cells: energy of an Airy pattern on the paper's pixel, limit of small cells",
+        "5e-6",
+        f"{abs(limit - PAPER_PIXEL):.1e}",
+    )
     row(
         "  with 9, 15, 25 cells to a pixel (the source is a cell; error as its area)",
         "order 2",
@@ -114,7 +121,11 @@ def pixels() -> None:
         rest = float(np.ravel(otf(np.array([[2 * far]]), np.zeros((1, 1))))[0])
         more = cells.folded(otf, reach._replace(radius=far, rest=rest), axis, axis, *rules)
         kept = cells.folded(otf, reach, axis, axis, *rules)
-        row(f"cells: aliases left out of diffusion alone (no lens), {spacing:g} um", "1e-5", f"{np.abs(kept - more).max():.1e}")
+        row(
+            f"cells: aliases left out of diffusion alone (no lens), {spacing:g} um",
+            "1e-5",
+            f"{np.abs(kept - more).max():.1e}",
+        )
 
 
 def simulate(chart: dict[str, Any], *stages: dict[str, Any], camera: dict[str, Any] | None = None, **more: Any) -> Any:
@@ -138,14 +149,28 @@ def highlights() -> None:
             wrong = {}
             for precision in ("auto", "float32"):
                 chart = {
-                    "use": "slanted_edge", "angle": 0, "low": 1 / contrast, "high": 1.0, "softness": 2.0 if light == "bandlimited" else 0.0,
-                    "light": light, "spacing": spacing, "width": 512, "height": 512,
-                }  # fmt: skip
+                    "use": "slanted_edge",
+                    "angle": 0,
+                    "low": 1 / contrast,
+                    "high": 1.0,
+                    "softness": 2.0 if light == "bandlimited" else 0.0,
+                    "light": light,
+                    "spacing": spacing,
+                    "width": 512,
+                    "height": 512,
+                }
                 tree = simulate(chart, {"use": "lens_gaussian", "sigma": sigma}, precision=precision)
-                found = tree["lens_gaussian"].irradiance.values[0, 256].astype(float) / tree["irradiance"].irradiance.values[0, 256, -40]
+                found = (
+                    tree["lens_gaussian"].irradiance.values[0, 256].astype(float)
+                    / tree["irradiance"].irradiance.values[0, 256, -40]
+                )
                 truth = 1 / contrast + (1 - 1 / contrast) * share
                 wrong[precision] = float(np.abs(found[30:-30] / truth[30:-30] - 1).max())
-            row(f"{light}: darkest light beside a half plane {contrast:.0e} times brighter, as planned", "1e-4", f"{wrong['auto']:.1e}")
+            row(
+                f"{light}: darkest light beside a half plane {contrast:.0e} times brighter, as planned",
+                "1e-4",
+                f"{wrong['auto']:.1e}",
+            )
             row("  the same forced to float32", "fails", f"{wrong['float32']:.1e}")
 
 
@@ -153,7 +178,15 @@ def edges() -> None:
     f = (np.arange(200000) + 0.5) * 1e-5
     otf = diffraction.circular_otf(f, 0.55, 4.0) * silicon_at(0.55)(0 * f, f)
     for pitch, how in ((2.7, "3 cells"), (2.5, "2.78 cells")):
-        chart = {"use": "slanted_edge", "angle": 0, "softness": 0, "light": "cells", "spacing": 0.9, "width": 720, "height": 36}
+        chart = {
+            "use": "slanted_edge",
+            "angle": 0,
+            "softness": 0,
+            "light": "cells",
+            "spacing": 0.9,
+            "width": 720,
+            "height": 36,
+        }
         camera = {"f_number": 4.0, "pixel_pitch": pitch}
         tree = simulate(
             chart,
@@ -174,7 +207,10 @@ def edges() -> None:
 
 def times() -> None:
     print()
-    print("tables of 256 x 256 cells and 31 bands from 400 to 700 nm, in seconds on one thread; kept for all cells of a sweep")
+    print(
+        "tables of 256 x 256 cells and 31 bands from 400 to 700 nm, in seconds on one thread; kept for all cells of a "
+        "sweep"
+    )
     print(f"{'':10}" + "".join(f"{spacing:>9} um" for spacing in (1.0, 2.0, 3.5, 5.0)))
     for number in (1.4, 2.8, 5.6):
         took = []

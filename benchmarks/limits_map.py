@@ -1,10 +1,11 @@
-"""What limits a camera: MTF50 by stage and the limiting factor over 6 f-numbers x 6 pitches x 6 times, drawn and checked.
+"""What limits a camera: MTF50 by stage and the limiting factor over 6 f-numbers x 6 pitches x 6 times, drawn and
+checked.
 
     python benchmarks/limits_map.py [--archive FOLDER] [--pictures FOLDER]
 
-Runs pipelines/resolution.toml (or goes on with the archive of it), writes mtf50_by_stage.png, edge_mtf50_by_stage.png and
-limiting_factor.png, and prints measured minus analytic: over the sweep, and for edges of 2, 5, 10 and 40 degrees on 200 x 400 pixels,
-where the bound of 0.5 % before the mosaic holds.
+Runs pipelines/resolution.toml (or goes on with the archive of it), writes mtf50_by_stage.png, edge_mtf50_by_stage.png
+and limiting_factor.png, and prints measured minus analytic: over the sweep, and for edges of 2, 5, 10 and 40 degrees on
+200 x 400 pixels, where the bound of 0.5 % before the mosaic holds.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ def drawn(tree: xarray.DataTree, folder: Path) -> None:
     f_numbers, pitches = analytic.f_number.values, analytic.pixel_pitch.values
     sides = {"x": f_numbers, "y": pitches, "x_name": "f-number", "y_name": "pixel pitch, um"}
     values = analytic.mtf50_lp_mm.transpose("stage", "pixel_pitch", "f_number").values
-    figure = map_of_figures(values, Sides(panels=analytic.stage.values, **sides), "MTF50 up to each stage, analytic", "lp/mm")
+    figure = map_of_figures(
+        values, Sides(panels=analytic.stage.values, **sides), "MTF50 up to each stage, analytic", "lp/mm"
+    )
     Plot(figure).save(folder / "mtf50_by_stage.png")
     longest = measured.isel(integration_time=-2)
     edges = 1e3 * longest.edge_mtf50.transpose("stage", "pixel_pitch", "f_number")
@@ -54,7 +57,12 @@ def drawn(tree: xarray.DataTree, folder: Path) -> None:
     )
     names = [str(n) for n in measured.factor.values]
     figure = map_of_names(
-        factors, names, Sides(panels=panels, **sides), "What limits resolution", said="clipped", tints=variable("limiting_factor").tints
+        factors,
+        names,
+        Sides(panels=panels, **sides),
+        "What limits resolution",
+        said="clipped",
+        tints=variable("limiting_factor").tints,
     )
     Plot(figure).save(folder / "limiting_factor.png")
 
@@ -79,7 +87,11 @@ def counted(tree: xarray.DataTree) -> bool:
     names = [str(n) for n in measured.factor.values]
     for title, data, own in (("analytic", analytic, names[:4]), ("with the pictures", measured, names)):
         index = data.limiting_factor.values
-        print(f"limiting factor, {title}: " + ", ".join(f"{n} {int((index == i).sum())}" for i, n in enumerate(own)) + f" of {index.size}")
+        print(
+            f"limiting factor, {title}: "
+            + ", ".join(f"{n} {int((index == i).sum())}" for i, n in enumerate(own))
+            + f" of {index.size}"
+        )
     at = {n: i for i, n in enumerate(names)}
     slow = analytic.limiting_factor.sel(f_number=22.0).values
     fast = float(analytic.limiting_factor.sel(f_number=1.4, pixel_pitch=8.0))
@@ -87,7 +99,9 @@ def counted(tree: xarray.DataTree) -> bool:
         "f/22: the lens, at every pitch": bool(np.all(slow == at["lens"])),
         "8 um at f/1.4: geometry": fast == at["geometry"],
         "sampling somewhere between": bool((analytic.limiting_factor == at["sampling"]).any()),
-        "shortest time at f/22: noise": bool((measured.limiting_factor.sel(f_number=22.0).isel(integration_time=0) == at["noise"]).all()),
+        "shortest time at f/22: noise": bool(
+            (measured.limiting_factor.sel(f_number=22.0).isel(integration_time=0) == at["noise"]).all()
+        ),
     }
     for name, held in checks.items():
         print(f"  {name:40s}{'held' if held else 'NOT HELD'}")
@@ -98,15 +112,29 @@ def counted(tree: xarray.DataTree) -> bool:
 def camera(angle: float) -> dict[str, Any]:
     """200 x 400 pixels of 5.4 um at f/4 with a margin of 60 wavelengths times the f-number, up to the pixels."""
     return {
-        "name": "edge", "precision": "float64",
+        "name": "edge",
+        "precision": "float64",
         "camera": {"peak_qe": [0.4, 0.5, 0.35], "pixel_pitch": 5.4, "f_number": 4.0, "focal_length": 50},
         "stages": [
-            {"use": "slanted_edge", "name": "scene", "angle": angle, "white_luminance": 1000, "spacing": 1.8, "width": 2160 + 270,
-             "height": 1080 + 270, "wavelength_from": 400.0, "wavelength_to": 700.0, "bin_width": 50.0},
-            {"use": "irradiance"}, {"use": "diffraction", "name": "lens"}, {"use": "diffusion"},
-            {"use": "pixel", "rows": 200, "columns": 400}, {"use": "edge_resolution"},
+            {
+                "use": "slanted_edge",
+                "name": "scene",
+                "angle": angle,
+                "white_luminance": 1000,
+                "spacing": 1.8,
+                "width": 2160 + 270,
+                "height": 1080 + 270,
+                "wavelength_from": 400.0,
+                "wavelength_to": 700.0,
+                "bin_width": 50.0,
+            },
+            {"use": "irradiance"},
+            {"use": "diffraction", "name": "lens"},
+            {"use": "diffusion"},
+            {"use": "pixel", "rows": 200, "columns": 400},
+            {"use": "edge_resolution"},
         ],
-    }  # fmt: skip
+    }
 
 
 def angles() -> bool:

@@ -3,8 +3,8 @@
     python benchmarks/many_runs.py threads [--threads 8] [--rounds 50] [--only memory,archives] [--times 1]
     python benchmarks/many_runs.py memory [--runs 2000] [--size 32]
 
-threads: every thread runs a camera of its own, round by round; what it gives is held against what the same run gives alone, by the
-digest of every array. Out: how many of all are wrong, by what the runs were. Exit code 1 if any is.
+threads: every thread runs a camera of its own, round by round; what it gives is held against what the same run gives
+alone, by the digest of every array. Out: how many of all are wrong, by what the runs were. Exit code 1 if any is.
 
 memory: one small camera after the other, nothing of them held. Out: what the process holds resident after so many.
 """
@@ -85,7 +85,9 @@ use = "sharpen"
 use = "resolution"
 """
 OTHER = (
-    CAMERA.replace('"composite"', '"slanted_edge"').replace("seed = 3", 'seed = 4\nprecision = "float64"').replace("bilinear", "nearest")
+    CAMERA.replace('"composite"', '"slanted_edge"')
+    .replace("seed = 3", 'seed = 4\nprecision = "float64"')
+    .replace("bilinear", "nearest")
 )
 FAILING = CAMERA.replace('[[stages]]\nuse = "exposure"', '[[stages]]\nuse = "breaks"\n[[stages]]\nuse = "exposure"')
 
@@ -123,7 +125,9 @@ def registry() -> Registry:
 
 @dataclass
 class Place:
-    """Where a run is: its thread and round, which choose its camera; a folder for its archive; the stages that there are."""
+    """Where a run is: its thread and round, which choose its camera; a folder for its archive; the stages that there
+    are.
+    """
 
     thread: int
     round: int
@@ -172,7 +176,9 @@ def archives(place: Place, **how: Any) -> str:
 def collected(place: Place, scheduler: str = "threads") -> str:
     """Plans, and some arrays of them: what studies do."""
     plan = make_plan(load(CAMERA, {"camera.integration_time": place.time}), place.registry)
-    wanted = {ref: tuple(plan.node(ref[0]).writes) for ref in plan.cells if ref[0] in ("pixel", "sharpen", "resolution")}
+    wanted = {
+        ref: tuple(plan.node(ref[0]).writes) for ref in plan.cells if ref[0] in ("pixel", "sharpen", "resolution")
+    }
     found = collect(plan, wanted, Options(scheduler))
     return digest({f"{ref} {name}": array for ref, own in found.arrays.items() for name, array in own.items()})
 
@@ -230,9 +236,15 @@ class Told:
 
 
 KINDS: dict[str, Callable[..., str]] = {
-    "memory": memory, "serial": serial, "pipelines": pipelines, "archives": archives, "collected": collected, "plots": plots,
-    "raising": raising, "interrupted": interrupted,
-}  # fmt: skip
+    "memory": memory,
+    "serial": serial,
+    "pipelines": pipelines,
+    "archives": archives,
+    "collected": collected,
+    "plots": plots,
+    "raising": raising,
+    "interrupted": interrupted,
+}
 
 
 # -- many at once ---------------------------------------------------------------------------------------------------
@@ -289,7 +301,9 @@ class Trial:
 
         async def every() -> None:
             for round_ in range(self.rounds):
-                await asyncio.gather(*(asyncio.to_thread(self.judged, number, round_) for number in range(self.threads)))
+                await asyncio.gather(
+                    *(asyncio.to_thread(self.judged, number, round_) for number in range(self.threads))
+                )
 
         asyncio.run(every())
 
@@ -300,7 +314,9 @@ class Trial:
         with (
             # What Dask's profiler asks every 10 ms may hang CPython 3.11 where others start threads (its issue 106883).
             dask.config.set({"distributed.worker.profile.enabled": sys.version_info >= (3, 12)}),
-            distributed.LocalCluster(n_workers=1, threads_per_worker=threads, processes=False, dashboard_address=None) as cluster,
+            distributed.LocalCluster(
+                n_workers=1, threads_per_worker=threads, processes=False, dashboard_address=None
+            ) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):
             TRIALS[id(self)] = self
@@ -330,9 +346,13 @@ def process_unchanged() -> Iterator[list[str]]:
     def state() -> dict[str, Any]:
         pools = {pool["filepath"]: pool["num_threads"] for pool in threadpool_info()}
         return {
-            "working folder": os.getcwd(), "filters of warnings": list(dict.fromkeys(warnings.filters)), "collector": (gc.isenabled(), gc.get_threshold()),
-            "frozen objects": gc.get_freeze_count(), "errors of numpy": np.geterr(), "threads of BLAS": pools,
-        }  # fmt: skip
+            "working folder": os.getcwd(),
+            "filters of warnings": list(dict.fromkeys(warnings.filters)),
+            "collector": (gc.isenabled(), gc.get_threshold()),
+            "frozen objects": gc.get_freeze_count(),
+            "errors of numpy": np.geterr(),
+            "threads of BLAS": pools,
+        }
 
     before, changed = state(), []  # type: dict[str, Any], list[str]
     yield changed
@@ -388,7 +408,9 @@ def resident() -> float:
     return float("nan")
 
 
-def curve(runs: int, size: int = 32, looks: tuple[int, ...] = (20, 50, 100, 200, 500, 1000, 1500, 2000)) -> list[tuple[int, float]]:
+def curve(
+    runs: int, size: int = 32, looks: tuple[int, ...] = (20, 50, 100, 200, 500, 1000, 1500, 2000)
+) -> list[tuple[int, float]]:
     """(runs, MB) after so many of them, at f-numbers that all differ."""
     text, found = CAMERA.replace("rows = 32", f"rows = {size}").replace("columns = 32", f"columns = {size}"), []
     text = text.replace("96 um", f"{3 * size} um")

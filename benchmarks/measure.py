@@ -1,10 +1,12 @@
-"""How often the intervals of ``etendue measure`` hold the truth, over photographs whose MTF, noise and colours are known.
+"""How often the intervals of ``etendue measure`` hold the truth, over photographs whose MTF, noise and colours are
+known.
 
     python benchmarks/measure.py            # 400 seeds, 100 where edges are looked for: some minutes
     python benchmarks/measure.py --seeds 50
 
-Edges and stars are blurred by a Gaussian in closed form, noise is added in linear light, and the picture is written as files are:
-sRGB of 8 and of 16 bits (of JPEG: measure_coverage.py). Noise is white, or averaged over 3 x 3 pixels as a demosaicer does.
+Edges and stars are blurred by a Gaussian in closed form, noise is added in linear light, and the picture is written as
+files are: sRGB of 8 and of 16 bits (of JPEG: measure_coverage.py). Noise is white, or averaged over 3 x 3 pixels as a
+demosaicer does.
 """
 
 import argparse
@@ -63,12 +65,15 @@ def edges(seeds: int) -> None:
             with tempfile.TemporaryDirectory() as folder:
                 for seed in range(seeds):
                     rng = np.random.default_rng(seed)
-                    picture = rng.uniform(0.95, 1.05) * slanted(5.0) + rng.normal(0, noise, (120, 120))  # rounded elsewhere in each
+                    picture = rng.uniform(0.95, 1.05) * slanted(5.0) + rng.normal(
+                        0, noise, (120, 120)
+                    )  # rounded elsewhere in each
                     one = measure(written(Path(folder), kind, picture), Asked(edges=("0,0,120,120",)))["edges"][0]
                     held += one["mtf50_low"] <= truth <= one["mtf50_high"]
                     found.append(one["mtf50"] / truth - 1)
             print(
-                f"  {kind:14} noise {noise:5.3f}: {100 * held / seeds:5.1f} %, {100 * np.mean(found):+.2f} %, {100 * np.std(found):.2f} %"
+                f"  {kind:14} noise {noise:5.3f}: {100 * held / seeds:5.1f} %, {100 * np.mean(found):+.2f} %, "
+                f"{100 * np.std(found):.2f} %"
             )
 
 
@@ -79,18 +84,25 @@ def squares(side: float, shape: tuple[int, int] = (240, 300)) -> np.ndarray:
     u, v = x * math.cos(turn) - y * math.sin(turn), x * math.sin(turn) + y * math.cos(turn)
 
     def box(half: float) -> np.ndarray:
-        parts = [scipy.special.ndtr((part + half) / SIGMA) - scipy.special.ndtr((part - half) / SIGMA) for part in (u, v)]
+        parts = [
+            scipy.special.ndtr((part + half) / SIGMA) - scipy.special.ndtr((part - half) / SIGMA) for part in (u, v)
+        ]
         return parts[0] * parts[1]
 
     picture = 0.3 + 0.5 * box(0.5 * side) - 0.7 * box(0.25 * side)
-    bars = scipy.ndimage.gaussian_filter1d(np.where((np.arange(60) // 10 % 2)[None, :], 0.8, 0.05).repeat(shape[0], 0), SIGMA, axis=1)
+    bars = scipy.ndimage.gaussian_filter1d(
+        np.where((np.arange(60) // 10 % 2)[None, :], 0.8, 0.05).repeat(shape[0], 0), SIGMA, axis=1
+    )
     picture[:, :60] = bars
     return picture
 
 
 def found_edges(seeds: int) -> None:
     truth = FIFTY / SIGMA
-    print("edges found by themselves, 240 x 300 pixels, squares turned by 5 degrees: found, truth held, mean error and spread of MTF50")
+    print(
+        "edges found by themselves, 240 x 300 pixels, squares turned by 5 degrees: found, truth held, mean error and "
+        "spread of MTF50"
+    )
     for side in (60, 90, 150):
         for noise in (0.004, 0.02):
             held, found, none = 0, [], 0
@@ -104,7 +116,10 @@ def found_edges(seeds: int) -> None:
                         continue
                     held += one["mtf50_low"] <= truth <= one["mtf50_high"]
                     found.append(one["mtf50"] / truth - 1)
-            print(f"  side {side:4}, noise {noise:5.3f}: {100 - 100 * none / seeds:5.1f} %, {said(held, found) if found else '-'}")
+            print(
+                f"  side {side:4}, noise {noise:5.3f}: {100 - 100 * none / seeds:5.1f} %, "
+                f"{said(held, found) if found else '-'}"
+            )
 
 
 def stars(seeds: int) -> None:
@@ -138,7 +153,10 @@ def noise(seeds: int) -> None:
 
 
 def rounded_noise(seeds: int) -> None:
-    print("noise of an even patch of any level, 8 bits, 64 x 64: intervals that hold the truth, patches that are said to be hidden")
+    print(
+        "noise of an even patch of any level, 8 bits, 64 x 64: intervals that hold the truth, patches that are said to "
+        "be hidden"
+    )
     with tempfile.TemporaryDirectory() as folder:
         for sigma in (0.001, 0.003, 0.006):
             held = hidden = 0

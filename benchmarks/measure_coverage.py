@@ -3,11 +3,12 @@
     python benchmarks/measure_coverage.py              # 200 draws a cell: about half an hour of one core
     python benchmarks/measure_coverage.py --draws 60 --files "JPEG 75" --sigmas 0.5
 
-Each draw has an edge of its own: blurred by a Gaussian of so many pixels rms, 3 to 15 degrees from rows or columns, at any place of pixel
-and block, of other levels; white noise (of full scale) in linear light, sRGB, written as a file and measured as the command does. For each
-cell: share of intervals that hold the truth, mean error and median half width in % of MTF50, and how many draws the command itself calls
-not covered, or conservative (an upper bound, where nothing is noise). Cells outside 93 to 97 % are marked, as far as 200 draws can tell
-(90 to 98.5 %); exit code 1 where one is without the command saying so.
+Each draw has an edge of its own: blurred by a Gaussian of so many pixels rms, 3 to 15 degrees from rows or columns, at
+any place of pixel and block, of other levels; white noise (of full scale) in linear light, sRGB, written as a file and
+measured as the command does. For each cell: share of intervals that hold the truth, mean error and median half width in
+% of MTF50, and how many draws the command itself calls not covered, or conservative (an upper bound, where nothing is
+noise). Cells outside 93 to 97 % are marked, as far as 200 draws can tell (90 to 98.5 %); exit code 1 where one is
+without the command saying so.
 """
 
 import argparse
@@ -53,12 +54,16 @@ def written(folder: Path, file: str, linear: np.ndarray) -> Path:
 
 
 def cell(folder: Path, file: str, sigma: float, noise: float, draws: int, seed: int = 0) -> tuple[str, float, str]:
-    """A line, the share of intervals that hold the truth, and what the command says of most of them or, in brackets, what it should."""
+    """A line, the share of intervals that hold the truth, and what the command says of most of them or, in brackets,
+    what it should.
+    """
     truth, held, errors, wide, doubtful, bounds, refused = FIFTY / sigma, 0, [], [], 0, 0, 0
     for draw in range(draws):
         rng = np.random.default_rng([draw, round(1000 * sigma), round(1e4 * noise), *([seed] if seed else [])])
         try:
-            one = measure(written(folder, file, edge(rng, sigma, noise)), Asked(edges=(f"0,0,{SIDE},{SIDE}",)))["edges"][0]
+            one = measure(written(folder, file, edge(rng, sigma, noise)), Asked(edges=(f"0,0,{SIDE},{SIDE}",)))[
+                "edges"
+            ][0]
         except RequestError:
             refused += 1
             continue
@@ -74,7 +79,8 @@ def cell(folder: Path, file: str, sigma: float, noise: float, draws: int, seed: 
     mark = said or ("(below)" if share < 0.95 - error else "(above)" if share > 0.95 + error else "")
     told = f"{100 * doubtful / count:4.0f} %" if doubtful else "     -"
     text = (
-        f"  {file:8}  {sigma:5.2f}  {noise:6.3f}  {100 * share:6.1f} %  {100 * np.nanmean(errors or [math.nan]):+6.2f} %"
+        f"  {file:8}  {sigma:5.2f}  {noise:6.3f}  {100 * share:6.1f} %  {100 * np.nanmean(errors or [math.nan]):+6.2f} "
+        f"%"
         f"  {100 * np.median(wide or [math.nan]):6.2f} %  {told}  {f'{refused} refused ' if refused else ''}{mark}"
     )
     return text.rstrip(), share, mark
@@ -102,7 +108,8 @@ def main() -> int:
     few, many = sum(share < 0.93 for share in shares), sum(share > 0.97 for share in shares)
     whole = len(asked.files) * len(asked.sigmas) * len(asked.noises)
     print(
-        f"of {whole} cells below 93 %: {few}, in 93 to 97 %: {len(shares) - few - many}, above: {many}, not covered or conservative: "
+        f"of {whole} cells below 93 %: {few}, in 93 to 97 %: {len(shares) - few - many}, above: {many}, not covered or "
+        f"conservative: "
         f"{whole - len(shares)}"
     )
     print(f"beyond what so many draws leave open: {bad}; mean {100 * sum(shares) / max(len(shares), 1):.1f} %")

@@ -3,9 +3,9 @@
     python benchmarks/measure_others.py            # some seconds
     python benchmarks/measure_others.py --draws 5  # of each, with other seeds
 
-Each is measured in a region that is given (the whole picture) and without one. An edge should be measured without a doubt of what it is,
-anything else refused or said to be doubtful; of a corner, or of two edges, one side that is found by itself is an edge
-where its interval holds the truth. Exit code 1 where fewer than 19 of 20 are, in the region.
+Each is measured in a region that is given (the whole picture) and without one. An edge should be measured without a
+doubt of what it is, anything else refused or said to be doubtful; of a corner, or of two edges, one side that is found
+by itself is an edge where its interval holds the truth. Exit code 1 where fewer than 19 of 20 are, in the region.
 """
 
 import argparse
@@ -86,7 +86,12 @@ def fur(degrees: float, sigma: float) -> Picture:
         place = [np.clip(part + 2 * SIDE, 0, 4 * SIDE - 1) for part in (along, across)]
         hair = scipy.ndimage.map_coordinates(grain / grain.std(), place, order=1)
         ragged = across + 3.0 * scipy.ndimage.gaussian_filter1d(rng.normal(size=SIDE), 2)[:, None] * 2
-        return np.clip(blurred(0.35 + 0.3 * scipy.special.ndtr(ragged / 2) + 0.07 * hair, sigma) + rng.normal(0, 0.004, (SIDE, SIDE)), 0, 1)
+        return np.clip(
+            blurred(0.35 + 0.3 * scipy.special.ndtr(ragged / 2) + 0.07 * hair, sigma)
+            + rng.normal(0, 0.004, (SIDE, SIDE)),
+            0,
+            1,
+        )
 
     return drawn
 
@@ -99,7 +104,9 @@ def leaves(sigma: float, count: int) -> Picture:
             x, y, turn, length = *rng.uniform(0, SIDE * FINER, 2), rng.uniform(0, 6.3), rng.uniform(15, 45) * FINER
             t = np.linspace(0, 2 * math.pi, 40)
             u, v = length * np.cos(t), 0.3 * length * np.sin(t) * np.abs(np.sin(t))
-            points = zip(x + u * math.cos(turn) - v * math.sin(turn), y + u * math.sin(turn) + v * math.cos(turn), strict=True)
+            points = zip(
+                x + u * math.cos(turn) - v * math.sin(turn), y + u * math.sin(turn) + v * math.cos(turn), strict=True
+            )
             draw.polygon([(float(a), float(b)) for a, b in points], fill=int(rng.uniform(40, 230)))
         small = blurred(np.asarray(page, float) / 255, FINER * sigma).reshape(SIDE, FINER, SIDE, FINER).mean((1, 3))
         return small + rng.normal(0, 0.004, small.shape)
@@ -118,7 +125,11 @@ def disc(radius: float, sigma: float) -> Picture:
 def corner(degrees: float, sigma: float) -> Picture:
     def drawn(rng: np.random.Generator) -> np.ndarray:
         across, along = away(rng, degrees)
-        return 0.2 + 0.5 * scipy.special.ndtr(across / sigma) * scipy.special.ndtr(along / sigma) + rng.normal(0, 0.004, (SIDE, SIDE))
+        return (
+            0.2
+            + 0.5 * scipy.special.ndtr(across / sigma) * scipy.special.ndtr(along / sigma)
+            + rng.normal(0, 0.004, (SIDE, SIDE))
+        )
 
     return drawn
 
@@ -152,30 +163,64 @@ def texture(size: float, step: float) -> Picture:
 EDGES: dict[str, Picture] = {
     f"{degrees:g} degrees, {sigma:g} pixels, noise {noise:g}": edge(degrees, sigma, noise)
     for degrees, sigma, noise in (
-        (5, 1, 0.004), (3, 0.5, 0.002), (8, 0.4, 0.01), (12, 2, 0.004), (20, 0.8, 0.01), (30, 1.2, 0.004), (40, 1, 0.01),
-        (-5, 1.5, 0.02), (-15, 0.7, 0.0), (85, 1, 0.004), (95, 0.6, 0.004), (5, 3, 0.004), (10, 1, 0.03),
+        (5, 1, 0.004),
+        (3, 0.5, 0.002),
+        (8, 0.4, 0.01),
+        (12, 2, 0.004),
+        (20, 0.8, 0.01),
+        (30, 1.2, 0.004),
+        (40, 1, 0.01),
+        (-5, 1.5, 0.02),
+        (-15, 0.7, 0.0),
+        (85, 1, 0.004),
+        (95, 0.6, 0.004),
+        (5, 3, 0.004),
+        (10, 1, 0.03),
     )
 } | {
-    "bent by 1 pixel": edge(6, 1, 0.004, bend=1.0), "bent by 2 pixels": edge(6, 1, 0.004, bend=2.0),
-    "sharpened": edge(7, 0.8, 0.004, halo=0.5), "sharpened much": edge(7, 0.8, 0.004, halo=1.0),
-    "light that falls off": edge(5, 1, 0.004, shade=0.15), "faint": edge(5, 1, 0.004, step=0.12),
+    "bent by 1 pixel": edge(6, 1, 0.004, bend=1.0),
+    "bent by 2 pixels": edge(6, 1, 0.004, bend=2.0),
+    "sharpened": edge(7, 0.8, 0.004, halo=0.5),
+    "sharpened much": edge(7, 0.8, 0.004, halo=1.0),
+    "light that falls off": edge(5, 1, 0.004, shade=0.15),
+    "faint": edge(5, 1, 0.004, step=0.12),
     "coarse grain": edge(5, 1, 0.03, coarse=1),
-}  # fmt: skip
+}
 OTHERS: dict[str, Picture] = {
-    "text": text("etendue\nll1 AWI", 26, 0.6, 4), "text, large": text("I/l", 70, 0.8, -6), "pen stroke": stroke(5, 1.0, 7),
-    "pen stroke, by hand": stroke(7, 0.8, 10, 1.5), "fur": fur(8, 1.5), "fur, out of focus": fur(12, 3.0), "leaves": leaves(0.7, 60),
-    "leaves, a few": leaves(1.2, 14), "thin line": stroke(1.2, 0.7, 5), "thick line": stroke(12, 0.8, 6), "disc": disc(60, 0.8),
-    "disc, large": disc(150, 1.0), "corner": corner(8, 0.8), "corner, blurred": corner(-12, 2.0), "ramp": ramp(6, 90),
-    "ramp, short": ramp(9, 45), "steps close together": two(6, 0.6, 0.8), "edges up and down": two(14, -0.6, 1.0),
-    "texture": texture(1.5, 0.0), "texture with a step": texture(2.5, 0.3),
-}  # fmt: skip
+    "text": text("etendue\nll1 AWI", 26, 0.6, 4),
+    "text, large": text("I/l", 70, 0.8, -6),
+    "pen stroke": stroke(5, 1.0, 7),
+    "pen stroke, by hand": stroke(7, 0.8, 10, 1.5),
+    "fur": fur(8, 1.5),
+    "fur, out of focus": fur(12, 3.0),
+    "leaves": leaves(0.7, 60),
+    "leaves, a few": leaves(1.2, 14),
+    "thin line": stroke(1.2, 0.7, 5),
+    "thick line": stroke(12, 0.8, 6),
+    "disc": disc(60, 0.8),
+    "disc, large": disc(150, 1.0),
+    "corner": corner(8, 0.8),
+    "corner, blurred": corner(-12, 2.0),
+    "ramp": ramp(6, 90),
+    "ramp, short": ramp(9, 45),
+    "steps close together": two(6, 0.6, 0.8),
+    "edges up and down": two(14, -0.6, 1.0),
+    "texture": texture(1.5, 0.0),
+    "texture with a step": texture(2.5, 0.3),
+}
 
 
-SIDES = {"corner": 0.8, "corner, blurred": 2.0, "edges up and down": 1.0}  # sigma of the straight edges in what is none as a whole
+SIDES = {
+    "corner": 0.8,
+    "corner, blurred": 2.0,
+    "edges up and down": 1.0,
+}  # sigma of the straight edges in what is none as a whole
 
 
 def answer(path: Path, region: bool, side: float) -> str:
-    """Empty where it is measured without a doubt of what it is; else why not. A side that is found, and measured as it is, is an edge."""
+    """Empty where it is measured without a doubt of what it is; else why not. A side that is found, and measured as
+    it is, is an edge.
+    """
     try:
         one = measure(path, Asked(edges=(f"0,0,{SIDE},{SIDE}",) if region else ()))["edges"][0]
     except RequestError as error:
@@ -196,7 +241,9 @@ def main() -> int:
             right = [0, 0]
             for name, picture in pictures.items():
                 for draw in range(asked.draws):
-                    encoded = np.rint(255 * srgb_encode(np.clip(picture(np.random.default_rng(draw)), 0, 1))).astype(np.uint8)
+                    encoded = np.rint(255 * srgb_encode(np.clip(picture(np.random.default_rng(draw)), 0, 1))).astype(
+                        np.uint8
+                    )
                     path = Path(folder) / ("a.jpg" if draw % 2 else "a.png")
                     Image.fromarray(encoded).save(path, **({"quality": 92} if draw % 2 else {}))
                     said = [answer(path, region, SIDES.get(name, 0.0)) for region in (True, False)]
@@ -205,7 +252,10 @@ def main() -> int:
                     if asked.all or not all(good):
                         print(f"  {what}: {name}: in a region: {said[0] or 'measured'}; found: {said[1] or 'measured'}")
             count = len(pictures) * asked.draws
-            print(f"{what}: as they should be in a region {right[0]} of {count}, found by themselves {right[1]} of {count}")
+            print(
+                f"{what}: as they should be in a region {right[0]} of {count}, found by themselves {right[1]} of "
+                f"{count}"
+            )
             bad += right[0] < 0.95 * count
     return int(bad > 0)
 

@@ -1,11 +1,13 @@
 """Memory that a run takes beside what its plan says, for frames of 1 to 24 Mpixel.
 
-    python benchmarks/memory.py [--mpixel 1 3] [--bands 3 31] [--precision float32 float64] [--workers 1 2] [--camera smallest ...]
+    python benchmarks/memory.py [--mpixel 1 3] [--bands 3 31] [--precision float32 float64] [--workers 1 2] [--camera
+    smallest ...]
 
     python benchmarks/memory.py stages [NAME ...] [--precision float32 float64]
 
-Every row is a process of its own: largest resident set above that behind a small frame of the same camera. ``planned`` is what the plan
-says that is held, ``ratio`` planned over measured. Mpixel are samples of the light, or pixels where a camera begins behind the sensor.
+Every row is a process of its own: largest resident set above that behind a small frame of the same camera. ``planned``
+is what the plan says that is held, ``ratio`` planned over measured. Mpixel are samples of the light, or pixels where a
+camera begins behind the sensor.
 """
 
 from __future__ import annotations
@@ -33,15 +35,31 @@ def overrides(camera: str, mpixel: float, bands: int, precision: str) -> dict[st
     columns = rows * 4 // 3 // 16 * 16
     found: dict[str, Any] = {"precision": precision}
     if camera == "smallest":
-        own = {"spacing": "2.8 um", "width": f"{2.8 * columns:.1f} um", "height": f"{2.8 * rows:.1f} um", "bin_width": f"{300 / bands} nm"}
-        found |= {"sweep": {}, "camera.f_number": 2.8, "camera.pixel_pitch": "2.8 um", "camera.integration_time": "8 ms"}
-        found |= {f"scene.{name}": value for name, value in own.items()} | {"pixel.rows": rows - 32, "pixel.columns": columns - 32}
+        own = {
+            "spacing": "2.8 um",
+            "width": f"{2.8 * columns:.1f} um",
+            "height": f"{2.8 * rows:.1f} um",
+            "bin_width": f"{300 / bands} nm",
+        }
+        found |= {
+            "sweep": {},
+            "camera.f_number": 2.8,
+            "camera.pixel_pitch": "2.8 um",
+            "camera.integration_time": "8 ms",
+        }
+        found |= {f"scene.{name}": value for name, value in own.items()} | {
+            "pixel.rows": rows - 32,
+            "pixel.columns": columns - 32,
+        }
     elif camera == "paper_physical":  # a photograph has bands of its own
         found |= {"scene.width": f"{2.7 * columns:.1f} um", "scene.height": f"{2.7 * rows:.1f} um"}
         found |= {"pixel.rows": rows // 2, "pixel.columns": columns // 2}
     elif camera == "sensors":
         found |= {"scene.width": f"{columns} um", "scene.height": f"{rows} um", "scene.bin_width": f"{300 / bands} nm"}
-        found |= {"pixel.sensor_width": f"{(columns - 48) / 1000} mm", "pixel.sensor_height": f"{(rows - 48) / 1000} mm"}
+        found |= {
+            "pixel.sensor_width": f"{(columns - 48) / 1000} mm",
+            "pixel.sensor_height": f"{(rows - 48) / 1000} mm",
+        }
     return found
 
 
@@ -52,7 +70,9 @@ def planned(camera: str, mpixel: float, bands: int, precision: str) -> Any:
     from etendue.plan.planner import make_plan
 
     if camera != "raw_to_colour":
-        return make_plan(read_pipeline(PIPELINES / f"{camera}.toml", overrides(camera, mpixel, bands, precision)), installed_stages())
+        return make_plan(
+            read_pipeline(PIPELINES / f"{camera}.toml", overrides(camera, mpixel, bands, precision)), installed_stages()
+        )
     from importlib.metadata import EntryPoint
 
     import raw_to_colour
@@ -72,7 +92,9 @@ def status(name: str) -> int:
     return 1024 * int(line.split()[1])
 
 
-def measure(camera: str, mpixel: float, bands: int, precision: str, workers: int, archive: bool, most: float) -> dict[str, Any]:
+def measure(
+    camera: str, mpixel: float, bands: int, precision: str, workers: int, archive: bool, most: float
+) -> dict[str, Any]:
     """Run one frame in this process, unless more than ``most`` bytes are planned."""
     from etendue import session
     from etendue.plan import machine
@@ -83,7 +105,9 @@ def measure(camera: str, mpixel: float, bands: int, precision: str, workers: int
 
         def run(size: float) -> Any:
             options = session.Options("threads", workers)
-            return session.execute(planned(camera, size, bands, precision), Path(folder) / str(size) if archive else None, options)
+            return session.execute(
+                planned(camera, size, bands, precision), Path(folder) / str(size) if archive else None, options
+            )
 
         expected = peak_memory(planned(camera, mpixel, bands, precision), workers, not archive)
         said = {"planned": expected.bytes, "where": expected.ref[0] if expected.ref else ""}
@@ -138,7 +162,9 @@ def main() -> int:
             sizes = f"{measured} {found['planned'] / 1e6:7.0f} MB"
             failed = f" FAILED {found['failed'][0]}" if found["failed"] else ""
             print(
-                f"{camera:15s} {mpixel:6g} {shown} {precision:9s} {workers:7d} {sizes} {ratio:6.2f}  {found['where']}{failed}", flush=True
+                f"{camera:15s} {mpixel:6g} {shown} {precision:9s} {workers:7d} {sizes} {ratio:6.2f}  "
+                f"{found['where']}{failed}",
+                flush=True,
             )
     print(f"worst: {worst:.2f} times, either way")
     return 0

@@ -1,9 +1,12 @@
-"""What every installed stage works with on a frame of 2 Mpixel, beside what it says (``Stage.working``): ``memory.py stages``.
+"""What every installed stage works with on a frame of 2 Mpixel, beside what it says (``Stage.working``):
+``memory.py stages``.
 
 In:  names of stages, or none for all; precisions.
-Out: a row of each: bytes that are resident while it computes, what a plan counts for it, and the ``working`` that would be right.
+Out: a row of each: bytes that are resident while it computes, what a plan counts for it, and the ``working`` that would
+     be right.
 
-Every stage stands as its defaults and examples make it. What another distribution's is handed is counted beside what it says.
+Every stage stands as its defaults and examples make it. What another distribution's is handed is counted beside what it
+says.
 """
 
 from __future__ import annotations
@@ -42,7 +45,9 @@ def rows_of(names: Sequence[str]) -> list[str]:
 
 
 def row(name: str, precision: str, **given: Any) -> dict[str, float]:
-    """Bytes of one stage: all that it reads, what comes to it, what is planned to, and ``working``: what is right and what it says."""
+    """Bytes of one stage: all that it reads, what comes to it, what is planned to, and ``working``: what is right
+    and what it says.
+    """
     from etendue.compute.cell import compute
     from etendue.compute.joined.segments import Result
     from etendue.compute.tables import TABLES
@@ -71,7 +76,11 @@ def row(name: str, precision: str, **given: Any) -> dict[str, float]:
             array.flags.writeable = False
             results[port, ()] = Result({declared.variable: array})
         for number, looked in enumerate(("first", "second"), 1):
-            seen = {what: bench.seen(port, precision, frame) for port, what in bench.looks.items() if not looks_at_stages(what)}
+            seen = {
+                what: bench.seen(port, precision, frame)
+                for port, what in bench.looks.items()
+                if not looks_at_stages(what)
+            }
             results[looked, ()] = Result({what: (array / number).astype(array.dtype) for what, array in seen.items()})
         base = _resident("VmRSS")
         Path("/proc/self/clear_refs").write_text("5")

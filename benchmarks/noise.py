@@ -57,16 +57,44 @@ def shot_noise() -> None:
     print("  " + " ".join(f"{head:>15s}" for head in heads))
     worst = 0.0
     skews = []
-    for mean in (1e-3, 1e-2, 0.1, 1.0, 5.0, 10.0, 24.9, 25.1, 29.9, 30.0, 50.0, 100.0, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9):
+    for mean in (
+        1e-3,
+        1e-2,
+        0.1,
+        1.0,
+        5.0,
+        10.0,
+        24.9,
+        25.1,
+        29.9,
+        30.0,
+        50.0,
+        100.0,
+        1e3,
+        1e4,
+        1e5,
+        1e6,
+        1e7,
+        1e8,
+        1e9,
+    ):
         variation = distributions.poisson_total_variation(mean)
         m, v, skew, kurt = sampler_moments(mean, 30.0)
         worst = max(worst, variation)
         skews.append(skew * math.sqrt(mean))
         off_mean, off_variance = (m - mean) / math.sqrt(mean), v / mean - 1
-        print(f"  {mean:15g} {variation:15.2e} {off_mean:15.1e} {off_variance:15.1e} {skews[-1]:15.4f} {kurt * mean:15.4f}")
+        print(
+            f"  {mean:15g} {variation:15.2e} {off_mean:15.1e} {off_variance:15.1e} {skews[-1]:15.4f} "
+            f"{kurt * mean:15.4f}"
+        )
     claim("total variation from Poisson, 1e-3 to 1e9 electron", "<= 1e-3", f"{worst:.2e}", worst <= 1e-3)
     off = max(abs(s - 1) for s in skews)
-    claim("skewness x sqrt(mean) is 1 (a rounded normal: 0 from 25 electron on)", "1 +- 0.01", f"1 +- {off:.4f}", off <= 0.01)
+    claim(
+        "skewness x sqrt(mean) is 1 (a rounded normal: 0 from 25 electron on)",
+        "1 +- 0.01",
+        f"1 +- {off:.4f}",
+        off <= 0.01,
+    )
     generator = np.random.default_rng(1)
     for mean in (0.5, 24.9, 25.1, 300.0):
         drawn = noise.poisson(np.full(4_000_000, mean, np.float32), generator).astype(float) - mean
@@ -76,7 +104,10 @@ def shot_noise() -> None:
 
 
 def knob() -> None:
-    print("the knob exact_below: worst total variation against time per draw (1 million means, log-uniform, float32, one thread)")
+    print(
+        "the knob exact_below: worst total variation against time per draw (1 million means, log-uniform, float32, one "
+        "thread)"
+    )
     frames = [(10.0 ** np.random.default_rng(2).uniform(low, 4, 1_000_000)).astype(np.float32) for low in (0, 2)]
     for below in (10.0, 30.0, 100.0, 1000.0, math.inf):
         best = [math.inf, math.inf]
@@ -87,7 +118,9 @@ def knob() -> None:
                 noise.poisson(means, generator, below)
                 best[which] = min(best[which], (time.perf_counter() - began) * 1e9 / means.size)
         worst = distributions.poisson_total_variation(below, below) if below < math.inf else 0.0
-        print(f"  exact_below {below:7g}: {worst:9.2e}   means 1 to 1e4 {best[0]:6.1f} ns   100 to 1e4 {best[1]:6.1f} ns")
+        print(
+            f"  exact_below {below:7g}: {worst:9.2e}   means 1 to 1e4 {best[0]:6.1f} ns   100 to 1e4 {best[1]:6.1f} ns"
+        )
 
 
 def chain(charge: Any, seed: str, **values: Any) -> dict[str, Any]:
@@ -108,7 +141,10 @@ def saturation() -> None:
     values = {"full_well_density": 9000.0 / (5.4 * 0.741) ** 2, "read_noise": 0.0, "dsnu": 0.0}
     for share in (0.25, 0.5, 0.9, 0.99, 1.0, 1.01, 1.1):
         expected = np.full((ROWS, COLUMNS), 9000.0 * share, np.float32)
-        print(f"  {share:5.2f} of the well: standard deviation {chain(expected, 'well', **values)['charge'].std():8.3f} electron")
+        print(
+            f"  {share:5.2f} of the well: standard deviation {chain(expected, 'well', **values)['charge'].std():8.3f} "
+            f"electron"
+        )
     deep = chain(np.full((ROWS, COLUMNS), 9900.0, np.float32), "well", **values)["charge"].std()
     first = noise.poisson(np.full((ROWS, COLUMNS), 9000.0, np.float32), np.random.default_rng(3)).std()
     claim("deviation at 1.1 wells, electron (clipping the mean first: " + f"{first:.0f})", "0", f"{deep:g}", deep == 0)
@@ -133,43 +169,82 @@ def codes() -> None:
             abs(found - lifted) < error,
         )
         warned = Adc(**{k: v for k, v in values.items() if k in Adc.__dataclass_fields__}).warn(None, {})  # type: ignore[arg-type]
-        claim("  a warning", "yes" if pedestal == 0 else "no", "yes" if warned else "no", bool(warned) == (pedestal == 0))
+        claim(
+            "  a warning", "yes" if pedestal == 0 else "no", "yes" if warned else "no", bool(warned) == (pedestal == 0)
+        )
 
 
 def patterns() -> None:
     print("fixed patterns: DSNU and PRNU belong to the sensor")
     flat = np.full((ROWS, COLUMNS), 1e5, np.float32)
     sensor = PatternRandom(b"sensor", GRID, "float32")
-    expected = [Exposure(integration_time=time, prnu=0.01).run(flat, sensor)["expected_charge"] for time in (0.05, 0.05, 0.0125)]
+    expected = [
+        Exposure(integration_time=time, prnu=0.01).run(flat, sensor)["expected_charge"] for time in (0.05, 0.05, 0.0125)
+    ]
     values = {"read_noise": 0.0, "dsnu": 5.0, "conversion_gain": 0.25, "full_well_density": 1e4}
     frame_to_frame = np.corrcoef(expected[0].ravel(), expected[1].ravel())[0, 1]
     bracket = np.corrcoef(expected[0].ravel(), expected[2].ravel())[0, 1]
-    claim("PRNU: correlation of two frames, shot noise removed", "1", f"{frame_to_frame:.9f}", frame_to_frame > 1 - 1e-6)
+    claim(
+        "PRNU: correlation of two frames, shot noise removed", "1", f"{frame_to_frame:.9f}", frame_to_frame > 1 - 1e-6
+    )
     claim("PRNU: correlation of two brackets, shot noise removed", "1", f"{bracket:.9f}", bracket > 1 - 1e-6)
     quiet = chain(np.zeros((2, ROWS, COLUMNS), np.float32), "quiet", **values)["charge"]
     dsnu = np.corrcoef(quiet[0].ravel(), quiet[1].ravel())[0, 1]
     claim("DSNU: correlation of two dark frames, read noise removed", "1", f"{dsnu:.9f}", dsnu > 1 - 1e-6)
     noisy = chain(np.full((2, ROWS, COLUMNS), 10, np.float32), "noisy", **values)["charge"].astype(float)
     covariance = float(np.cov(noisy[0].ravel(), noisy[1].ravel())[0, 1])
-    claim("DSNU: covariance of two frames with shot noise, electron^2", "25 +- 0.8", f"{covariance:.2f}", abs(covariance - 25) < 0.8)
+    claim(
+        "DSNU: covariance of two frames with shot noise, electron^2",
+        "25 +- 0.8",
+        f"{covariance:.2f}",
+        abs(covariance - 25) < 0.8,
+    )
     small = Grid.of({"y": Line(40, 30.0, 1.0, "1", (0.0, 5.4)), "x": Line(33, 50.0, 1.0, "1", (0.0, 5.4))})
     crop, window = (PatternRandom(b"s", g, "float32") for g in (GRID, small))
     same = np.array_equal(crop.normal("prnu")[30:70, 50:83], window.normal("prnu"))
     lines = np.array_equal(crop.row_normal("row")[30:70], window.row_normal("row"))
-    claim("a window of the sensor equals the crop, pixels and rows", "bit for bit", str(bool(same and lines)), bool(same and lines))
+    claim(
+        "a window of the sensor equals the crop, pixels and rows",
+        "bit for bit",
+        str(bool(same and lines)),
+        bool(same and lines),
+    )
 
 
 def camera(serial: str = "1", name: str = "", **words: Any) -> tuple[Any, Any]:
     """What a whole camera shows of its PRNU and DSNU, the noise of the frame taken off."""
-    light = {"white_luminance": 100, "width": 6 * COLUMNS, "height": 6 * ROWS, "spacing": 6, "wavelength_from": 545, "wavelength_to": 555}
+    light = {
+        "white_luminance": 100,
+        "width": 6 * COLUMNS,
+        "height": 6 * ROWS,
+        "spacing": 6,
+        "wavelength_from": 545,
+        "wavelength_to": 555,
+    }
     stages = [
-        {"use": "uniform", "bin_width": 10, **light}, {"use": "irradiance"}, {"use": "pixel", "rows": ROWS, "columns": COLUMNS},
-        {"use": "mosaic"}, {"use": "exposure", "prnu": 0.02, "dark_nonuniformity": 0, "name": "exposure" + name},
-        {"use": "shot_noise"}, {"use": "read_noise", "name": "read_noise" + name},
-    ]  # fmt: skip
-    quantities = {"pattern": "mono", "peak_qe": [0.5], "sensitivity": "flat", "pixel_pitch": 6, "read_noise": 0, "dsnu": 8}
+        {"use": "uniform", "bin_width": 10, **light},
+        {"use": "irradiance"},
+        {"use": "pixel", "rows": ROWS, "columns": COLUMNS},
+        {"use": "mosaic"},
+        {"use": "exposure", "prnu": 0.02, "dark_nonuniformity": 0, "name": "exposure" + name},
+        {"use": "shot_noise"},
+        {"use": "read_noise", "name": "read_noise" + name},
+    ]
+    quantities = {
+        "pattern": "mono",
+        "peak_qe": [0.5],
+        "sensitivity": "flat",
+        "pixel_pitch": 6,
+        "read_noise": 0,
+        "dsnu": 8,
+    }
     tree = etendue.simulate(
-        {"name": "one", "camera": {**quantities, "integration_time": 0.05, "sensor_serial": serial}, "stages": stages, **words}
+        {
+            "name": "one",
+            "camera": {**quantities, "integration_time": 0.05, "sensor_serial": serial},
+            "stages": stages,
+            **words,
+        }
     )
     charge = tree[f"read_noise{name}"].charge.values.astype(float) - tree["shot_noise"].charge.values
     return tree[f"exposure{name}"].expected_charge.values.astype(float), charge
@@ -180,10 +255,12 @@ def sensors() -> None:
     base = {"seed": 1, "precision": "float64"}
     one = camera(**base)
     for what, other in (
-        ("another seed", camera(**{**base, "seed": 2})), ("the other precision", camera(**{**base, "precision": "float32"})),
-        ("other names of the stages", camera(name="_b", **base)), ("another serial", camera("2", **base)),
+        ("another seed", camera(**{**base, "seed": 2})),
+        ("the other precision", camera(**{**base, "precision": "float32"})),
+        ("other names of the stages", camera(name="_b", **base)),
+        ("another serial", camera("2", **base)),
         ("PRNU against DSNU", (one[1], one[0])),
-    ):  # fmt: skip
+    ):
         found = [float(np.corrcoef(a.ravel(), b.ravel())[0, 1]) for a, b in zip(one, other, strict=True)]
         apart = what in ("another serial", "PRNU against DSNU")
         holds = all(abs(r) < 0.02 if apart else r > 1 - 1e-8 for r in found)

@@ -2,9 +2,10 @@
 
     python benchmarks/optics.py [--knobs optics_knobs.png]
 
-Without an argument: seconds of the stages as the engine's own ledger has them, on one thread, best of three. With ``--knobs``: each
-knob is varied, everything else held; error is the largest of the wanted variable against the knob's reference, as a share of its
-largest value; seconds are those of all cells of the run. The figure shows them against each other.
+Without an argument: seconds of the stages as the engine's own ledger has them, on one thread, best of three. With
+``--knobs``: each knob is varied, everything else held; error is the largest of the wanted variable against the knob's
+reference, as a share of its largest value; seconds are those of all cells of the run. The figure shows them against
+each other.
 """
 
 from __future__ import annotations
@@ -37,11 +38,17 @@ FRAME = {
 ISETCAM = 5.1  # s of CPU for the optics of the same frame, Octave, measured on a machine of this kind
 
 
-def camera(*stages: dict[str, Any], wanted: str, precision: str = "float32", scene: dict[str, Any] | None = None) -> dict[str, Any]:
+def camera(
+    *stages: dict[str, Any], wanted: str, precision: str = "float32", scene: dict[str, Any] | None = None
+) -> dict[str, Any]:
     return {
-        "name": "optics", "precision": precision, "camera": CAMERA, "wanted": [wanted], "keep": [wanted],
+        "name": "optics",
+        "precision": precision,
+        "camera": CAMERA,
+        "wanted": [wanted],
+        "keep": [wanted],
         "stages": [{**FRAME, **(scene or {})}, {"use": "irradiance"}, *stages],
-    }  # fmt: skip
+    }
 
 
 def run(document: dict[str, Any]) -> tuple[Any, dict[str, float]]:
@@ -58,11 +65,17 @@ def whole_frame() -> int:
     blur = ({"use": "falloff"}, {"use": "diffraction"})
     cases = (
         ("irradiance, fall-off, diffraction: 31 blurred planes", camera(*blur, wanted="diffraction.irradiance"), 0.5),
-        ("the same with diffusion, to the pixels of three channels",
-         camera(*blur, {"use": "diffusion"}, {"use": "pixel"}, wanted="pixel.photon_rate"), 0.5),
-        ("the same, 8 terms over wavelength",
-         camera(*blur, {"use": "diffusion"}, {"use": "pixel", "wavelength_terms": 8}, wanted="pixel.photon_rate"), 0.5),
-    )  # fmt: skip
+        (
+            "the same with diffusion, to the pixels of three channels",
+            camera(*blur, {"use": "diffusion"}, {"use": "pixel"}, wanted="pixel.photon_rate"),
+            0.5,
+        ),
+        (
+            "the same, 8 terms over wavelength",
+            camera(*blur, {"use": "diffusion"}, {"use": "pixel", "wavelength_terms": 8}, wanted="pixel.photon_rate"),
+            0.5,
+        ),
+    )
     beyond = 0
     print(f"{'512 x 512 x 31, one thread':60s} {'s CPU':>7s} {'bound':>7s} {'ISETCam':>8s}")
     for what, document, bound in cases:
@@ -81,7 +94,10 @@ def bank(folder: Path) -> str:
     y, x = np.mgrid[:size, :size] - size // 2
     pictures = []
     for height in heights / heights[-1]:
-        spots = [np.exp(-0.5 * (((y - 3 * t * height) / (1 + t)) ** 2 + (x / (1 + 0.6 * t)) ** 2)) for t in np.linspace(0, 2, 9)]
+        spots = [
+            np.exp(-0.5 * (((y - 3 * t * height) / (1 + t)) ** 2 + (x / (1 + 0.6 * t)) ** 2))
+            for t in np.linspace(0, 2, 9)
+        ]
         pictures.append(np.sum(spots, axis=0)[None])
     path = folder / "bank.npz"
     PsfBank(heights, np.array([0.55]), np.array(pictures), 1.0).save(path)
@@ -120,19 +136,47 @@ def knobs(folder: Path) -> dict[str, tuple[Any, list[Any], Any]]:
         "diffusion.nodes": (chain("diffusion", "nodes"), [64, 256, 1024, 4096], 0),
         "lens_psf.nodes": (one({"use": "lens_psf", "file": table}, "nodes"), [128, 512, 2048, 8192], 65536),
         "wavefront.pupil_samples": (
-            one({"use": "wavefront", "aperture": "polygonal", "blades": 7, "defocus": 0.01}, "pupil_samples"), [32, 64, 128, 256], 1024),
-        "aberrations.accuracy": (one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "accuracy"), [0.1, 0.05, 0.02, 0.01], 0.005),
-        "aberrations.heights": (one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "heights", accuracy=0.01), [3, 5, 9, 17], 33),
+            one({"use": "wavefront", "aperture": "polygonal", "blades": 7, "defocus": 0.01}, "pupil_samples"),
+            [32, 64, 128, 256],
+            1024,
+        ),
+        "aberrations.accuracy": (
+            one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "accuracy"),
+            [0.1, 0.05, 0.02, 0.01],
+            0.005,
+        ),
+        "aberrations.heights": (
+            one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "heights", accuracy=0.01),
+            [3, 5, 9, 17],
+            33,
+        ),
         "aberrations.bands": (
-            lambda v: camera({"use": "aberrations", "coma": 0.5, "bands": v, "accuracy": 0.02}, wanted="aberrations.irradiance",
-                             precision="float64", scene={**few, "bin_width": 25}), [3, 5, 7, 9], 12),
+            lambda v: camera(
+                {"use": "aberrations", "coma": 0.5, "bands": v, "accuracy": 0.02},
+                wanted="aberrations.irradiance",
+                precision="float64",
+                scene={**few, "bin_width": 25},
+            ),
+            [3, 5, 7, 9],
+            12,
+        ),
         "aberrations.pupil_samples": (
-            one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "pupil_samples", accuracy=0.02), [32, 64, 128, 256], 512),
-        "lens_psf_field.tolerance": (one({"use": "lens_psf_field", "file": file}, "tolerance"), [0.3, 0.1, 0.03, 0.01], 0.003),
+            one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "pupil_samples", accuracy=0.02),
+            [32, 64, 128, 256],
+            512,
+        ),
+        "lens_psf_field.tolerance": (
+            one({"use": "lens_psf_field", "file": file}, "tolerance"),
+            [0.3, 0.1, 0.03, 0.01],
+            0.003,
+        ),
         "distortion.order": (one({"use": "distortion", "k1": -0.05, "reference_radius": 0.25}, "order"), [1, 3, 5], 5),
         "distortion.oversampling": (
-            one({"use": "distortion", "k1": -0.05, "reference_radius": 0.25}, "oversampling", order=3), [1, 2], 4),
-    }  # fmt: skip
+            one({"use": "distortion", "k1": -0.05, "reference_radius": 0.25}, "oversampling", order=3),
+            [1, 2],
+            4,
+        ),
+    }
 
 
 def draw(path: Path) -> int:
@@ -153,7 +197,9 @@ def draw(path: Path) -> int:
             scale = np.abs(truth).max()
             print(f"{knob:28s} {reference!s:>10s} {'reference':>10s} {sum(own.values()):9.3f}")
             for value in values:
-                result, seconds = min((run(document(value)) for _ in range(2)), key=lambda found: sum(found[1].values()))
+                result, seconds = min(
+                    (run(document(value)) for _ in range(2)), key=lambda found: sum(found[1].values())
+                )
                 if result.shape != truth.shape:
                     step = [max(1, n // m) for n, m in zip(truth.shape, result.shape, strict=True)]
                     raise SystemExit(f"{knob}: {result.shape} against {truth.shape}, step {step}")
@@ -166,7 +212,9 @@ def draw(path: Path) -> int:
     for axis, (knob, points) in zip(axes.flat, found.items(), strict=False):
         axis.loglog([p[0] for p in points], [max(p[1], 1e-17) for p in points], "o-")
         for seconds, error, value in points:
-            axis.annotate(f"{value:g}", (seconds, max(error, 1e-17)), fontsize=7, xytext=(3, 3), textcoords="offset points")
+            axis.annotate(
+                f"{value:g}", (seconds, max(error, 1e-17)), fontsize=7, xytext=(3, 3), textcoords="offset points"
+            )
         axis.set_title(knob, fontsize=9)
         axis.set_xlabel("seconds of CPU", fontsize=7)
         axis.set_ylabel("largest error / full scale", fontsize=7)

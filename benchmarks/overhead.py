@@ -2,10 +2,10 @@
 
     python benchmarks/overhead.py [--repeats 5]
 
-Each way runs in a process of its own, after a small sweep that warms tables and code; one thread (serial scheduler); the
-pictures of both are compared bit for bit; the smallest CPU time of the repeats counts. ``append``: the arrays of the same cells,
-raw, each with its crc32c, to one open file: what storing them costs at least. In memory the engine draws no pictures, as the loop
-does not; an archive has its contact sheet.
+Each way runs in a process of its own, after a small sweep that warms tables and code; one thread (serial scheduler);
+the pictures of both are compared bit for bit; the smallest CPU time of the repeats counts. ``append``: the arrays of
+the same cells, raw, each with its crc32c, to one open file: what storing them costs at least. In memory the engine
+draws no pictures, as the loop does not; an archive has its contact sheet.
 """
 
 from __future__ import annotations
@@ -35,7 +35,11 @@ def append(plan, file: Path) -> int:  # type: ignore[no-untyped-def]
     import google_crc32c
 
     size = np.dtype(plan.precision).itemsize
-    counts = [math.prod(cell.grids[v].shape(d.dims)) for cell in plan.cells.values() for v, d in plan.node(cell.node).writes.items()]
+    counts = [
+        math.prod(cell.grids[v].shape(d.dims))
+        for cell in plan.cells.values()
+        for v, d in plan.node(cell.node).writes.items()
+    ]
     arrays = {count: np.random.default_rng(1).random(count).astype(plan.precision) for count in set(counts)}
     for array in arrays.values():
         array.flags.writeable = False
@@ -53,9 +57,14 @@ def measure(way: str) -> dict:  # type: ignore[type-arg]
     from etendue.session import Options, execute
 
     keep_freed_memory()  # both ways profit from it
-    np.ones(800 << 20, np.uint8)  # memory the machine has never touched costs more than filling it: the same for all ways
+    np.ones(
+        800 << 20, np.uint8
+    )  # memory the machine has never touched costs more than filling it: the same for all ways
     keep = "all" if way.endswith("all") else ["rgb_display"]
-    plan, small = plan_of(HERE / "one_sample.toml", **SIZES, keep=keep), plan_of(HERE / "one_sample.toml", **SMALL, keep=keep)
+    plan, small = (
+        plan_of(HERE / "one_sample.toml", **SIZES, keep=keep),
+        plan_of(HERE / "one_sample.toml", **SMALL, keep=keep),
+    )
     folder = Path(tempfile.mkdtemp())
     digest, size = hashlib.sha256(), 0
     with threadpool_limits(1):
@@ -100,19 +109,25 @@ def main() -> None:
     runs: dict[str, list[dict]] = {way: [] for way in WAYS}  # type: ignore[type-arg]
     for _ in range(arguments.repeats):
         for way in WAYS:
-            text = subprocess.run([sys.executable, __file__, "--one", way], check=True, capture_output=True, text=True).stdout
+            text = subprocess.run(
+                [sys.executable, __file__, "--one", way], check=True, capture_output=True, text=True
+            ).stdout
             runs[way].append(json.loads(text))
-    assert {r["digest"] for r in runs["loop"]} == {r["digest"] for r in runs["engine"]}, "engine and loop give different bits"
+    assert {r["digest"] for r in runs["loop"]} == {r["digest"] for r in runs["engine"]}, (
+        "engine and loop give different bits"
+    )
     first = runs["engine"][0]
     print(
-        f"256 x 256 pixels, 3 bands, {first['points']} points ({first['cells']} cells), float32, one thread, {machine()}, "
+        f"256 x 256 pixels, 3 bands, {first['points']} points ({first['cells']} cells), float32, one thread, "
+        f"{machine()}, "
         f"best of {arguments.repeats} processes, same bits"
     )
     cpu = {way: min(r["cpu"] for r in found) for way, found in runs.items()}
     for way, found in runs.items():
         wall, memory = min(r["wall"] for r in found), max(r["memory"] for r in found)
         print(
-            f"{way:22s} wall {wall:7.3f} s   CPU {cpu[way]:7.3f} s   {1e3 * cpu[way] / first['points']:6.2f} ms a point   "
+            f"{way:22s} wall {wall:7.3f} s   CPU {cpu[way]:7.3f} s   {1e3 * cpu[way] / first['points']:6.2f} ms a "
+            f"point   "
             f"peak memory {memory / 1e6:5.0f} MB"
         )
     print(f"overhead without storing   {100 * (cpu['engine'] / cpu['loop'] - 1):6.1f} %   (goal <= 10 %)")
@@ -123,10 +138,14 @@ def main() -> None:
     cost = each["engine, storing all"] - each["engine"]
     appended = runs["append"][0]["bytes"]
     print(
-        f"storing {cost:.2f} ms a point, appending raw with crc32c to one file {each['append']:.2f} ms ({appended / 1e6:.0f} MB): "
+        f"storing {cost:.2f} ms a point, appending raw with crc32c to one file {each['append']:.2f} ms "
+        f"({appended / 1e6:.0f} MB): "
         f"{cost / each['append']:.2f} x   (goal <= 2)"
     )
-    print(f"share of storing           {100 * (1 - cpu['engine'] / cpu['engine, storing all']):6.1f} %   of the engine's CPU time")
+    print(
+        f"share of storing           {100 * (1 - cpu['engine'] / cpu['engine, storing all']):6.1f} %   of the engine's "
+        f"CPU time"
+    )
 
 
 if __name__ == "__main__":

@@ -2,10 +2,11 @@
 
     python benchmarks/page.py [ARCHIVE ...] [--chromium /usr/bin/chromium]
 
-An archive that is not there is none; without a name pipelines/sweep.toml is run first. Printed for each: the report's bytes and the time
-to write it; in headless Chromium, from the first byte to a page that is drawn, and from a slider's step to the frame that shows it, the
-median and the worst of 20; the same of the live page beside its server, where a step ends when the new pictures are drawn. Needs
-playwright and a Chromium. Wall times: on a busy machine they are longer.
+An archive that is not there is none; without a name pipelines/sweep.toml is run first. Printed for each: the report's
+bytes and the time to write it; in headless Chromium, from the first byte to a page that is drawn, and from a slider's
+step to the frame that shows it, the median and the worst of 20; the same of the live page beside its server, where a
+step ends when the new pictures are drawn. Needs playwright and a Chromium. Wall times: on a busy machine they are
+longer.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ STEP = """([axis, place, live]) => new Promise((done) => {
   slider.value = place; slider.dispatchEvent(new Event('input'));
   const area = document.querySelector('.panes');
   const shown = () => !live || !area || (area.dataset.shown || '').includes(`${axis}:${place}`);
-  const look = () => requestAnimationFrame(() => (shown() ? setTimeout(() => done(performance.now() - begun), 0) : look()));
+  const look = () => requestAnimationFrame(() => (
+    shown() ? setTimeout(() => done(performance.now() - begun), 0) : look()));
   look(); })"""
 
 
@@ -88,7 +90,10 @@ def looked_at(browser: Any, url: str, live: bool) -> tuple[float, list[float], i
     """Seconds to load, milliseconds of each step, requests over a network."""
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     requests: list[str] = []
-    page.on("request", lambda request: requests.append(request.url) if request.url.startswith("http") and request.url != url else None)
+    page.on(
+        "request",
+        lambda request: requests.append(request.url) if request.url.startswith("http") and request.url != url else None,
+    )
     begun = time.perf_counter()
     page.goto(url)
     page.wait_for_selector("#page[data-ready=yes]")
@@ -97,7 +102,8 @@ def looked_at(browser: Any, url: str, live: bool) -> tuple[float, list[float], i
     load = time.perf_counter() - begun
     page.wait_for_timeout(1000)
     axes = page.evaluate(
-        "[...document.querySelectorAll('input[data-axis]')].filter((s) => !s.disabled).map((s) => [s.dataset.axis, Number(s.max)])"
+        "[...document.querySelectorAll('input[data-axis]')].filter((s) => !s.disabled).map((s) => [s.dataset.axis, "
+        "Number(s.max)])"
     )
     steps = []
     for number in range(STEPS if axes else 0):

@@ -4,8 +4,8 @@
     python benchmarks/paper_figures.py fig7 paper_order -o docs/paper/fig7.png     likewise fig1, fig8, fig9, fig10
     python benchmarks/paper_figures.py times times times_order -o docs/paper/times.png
 
-Archives are those of ``etendue run pipelines/paper.toml`` and ``pipelines/paper_order.toml``; their stages are drawn as the
-contact sheet has them. The commands of each picture stand beside it in docs/paper.md.
+Archives are those of ``etendue run pipelines/paper.toml`` and ``pipelines/paper_order.toml``; their stages are drawn as
+the contact sheet has them. The commands of each picture stand beside it in docs/paper.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,11 @@ from etendue_camera.optics import diffraction
 from etendue_camera.sensor import photodiode, silicon
 
 DPI, BOX, GAP, LABEL = 100, 256, 12, 34
-DETAIL = (38, 86, 64)  # first row, first column and side of the part that is drawn four times as large: cap, glasses, eyes
+DETAIL = (
+    38,
+    86,
+    64,
+)  # first row, first column and side of the part that is drawn four times as large: cap, glasses, eyes
 WIDTH = 720  # of all pictures in a row
 LINE: dict[str, Any] = {"linewidth": 1.8}
 SINC_HALF = 0.603354564  # sin(pi x)/(pi x) is one half: MTF50 of a mean over w is this over w
@@ -38,9 +42,16 @@ PANELS = {
     "fig7": [("scene", "a) input"), ("lens", "b) behind the lens"), ("aperture", "c) behind the aperture")],
     "fig8": [("falloff", "a) light fall-off"), ("pixel", "b) CCD MTF"), ("mosaic", "c) Bayer mosaic")],
     "fig9": [("demosaic", "a) interpolation"), ("sharpen", "b) sharpened"), ("dynamic_range_clip", "c) dynamic range")],
-    "fig10": [("balance", "a) colour balance"), ("display", "b) colour correction"), ("encode", "c) gamma"), ("to_xyz", "c) XYZ")],
+    "fig10": [
+        ("balance", "a) colour balance"),
+        ("display", "b) colour correction"),
+        ("encode", "c) gamma"),
+        ("to_xyz", "c) XYZ"),
+    ],
 }
-PHYSICAL = {"fig9": [("adc", "c) exposure, noise, converter"), ("demosaic", "a) interpolation"), ("sharpen", "b) sharpened")]}
+PHYSICAL = {
+    "fig9": [("adc", "c) exposure, noise, converter"), ("demosaic", "a) interpolation"), ("sharpen", "b) sharpened")]
+}
 MOSAICS = {"mosaic": 3, "adc": 3}  # two thirds of a mosaic's samples are black: these are drawn so many times as bright
 
 
@@ -77,7 +88,15 @@ def sheet(rows: list[list[NDArray[np.float64]]], titles: list[list[str]]) -> Fig
     for row, words, head in zip(rows, titles, heads, strict=True):
         for column, (picture, word) in enumerate(zip(row, words, strict=True)):
             left = GAP + column * (wide + GAP)
-            figure.text((left + wide / 2) / width, (top - head + 5) / height, word, ha="center", va="bottom", fontsize=9, linespacing=1.15)
+            figure.text(
+                (left + wide / 2) / width,
+                (top - head + 5) / height,
+                word,
+                ha="center",
+                va="bottom",
+                fontsize=9,
+                linespacing=1.15,
+            )
             figure.figimage(np.clip(picture, 0, 1), xo=left, yo=top - head - high, origin="upper")
         top -= head + high + GAP
     return figure
@@ -132,7 +151,9 @@ def times(physical: Path, paper: Path) -> Figure:
         shown = opened(folder)["encode"].rgb_display.sortby("integration_time")
         row, words = [], []
         for at in shown.integration_time.values:
-            picture = np.moveaxis(shown.sel(integration_time=at, channel=["R", "G", "B"]).transpose("channel", "y", "x").values, 0, -1)
+            picture = np.moveaxis(
+                shown.sel(integration_time=at, channel=["R", "G", "B"]).transpose("channel", "y", "x").values, 0, -1
+            )
             row.append(enlarged(picture[y : y + side, x : x + side], 2))
             words.append(f"{title}, {1e3 * at:g} ms")
         rows.append(row)
@@ -170,7 +191,15 @@ def fig2() -> Figure:
             for line in lines:
                 below.plot(u, line / peak, color="#2459a6", linewidth=1, linestyle="--")
             text = f"middle / peak = {ratio:.3f}" + (f"\npeaks at ±{offset:.3f}" if offset else "\none peak")
-            below.annotate(text, (0, ratio), (0, 1.32), ha="center", va="center", fontsize=9, arrowprops={"arrowstyle": "->", "shrinkB": 1})
+            below.annotate(
+                text,
+                (0, ratio),
+                (0, 1.32),
+                ha="center",
+                va="center",
+                fontsize=9,
+                arrowprops={"arrowstyle": "->", "shrinkB": 1},
+            )
         else:
             above.imshow(picture**0.3, extent=(u[0], u[-1], u[0], u[-1]), cmap="gray", vmin=0, vmax=1)
             above.set_title("a) one point\n(brightness to the power 0.3)", fontsize=10)
@@ -207,12 +236,21 @@ def mtf() -> Figure:
         return photodiode.collection_mtf(at, float(silicon.absorption(wavelength)), 1.8, 10.0, 50.0)
 
     for wavelength, ink, dash in ((0.45, INK["B"], ":"), (0.55, INK["G"], "-"), (0.65, INK["R"], ":")):
-        axis.plot(f, diffusion(wavelength, f), color=ink, linestyle=dash, label=f"diffusion D(f)/D(0), {1e3 * wavelength:.0f} nm", **LINE)
+        axis.plot(
+            f,
+            diffusion(wavelength, f),
+            color=ink,
+            linestyle=dash,
+            label=f"diffusion D(f)/D(0), {1e3 * wavelength:.0f} nm",
+            **LINE,
+        )
     axis.plot(f, optics, color="#b9770e", label="optics: f/2.8, 550 nm", **LINE)
     axis.plot(f, window, color="#7d3c98", label="geometric: sinc(w f), w = 4 µm", **LINE)
     axis.plot(f, optics * diffusion(0.55, f) * window, color="black", label="product, 550 nm", linewidth=2.6)
     nyquist = 0.5 / 5.4
-    value = float(diffraction.circular_otf(nyquist, 0.55, 2.8) * diffusion(0.55, nyquist) * photodiode.aperture_otf(nyquist, 4.0))
+    value = float(
+        diffraction.circular_otf(nyquist, 0.55, 2.8) * diffusion(0.55, nyquist) * photodiode.aperture_otf(nyquist, 4.0)
+    )
     axis.axvline(nyquist, color="0.45", linestyle="--", linewidth=1)
     axis.text(nyquist + 0.004, 1.04, "Nyquist of 5.4 µm", fontsize=9, color="0.3")
     axis.plot([nyquist], [value], "o", color="black")
@@ -236,7 +274,12 @@ def fig6() -> Figure:
     left, right = figure.subplots(1, 2)
     for axis, curves, names, title in (
         (left, spectra.cone_fundamentals(tuple(edges)), "LMS", "a) cones (Stockman and Sharpe, 2 degrees)"),
-        (right, spectra.display_primaries("Apple Studio Display", tuple(edges)), "RGB", "b) display primaries (Apple Studio Display)"),
+        (
+            right,
+            spectra.display_primaries("Apple Studio Display", tuple(edges)),
+            "RGB",
+            "b) display primaries (Apple Studio Display)",
+        ),
     ):
         for curve, name, ink in zip(np.asarray(curves).T, names, INK.values(), strict=True):
             axis.plot(middle, curve / np.max(curves), color=ink, label=name, **LINE)
@@ -251,9 +294,13 @@ def fig6() -> Figure:
 # -- one file ---------------------------------------------------------------------------------------------------
 
 FIGURES: dict[str, tuple[Callable[..., Figure], int]] = {  # what draws it, and how many archives it takes
-    "fig1": (fig1, 1), "fig2": (fig2, 0), "mtf": (mtf, 0), "fig6": (fig6, 0),
-    **{name: (stages_of(name), 1) for name in PANELS}, "times": (times, 2),
-}  # fmt: skip
+    "fig1": (fig1, 1),
+    "fig2": (fig2, 0),
+    "mtf": (mtf, 0),
+    "fig6": (fig6, 0),
+    **{name: (stages_of(name), 1) for name in PANELS},
+    "times": (times, 2),
+}
 
 
 def written(figure: Figure, path: Path) -> None:
@@ -262,7 +309,9 @@ def written(figure: Figure, path: Path) -> None:
 
     raw = io.BytesIO()
     figure.savefig(raw, format="png")
-    Image.open(raw).convert("RGB").save(path, format="PNG", optimize=True)  # the ground is white: nothing is transparent
+    Image.open(raw).convert("RGB").save(
+        path, format="PNG", optimize=True
+    )  # the ground is white: nothing is transparent
 
 
 def main() -> None:

@@ -49,8 +49,13 @@ def reference():  # type: ignore[no-untyped-def]
         nodes = [np.array(v, np.longdouble) for v in np.polynomial.legendre.leggauss(60)]
 
         def quadrature(f: float, alpha: float, depletion: float, depth: float, length: float, back: str) -> float:
-            a, x = np.longdouble(alpha) * depth, np.longdouble(depth) * np.hypot(1 / np.longdouble(length), 2 * np.pi * np.longdouble(f))
-            edges = min(np.longdouble(1), 60 / (a + x)) * np.array([0, 0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1], np.longdouble)
+            a, x = (
+                np.longdouble(alpha) * depth,
+                np.longdouble(depth) * np.hypot(1 / np.longdouble(length), 2 * np.pi * np.longdouble(f)),
+            )
+            edges = min(np.longdouble(1), 60 / (a + x)) * np.array(
+                [0, 0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1], np.longdouble
+            )
             half = np.diff(edges)[:, None] / 2
             y = edges[:-1, None] + half * (1 + nodes[0])
             if back == "absorbing":
@@ -58,7 +63,9 @@ def reference():  # type: ignore[no-untyped-def]
             else:
                 chance = np.exp(-x * y) * (1 + np.exp(-2 * x * (1 - y))) / (1 + np.exp(-2 * x))
             passed = np.exp(-np.longdouble(alpha) * depletion)
-            return -np.expm1(-np.longdouble(alpha) * depletion) + passed * a * np.sum(half * nodes[1] * np.exp(-a * y) * chance)
+            return -np.expm1(-np.longdouble(alpha) * depletion) + passed * a * np.sum(
+                half * nodes[1] * np.exp(-a * y) * chance
+            )
 
         return quadrature, "quadrature, long double"
     mp.mp.dps = 60
@@ -85,15 +92,21 @@ def diffusion() -> None:
     outside = rising = 0
     for number in range(POINTS):
         back = ("absorbing", "reflecting")[number % 2]
-        alpha, depletion, depth, length, f = (10.0 ** RANDOM.uniform(*r) for r in ((-6, 3), (-3, 2), (-2, 3), (-1, 5), (-5, 3)))
+        alpha, depletion, depth, length, f = (
+            10.0 ** RANDOM.uniform(*r) for r in ((-6, 3), (-3, 2), (-2, 3), (-1, 5), (-5, 3))
+        )
         if number % 10 == 0:  # beside the removable singularity alpha L_f = 1
             f = math.sqrt(max(alpha**2 - length**-2, 1e-12)) / (2 * math.pi) * (1 + RANDOM.uniform(-1e-6, 1e-6))
         for kind in worst:
             at = kind(f)
-            true = float(exact(at, alpha, depletion, depth, length, back) / exact(0.0, alpha, depletion, depth, length, back))
+            true = float(
+                exact(at, alpha, depletion, depth, length, back) / exact(0.0, alpha, depletion, depth, length, back)
+            )
             found = photodiode.collection_mtf(at, alpha, depletion, depth, length, back)  # type: ignore[arg-type]
             worst[kind] = max(worst[kind], abs(float(found) / true - 1))
-        line = photodiode.collection_mtf(np.concatenate([[0.0], np.geomspace(1e-5, 1e3, 200)]), alpha, depletion, depth, length, back)  # type: ignore[arg-type]
+        line = photodiode.collection_mtf(
+            np.concatenate([[0.0], np.geomspace(1e-5, 1e3, 200)]), alpha, depletion, depth, length, back
+        )  # type: ignore[arg-type]
         outside += int((line < 0).sum() + (line > 1).sum())
         rising += int((np.diff(line) > 1e-14 * line[:-1]).sum())
     row("relative error, float64", "2e-14", f"{worst[np.float64]:.1e}", worst[np.float64] <= 2e-14)
@@ -101,7 +114,8 @@ def diffusion() -> None:
     row("values below 0 or above 1, of 201 frequencies each", "0", str(outside), outside == 0)
     row("rises with the frequency by more than rounding", "0", str(rising), rising == 0)
     limits = [
-        photodiode.collection_mtf(0.1, 0.0, 1.8, 10.0, 50.0) - (reach(0.1, 1.8, 10.0, 50.0) / reach(0.0, 1.8, 10.0, 50.0)),
+        photodiode.collection_mtf(0.1, 0.0, 1.8, 10.0, 50.0)
+        - (reach(0.1, 1.8, 10.0, 50.0) / reach(0.0, 1.8, 10.0, 50.0)),
         photodiode.collection_mtf(0.1, 0.6, 1.8, np.inf, np.inf) - (1 - math.exp(-1.08) / (1 + 0.6 / (0.2 * math.pi))),
         photodiode.collection_mtf(0.1, 0.6, np.inf, 10.0, 50.0) - 1.0,
     ]
@@ -120,7 +134,9 @@ def reach(f: float, depletion: float, depth: float, length: float) -> float:
 
 
 def table() -> None:
-    print("\nDiffusion on a frame of 512 x 512 x 31 bands (padded 640 x 640), error against nodes = 0, 0.40 to 0.70 um\n")
+    print(
+        "\nDiffusion on a frame of 512 x 512 x 31 bands (padded 640 x 640), error against nodes = 0, 0.40 to 0.70 um\n"
+    )
     fy, fx = sampling.frequencies(512, 1.0, half=False)[:, None], sampling.frequencies(512, 1.0, half=True)[None, :]
     wavelength = np.linspace(0.40, 0.70, 31)[:, None, None]
     exact = Diffusion(nodes=0).transfer(fy, fx, wavelength)
@@ -147,7 +163,9 @@ def contrast(samples: float, cycles: float, diffuse: bool, pixels: int = 400, pi
     x = step * (np.arange(size) - 0.5 * (size - 1))
     light = np.broadcast_to(1 + 0.5 * np.cos(2 * np.pi * f * x + 0.3), (16, size))[None]
     fy, fx = sampling.frequencies(16, step, half=False)[:, None], sampling.frequencies(size, step, half=True)[None, :]
-    half = sampling.transform(light) * Pixel(peak_qe=(0.5,), pixel_pitch=pitch, aperture_fraction=1.0).transfer(fy, fx, None, None)
+    half = sampling.transform(light) * Pixel(peak_qe=(0.5,), pixel_pitch=pitch, aperture_fraction=1.0).transfer(
+        fy, fx, None, None
+    )
     if diffuse:
         half = half * Diffusion().transfer(fy, fx, np.array([[[0.6]]]))
     count = pixels - 8
@@ -184,7 +202,10 @@ def every_sampling() -> None:
 
 
 def behind_filters() -> None:
-    print("\nCrosstalk through the filters: share of the charge that leaves its pixel, 650 nm, depletion 1.8, depth 10, length 50 um\n")
+    print(
+        "\nCrosstalk through the filters: share of the charge that leaves its pixel, 650 nm, depletion 1.8, depth 10, "
+        "length 50 um\n"
+    )
     alpha = float(silicon.absorption(0.65))
     t = crosstalk.times(10.0, 50.0)
     kept, moved = crosstalk.shares(t, alpha, 1.8, 10.0, 50.0)
@@ -221,7 +242,10 @@ def behind_filters() -> None:
         apart <= 1e-12,
     )
     row(
-        "kernels: smallest value; sum - 1", "0; 1e-14", f"{kernels.min():.1e}; {abs(kernels.sum((1, 2)) - 1).max():.1e}", kernels.min() >= 0
+        "kernels: smallest value; sum - 1",
+        "0; 1e-14",
+        f"{kernels.min():.1e}; {abs(kernels.sum((1, 2)) - 1).max():.1e}",
+        kernels.min() >= 0,
     )
     print(f"\n{'beyond':>8} {'kernel':>8} {'largest error':>14} {'CPU ms':>8}   mosaic of 1024 x 1024, RGGB, 1.1 um")
     noise = RANDOM.uniform(0.0, 1.0, (1024, 1024))
@@ -238,7 +262,12 @@ def a_frame() -> None:
     frame = np.hypot(np.fft.fftfreq(500)[:, None], np.fft.rfftfreq(598)[None, :])
     for depth in (1.0, 10.0, 500.0):
         seconds = best_of(5, lambda depth=depth: photodiode.collection_mtf(frame, 0.639, 1.8, depth, 50.0))
-        row(f"diffusion transfer of 500 x 300 frequencies, {depth:g} um deep", "60 ms", f"{1e3 * seconds:.1f} ms", seconds < 0.06)
+        row(
+            f"diffusion transfer of 500 x 300 frequencies, {depth:g} um deep",
+            "60 ms",
+            f"{1e3 * seconds:.1f} ms",
+            seconds < 0.06,
+        )
 
 
 def main() -> None:

@@ -89,7 +89,9 @@ class Camera:
         """A stage on its arrays, with the coordinates and tables it asks for."""
         where = self.table(cell, "where", lambda: coordinates_of(cell.grids))
         rest = list(arguments_of(type(cell.stage)))[len(arrays) :]
-        return cell.stage.run(*arrays, **{name: self.prepared(cell) if name == "prepared" else where[name] for name in rest})
+        return cell.stage.run(
+            *arrays, **{name: self.prepared(cell) if name == "prepared" else where[name] for name in rest}
+        )
 
     def light(self, radiance: Any, white: Any, at: dict[str, int]) -> tuple[Any, Any]:
         made = self.cell("irradiance", **at).stage.run(radiance, white)
@@ -104,7 +106,9 @@ class Camera:
 
     def pixel(self, spectrum: Any, at: dict[str, int]) -> Any:
         cell = self.cell("pixel", **at)
-        channels = sampling.sum_over_bands(cell.stage.weights(self.prepared(cell)), spectrum) * self.otf(cell, self.dtype)
+        channels = sampling.sum_over_bands(cell.stage.weights(self.prepared(cell)), spectrum) * self.otf(
+            cell, self.dtype
+        )
         light, out = cell.input_grids["irradiance"], cell.grids["photon_rate"]
         where = []
         for dim in ("y", "x"):
@@ -131,7 +135,9 @@ class Camera:
         white = cell.stage.run(whites[1], self.prepared(cell))["white"].astype(self.dtype)
         cell = self.cell("colour_fit", **at)
         fit = self.table(cell, f"fit {at['f_number']}", lambda: cell.stage.run(*whites, self.prepared(cell)))
-        xyz = self.cell("camera_to_xyz", **at).stage.run(rgb, white, clipped, fit["colour_matrix"].astype(self.dtype))["xyz_scene"]
+        xyz = self.cell("camera_to_xyz", **at).stage.run(rgb, white, clipped, fit["colour_matrix"].astype(self.dtype))[
+            "xyz_scene"
+        ]
         cell = self.cell("balance", **at)
         xyz = cell.stage.run(xyz, fit["white_xyz"].astype(self.dtype), self.prepared(cell))["xyz_scene"]
         cell = self.cell("display", **at)

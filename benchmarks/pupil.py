@@ -57,8 +57,13 @@ def airy_stack() -> None:
 
 
 def edges() -> None:
-    print("\nedge of the pupil: one spread function of 512 x 512 samples of 0.5 um at 0.55 um, f/2.8, by matrix transform")
-    print(f"{'cells':>6s} {'in or out':>11s} {'by area':>11s} {'ratio':>7s} {'seconds':>9s}   largest error relative to the peak")
+    print(
+        "\nedge of the pupil: one spread function of 512 x 512 samples of 0.5 um at 0.55 um, f/2.8, by matrix transform"
+    )
+    print(
+        f"{'cells':>6s} {'in or out':>11s} {'by area':>11s} {'ratio':>7s} {'seconds':>9s}   largest error relative to "
+        f"the peak"
+    )
     axis = 0.5 * (np.arange(512) - 256)
     exact = diffraction.airy_psf_density(np.hypot(axis[:, None], axis), 0.55, 2.8)
     before, ratios = None, []
@@ -75,7 +80,11 @@ def edges() -> None:
             claim("by area, 512 cells: error relative to the peak", 5e-6, errors[1])
         before = errors[1] if cells == 256 else before
         if cells == 1024 and before is not None:
-            claim("order of the fall from 256 to 1024 cells, 1 / measured", 1 / 1.7, 1 / (np.log(before / errors[1]) / np.log(4.0)))
+            claim(
+                "order of the fall from 256 to 1024 cells, 1 / measured",
+                1 / 1.7,
+                1 / (np.log(before / errors[1]) / np.log(4.0)),
+            )
     claim("advantage of area over in-or-out, 1 / smallest ratio", 0.1, 1 / min(ratios))
 
 
@@ -95,13 +104,22 @@ def closed_forms() -> None:
         slope = np.sqrt(1 - frequency**2)[:, None] * 0.5 * np.pi * np.cos(0.5 * np.pi * height)
         hopkins = (2 * half * np.sinc(8 * waves * frequency[:, None] * half) * slope) @ (0.5 * weights) * 2 / np.pi
         found = imaging.radial_otf(frequency, lambda s, w=waves: w * s, 1.0)
-        claim(f"defocus of {waves:g} waves against the integral of Hopkins and Stokseth", 1e-12, float(np.abs(found - hopkins).max()))
+        claim(
+            f"defocus of {waves:g} waves against the integral of Hopkins and Stokseth",
+            1e-12,
+            float(np.abs(found - hopkins).max()),
+        )
 
 
 CASES: dict[str, dict[str, Any]] = {
     "round: defocus 1/4 wave": {"defocus": 0.0087},
     "round: defocus 2 waves": {"defocus": 0.07},
-    "round: annulus 0.35, spherical 1 um, defocus": {"aperture": "annular", "obstruction": 0.35, "spherical": 1.0, "defocus": -0.03},
+    "round: annulus 0.35, spherical 1 um, defocus": {
+        "aperture": "annular",
+        "obstruction": 0.35,
+        "spherical": 1.0,
+        "defocus": -0.03,
+    },
     "round: defocus 6 waves": {"defocus": 0.15},
     "circle: coma 0.1 um": {"coma": 0.1, "field_y": 4.0},
     "circle: coma 0.5 um, astigmatism 0.3 um": {"coma": 0.5, "astigmatism": 0.3, "field_y": 3.0, "field_x": 2.0},
@@ -109,13 +127,21 @@ CASES: dict[str, dict[str, Any]] = {
     "annulus 0.35: coma 0.1 um": {"aperture": "annular", "obstruction": 0.35, "coma": 0.1, "field_y": 4.0},
     "annulus 0.35: coma 0.5 um": {"aperture": "annular", "obstruction": 0.35, "coma": 0.5, "field_y": 4.0},
     "six blades: defocus 1/4 wave": {"aperture": "polygonal", "defocus": 0.0087},
-    "five blades: coma 0.5 um, defocus": {"aperture": "polygonal", "blades": 5, "coma": 0.5, "field_y": 4.0, "defocus": 0.01},
+    "five blades: coma 0.5 um, defocus": {
+        "aperture": "polygonal",
+        "blades": 5,
+        "coma": 0.5,
+        "field_y": 4.0,
+        "defocus": 0.01,
+    },
 }
 
 
 def transfer_functions() -> None:
     print("\nstage wavefront: 31 bands of a 512 x 512 frame, 0.5 um, f/2.8 (640 x 321 frequencies)")
-    print("error of the transfer function, and of the image of an edge and of a point (relative to full scale), at 0.4 um")
+    print(
+        "error of the transfer function, and of the image of an edge and of a point (relative to full scale), at 0.4 um"
+    )
     print(f"{'case':46s} {'samples':>7s} {'seconds':>8s} {'otf':>9s} {'edge':>9s} {'point':>9s} {'stated':>9s}")
     fy = sampling.frequencies(512, 0.5, half=False)[:, None]
     fx = sampling.frequencies(512, 0.5, half=True)[None, :]
@@ -140,9 +166,14 @@ def transfer_functions() -> None:
             seconds = timed(lambda s=stage: of(s, BANDS[:, None, None]))[0]
             errors = [float(np.abs(found - exact).max())]
             for spectrum, picture in zip(spectra, pictures, strict=True):
-                errors.append(float(np.abs(sampling.planes_of(spectrum * found, 512, 512) - picture).max() / picture.max()))
+                errors.append(
+                    float(np.abs(sampling.planes_of(spectrum * found, 512, 512) - picture).max() / picture.max())
+                )
             bound = stage.error(None, stated, "float64")[0]
-            print(f"{name:46s} {samples:7d} {seconds:8.2f} {errors[0]:9.1e} {errors[1]:9.1e} {errors[2]:9.1e} {bound:9.1e}")
+            print(
+                f"{name:46s} {samples:7d} {seconds:8.2f} {errors[0]:9.1e} {errors[1]:9.1e} {errors[2]:9.1e} "
+                f"{bound:9.1e}"
+            )
             if max(errors[1:]) > bound:
                 failed.append(f"{name}, {samples} samples: stated error")
             if samples == 128:
@@ -182,7 +213,11 @@ def closed_stage() -> None:
     seconds, clear = timed(lambda: Diffraction().transfer(fy, fx, wavelength), 3)
     claim("clear circle: seconds", 0.5, seconds)
     claim("obstruction 0.3: seconds", 1.0, timed(lambda: Diffraction(obstruction=0.3).transfer(fy, fx, wavelength))[0])
-    claim("wavefront without terms against diffraction", 0.0, float(np.abs(Wavefront().transfer(fy, fx, wavelength) - clear).max()))
+    claim(
+        "wavefront without terms against diffraction",
+        0.0,
+        float(np.abs(Wavefront().transfer(fy, fx, wavelength) - clear).max()),
+    )
     outline = Wavefront(aperture="polygonal", blades=7)
     claim("seven blades: seconds", 1.0, timed(lambda: outline.transfer(fy, fx, wavelength))[0])
 

@@ -1,10 +1,12 @@
-"""The case that was timed against Pyxel: 200 points of a CMOS sweep, 5 f-numbers x 5 pixel pitches x 8 times, 256 x 256.
+"""The case that was timed against Pyxel: 200 points of a CMOS sweep, 5 f-numbers x 5 pixel pitches x 8 times, 256 x
+256.
 
     python benchmarks/pyxel_case.py [--repeats 3] [--workers 2]
 
-Ways: in memory with the picture kept, and everything kept in Zarr; the first call in a process and the calls after it, in wall seconds.
-A monochrome camera up to its codes, as Pyxel's is. The first call includes the imports that it asks for; `import etendue` is counted
-apart. Pyxel on as many points: `pyxel_peer.py`; once 9.65 to 9.85 s (3.0.2, Dask threads, warm, the image kept): `--reference`.
+Ways: in memory with the picture kept, and everything kept in Zarr; the first call in a process and the calls after it,
+in wall seconds. A monochrome camera up to its codes, as Pyxel's is. The first call includes the imports that it asks
+for; `import etendue` is counted apart. Pyxel on as many points: `pyxel_peer.py`; once 9.65 to 9.85 s (3.0.2, Dask
+threads, warm, the image kept): `--reference`.
 """
 
 from __future__ import annotations
@@ -21,22 +23,42 @@ from typing import Any
 
 PITCHES = [4.2, 4.5, 4.8, 5.1, 5.4]
 CASE = {
-    "name": "cmos", "precision": "float32", "wanted": ["raw"],
+    "name": "cmos",
+    "precision": "float32",
+    "wanted": ["raw"],
     "camera": {
-        "focal_length": 6.93, "pattern": "mono", "peak_qe": [0.5], "sensitivity_kind": "filter_transmittance",
-        "full_well_density": 2000.0, "read_noise": 4,
+        "focal_length": 6.93,
+        "pattern": "mono",
+        "peak_qe": [0.5],
+        "sensitivity_kind": "filter_transmittance",
+        "full_well_density": 2000.0,
+        "read_noise": 4,
     },
     "stages": [
-        {"use": "photograph", "name": "scene", "file": "package:matplotlib/mpl-data/sample_data/grace_hopper.jpg", "white_luminance": 10000,
-         "width": 1400, "height": 1400, "spacing": 5, "wavelength_from": 400, "wavelength_to": 700, "bin_width": 100},
-        {"use": "irradiance"}, {"use": "diffraction"}, {"use": "pixel", "rows": 256, "columns": 256}, {"use": "mosaic"},
+        {
+            "use": "photograph",
+            "name": "scene",
+            "file": "package:matplotlib/mpl-data/sample_data/grace_hopper.jpg",
+            "white_luminance": 10000,
+            "width": 1400,
+            "height": 1400,
+            "spacing": 5,
+            "wavelength_from": 400,
+            "wavelength_to": 700,
+            "bin_width": 100,
+        },
+        {"use": "irradiance"},
+        {"use": "diffraction"},
+        {"use": "pixel", "rows": 256, "columns": 256},
+        {"use": "mosaic"},
         *({"use": name} for name in ("exposure", "shot_noise", "full_well", "read_noise", "adc")),
     ],
     "sweep": {
-        "f_number": [2, 2.8, 4, 5.6, 8], "pixel_pitch": PITCHES,
+        "f_number": [2, 2.8, 4, 5.6, 8],
+        "pixel_pitch": PITCHES,
         "integration_time": {"from": 0.001, "to": 0.02, "steps": 8, "spacing": "log"},
     },
-}  # fmt: skip
+}
 WAYS = ("in memory", "everything in Zarr")
 
 
@@ -88,10 +110,14 @@ def main() -> None:
     print(f"Pyxel 3.0.2, measured elsewhere: {asked.reference:g} s")
     for way in WAYS:
         command = [sys.executable, __file__, "--one", way, "--calls", str(asked.calls), "--workers", str(asked.workers)]
-        found = [json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout) for _ in range(asked.repeats)]
+        found = [
+            json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+            for _ in range(asked.repeats)
+        ]
         best = {name: min(one[name] for one in found) for name in ("import", "first", "warm", "cpu", "first cpu")}
         print(
-            f"{way:20s} {found[0]['points']} points   warm {best['warm']:6.2f} s ({asked.reference / best['warm']:4.1f} x)   "
+            f"{way:20s} {found[0]['points']} points   warm {best['warm']:6.2f} s "
+            f"({asked.reference / best['warm']:4.1f} x)   "
             f"first call {best['first']:6.2f} s ({asked.reference / best['first']:4.1f} x)   "
             f"CPU {best['cpu']:6.2f} and {best['first cpu']:6.2f} s   import {best['import']:5.2f} s   "
             f"{found[0]['files']} files"

@@ -1,10 +1,12 @@
-"""200 points of a CMOS sweep by Pyxel, beside `pyxel_case.py`: its own models, its own Dask threads, only the image kept.
+"""200 points of a CMOS sweep by Pyxel, beside `pyxel_case.py`: its own models, its own Dask threads, only the image
+kept.
 
     python benchmarks/pyxel_peer.py --python PYXELS_PYTHON [--repeats 3]
 
-``--python`` is that of an environment with ``pip install pyxel-sim==3.0.2``. 5 point spread functions (as 5 f-numbers make them, Airy
-discs at 550 nm on 5 um pixels) x 5 dark rates x 8 read noises: what Pyxel can sweep of such a camera; a pixel pitch it cannot. Each
-repeat is a process of its own with two calls: the first, which imports what it needs, and the next; wall seconds, ``.load()`` included.
+``--python`` is that of an environment with ``pip install pyxel-sim==3.0.2``. 5 point spread functions (as 5 f-numbers
+make them, Airy discs at 550 nm on 5 um pixels) x 5 dark rates x 8 read noises: what Pyxel can sweep of such a camera; a
+pixel pitch it cannot. Each repeat is a process of its own with two calls: the first, which imports what it needs, and
+the next; wall seconds, ``.load()`` included.
 """
 
 from __future__ import annotations
@@ -47,7 +49,10 @@ pipeline:
       func: pyxel.models.photon_collection.load_image
       enabled: true
       arguments: {{ image_file: {picture}, convert_to_photons: false, multiplier: 1.0 }}
-    - {{ name: load_psf, func: pyxel.models.photon_collection.load_psf, enabled: true, arguments: {{ filename: {first} }} }}
+    - name: load_psf
+      func: pyxel.models.photon_collection.load_psf
+      enabled: true
+      arguments: {{ filename: {first} }}
     - {{ name: shot_noise, func: pyxel.models.photon_collection.shot_noise, enabled: true }}
   charge_generation:
     - {{ name: simple_conversion, func: pyxel.models.charge_generation.simple_conversion, enabled: true }}
@@ -106,12 +111,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         paths, picture = files(folder)
-        (folder / "case.yaml").write_text(CONFIGURATION.format(files=json.dumps(paths), picture=picture, first=paths[0]))
+        (folder / "case.yaml").write_text(
+            CONFIGURATION.format(files=json.dumps(paths), picture=picture, first=paths[0])
+        )
         runs = []
         for _ in range(given.repeats):
             done = subprocess.run(
-                [given.python, "-c", CALLS, str(folder / "case.yaml")], cwd=folder, capture_output=True, text=True, check=False
-            )  # fmt: skip
+                [given.python, "-c", CALLS, str(folder / "case.yaml")],
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
             if done.returncode:
                 sys.exit(done.stderr[-2000:])
             runs.append(json.loads(done.stdout.splitlines()[-1]))

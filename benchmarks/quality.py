@@ -2,8 +2,9 @@
 
     python benchmarks/quality.py [--pictures FOLDER]
 
-FOLDER holds the Kodak pictures as kodak/03.png (768 x 512); without it that check is skipped, and the pictures of the others are a
-photograph that comes with matplotlib. scikit-image is a peer where it is installed. Times are CPU seconds of one thread, best of five.
+FOLDER holds the Kodak pictures as kodak/03.png (768 x 512); without it that check is skipped, and the pictures of the
+others are a photograph that comes with matplotlib. scikit-image is a peer where it is installed. Times are CPU seconds
+of one thread, best of five.
 """
 
 from __future__ import annotations
@@ -29,7 +30,11 @@ from etendue_camera.colour.matrices import RGB_TO_XYZ_SRGB, apply_matrix
 from etendue_camera.quality import fidelity, scielab
 from etendue_camera.quality.visible_noise import visible_noise
 
-CRT, DOTS, DISTANCE = "Typical CRT Brainard 1997", 0.0254 / 105.8333, 0.3  # m: the display of ISETCam's example, and how near it is
+CRT, DOTS, DISTANCE = (
+    "Typical CRT Brainard 1997",
+    0.0254 / 105.8333,
+    0.3,
+)  # m: the display of ISETCam's example, and how near it is
 BROAD_CUT = 0.5  # degrees: where the program of the authors of S-CIELAB, and ISETCam, cut the kernels
 
 
@@ -57,7 +62,9 @@ def rgb(picture: Image.Image) -> Any:
 
 
 def cut_kernels(xyz: Any, samples: float) -> Any:
-    """S-CIELAB's blur as ISETCam does it, written independently: widths as half widths, kernels cut at half a degree, scaled to 1."""
+    """S-CIELAB's blur as ISETCam does it, written independently: widths as half widths, kernels cut at half a
+    degree, scaled to 1.
+    """
     reach = int(np.ceil(BROAD_CUT * samples)) - 1
     r2 = np.add.outer(np.arange(-reach, reach + 1) ** 2, np.arange(-reach, reach + 1) ** 2)
     planes = []
@@ -68,18 +75,25 @@ def cut_kernels(xyz: Any, samples: float) -> Any:
 
 
 def whole_kernels(xyz: Any, samples: float) -> Any:
-    """The published blur by sums over the picture and its mirror images, kernels as matrices: nothing cut, nothing transformed."""
+    """The published blur by sums over the picture and its mirror images, kernels as matrices: nothing cut, nothing
+    transformed.
+    """
     planes = []
     for plane, terms in zip(apply_matrix(scielab.XYZ_TO_OPPONENT, xyz), scielab.FILTERS["published"], strict=True):
         total = sum(w for w, _ in terms)
         planes.append(
-            sum(w / total * _mirrored(plane.shape[0], s * samples) @ plane @ _mirrored(plane.shape[1], s * samples) for w, s in terms)
+            sum(
+                w / total * _mirrored(plane.shape[0], s * samples) @ plane @ _mirrored(plane.shape[1], s * samples)
+                for w, s in terms
+            )
         )
     return apply_matrix(np.linalg.inv(scielab.XYZ_TO_OPPONENT), np.stack(planes))
 
 
 def _mirrored(n: int, spread: float) -> Any:
-    """Matrix of a Gaussian over samples that go on as their mirror image; its own aliases are below exp(-8) from a spread of 1.8."""
+    """Matrix of a Gaussian over samples that go on as their mirror image; its own aliases are below exp(-8) from a
+    spread of 1.8.
+    """
     turns = int(np.ceil(8 * spread / (2 * n))) + 1
     i = np.arange(n)
     matrix = np.zeros((n, n))
@@ -98,7 +112,13 @@ def measures(picture: Any, reference: Any) -> None:
         return
     from skimage.metrics import structural_similarity
 
-    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "data_range": 1.0, "channel_axis": 0}
+    options = {
+        "gaussian_weights": True,
+        "sigma": 1.5,
+        "use_sample_covariance": False,
+        "data_range": 1.0,
+        "channel_axis": 0,
+    }
     theirs, slow = timed(lambda: structural_similarity(picture, reference, **options))
     line("SSIM, against scikit-image on the same picture", "1e-12", f"{abs(ours - theirs):.1e}", "scikit-image")
     line("SSIM, CPU time", "peer's", f"{1e3 * seconds:.1f} ms", f"{1e3 * slow:.1f} ms")
@@ -110,7 +130,12 @@ def eye(picture: Any, reference: Any) -> None:
     samples = 80.0  # so that the narrowest Gaussian is 2.3 samples wide and its sums are no matter of the sampling
     whole, slow = timed(lambda: whole_kernels(xyz, samples))
     ours, seconds = timed(lambda: scielab.seen(xyz, samples))
-    line("S-CIELAB blur, against sums over mirror images", "1e-5", f"{np.abs(ours - whole).max():.1e}", "same formula, no transform")
+    line(
+        "S-CIELAB blur, against sums over mirror images",
+        "1e-5",
+        f"{np.abs(ours - whole).max():.1e}",
+        "same formula, no transform",
+    )
     line("S-CIELAB blur, CPU time", "", f"{1e3 * seconds:.1f} ms", f"{1e3 * slow:.1f} ms")
     for kind in (np.float64, np.float32):
         a, b = xyz.astype(kind), other.astype(kind)
@@ -118,7 +143,9 @@ def eye(picture: Any, reference: Any) -> None:
         if kind is np.float64:
             reference_map = found
         error = np.abs(found - reference_map).max()
-        line(f"S-CIELAB (2000) in {kind.__name__}: error, CPU time", "1e-2 (f32)", f"{error:.1e}  {1e3 * seconds:.0f} ms")
+        line(
+            f"S-CIELAB (2000) in {kind.__name__}: error, CPU time", "1e-2 (f32)", f"{error:.1e}  {1e3 * seconds:.0f} ms"
+        )
     plain = difference.delta_e_2000(difference.lab(xyz, white), difference.lab(other, white)).mean()
     for name in scielab.FILTERS:
         line(
@@ -131,22 +158,25 @@ def eye(picture: Any, reference: Any) -> None:
 
 
 def hats(folder: str | None) -> None:
-    """A plausibility check only. ISETCam's own 1.5118, 2.92 and 35.965 % are of its files hats.jpg and hatsC.jpg, which cannot be had:
-    mean CIEDE2000 of the one, the mean above 2 and the share above 2 of the other way to compute it. This is the same subject, packed
-    at qualities of our own."""
+    """A plausibility check only. ISETCam's own 1.5118, 2.92 and 35.965 % are of its files hats.jpg and hatsC.jpg, which
+    cannot be had: mean CIEDE2000 of the one, the mean above 2 and the share above 2 of the other way to compute it.
+    This is the same subject, packed at qualities of our own."""
     what = "JPEGs of 'hats' with 30-42 % above 2: their mean above 2"
     if folder is None:
         line(what, "", "skipped", "needs --pictures")
         return
     picture = Image.open(Path(folder) / "kodak" / "03.png")
-    matrix = spectra.colour_matching(tuple(range(380, 785, 5))).T @ spectra.display_primaries(CRT, tuple(range(380, 785, 5)))
+    matrix = spectra.colour_matching(tuple(range(380, 785, 5))).T @ spectra.display_primaries(
+        CRT, tuple(range(380, 785, 5))
+    )
     matrix /= matrix[1].sum()
     white = matrix.sum(axis=1)
     samples = picture.width / (2 * np.degrees(np.arctan(picture.width * DOTS / 2 / DISTANCE)))
     found = []
     for level in range(14, 34, 2):
         first, second = (
-            difference.lab(cut_kernels(apply_matrix(matrix, rgb(one) ** 2.2), samples), white) for one in (picture, jpeg(picture, level))
+            difference.lab(cut_kernels(apply_matrix(matrix, rgb(one) ** 2.2), samples), white)
+            for one in (picture, jpeg(picture, level))
         )
         shown = difference.delta_e_2000(first, second)
         found.append((float(np.mean(shown > 2)), float(shown[shown > 2].mean())))
@@ -173,8 +203,14 @@ def cameras() -> None:
         found = against_ideal(pipeline, installed_stages())
         seconds = time.process_time() - began
         rows = [row for row in found.rows if row["status"] == "done"]
-        ranges = [f"{min(r[k] for r in rows):.2f} to {max(r[k] for r in rows):.2f}" for k in ("psnr_encoded", "de_mean", "scielab_mean")]
-        print(f"{name}: {len(rows)} cells in {seconds:.1f} CPU s; PSNR {ranges[0]} dB, CIEDE2000 {ranges[1]}, S-CIELAB {ranges[2]}")
+        ranges = [
+            f"{min(r[k] for r in rows):.2f} to {max(r[k] for r in rows):.2f}"
+            for k in ("psnr_encoded", "de_mean", "scielab_mean")
+        ]
+        print(
+            f"{name}: {len(rows)} cells in {seconds:.1f} CPU s; PSNR {ranges[0]} dB, CIEDE2000 {ranges[1]}, S-CIELAB "
+            f"{ranges[2]}"
+        )
 
 
 def main() -> int:

@@ -2,8 +2,9 @@
 
     python benchmarks/radiometry.py
 
-Levels by hand arithmetic, fall-off against direct integration over the pupil, pupils cut by a rim, focus, glare and split light.
-Every form is closed: there is no fidelity knob, so the second table is run time alone. Exit code 1 where a bound does not hold.
+Levels by hand arithmetic, fall-off against direct integration over the pupil, pupils cut by a rim, focus, glare and
+split light. Every form is closed: there is no fidelity knob, so the second table is run time alone. Exit code 1 where a
+bound does not hold.
 """
 
 from __future__ import annotations
@@ -40,7 +41,13 @@ def below(what: str, bound: float, measured: float) -> None:
 def uniform(*stages: dict[str, Any], scene: dict[str, Any], camera: dict[str, Any], wanted: list[str]) -> Any:
     flat = {"use": "uniform", "name": "scene", "white_luminance": 100, "width": 64, "height": 48, **scene}
     return etendue.simulate(
-        {"name": "level", "precision": "float64", "camera": camera, "stages": [flat, {"use": "irradiance"}, *stages], "wanted": wanted}
+        {
+            "name": "level",
+            "precision": "float64",
+            "camera": camera,
+            "stages": [flat, {"use": "irradiance"}, *stages],
+            "wanted": wanted,
+        }
     )
 
 
@@ -55,26 +62,47 @@ def levels() -> None:
         ("flat_disc", "pi L / (1 + 4 N^2) = pi 100 / 65", math.pi * 100 / 65),
     ):
         camera = {"f_number": 4, "aperture_model": model, "illuminant": "D65"}
-        found = float(uniform({"use": "illuminance"}, scene=fine, camera=camera, wanted=["illuminance"])["illuminance"].illuminance)
+        found = float(
+            uniform({"use": "illuminance"}, scene=fine, camera=camera, wanted=["illuminance"])[
+                "illuminance"
+            ].illuminance
+        )
         print(f"  {model:10s} {form:34s} = {hand:.6f} lx by hand, {found:.6f} lx simulated")
         below(f"lux of {model} in 1 nm bins from 380 to 780 nm against the hand, relative", 2e-5, abs(found / hand - 1))
-        claim(f"lux of {model}", "4.909" if model == "aplanatic" else "4.833", f"{found:.3f}", round(found, 3) == round(hand, 3))
+        claim(
+            f"lux of {model}",
+            "4.909" if model == "aplanatic" else "4.833",
+            f"{found:.3f}",
+            round(found, 3) == round(hand, 3),
+        )
 
     pitch, fraction, seconds, efficiency = 5.4, 0.741, 0.01, 0.5
     tree = uniform(
-        {"use": "pixel"}, {"use": "mosaic"}, {"use": "exposure", "prnu": 0, "dark_nonuniformity": 0},
-        scene={"wavelength_from": 550, "wavelength_to": 560, "bin_width": 10}, wanted=["expected_charge"],
+        {"use": "pixel"},
+        {"use": "mosaic"},
+        {"use": "exposure", "prnu": 0, "dark_nonuniformity": 0},
+        scene={"wavelength_from": 550, "wavelength_to": 560, "bin_width": 10},
+        wanted=["expected_charge"],
         camera={
-            "illuminant": "555 nm", "f_number": 4, "pixel_pitch": pitch, "aperture_fraction": fraction, "integration_time": seconds,
-            "sensitivity": "flat", "peak_qe": [efficiency] * 3, "dark_current_density": 0,
+            "illuminant": "555 nm",
+            "f_number": 4,
+            "pixel_pitch": pitch,
+            "aperture_fraction": fraction,
+            "integration_time": seconds,
+            "sensitivity": "flat",
+            "peak_qe": [efficiency] * 3,
+            "dark_current_density": 0,
         },
-    )  # fmt: skip
+    )
     charge = tree["exposure"].expected_charge.values
     luminous = spectra.luminance_of("555 nm")
     irradiance = math.pi * 100 / luminous / (4 * 4**2)
     area = (pitch * fraction * 1e-6) ** 2
     hand = irradiance * area * seconds * 555e-9 / (PLANCK * SPEED_OF_LIGHT) * efficiency
-    print("A uniform 555 nm scene of 100 cd/m2 at f/4, 10 ms, a light-sensitive square of (0.741 x 5.4 um)^2, efficiency 0.5:")
+    print(
+        "A uniform 555 nm scene of 100 cd/m2 at f/4, 10 ms, a light-sensitive square of (0.741 x 5.4 um)^2, efficiency "
+        "0.5:"
+    )
     print(f"  L = 100 / {luminous:.6f} lm/W = {100 / luminous:.9f} W m-2 sr-1;  E = pi L / 64 = {irradiance:.9f} W m-2")
     print(f"  E A t lambda/(h c) QE = {hand:.9f} electrons by hand, {charge.mean():.9f} simulated\n")
     below("electrons of the 555 nm scene, relative", 1e-12, float(np.abs(charge / hand - 1).max()))
@@ -151,7 +179,8 @@ def rims() -> None:
     for _ in range(300):
         rim, share = 10 ** rng.uniform(-1, 2), rng.uniform(0, 1)
         s = abs(rim - 1) + share * 2 * min(1.0, rim)
-        # rings of the unit disc: the arc that lies inside the rim; its ends are square roots, so panels grow quadratically
+        # rings of the unit disc: the arc that lies inside the rim; its ends are square roots, so panels grow
+        # quadratically
         low, high = max(0.0, s - rim, rim - s), 1.0
         total = min(1.0, max(0.0, rim - s)) ** 2
         if high > low:
@@ -179,9 +208,17 @@ def focusing() -> None:
     below("blur at the limits of the depth of field, relative to c", 1e-14, blur)
     below("defocus of an object 1e-10 behind the focus", 1e-14, shift)
     claim("  the same as a difference of image distances", "none", naive, True)
-    claim("hyperfocal distance: far limit", "inf", str(focus.depth_of_field(50.0, 8.0, 0.03, focus.hyperfocal(50.0, 8.0, 0.03))[1]), True)
     claim(
-        "working f-number at m = -1 of f/4", "8", f"{radiometry.working_f_number(4.0, -1.0):g}", radiometry.working_f_number(4.0, -1.0) == 8
+        "hyperfocal distance: far limit",
+        "inf",
+        str(focus.depth_of_field(50.0, 8.0, 0.03, focus.hyperfocal(50.0, 8.0, 0.03))[1]),
+        True,
+    )
+    claim(
+        "working f-number at m = -1 of f/4",
+        "8",
+        f"{radiometry.working_f_number(4.0, -1.0):g}",
+        radiometry.working_f_number(4.0, -1.0) == 8,
     )
 
 
@@ -221,7 +258,10 @@ def times() -> None:
         ("exact disc", lambda: radiometry.disc_falloff(1.4, radius)),
         ("table", lambda: illumination.table_at(radius, nodes, values)),
         ("vignetting", lambda: illumination.vignetting(radius / 6, 2.0, 2.5, 5.0)),
-        ("response by angle, cos^k", lambda: illumination.cosine_response(illumination.chief_ray_angle(radius, 5.0), 2.0)),
+        (
+            "response by angle, cos^k",
+            lambda: illumination.cosine_response(illumination.chief_ray_angle(radius, 5.0), 2.0),
+        ),
         ("glare, power 3", lambda: glare.glare_otf(frequency, 0.02, 0.01, 20.0)),
         ("glare, power 2.5", lambda: glare.glare_otf(frequency, 0.02, 0.01, 20.0, 2.5)),
         ("four spots", lambda: filters.four_spot_otf(line[:, None], line[None, :], 2.0, 2.0)),

@@ -3,13 +3,14 @@
     python benchmarks/random_cameras.py [--count 200] [--seed 1] [-o FOLDER]
     python benchmarks/random_cameras.py --replay 17
 
-A camera (``drawn_cameras``) has a seed: --count of them follow --seed. Each is run through the public interface, with warnings as
-errors, one thread. The plan may refuse it (at most 10 % of them, each with a reason); a failed cell, a leaked warning or a traceback is
-a fault. What runs is held against the laws (``camera_laws`` of ``etendue_lab.stability``), on noise-free twins where noise would hide them.
+A camera (``drawn_cameras``) has a seed: --count of them follow --seed. Each is run through the public interface, with
+warnings as errors, one thread. The plan may refuse it (at most 10 % of them, each with a reason); a failed cell, a
+leaked warning or a traceback is a fault. What runs is held against the laws (``camera_laws`` of
+``etendue_lab.stability``), on noise-free twins where noise would hide them.
 
-Printed: how many held, were refused or broke a law; reasons of refusals and causes of violations, grouped, each with its seeds. What
-breaks a law is written as FOLDER/SEED.toml (and FOLDER/SEED-LAW.toml, the twin on which it shows), which ``etendue run`` replays.
-Exit 1 where a law is broken or too many are refused.
+Printed: how many held, were refused or broke a law; reasons of refusals and causes of violations, grouped, each with
+its seeds. What breaks a law is written as FOLDER/SEED.toml (and FOLDER/SEED-LAW.toml, the twin on which it shows),
+which ``etendue run`` replays. Exit 1 where a law is broken or too many are refused.
 """
 
 from __future__ import annotations
@@ -75,7 +76,9 @@ def run(document: Document, folder: Path) -> Any:
         last = str(error).strip().rpartition("\n")[2]
         stage = re.match(r"\d+ cells failed; the first: (\S+)", str(error))
         own = f"{stage[1]}: " if stage else ""
-        raise Fault("failed cell", own + (last if "\n" in str(error) else str(error).partition("}: ")[2] or str(error))) from None
+        raise Fault(
+            "failed cell", own + (last if "\n" in str(error) else str(error).partition("}: ")[2] or str(error))
+        ) from None
     except Warning as warning:
         raise Fault("leaked warning", f"{type(warning).__name__}: {warning}") from None
     except Exception as error:
@@ -143,13 +146,16 @@ def table(verdicts: list[Verdict]) -> str:
     count = {word: sum(v.word == word for v in verdicts) for word in ("held", "refused", "broken")}
     share = count["refused"] / max(len(verdicts), 1)
     out = [
-        f"{len(verdicts)} cameras: {count['held']} held, {count['refused']} refused ({100 * share:.3g} %), {count['broken']} broke a law"
+        f"{len(verdicts)} cameras: {count['held']} held, {count['refused']} refused ({100 * share:.3g} %), "
+        f"{count['broken']} broke a law"
     ]
     sections = (
         ("refused", [(v.refused, v.seed) for v in verdicts if v.refused]),
-        *((law, [(b.text, v.seed) for v in verdicts for b in v.broken if b.law == law]) for law in
-          dict.fromkeys(b.law for v in verdicts for b in v.broken)),
-    )  # fmt: skip
+        *(
+            (law, [(b.text, v.seed) for v in verdicts for b in v.broken if b.law == law])
+            for law in dict.fromkeys(b.law for v in verdicts for b in v.broken)
+        ),
+    )
     for name, pairs in sections:
         if pairs:
             out.append(f"\n{name}: {len({seed for _, seed in pairs})} cameras")
@@ -169,7 +175,9 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=200, help="cameras to draw")
     parser.add_argument("--seed", type=int, default=1, help="of the first of them")
     parser.add_argument("--replay", type=int, metavar="SEED", help="one camera: its pipeline, its verdict")
-    parser.add_argument("-o", "--output", type=Path, default=Path("random_cameras"), help="folder for what breaks a law")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("random_cameras"), help="folder for what breaks a law"
+    )
     given = parser.parse_args()
     seeds = [given.replay] if given.replay is not None else range(given.seed, given.seed + given.count)
     verdicts, began = [], time.perf_counter()
@@ -179,7 +187,12 @@ def main() -> int:
             if verdicts[-1].broken:
                 keep(verdicts[-1], Path(folder), given.output)
         if sys.stderr.isatty():
-            print(f"\r{number} of {len(seeds)}, {sum(bool(v.broken) for v in verdicts)} broke a law ", end="", file=sys.stderr, flush=True)
+            print(
+                f"\r{number} of {len(seeds)}, {sum(bool(v.broken) for v in verdicts)} broke a law ",
+                end="",
+                file=sys.stderr,
+                flush=True,
+            )
     if given.replay is not None:
         print(toml_of(verdicts[0].document))
     print(table(verdicts))

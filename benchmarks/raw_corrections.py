@@ -2,8 +2,9 @@
 
     python benchmarks/raw_corrections.py [--pictures FOLDER] [--figure FILE.png]
 
-FOLDER holds pictures (.png, .tif), such as ../shared/data/demosaic/kodak: defects are put into their mosaics and corrected. Without it
-the sample picture of matplotlib is taken. A claim is printed with its bound; what misses it is marked and makes the exit code 1.
+FOLDER holds pictures (.png, .tif), such as ../shared/data/demosaic/kodak: defects are put into their mosaics and
+corrected. Without it the sample picture of matplotlib is taken. A claim is printed with its bound; what misses it is
+marked and makes the exit code 1.
 """
 
 from __future__ import annotations
@@ -59,9 +60,18 @@ def values(tree: Any, where: str) -> Any:
 # -- balance in front of the demosaicer -----------------------------------------------------------------------
 
 EDGE = {
-    "use": "slanted_edge", "name": "scene", "white_luminance": 300, "width": 420, "height": 420, "spacing": 0.7, "bin_width": 20,
-    "wavelength_from": 400, "wavelength_to": 700, "low": 0.1, "high": 0.9,
-}  # fmt: skip
+    "use": "slanted_edge",
+    "name": "scene",
+    "white_luminance": 300,
+    "width": 420,
+    "height": 420,
+    "spacing": 0.7,
+    "bin_width": 20,
+    "wavelength_from": 400,
+    "wavelength_to": 700,
+    "low": 0.1,
+    "high": 0.9,
+}
 
 
 LEVELS = {"white": "white", "clipping_level": "ideal_mosaic"}  # those of the mosaic: planes have none
@@ -87,20 +97,36 @@ def edge(demosaic: str, balanced: bool, illuminant: str) -> tuple[Any, Any]:
         "balance",
     ]
     planes: list[Any] = [
-        "no_mask", {"use": "ideal_mosaic", "name": "planes", "clip": False},
-        *([{"use": "balance_mosaic", "name": "planes_balanced", "from": {"white": "white"}}] if balanced else []), "no_demosaicing",
-        {"use": "camera_to_xyz", "name": "planes_xyz", "from": LEVELS | ({"white": "balance_mosaic"} if balanced else {})},
+        "no_mask",
+        {"use": "ideal_mosaic", "name": "planes", "clip": False},
+        *([{"use": "balance_mosaic", "name": "planes_balanced", "from": {"white": "white"}}] if balanced else []),
+        "no_demosaicing",
+        {
+            "use": "camera_to_xyz",
+            "name": "planes_xyz",
+            "from": LEVELS | ({"white": "balance_mosaic"} if balanced else {}),
+        },
         {"use": "balance", "name": "truth"},
-    ]  # fmt: skip
+    ]
     found = run(
-        [*stages, *planes], ["balance.xyz_scene", "truth.xyz_scene"], illuminant=illuminant, pixel_pitch=2.8, integration_time="4 ms"
+        [*stages, *planes],
+        ["balance.xyz_scene", "truth.xyz_scene"],
+        illuminant=illuminant,
+        pixel_pitch=2.8,
+        integration_time="4 ms",
     )
     return tuple(values(found, f"{name}.xyz_scene")[:, 8:-8, 8:-8] for name in ("balance", "truth"))  # type: ignore[return-value]
 
 
 def coloured_edges(figure: str) -> None:
-    print("balance_mosaic: a grey slanted edge, f/2.8, 2.8 um pixels, demosaiced from the camera's own channels and from balanced ones")
-    print(f"  {'demosaicer':32s} {'light':6s} {'chroma rms, C*':>22s} {'largest C*':>20s} {'zipper, share':>20s} {'false colour':>20s}")
+    print(
+        "balance_mosaic: a grey slanted edge, f/2.8, 2.8 um pixels, demosaiced from the camera's own channels and from "
+        "balanced ones"
+    )
+    print(
+        f"  {'demosaicer':32s} {'light':6s} {'chroma rms, C*':>22s} {'largest C*':>20s} {'zipper, share':>20s} "
+        f"{'false colour':>20s}"
+    )
     names = [n for n in installed_stages().names() if n.startswith("demosaic_")]
     shown: dict[tuple[str, str, bool], Any] = {}
     rms: dict[tuple[str, str, bool], float] = {}
@@ -161,7 +187,15 @@ def whites() -> None:
         "colorchecker": {"width": 560, "height": 420, "spacing": 2.0},
         "composite": {"width": 560, "height": 420, "spacing": 2.0},
     }
-    sensor = ["irradiance", {"use": "pixel", "rows": 150, "columns": 200}, "mosaic", "exposure", "shot_noise", "full_well", "read_noise"]
+    sensor = [
+        "irradiance",
+        {"use": "pixel", "rows": 150, "columns": 200},
+        "mosaic",
+        "exposure",
+        "shot_noise",
+        "full_well",
+        "read_noise",
+    ]
     sensor += ["adc", "linearise", "white"]
     worst: dict[str, float] = {}
     for scene, own in scenes.items():
@@ -176,19 +210,35 @@ def whites() -> None:
                     worst[method] = max(worst.get(method, 0.0), error)
             print(f"  {scene:16s} {light:8s}" + "".join(f"{c:>20s}" for c in cells))
     for method, bound in (("illuminant", 0.0), ("grey_world", 0.5), ("shades_of_grey", 0.5), ("white_patch", 1.5)):
-        claim(f"on a grey scene, with noise: {method}", f"<= {bound:g} deg", f"{worst[method]:.3f}", worst[method] <= bound)
+        claim(
+            f"on a grey scene, with noise: {method}",
+            f"<= {bound:g} deg",
+            f"{worst[method]:.3f}",
+            worst[method] <= bound,
+        )
 
 
 # -- shading --------------------------------------------------------------------------------------------------
 
 
 def even_light() -> None:
-    print("lens_shading: even light behind fall-off, a rim and the pixels' response by angle, 34 degrees in the corner, noise-free")
+    print(
+        "lens_shading: even light behind fall-off, a rim and the pixels' response by angle, 34 degrees in the corner, "
+        "noise-free"
+    )
     rim = {"rim_radius": 1.3, "rim_distance": 1.5}
     flat = {
-        "use": "uniform", "name": "scene", "white_luminance": 300, "width": 5600, "height": 4200, "spacing": 7.0, "bin_width": 100,
-        "wavelength_from": 400, "wavelength_to": 700, "reflectance": 0.5,
-    }  # fmt: skip
+        "use": "uniform",
+        "name": "scene",
+        "white_luminance": 300,
+        "width": 5600,
+        "height": 4200,
+        "spacing": 7.0,
+        "bin_width": 100,
+        "wavelength_from": 400,
+        "wavelength_to": 700,
+        "reflectance": 0.5,
+    }
     before = [
         flat,
         "irradiance",
@@ -201,8 +251,14 @@ def even_light() -> None:
     wanted = ["ideal_mosaic.mosaic_linear", "lens_shading.mosaic_linear"]
     tree = run([*before, *sensor, {"use": "lens_shading", "model": "disc", "power": 1.5, **rim}], wanted, **own)
     dark, even = (values(tree, w) for w in wanted)
-    uneven = [max(np.abs(m[r::2, c::2] / m[150 + r, 200 + c] - 1).max() for r, c in ((0, 0), (0, 1), (1, 1))) for m in (dark, even)]
-    print(f"  without: the corner has {1 - uneven[0]:.3f} of the light of the axis, which is at {dark.max():.2f} of saturation")
+    uneven = [
+        max(np.abs(m[r::2, c::2] / m[150 + r, 200 + c] - 1).max() for r, c in ((0, 0), (0, 1), (1, 1)))
+        for m in (dark, even)
+    ]
+    print(
+        f"  without: the corner has {1 - uneven[0]:.3f} of the light of the axis, which is at {dark.max():.2f} of "
+        f"saturation"
+    )
     claim("by the model of the lens: largest unevenness", "< 1e-4", f"{uneven[1]:.1e}", uneven[1] < 1e-4)
     y, x = 0.014 * (np.arange(300) - 149.5), 0.014 * (np.arange(400) - 199.5)
     noisy = np.random.default_rng(1).poisson(dark * 2e4, (16, *dark.shape)).mean(axis=0) / 2e4
@@ -213,7 +269,9 @@ def even_light() -> None:
     ):
         table = shading.calibrated(field, BAYER, y, x)
         gains = cfa.pick(np.stack([np.interp(radius, table.heights_mm, column) for column in table.gains.T]), BAYER)
-        worst = max(np.abs((m := dark * gains)[r::2, c::2] / m[150 + r, 200 + c] - 1).max() for r, c in ((0, 0), (0, 1), (1, 1)))
+        worst = max(
+            np.abs((m := dark * gains)[r::2, c::2] / m[150 + r, 200 + c] - 1).max() for r, c in ((0, 0), (0, 1), (1, 1))
+        )
         claim(f"by a table from {what}: largest unevenness", f"< {bound:g}", f"{worst:.1e}", worst < bound)
 
 
@@ -247,13 +305,19 @@ def by_median(mosaic: Any, sigma: Any, threshold: float) -> tuple[Any, Any]:
     quincunx = ring.copy()
     quincunx[1::2, 1::2] = True
     green = cfa.channel_index(BAYER, *mosaic.shape) == 1
-    median = np.where(green, median_filter(mosaic, footprint=quincunx, mode="mirror"), median_filter(mosaic, footprint=ring, mode="mirror"))
+    median = np.where(
+        green,
+        median_filter(mosaic, footprint=quincunx, mode="mirror"),
+        median_filter(mosaic, footprint=ring, mode="mirror"),
+    )
     chosen = np.abs(mosaic - median) > threshold * sigma(median)
     return np.where(chosen, median, mosaic), chosen
 
 
 def corrected(truth: Any, rng: Any) -> dict[str, tuple[float, ...]]:
-    """Share found of what stands out, false alarms, rms error of repaired pixels, ms/Mpixel: of one mosaic, by method."""
+    """Share found of what stands out, false alarms, rms error of repaired pixels, ms/Mpixel: of one mosaic, by
+    method.
+    """
     electrons, dark = 1e4, 5e-4
 
     def sigma(m: Any) -> Any:
@@ -278,28 +342,50 @@ def corrected(truth: Any, rng: Any) -> dict[str, tuple[float, ...]]:
 
     for contrast in (0.0, 0.5, 1.0, 2.0):
         chosen = search(contrast)
-        add(f"ours, contrast {contrast:g}", defect_correction.replaced(broken, chosen, BAYER)[0], chosen, lambda c=contrast: search(c))  # type: ignore[misc]
+        add(
+            f"ours, contrast {contrast:g}",
+            defect_correction.replaced(broken, chosen, BAYER)[0],
+            chosen,
+            lambda c=contrast: search(c),
+        )  # type: ignore[misc]
     repaired, _ = defect_correction.replaced(broken, known, BAYER)
     add("ours, by the map", repaired, known, lambda: defect_correction.replaced(broken, known, BAYER))
     for threshold in (4.0, 20.0, 60.0):
         found, chosen = by_median(broken, sigma, threshold)
-        add(f"peer: median of the neighbours, {threshold:g} sigma", found, chosen, lambda t=threshold: by_median(broken, sigma, t))  # type: ignore[misc]
+        add(
+            f"peer: median of the neighbours, {threshold:g} sigma",
+            found,
+            chosen,
+            lambda t=threshold: by_median(broken, sigma, t),
+        )  # type: ignore[misc]
     every = np.where(known, by_median(broken, sigma, 0.0)[0], broken)
     add("peer: median of the neighbours, by the map", every, known, lambda: by_median(broken, sigma, 0.0))
     return rows
 
 
 def defects(folder: str) -> None:
-    print("correct_defects: 0.1 % hot and dead pixels in mosaics with noise (10000 electrons at 1, 5 in the dark); means over the pictures")
+    print(
+        "correct_defects: 0.1 % hot and dead pixels in mosaics with noise (10000 electrons at 1, 5 in the dark); means "
+        "over the pictures"
+    )
     rng = np.random.default_rng(3)
     heads = ("found", "false alarms", "rms error", "ms/Mpixel")
-    print(f"  {'method':48s}" + "".join(f"{h:>14s}" for h in heads) + "   (of those 5 sigma off; of sound pixels; of repaired pixels)")
+    print(
+        f"  {'method':48s}"
+        + "".join(f"{h:>14s}" for h in heads)
+        + "   (of those 5 sigma off; of sound pixels; of repaired pixels)"
+    )
     found = [corrected(cfa.pick(planes, BAYER), rng) for planes in pictures(folder).values()]
     means = {name: np.nanmean([own[name] for own in found], axis=0) for name in found[0]}
     for name, (share, alarms, error, cost) in means.items():
         print(f"  {name:48s}{share:14.3f}{alarms:14.2e}{error:14.4f}{cost:14.1f}")
     ours, peer = means["ours, contrast 2"], means["peer: median of the neighbours, 60 sigma"]
-    claim("contrast 2 against the median at 60 sigma: share of defects found", f"> {peer[0]:.3f}", f"{ours[0]:.3f}", ours[0] > peer[0])
+    claim(
+        "contrast 2 against the median at 60 sigma: share of defects found",
+        f"> {peer[0]:.3f}",
+        f"{ours[0]:.3f}",
+        ours[0] > peer[0],
+    )
     claim("with fewer sound pixels replaced", f"< {peer[1]:.1e}", f"{ours[1]:.1e}", ours[1] < peer[1])
     claim("at several times its speed, ms/Mpixel", f"< {peer[3]:.0f}", f"{ours[3]:.0f}", ours[3] < peer[3])
     mapped, peer = means["ours, by the map"][2], means["peer: median of the neighbours, by the map"][2]
@@ -314,7 +400,10 @@ def times() -> None:
     corrected = installed_stages().load("lens_shading")(focal_length=3.0)
     calls = {
         "balance_mosaic": (lambda: white_balance.balanced(mosaic, [1.5, 1.0, 2.0], BAYER, ceiling=1.0), 10),
-        "white_estimate": (lambda: white_balance.grey_world(white_balance.cell_means(mosaic, BAYER, 4, 0.98, 0.0)[0]), 60),
+        "white_estimate": (
+            lambda: white_balance.grey_world(white_balance.cell_means(mosaic, BAYER, 4, 0.98, 0.0)[0]),
+            60,
+        ),
         "lens_shading (cos4)": (lambda: corrected.run(mosaic, line, line, 2 * (line - 500), 2 * (line - 500)), 100),
         "correct_defects, search": (lambda: defect_correction.outliers(mosaic, BAYER, 1e-3, 1e4, 0.01), 150),
         "correct_defects, repair of 0.1 %": (lambda: defect_correction.replaced(mosaic, flags, BAYER), 20),

@@ -2,8 +2,9 @@
 
     python benchmarks/raw_to_colour.py [--columns 4000 --rows 3000] [--start raw] [--pictures] [--archive]
 
-In strips as the engine works large frames, and with every cell whole; each way in a process of its own, on one thread. Memory is the
-largest resident set above that of the interpreter after a small frame of the same camera. One variable is kept: the picture.
+In strips as the engine works large frames, and with every cell whole; each way in a process of its own, on one thread.
+Memory is the largest resident set above that of the interpreter after a small frame of the same camera. One variable is
+kept: the picture.
 """
 
 from __future__ import annotations
@@ -28,7 +29,16 @@ sys.path.insert(0, str(Path(__file__).parent))
 from etendue.api import Bands, Facts, Grid, Line, Source, hookimpl, param
 
 WAYS = ("in strips", "whole")
-CHAIN = ("exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise", "demosaic_colour_difference", "sharpen")
+CHAIN = (
+    "exposure",
+    "shot_noise",
+    "full_well",
+    "read_noise",
+    "adc",
+    "linearise",
+    "demosaic_colour_difference",
+    "sharpen",
+)
 BEHIND = ("white", "colour_fit", "camera_to_xyz", "balance", "display", "encode")
 EDGES = tuple(float(edge) for edge in range(400, 701, 50))
 
@@ -47,7 +57,10 @@ class _Frame(Source):
     }
 
     def describe(self) -> Any:
-        lines = {dim: Line(size, 0.0, 1.0, "pixel", (-0.5 * (size - 1), 1.0)) for dim, size in (("y", self.rows), ("x", self.columns))}
+        lines = {
+            dim: Line(size, 0.0, 1.0, "pixel", (-0.5 * (size - 1), 1.0))
+            for dim, size in (("y", self.rows), ("x", self.columns))
+        }
         bands = Grid.of({"wavelength": Bands(EDGES)})
         return Facts(), {self.light: Grid.of(lines), "white_radiance": bands, "white_irradiance": bands}
 
@@ -92,10 +105,21 @@ def etendue_stages() -> dict[str, Any]:
 def pipeline(start: str, rows: int, columns: int) -> dict[str, Any]:
     chain = CHAIN if start == "light" else CHAIN[CHAIN.index("linearise") :]
     return {
-        "name": "frame", "precision": "float32", "keep": ["rgb_display"], "wanted": ["rgb_display"],
-        "camera": {"peak_qe": [0.4, 0.5, 0.3], "pixel_pitch": 2.0, "integration_time": 0.01, "full_well_density": 2000.0},
-        "stages": [{"use": f"{start}_frame", "name": "frame", "rows": rows, "columns": columns}, *({"use": n} for n in (*chain, *BEHIND))],
-    }  # fmt: skip
+        "name": "frame",
+        "precision": "float32",
+        "keep": ["rgb_display"],
+        "wanted": ["rgb_display"],
+        "camera": {
+            "peak_qe": [0.4, 0.5, 0.3],
+            "pixel_pitch": 2.0,
+            "integration_time": 0.01,
+            "full_well_density": 2000.0,
+        },
+        "stages": [
+            {"use": f"{start}_frame", "name": "frame", "rows": rows, "columns": columns},
+            *({"use": n} for n in (*chain, *BEHIND)),
+        ],
+    }
 
 
 def peak() -> int:
@@ -127,7 +151,13 @@ def measure(way: str, asked: argparse.Namespace) -> None:
         base, wall, cpu = peak(), time.perf_counter(), time.process_time()
         outcome = run(asked.rows, asked.columns, folder)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        found = {"memory": peak() - base, "base": base, "wall": wall, "cpu": cpu, "failed": [r.message for r in outcome.failed]}
+        found = {
+            "memory": peak() - base,
+            "base": base,
+            "wall": wall,
+            "cpu": cpu,
+            "failed": [r.message for r in outcome.failed],
+        }
         found["expected"] = peak_memory(outcome.plan, 1, not asked.archive).bytes
         if outcome.tree is None:
             import xarray
@@ -142,8 +172,12 @@ def main() -> int:
     parser.add_argument("--rows", type=int, default=3000)
     parser.add_argument("--columns", type=int, default=4000)
     parser.add_argument("--start", choices=("light", "raw"), default="light")
-    parser.add_argument("--pictures", action="store_true", help="with pictures of every stage, as simulate() makes them")
-    parser.add_argument("--archive", action="store_true", help="kept in Zarr instead of in memory; with the contact sheet")
+    parser.add_argument(
+        "--pictures", action="store_true", help="with pictures of every stage, as simulate() makes them"
+    )
+    parser.add_argument(
+        "--archive", action="store_true", help="kept in Zarr instead of in memory; with the contact sheet"
+    )
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=WAYS)
     parser.add_argument("--one", choices=WAYS, help=argparse.SUPPRESS)
     asked = parser.parse_args()
@@ -151,16 +185,24 @@ def main() -> int:
         measure(asked.one, asked)
         return 0
     pixels = asked.rows * asked.columns
-    print(f"{asked.columns} x {asked.rows} pixels, from {asked.start} to encoded colour, float32, one thread, one variable kept")
+    print(
+        f"{asked.columns} x {asked.rows} pixels, from {asked.start} to encoded colour, float32, one thread, one "
+        f"variable kept"
+    )
     digests = set()
     for way in asked.ways:
-        done = subprocess.run([sys.executable, __file__, *sys.argv[1:], "--one", way], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, __file__, *sys.argv[1:], "--one", way], capture_output=True, text=True, check=False
+        )
         if done.returncode:
             raise SystemExit(done.stderr)
         found = json.loads(done.stdout.strip().splitlines()[-1])
         assert not found["failed"], found["failed"]
         digests.add(found["digest"])
-        memory = f"{found['memory'] / 1e6:6.0f} MB above {found['base'] / 1e6:.0f}   {found['memory'] / pixels:6.1f} bytes a pixel"
+        memory = (
+            f"{found['memory'] / 1e6:6.0f} MB above {found['base'] / 1e6:.0f}   {found['memory'] / pixels:6.1f} "
+            f"bytes a pixel"
+        )
         expected = f"{found['expected'] / 1e6:.0f} MB expected by the plan"
         print(f"{way:10s} peak {memory}, {expected}   CPU {found['cpu']:6.2f} s   wall {found['wall']:6.2f} s")
     print("same bits" if len(digests) == 1 else f"other bits: {digests}")

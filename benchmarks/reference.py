@@ -2,8 +2,8 @@
 
     python benchmarks/reference.py
 
-The allowed error is 1e-14 x max(1, cond) in float64 and 3e-7 x max(1, cond) in float32 (relative); the last columns are the largest
-error as a share of it. A case is skipped where the kernel refuses its input by rule, and that is said.
+The allowed error is 1e-14 x max(1, cond) in float64 and 3e-7 x max(1, cond) in float32 (relative); the last columns are
+the largest error as a share of it. A case is skipped where the kernel refuses its input by rule, and that is said.
 """
 
 from __future__ import annotations
@@ -82,25 +82,46 @@ KERNELS: dict[str, tuple[Callable[..., Any], bool]] = {
     "photons_from_energy": (lambda dt, **v: radiometry.photons_from_energy(v["E_J"], v["lam_um"]), False),
     "i_max": (lambda dt, **v: dynamic_range.saturation_current(v["Qmax_e"], v["t_s"], v["idc_A"]), False),
     "i_min": (lambda dt, **v: dynamic_range.smallest_current(v["t_s"], v["idc_A"], v["sr_e"], v["sdsnu_e"]), False),
-    "dr_db": (lambda dt, **v: dynamic_range.dynamic_range_elgamal(v["Qmax_e"], _dark(v), v["sr_e"], v["sdsnu_e"]), False),
+    "dr_db": (
+        lambda dt, **v: dynamic_range.dynamic_range_elgamal(v["Qmax_e"], _dark(v), v["sr_e"], v["sdsnu_e"]),
+        False,
+    ),
     "snr_db": (lambda dt, **v: dynamic_range.snr_db(v["Ne"], _dark(v), v["sr_e"], v["sdsnu_e"], v["prnu"]), False),
     "emva_snr": (lambda dt, **v: dynamic_range.emva_snr(v["mu_p"], v["eta"], v["K_DN_per_e"], v["sigma_d_e"]), False),
-    "emva_mu_p_min": (lambda dt, **v: dynamic_range.emva_smallest_photons(v["eta"], v["K_DN_per_e"], v["sigma_d_e"]), False),
-    "emva_mu_p_min_approx": (lambda dt, **v: dynamic_range.emva_smallest_photons_approx(v["eta"], v["K_DN_per_e"], v["sigma_d_e"]), False),
+    "emva_mu_p_min": (
+        lambda dt, **v: dynamic_range.emva_smallest_photons(v["eta"], v["K_DN_per_e"], v["sigma_d_e"]),
+        False,
+    ),
+    "emva_mu_p_min_approx": (
+        lambda dt, **v: dynamic_range.emva_smallest_photons_approx(v["eta"], v["K_DN_per_e"], v["sigma_d_e"]),
+        False,
+    ),
     "poisson_pmf": (lambda dt, **v: distributions.poisson_pmf(v["k"], v["lam"]), False),
     "poisson_logpmf": (lambda dt, **v: distributions.poisson_logpmf(v["k"], v["lam"]), False),
     "quantised_gauss": (lambda dt, **v: distributions.quantised_gauss_moments(v["mu_lsb"], v["sigma_lsb"]), False),
     "lab": (lambda dt, **v: difference.lab(A([v["X"], v["Y"], v["Z"]]), A([v["Xn"], v["Yn"], v["Zn"]])), False),
-    "de2000": (lambda dt, **v: difference.delta_e_2000(A([v["L1"], v["a1"], v["b1"]]), A([v["L2"], v["a2"], v["b2"]])), False),
+    "de2000": (
+        lambda dt, **v: difference.delta_e_2000(A([v["L1"], v["a1"], v["b1"]]), A([v["L2"], v["a2"], v["b2"]])),
+        False,
+    ),
     "srgb_encode": (lambda dt, **v: encoding.srgb_encode(A(v["v"], dt)), True),
     "srgb_decode": (lambda dt, **v: encoding.srgb_decode(A(v["v"], dt)), True),
     "bt709_encode": (lambda dt, **v: encoding.bt709_encode(A(v["v"], dt)), True),
     "gamma_signed": (lambda dt, **v: encoding.gamma_signed(A(v["v"], dt), v["gamma"]), True),
     "planck_photon_radiance": (lambda dt, **v: planck.planck_photon_radiance(v["lam_um"], v["T_K"]), False),
     "planck_ratio": (lambda dt, **v: planck.planck_ratio(v["lam_um"], v["T_K"], v["lam0_um"]), False),
-    "laplacian_response": (lambda dt, **v: sharpening.laplacian_response(v["fy_cyc_per_px"], v["fx_cyc_per_px"]), False),
-    "sharpen_response": (lambda dt, **v: sharpening.sharpen_response(v["fy_cyc_per_px"], v["fx_cyc_per_px"], v["k"]), False),
-    "wiener_gain": (lambda dt, **v: _pair(deconvolution.wiener_gain(A(complex(v["H_re"], v["H_im"])), v["nsr"])), False),
+    "laplacian_response": (
+        lambda dt, **v: sharpening.laplacian_response(v["fy_cyc_per_px"], v["fx_cyc_per_px"]),
+        False,
+    ),
+    "sharpen_response": (
+        lambda dt, **v: sharpening.sharpen_response(v["fy_cyc_per_px"], v["fx_cyc_per_px"], v["k"]),
+        False,
+    ),
+    "wiener_gain": (
+        lambda dt, **v: _pair(deconvolution.wiener_gain(A(complex(v["H_re"], v["H_im"])), v["nsr"])),
+        False,
+    ),
     "two_point_saddle": (lambda dt, **v: diffraction.two_point_saddle(v["sep_in_lambda_over_NA"]), False),
 }
 
@@ -110,7 +131,9 @@ def richardson_lucy(cases: Any) -> tuple[float, float]:
     worst = 0.0
     for case in cases:
         data, kernel = A([case["y"]], float), A([case["h"]], float)
-        found, _ = deconvolution.richardson_lucy_periodic(data, scipy.fft.rfft2(kernel / kernel.sum()), case["iterations"])
+        found, _ = deconvolution.richardson_lucy_periodic(
+            data, scipy.fft.rfft2(kernel / kernel.sum()), case["iterations"]
+        )
         worst = max(worst, float(np.abs(found[0] - A(case["out"], float)).max()))
     return worst, 1e-13
 
@@ -144,7 +167,10 @@ def demosaicing(cases: Any) -> tuple[float, float]:
     worst = 0.0
     for case in cases:
         first, last = case["rows_cols"]
-        for name, method in (("bilinear", bilinear.bilinear), ("colour_difference_bilinear", bilinear.colour_difference)):
+        for name, method in (
+            ("bilinear", bilinear.bilinear),
+            ("colour_difference_bilinear", bilinear.colour_difference),
+        ):
             planes = method(A(case["mosaic"]), case["pattern_top_left_row_major"])
             found = np.moveaxis(planes, 0, -1)[first:last, first:last]
             worst = max(worst, float(np.abs(found - A(case[name], float)).max()))
@@ -175,7 +201,9 @@ def errors(group: dict[str, Any], kernel: Callable[..., Any], kind: Any) -> tupl
             continue
         tolerance = unit * max(1.0, float(case.get("cond") or 0.0))
         if group["name"] == "quantised_gauss" and inputs["sigma_lsb"] > 0:
-            tolerance *= max(1.0, 0.25 / inputs["sigma_lsb"] ** 2)  # sensitivity of the variance to sigma; the file gives none
+            tolerance *= max(
+                1.0, 0.25 / inputs["sigma_lsb"] ** 2
+            )  # sensitivity of the variance to sigma; the file gives none
         for x, y in zip(found, truth, strict=True):
             if x == y or (math.isnan(x) and math.isnan(y)) or (abs(y) < 1e-50 and abs(x) < 1e-50):
                 continue

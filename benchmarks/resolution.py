@@ -1,4 +1,5 @@
-"""Measured resolution: slanted and curved edges, their intervals, stars, dead leaves, two points; each against its truth.
+"""Measured resolution: slanted and curved edges, their intervals, stars, dead leaves, two points; each against its
+truth.
 
     python benchmarks/resolution.py [--seeds 200]
 
@@ -61,7 +62,10 @@ def head(text, peer="ISO 12233"):
 
 
 def straight() -> None:
-    head("MTF50 of straight edges, noise-free, 200 x 400 pixels, 4 Gaussians and 7 lenses with a pixel: error, smallest and largest")
+    head(
+        "MTF50 of straight edges, noise-free, 200 x 400 pixels, 4 Gaussians and 7 lenses with a pixel: error, smallest "
+        "and largest"
+    )
     for angle in ANGLES:
         found, peer = [], []
         for mtf in systems(angle).values():
@@ -104,14 +108,25 @@ def curved() -> None:
 
 
 def knobs() -> None:
-    print("\nerror against run time, f/1.4 on 8 um pixels (MTF50 above Nyquist) and f/8 on 5.4 um, 5 degrees: error of MTF50, CPU ms")
+    print(
+        "\nerror against run time, f/1.4 on 8 um pixels (MTF50 above Nyquist) and f/8 on 5.4 um, 5 degrees: error of "
+        "MTF50, CPU ms"
+    )
     chosen = ["f/1.4, 8 um, 0.55 um light", "f/8, 5.4 um, 0.55 um light"]
     mtfs = [systems(5.0)[name] for name in chosen]
     pictures, truths = [edge(mtf, 5.0) for mtf in mtfs], [half(mtf) for mtf in mtfs]
-    ways = {f"spline, {k} knots a pixel": (lambda p, k=k: slanted_edge(p, knots_per_pixel=k).mtf50) for k in (2, 3, 4, 6, 8, 16)}
+    ways = {
+        f"spline, {k} knots a pixel": (lambda p, k=k: slanted_edge(p, knots_per_pixel=k).mtf50)
+        for k in (2, 3, 4, 6, 8, 16)
+    }
     ways["ISO, all corrections"] = lambda p: slanted_edge(p, method="iso").mtf50
-    options = {"Hamming window": {"window": "hamming"}, "no derivative correction": {"derivative": False}, "no cosine": {"cosine": False},
-               "8 bins a pixel": {"bins": 8}, "16 bins a pixel": {"bins": 16}}  # fmt: skip
+    options = {
+        "Hamming window": {"window": "hamming"},
+        "no derivative correction": {"derivative": False},
+        "no cosine": {"cosine": False},
+        "8 bins a pixel": {"bins": 8},
+        "16 bins a pixel": {"bins": 16},
+    }
     for what, option in options.items():
         ways[f"ISO, {what}"] = lambda p, option=option: crossing(edge_bins.binned(p, **option)[1])
     for what, way in ways.items():
@@ -196,11 +211,19 @@ def places() -> None:
     y, x = np.mgrid[:300, :400]
     for angle in (5.0, 10.0, 30.0, 40.0):
         turn = np.radians(angle)
-        u, v = (x - 180.3) * np.cos(turn) + (y - 140) * np.sin(turn), (y - 140) * np.cos(turn) - (x - 180.3) * np.sin(turn)
+        u, v = (
+            (x - 180.3) * np.cos(turn) + (y - 140) * np.sin(turn),
+            (y - 140) * np.cos(turn) - (x - 180.3) * np.sin(turn),
+        )
         bars = [ndtr((part + 75) / 0.6) - ndtr((part - 75) / 0.6) for part in (u, v)]
         picture = 0.2 + 0.6 * bars[0] * bars[1] + 0.2 * ((x > 330) & (x < 370) & (y > 100))
         error = 100 * (edge_resolution(picture, find=True, draws=50).mtf50 * 0.6 / FIFTY - 1)
-        claim(f"  side of a square of 150 px turned by {angle:g} degrees, beside a bar", "0.5 %", f"{error:+.4f} %", abs(error) < 0.5)
+        claim(
+            f"  side of a square of 150 px turned by {angle:g} degrees, beside a bar",
+            "0.5 %",
+            f"{error:+.4f} %",
+            abs(error) < 0.5,
+        )
 
 
 def star_picture(cycles, shape, centre, sigma):
@@ -213,27 +236,50 @@ def star_picture(cycles, shape, centre, sigma):
 
 
 def stars() -> None:
-    head("MTF50 of a Siemens star, centre searched from 0.8 px away; noise of 4 % of the step, 20 seeds: mean error, scatter", "")
+    head(
+        "MTF50 of a Siemens star, centre searched from 0.8 px away; noise of 4 % of the step, 20 seeds: mean error, "
+        "scatter",
+        "",
+    )
     for cycles, radius, bound in ((36, 140, 0.2), (72, 180, 0.1), (144, 280, 0.05)):
         for sigma in (0.35, 0.6, 1.2):
             centre = (radius + 10.3, radius + 14.8)
             picture = star_picture(cycles, (2 * radius + 20, 2 * radius + 31), centre, sigma)
             start = (centre[0] + 0.6, centre[1] - 0.5)
-            (found, seconds) = cpu(lambda p=picture, c=cycles, r=radius, s=start: star_response(p, c, r, centre=s, contrast=0.8), 1)
+            (found, seconds) = cpu(
+                lambda p=picture, c=cycles, r=radius, s=start: star_response(p, c, r, centre=s, contrast=0.8), 1
+            )
             blind = star_response(picture, cycles, radius, centre=start).mtf50 * sigma / FIFTY - 1
             error = 100 * (found.mtf50 * sigma / FIFTY - 1)
             noisy = [
-                100 * (star_response(picture + np.random.default_rng(s).normal(0, 0.032, picture.shape), cycles, radius,
-                                     centre=start, contrast=0.8).mtf50 * sigma / FIFTY - 1)
+                100
+                * (
+                    star_response(
+                        picture + np.random.default_rng(s).normal(0, 0.032, picture.shape),
+                        cycles,
+                        radius,
+                        centre=start,
+                        contrast=0.8,
+                    ).mtf50
+                    * sigma
+                    / FIFTY
+                    - 1
+                )
                 for s in range(20)
-            ]  # fmt: skip
-            what = f"  {cycles} cycles, {radius} px, Gaussian {sigma:g} px ({1e3 * seconds:.0f} ms; contrast unknown: {100 * blind:+.3f} %)"
+            ]
+            what = (
+                f"  {cycles} cycles, {radius} px, Gaussian {sigma:g} px ({1e3 * seconds:.0f} ms; contrast unknown: "
+                f"{100 * blind:+.3f} %)"
+            )
             said = f"{error:+.3f} % {np.mean(noisy):+.2f} {np.std(noisy):.2f}"
             claim(what, f"{bound:g} %", said, abs(error) < bound and abs(np.mean(noisy)) < 0.5)
 
 
 def textures() -> None:
-    head("dead leaves, 400 x 400 pixels, radii 4 to 60 px, original rendered with 0.7 px: cross spectrum, MTF50", "power spectrum")
+    head(
+        "dead leaves, 400 x 400 pixels, radii 4 to 60 px, original rendered with 0.7 px: cross spectrum, MTF50",
+        "power spectrum",
+    )
     places = np.arange(400) - 199.5
     chart = leaves(500.0, 500.0, 4.0, 60.0, 0.1, 0.9, 1)
     original = dead_leaves(places, places, chart, 0.7)
@@ -258,14 +304,26 @@ def points() -> None:
     for separation, value in ((0.4, 1.0), (0.5, 0.98271), (0.6, 0.76112)):
         found = float(two_points.two_point_saddle(2 * spot * separation, otf, 1 / spot)[0])
         exact = float(diffraction.two_point_saddle(separation)[0])
-        claim(f"  saddle at {separation:g} lambda/NA", f"{value:g}", f"{found:.5f}", abs(found - value) < 6e-6, f"{exact:.5f}")
+        claim(
+            f"  saddle at {separation:g} lambda/NA",
+            f"{value:g}",
+            f"{found:.5f}",
+            abs(found - value) < 6e-6,
+            f"{exact:.5f}",
+        )
     for what, call, exact in (
         ("Sparrow", two_points.sparrow_separation, diffraction.SPARROW),
         ("Rayleigh", two_points.rayleigh_separation, diffraction.RAYLEIGH),
     ):
         found, seconds = cpu(lambda call=call: call(otf, 1 / spot) / spot, 3)
         said = f"{found:.9f}"
-        claim(f"  {what}, in lambda N ({1e3 * seconds:.0f} ms)", f"{exact:.6f}", said, abs(found / exact - 1) < 1e-9, f"{exact:.9f}")
+        claim(
+            f"  {what}, in lambda N ({1e3 * seconds:.0f} ms)",
+            f"{exact:.6f}",
+            said,
+            abs(found / exact - 1) < 1e-9,
+            f"{exact:.9f}",
+        )
 
 
 def main() -> int:

@@ -1,13 +1,15 @@
-"""Sharpening, deconvolution and denoising on an edge and a texture: error against run time, gain in MTF50, price in noise.
+"""Sharpening, deconvolution and denoising on an edge and a texture: error against run time, gain in MTF50, price in
+noise.
 
     python benchmarks/restoration.py [--pictures FOLDER]
 
-Scene: overlapping discs of all sizes above a slanted edge, 160 x 160 pixels of 4 um, drawn 6 times finer. Camera: diffraction at f/4
-and 0.55 um, charge diffusion of 1.2 um, a pixel aperture of 0.86; then the noise of a full well of 16000, 2000 and 300 electrons.
-Truth: the scene itself, band-limited to the pixel's Nyquist frequency. Every method sees the same picture; peers are the usual few
-lines. With --pictures (photographs, taken as drawn 4 times finer) the error is the mean over them.
-Prints the error, the gain in MTF50 and the price in noise (predicted, and measured on a noise-free edge and on a flat field), and
-CPU time; then the claims with their bounds.
+Scene: overlapping discs of all sizes above a slanted edge, 160 x 160 pixels of 4 um, drawn 6 times finer. Camera:
+diffraction at f/4 and 0.55 um, charge diffusion of 1.2 um, a pixel aperture of 0.86; then the noise of a full well of
+16000, 2000 and 300 electrons.
+Truth: the scene itself, band-limited to the pixel's Nyquist frequency. Every method sees the same picture; peers are
+the usual few lines. With --pictures (photographs, taken as drawn 4 times finer) the error is the mean over them.
+Prints the error, the gain in MTF50 and the price in noise (predicted, and measured on a noise-free edge and on a flat
+field), and CPU time; then the claims with their bounds.
 """
 
 from __future__ import annotations
@@ -43,7 +45,12 @@ READ = 5.0  # electrons
 def system(fy: Any, fx: Any) -> Any:
     """Transfer function of the camera, cycles/pixel."""
     f = np.hypot(fy, fx) / PITCH
-    return diffraction.circular_otf(f, WAVELENGTH, F_NUMBER) * np.sinc(0.86 * fy) * np.sinc(0.86 * fx) * np.exp(-2 * (1.2 * np.pi * f) ** 2)
+    return (
+        diffraction.circular_otf(f, WAVELENGTH, F_NUMBER)
+        * np.sinc(0.86 * fy)
+        * np.sinc(0.86 * fx)
+        * np.exp(-2 * (1.2 * np.pi * f) ** 2)
+    )
 
 
 def seen(scene: Any, finer: int) -> tuple[Any, Any]:
@@ -69,20 +76,25 @@ def discs_and_edge() -> Any:
 
 
 def edge_picture(contrast: float = 0.6, angle: float = 5.0, rows: int = 120, columns: int = 160) -> Any:
-    """A noise-free edge behind the camera, exact: a square wave's harmonics through the transfer function along its normal."""
+    """A noise-free edge behind the camera, exact: a square wave's harmonics through the transfer function along its
+    normal.
+    """
     c, s, fine, period = math.cos(math.radians(angle)), math.sin(math.radians(angle)), 32, 4096
     k = np.arange(fine * period // 2 + 1)
     harmonic = np.where(k % 2 == 1, system(k / period * s, k / period * c) / (np.pi * np.maximum(k, 1)), 0.0)
-    wave = CubicSpline(np.arange(-600 * fine, 600 * fine) / fine, (0.5 + np.fft.irfft(-1j * harmonic * fine * period))[
-        np.arange(-600 * fine, 600 * fine)
-    ])  # fmt: skip
+    wave = CubicSpline(
+        np.arange(-600 * fine, 600 * fine) / fine,
+        (0.5 + np.fft.irfft(-1j * harmonic * fine * period))[np.arange(-600 * fine, 600 * fine)],
+    )
     y, x = np.mgrid[:rows, :columns]
     return 0.5 + contrast * (wave((x - 0.5 * columns + 0.3) * c + (y - 0.5 * rows + 0.2) * s) - 0.5)
 
 
 @dataclass(frozen=True)
 class Method:
-    """``run`` of a picture; its response along a line and its price in noise where it is linear (around an even ground)."""
+    """``run`` of a picture; its response along a line and its price in noise where it is linear (around an even
+    ground).
+    """
 
     run: Callable[[Any], Any]
     response: Callable[[Any, Any], Any] | None = None
@@ -119,7 +131,11 @@ def wiener(variance: float, contrast: float = 0.2) -> Method:
         ratio = np.where((fy == 0) & (fx == 0), 0.0, ratio)
         return deconvolution.limited(deconvolution.wiener_gain(system(fy, fx), ratio), 10.0)
 
-    return Method(lambda p: deconvolution.apply(p, gain(*plane_of(p.shape))), gain, half_price(gain(*plane_of((PIXELS, PIXELS))), PIXELS))
+    return Method(
+        lambda p: deconvolution.apply(p, gain(*plane_of(p.shape))),
+        gain,
+        half_price(gain(*plane_of((PIXELS, PIXELS))), PIXELS),
+    )
 
 
 def lucy(iterations: int, variation: float = 0.0, shot: float = 0.0, floor: float = 0.0, start: str = "data") -> Method:
@@ -127,7 +143,9 @@ def lucy(iterations: int, variation: float = 0.0, shot: float = 0.0, floor: floa
 
     def run(p: Any) -> Any:
         residual = 0.7 * math.sqrt(shot * max(float(p.mean()), 0.0) + floor)
-        return deconvolution.richardson_lucy(p[None], system(*plane_of(p.shape)), iterations, variation, residual, 0.0, start)[0][0]
+        return deconvolution.richardson_lucy(
+            p[None], system(*plane_of(p.shape)), iterations, variation, residual, 0.0, start
+        )[0][0]
 
     if variation or shot:
         return Method(run, steady=not shot)
@@ -172,12 +190,15 @@ def methods(shot: float, floor: float) -> dict[str, Method]:
     found = {"none": Method(lambda p: p, lambda fy, fx: np.ones(np.broadcast(fy, fx).shape), 1.0)}
     for k in (0.05, 0.15):
         found[f"sharpen, k = {k}"] = Method(
-            lambda p, k=k: sharpening.sharpen(p, k), lambda fy, fx, k=k: sharpening.sharpen_response(fy, fx, k), sharpening.noise_gain(k)
+            lambda p, k=k: sharpening.sharpen(p, k),
+            lambda fy, fx, k=k: sharpening.sharpen_response(fy, fx, k),
+            sharpening.noise_gain(k),
         )
     found["unsharp, 0.7 pixel, 0.8"] = Method(
-        lambda p: sharpening.unsharp(p, 0.7, 0.8), lambda fy, fx: sharpening.unsharp_response(fy, fx, 0.7, 0.8),
+        lambda p: sharpening.unsharp(p, 0.7, 0.8),
+        lambda fy, fx: sharpening.unsharp_response(fy, fx, 0.7, 0.8),
         sharpening.unsharp_noise_gain(0.7, 0.8),
-    )  # fmt: skip
+    )
     found["wiener"] = wiener(variance)
     found["richardson_lucy, 10"] = lucy(10)
     found["  until the noise"] = lucy(10, 0.0, shot, floor)
@@ -246,7 +267,10 @@ def table(pictures: list[tuple[Any, Any]]) -> list[tuple[str, float, float]]:
                 size = math.sqrt(shot * 0.4 + floor)
             price = float((method.run(0.4 + size * flat) - 0.4)[INNER].std() / (size * flat)[INNER].std())
             seconds = cpu(lambda m=method, p=noisy[0]: m.run(p))
-            print(f"{name:42}{error:10.4f}{gain:12.3f}{measured:10.3f}{method.price or math.nan:12.3f}{price:10.3f}{1e3 * seconds:8.1f}")
+            print(
+                f"{name:42}{error:10.4f}{gain:12.3f}{measured:10.3f}{method.price or math.nan:12.3f}{price:10.3f}"
+                f"{1e3 * seconds:8.1f}"
+            )
             if method.price is not None and not name.startswith("peer"):
                 small = mtf50_gains(method, faint)[1] if "lucy" in name else measured  # what its figures are about
                 checked.append((f"MTF50 gain of {name}, {well:g} e", gain, small))
@@ -271,12 +295,19 @@ def against_time() -> None:
     gain = wiener(1e-4).response(*plane_of(plane.shape))
     pairs = {
         "sharpen | ndimage.convolve": (lambda: sharpening.sharpen(plane, 0.15), lambda: ndimage.convolve(plane, taps)),
-        "unsharp | ndimage.gaussian_filter": (lambda: sharpening.unsharp(plane, 0.7, 0.8), lambda: ndimage.gaussian_filter(plane, 0.7)),
-        "wiener, gain at hand | float64 fft2": (
-            lambda: deconvolution.apply(plane, gain), lambda: np.fft.ifft2(np.fft.fft2(plane.astype(float)) * 0.5).real
+        "unsharp | ndimage.gaussian_filter": (
+            lambda: sharpening.unsharp(plane, 0.7, 0.8),
+            lambda: ndimage.gaussian_filter(plane, 0.7),
         ),
-        "denoise | scipy.signal.wiener": (lambda: denoise.denoise(plane, 1e-4, 1e-6, 1), lambda: signal.wiener(plane, 3, 1e-4)),
-    }  # fmt: skip
+        "wiener, gain at hand | float64 fft2": (
+            lambda: deconvolution.apply(plane, gain),
+            lambda: np.fft.ifft2(np.fft.fft2(plane.astype(float)) * 0.5).real,
+        ),
+        "denoise | scipy.signal.wiener": (
+            lambda: denoise.denoise(plane, 1e-4, 1e-6, 1),
+            lambda: signal.wiener(plane, 3, 1e-4),
+        ),
+    }
     for name, (own, peer) in pairs.items():
         print(f"{name:42}{1e3 * cpu(own, 3):8.1f} {1e3 * cpu(peer, 3):8.1f}")
 
@@ -290,7 +321,10 @@ def references() -> list[tuple[str, float, float, str]]:
         h, nsr = complex(float(case["in"]["H_re"]), float(case["in"]["H_im"])), float(case["in"]["nsr"])
         true = complex(*map(float, case["out"]))
         with np.errstate(all="ignore"):
-            both = (complex(deconvolution.wiener_gain(np.array(h), nsr)), complex(np.conj(h) / np.float64(abs(h) ** 2 + nsr)))
+            both = (
+                complex(deconvolution.wiener_gain(np.array(h), nsr)),
+                complex(np.conj(h) / np.float64(abs(h) ** 2 + nsr)),
+            )
         own, usual = (abs(g - true) / max(abs(true), 1e-300) for g in both)
         worst, peer = max(worst, own), max(peer, usual) if math.isfinite(usual) else math.inf
     found = [("wiener_gain, relative", 1e-14, worst, f"{peer:.2g}")]
@@ -322,11 +356,16 @@ def kept() -> list[tuple[str, float, float, str]]:
     few = [deconvolution.richardson_lucy(p.astype(kind)[None], transfer, 10)[0] for kind in (np.float32, np.float64)]
     return [
         ("sum kept by richardson_lucy, relative", 1e-12, abs(estimate.sum() / whole.sum() - 1), ""),
-        ("mean moved by denoise", 1e-14, abs(quiet.mean() - p.mean()), f"{abs(signal.wiener(p, 5, 0.01).mean() - p.mean()):.2g}"),
+        (
+            "mean moved by denoise",
+            1e-14,
+            abs(quiet.mean() - p.mean()),
+            f"{abs(signal.wiener(p, 5, 0.01).mean() - p.mean()):.2g}",
+        ),
         ("constant moved by wiener", 1e-14, float(np.abs(deconvolution.apply(grey, gain) - 0.3).max()), ""),
         ("wiener in float32", 5e-6, float(np.abs(single - deconvolution.apply(p, gain)).max()), ""),
         ("richardson_lucy, 10, in float32", 2e-5, float(np.abs(few[0] - few[1]).max()), ""),
-    ]  # fmt: skip
+    ]
 
 
 def main() -> int:

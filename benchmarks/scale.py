@@ -2,10 +2,10 @@
 
     python benchmarks/scale.py [--cells 1000 10000 100000] [--only-plan 1000000]
 
-Every figure is of a process of its own, which has planned and run a small sweep before, CPU time of the process by cell in us:
-plan; schedule (plan, jobs and batches); run in memory (kernels, jobs and the tree included); run with every intermediate
-stored; the same again, with nothing to compute; ``etendue show``. Memory is the peak above what the process held before.
-The same graph in other tools: ``scale_peers.py``.
+Every figure is of a process of its own, which has planned and run a small sweep before, CPU time of the process by cell
+in us: plan; schedule (plan, jobs and batches); run in memory (kernels, jobs and the tree included); run with every
+intermediate stored; the same again, with nothing to compute; ``etendue show``. Memory is the peak above what the
+process held before. The same graph in other tools: ``scale_peers.py``.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ def measure(way: str, cells: int) -> dict[str, Any]:
             execute(small, folder / "small" if way in ("store", "again") else None, Options(scheduler="serial"))
         plan = None if way in ("plan", "schedule") else plan_of(HERE / "scale.toml", **sweep_of(cells))
         if way in ("again", "show"):  # the archive is another process's work, so that its memory is not counted here
-            code = "import sys; sys.path.insert(0, sys.argv[1]); import scale; scale.store(int(sys.argv[2]), sys.argv[3])"
+            code = (
+                "import sys; sys.path.insert(0, sys.argv[1]); import scale; scale.store(int(sys.argv[2]), sys.argv[3])"
+            )
             subprocess.run([sys.executable, "-c", code, str(HERE), str(cells), str(folder / "whole")], check=True)
         before = peak_memory()
         if way == "plan":
@@ -68,7 +70,14 @@ def measure(way: str, cells: int) -> dict[str, Any]:
             wall, cpu, _ = timed(show)
         assert plan is not None
         files = sum(p.is_file() for p in folder.glob("whole/**/*"))
-        return {"cells": len(plan.cells), "wall": wall, "cpu": cpu, "peak": peak_memory() - before, "base": before, "files": files}
+        return {
+            "cells": len(plan.cells),
+            "wall": wall,
+            "cpu": cpu,
+            "peak": peak_memory() - before,
+            "base": before,
+            "files": files,
+        }
     finally:
         shutil.rmtree(folder)
 
@@ -92,7 +101,7 @@ def store(cells: int, folder: str) -> None:
 def alone(way: str, cells: int) -> dict[str, Any]:
     done = subprocess.run(
         [sys.executable, __file__, "--way", way, "--cells", str(cells)], check=True, capture_output=True, text=True
-    )  # fmt: skip
+    )
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found
 
@@ -112,7 +121,8 @@ def main_() -> None:
     for way, n in [*todo, *((way, n) for way in ("plan", "schedule") for n in args.only_plan)]:
         one = alone(way, n)
         print(
-            f"{way:8} {one['cells']:9d} {1e6 * one['cpu'] / one['cells']:10.1f} {one['wall']:8.2f} {one['peak'] / 1e6:14.0f} "
+            f"{way:8} {one['cells']:9d} {1e6 * one['cpu'] / one['cells']:10.1f} {one['wall']:8.2f} "
+            f"{one['peak'] / 1e6:14.0f} "
             f"{one['base'] / 1e6:6.0f} {one['files'] or '':>8}",
             flush=True,
         )

@@ -2,9 +2,10 @@
 
     python benchmarks/scale_peers.py [--cells 1000 10000] [--tools loop delayed pipefunc "pipefunc, files"]
 
-Needs numpy, and of dask and pipefunc what is asked for (in an environment of their own: ``pip install pipefunc dask``); etendue is
-not imported. Three steps by f-number, six by f-number and time, each a copy of 16 x 16 numbers with a factor, so that what is
-measured is the tool. CPU time of the process; nothing is checked, keyed or kept but with "files" (pipefunc's ``file_array``).
+Needs numpy, and of dask and pipefunc what is asked for (in an environment of their own: ``pip install pipefunc dask``);
+etendue is not imported. Three steps by f-number, six by f-number and time, each a copy of 16 x 16 numbers with a
+factor, so that what is measured is the tool. CPU time of the process; nothing is checked, keyed or kept but with
+"files" (pipefunc's ``file_array``).
 """
 
 from __future__ import annotations
@@ -86,8 +87,11 @@ def piped(storage: str) -> Callable[[np.ndarray, np.ndarray], None]:
 
 
 TOOLS: dict[str, Callable[[np.ndarray, np.ndarray], None]] = {
-    "loop": loop, "delayed": delayed, "pipefunc": piped("dict"), "pipefunc, files": piped("file_array"),
-}  # fmt: skip
+    "loop": loop,
+    "delayed": delayed,
+    "pipefunc": piped("dict"),
+    "pipefunc, files": piped("file_array"),
+}
 
 
 def main() -> None:
@@ -104,7 +108,10 @@ def main() -> None:
             TOOLS[tool](np.linspace(1.4, 22, 10), times)
             spent = time.process_time() - began
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-            print(f"{tool:16} {30 + 60 * len(times):8d} {1e6 * spent / (30 + 60 * len(times)):10.1f} {peak:8.0f}", flush=True)
+            print(
+                f"{tool:16} {30 + 60 * len(times):8d} {1e6 * spent / (30 + 60 * len(times)):10.1f} {peak:8.0f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

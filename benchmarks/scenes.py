@@ -2,9 +2,10 @@
 
     python benchmarks/scenes.py [--json]
 
-The true error is that of expected values (noise-free) against the reference, measured with everything the plan left out or made
-coarser, in the light and pixels (rms of full scale) and in the wanted picture. Time is thread time of the stages, the least of three runs,
-against the same pipeline with nothing left out at default settings. Exit code 1 where a true error is beyond its bound.
+The true error is that of expected values (noise-free) against the reference, measured with everything the plan left out
+or made coarser, in the light and pixels (rms of full scale) and in the wanted picture. Time is thread time of the
+stages, the least of three runs, against the same pipeline with nothing left out at default settings. Exit code 1 where
+a true error is beyond its bound.
 """
 
 from __future__ import annotations
@@ -42,7 +43,10 @@ def row(path: Path) -> dict[str, Any]:
     exact = make_plan(replace(pipeline, precision="float64"), registry, False, expected=True)
     picture = plan.wanted[-1]
     asked = {(picture[0], ()): {picture[1]}, ("pixel", ()): {"photon_rate"}}
-    found, truth = (collect(one, {ref: list(names) for ref, names in asked.items()}, Options("serial")).arrays for one in (plan, exact))
+    found, truth = (
+        collect(one, {ref: list(names) for ref, names in asked.items()}, Options("serial")).arrays
+        for one in (plan, exact)
+    )
 
     def error(stage: str, variable: str, axes: tuple[int, ...]) -> float:
         own, reference = (np.asarray(arrays[stage, ()][variable], float) for arrays in (found, truth))
@@ -51,10 +55,14 @@ def row(path: Path) -> dict[str, Any]:
 
     front = [cell.bound for node in plan.nodes for cell in plan.of(node.name) if node.name in light(plan)]
     return {
-        "scene": path.stem, "decided": decided, "bound": sum(front), "pixels": error("pixel", "photon_rate", (1, 2)),
-        "picture": error(*picture, (-2, -1)), "seconds": seconds(make_plan(pipeline, registry)),
+        "scene": path.stem,
+        "decided": decided,
+        "bound": sum(front),
+        "pixels": error("pixel", "photon_rate", (1, 2)),
+        "picture": error(*picture, (-2, -1)),
+        "seconds": seconds(make_plan(pipeline, registry)),
         "seconds_whole": seconds(make_plan(pipeline, registry, False)),
-    }  # fmt: skip
+    }
 
 
 def light(plan: Any) -> list[str]:
@@ -72,8 +80,11 @@ def main() -> None:
     else:
         for one in rows:
             saved = 1 - one["seconds"] / one["seconds_whole"]
-            print(f"{one['scene']:20s} pixels: true {one['pixels']:.1e}, bound {one['bound']:.1e}; picture {one['picture']:.1e}; "
-                  f"{1e3 * one['seconds']:.0f} of {1e3 * one['seconds_whole']:.0f} ms, {100 * saved:.0f} % saved")  # fmt: skip
+            print(
+                f"{one['scene']:20s} pixels: true {one['pixels']:.1e}, bound {one['bound']:.1e}; picture "
+                f"{one['picture']:.1e}; "
+                f"{1e3 * one['seconds']:.0f} of {1e3 * one['seconds_whole']:.0f} ms, {100 * saved:.0f} % saved"
+            )
             for stage, what, bound in one["decided"]:
                 print(f"    {stage} {what}: at most {bound:.1e}")
     # float32 rounding stands beside every bound

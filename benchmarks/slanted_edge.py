@@ -18,7 +18,10 @@ from etendue_camera.resolution.slanted_edge import slanted_edge
 
 BOUND = 0.5  # percent of MTF50
 ANGLES = (2.0, 5.0, 10.0, 40.0, 88.0)
-FINE, PERIOD = 64, 16384  # samples per pixel of the edge's profile, pixels from one edge of the wave to the next but one
+FINE, PERIOD = (
+    64,
+    16384,
+)  # samples per pixel of the edge's profile, pixels from one edge of the wave to the next but one
 
 
 def profile(mtf):
@@ -49,9 +52,14 @@ def systems(angle):
     def box(f, w):
         return np.abs(np.sinc(f * w * c) * np.sinc(f * w * s))
 
-    found = {f"Gaussian, sigma {sigma} px": lambda f, sigma=sigma: np.exp(-2 * (np.pi * f * sigma) ** 2) for sigma in (0.3, 0.5, 0.8, 1.5)}
+    found = {
+        f"Gaussian, sigma {sigma} px": lambda f, sigma=sigma: np.exp(-2 * (np.pi * f * sigma) ** 2)
+        for sigma in (0.3, 0.5, 0.8, 1.5)
+    }
     found |= {
-        f"f/{number:g}, {pitch:g} um, 0.55 um light": lambda f, n=number, p=pitch: diffraction(f, p / (0.55 * n)) * box(f, 0.741)
+        f"f/{number:g}, {pitch:g} um, 0.55 um light": lambda f, n=number, p=pitch: (
+            diffraction(f, p / (0.55 * n)) * box(f, 0.741)
+        )
         for number, pitch in ((1.4, 8.0), (1.4, 1.1), (2.8, 5.4), (5.6, 3.0), (8.0, 5.4), (22.0, 5.4), (22.0, 1.1))
     }
     return found
@@ -76,7 +84,10 @@ def main() -> None:
             worst, deepest = max(worst, abs(error)), max(deepest, depth)
             cells.append(f"{error:12.4f}{depth:12.1e}")
         print(f"{name:34}" + "".join(cells))
-    print(f"\nMTF50, 200 x 400 pixels, noise-free: bound {BOUND} % | measured {worst:.4f} %   {'holds' if worst < BOUND else 'BROKEN'}")
+    print(
+        f"\nMTF50, 200 x 400 pixels, noise-free: bound {BOUND} % | measured {worst:.4f} %   "
+        f"{'holds' if worst < BOUND else 'BROKEN'}"
+    )
     print(f"response below Nyquist: bound 0.01 | measured {deepest:.1e}   {'holds' if deepest < 0.01 else 'BROKEN'}")
     print(f"one edge of 200 x 400 pixels: {np.median(seconds):.3f} s")
 
@@ -93,7 +104,10 @@ def main() -> None:
     picture = edge(lambda f: np.exp(-2 * (np.pi * f * 0.6) ** 2), 5.0)
     true = np.sqrt(np.log(2) / 2) / np.pi / 0.6
     for ratio in (1000, 300, 100, 30, 10):
-        found = [slanted_edge(picture + np.random.default_rng(s).normal(0, 0.6 / ratio, picture.shape)).mtf50 for s in range(40)]
+        found = [
+            slanted_edge(picture + np.random.default_rng(s).normal(0, 0.6 / ratio, picture.shape)).mtf50
+            for s in range(40)
+        ]
         print(f"{ratio:6d} {100 * (np.mean(found) / true - 1):8.3f} % {100 * np.std(found) / true:8.3f} %")
 
 

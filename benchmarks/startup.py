@@ -1,8 +1,10 @@
-"""What a command costs from the shell, from the first import to the prompt: wall and CPU time, the smallest of some repeats.
+"""What a command costs from the shell, from the first import to the prompt: wall and CPU time, the smallest of some
+repeats.
 
     python benchmarks/startup.py [--root CHECKOUT ...] [--repeats N]
 
-Each checkout runs by its own ``.venv``, in turns, so that a busy machine is busy for all of them; once before, for its bytecode.
+Each checkout runs by its own ``.venv``, in turns, so that a busy machine is busy for all of them; once before, for its
+bytecode.
 First: an empty folder of caches and no archive. Second: the same command again, on what the first has left.
 """
 
@@ -62,7 +64,9 @@ def once(root: Path, folder: Path) -> dict[str, tuple[float, float]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--root", type=Path, action="append", default=[], help="another checkout, with a .venv; may be repeated")
+    parser.add_argument(
+        "--root", type=Path, action="append", default=[], help="another checkout, with a .venv; may be repeated"
+    )
     parser.add_argument("--repeats", type=int, default=5)
     asked = parser.parse_args()
     roots = [*(root.resolve() for root in asked.root), HERE]

@@ -39,7 +39,8 @@ def describe(name: str, plan) -> None:  # type: ignore[no-untyped-def]
     grid = cell.grids["radiance"]
     out = plan.cells[("pixel", (0, 0))].grids["photon_rate"]
     print(
-        f"{name}: light {grid['y'].size} x {grid['x'].size} x {grid['wavelength'].size} bands, pixels {out['y'].size} x {out['x'].size}, "
+        f"{name}: light {grid['y'].size} x {grid['x'].size} x {grid['wavelength'].size} bands, pixels {out['y'].size} "
+        f"x {out['x'].size}, "
         f"{plan.precision}, {len(plan.cells)} cells for 1000 points, {machine()}"
     )
 
@@ -54,7 +55,11 @@ def engine_runs(plan, archive: bool) -> None:  # type: ignore[no-untyped-def]
         shutil.rmtree(folder)
         assert not outcome.failed
         rows[label] = (wall, cpu)
-        kept = f"{size / 1e6:.0f} MB stored" if archive else "one figure of each picture kept, as the naive scripts keep none"
+        kept = (
+            f"{size / 1e6:.0f} MB stored"
+            if archive
+            else "one figure of each picture kept, as the naive scripts keep none"
+        )
         print(f"  engine, {label:10s} wall {wall:7.2f} s   CPU {cpu:7.2f} s   {kept}")
     base = rows["1 thread"], rows["2 threads"]
     for separate, text in (
@@ -63,8 +68,10 @@ def engine_runs(plan, archive: bool) -> None:  # type: ignore[no-untyped-def]
     ):
         wall, cpu = naive_seconds(plan, separate)
         print(
-            f"  {text}: {1e3 * wall:.1f} ms a point (mean of {CELLS} random cells), scaled to 1000: {1000 * wall:.1f} s; "
-            f"engine/naive {base[0][1] / (1000 * cpu):.3f} by CPU (1 thread), {base[1][0] / (1000 * wall):.3f} by wall (2 threads)"
+            f"  {text}: {1e3 * wall:.1f} ms a point (mean of {CELLS} random cells), scaled to 1000: {1000 * wall:.1f} "
+            f"s; "
+            f"engine/naive {base[0][1] / (1000 * cpu):.3f} by CPU (1 thread), {base[1][0] / (1000 * wall):.3f} by wall "
+            f"(2 threads)"
         )
 
 

@@ -1,12 +1,13 @@
-"""The paper's camera behind its optics, from the photocurrent to XYZ, 256 x 256: milliseconds by stage, against a compiled floor.
+"""The paper's camera behind its optics, from the photocurrent to XYZ, 256 x 256: milliseconds by stage, against a
+compiled floor.
 
     python benchmarks/tail.py [--repeats 60]
 
-Each stage is the one that ``pipelines/paper.toml`` runs, in float32 as the floor is, one thread, best of the repeats. (The plan takes
-float64 for this photograph, whose darkest light is beyond float32's transforms at the tolerance: that sum stands below.) The floor is
-``tail_floor.c``, compiled beside it if there is a C compiler: one normal per pixel, nothing stored between, nothing checked.
-Then the whole run of ``pipelines/paper.toml`` as a user sees it, start of Python included, with and without an archive; the
-paper says 5 s for its chain in Matlab.
+Each stage is the one that ``pipelines/paper.toml`` runs, in float32 as the floor is, one thread, best of the repeats.
+(The plan takes float64 for this photograph, whose darkest light is beyond float32's transforms at the tolerance: that
+sum stands below.) The floor is ``tail_floor.c``, compiled beside it if there is a C compiler: one normal per pixel,
+nothing stored between, nothing checked. Then the whole run of ``pipelines/paper.toml`` as a user sees it, start of
+Python included, with and without an archive; the paper says 5 s for its chain in Matlab.
 """
 
 from __future__ import annotations
@@ -36,8 +37,22 @@ from etendue.session import Options, execute, load
 
 HERE = Path(__file__).parent
 PAPER = HERE.parent / "pipelines" / "paper.toml"
-CHAIN = ("exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise", "balance_mosaic", "demosaic", "sharpen", "camera_to_xyz",
-         "balance", "display", "encode", "to_xyz")  # fmt: skip
+CHAIN = (
+    "exposure",
+    "shot_noise",
+    "full_well",
+    "read_noise",
+    "adc",
+    "linearise",
+    "balance_mosaic",
+    "demosaic",
+    "sharpen",
+    "camera_to_xyz",
+    "balance",
+    "display",
+    "encode",
+    "to_xyz",
+)
 
 
 def best(function: Callable[[], Any], repeats: int) -> float:
@@ -52,7 +67,9 @@ def best(function: Callable[[], Any], repeats: int) -> float:
 
 def stages(repeats: int, precision: str) -> dict[str, tuple[float, float]]:
     """By stage: milliseconds of its ``run``, and of all that the engine does for its cell."""
-    plan = make_plan(load(PAPER, {"wanted": ["rgb_display", "xyz_display"], "precision": precision}), installed_stages())
+    plan = make_plan(
+        load(PAPER, {"wanted": ["rgb_display", "xyz_display"], "precision": precision}), installed_stages()
+    )
     outcome = execute(plan, None, Options(scheduler="serial"))
     jobs = make_jobs(plan, set(plan.cells), lambda cell: None, deliver_all=True)
     results = {ref: Result(arrays=dict(arrays)) for ref, arrays in outcome.arrays.items()}
@@ -74,7 +91,10 @@ def stages(repeats: int, precision: str) -> dict[str, tuple[float, float]]:
 def generator(repeats: int) -> float:
     """Two normals a pixel from the generator, in place: what noise costs before any arithmetic."""
     rng, out = philox(b"tail"), np.empty((256, 256), np.float32)
-    return best(lambda: (rng.standard_normal(out=out, dtype=np.float32), rng.standard_normal(out=out, dtype=np.float32)), repeats)
+    return best(
+        lambda: (rng.standard_normal(out=out, dtype=np.float32), rng.standard_normal(out=out, dtype=np.float32)),
+        repeats,
+    )
 
 
 def floor(repeats: int) -> float | None:
@@ -95,14 +115,19 @@ def floor(repeats: int) -> float | None:
         return array.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
 
     plain = [ctypes.c_float(v) for v in (109.0, 23600.0, 0.17, 64.0, 4095.0, 0.1)]
-    return best(lambda: tail(pointer(mean), 256, 256, 7, *plain, pointer(matrix), pointer(matrix), pointer(rgb), pointer(xyz)), repeats)
+    return best(
+        lambda: tail(pointer(mean), 256, 256, 7, *plain, pointer(matrix), pointer(matrix), pointer(rgb), pointer(xyz)),
+        repeats,
+    )
 
 
 def command(*options: str) -> float:
     """Wall seconds of a command of a user."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        subprocess.run([sys.executable, "-m", "etendue", "run", str(PAPER), *options], check=True, capture_output=True, cwd=folder)
+        subprocess.run(
+            [sys.executable, "-m", "etendue", "run", str(PAPER), *options], check=True, capture_output=True, cwd=folder
+        )
         return time.perf_counter() - began
 
 
@@ -125,7 +150,10 @@ def main() -> None:
     else:
         again = min(lowest, floor(repeats) or lowest)
         print(f"floor compiled here {again:.3f} ms: sum / floor {total / again:.1f} (goal <= 5)")
-    print(f"the whole paper run, as a command: {min(command() for _ in range(2)):.2f} s with archive and contact sheet (the paper: 5 s)")
+    print(
+        f"the whole paper run, as a command: {min(command() for _ in range(2)):.2f} s with archive and contact sheet "
+        f"(the paper: 5 s)"
+    )
 
 
 if __name__ == "__main__":

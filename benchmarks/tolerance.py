@@ -1,10 +1,12 @@
-"""What a tolerance buys: four pipelines, five tolerances: cells left out, knobs chosen, global error, seconds of the stages.
+"""What a tolerance buys: four pipelines, five tolerances: cells left out, knobs chosen, global error, seconds of the
+stages.
 
-    python benchmarks/tolerance.py [--pipelines sweep ...] [--tolerances 1e-2 ...] [--hold] [--repeats 2] [--whole-frames] [--json]
+    python benchmarks/tolerance.py [--pipelines sweep ...] [--tolerances 1e-2 ...] [--hold] [--repeats 2]
+    [--whole-frames] [--json]
 
-Seconds are thread time of the stages, storage apart, the least of some runs; "whole" is the same with nothing left out at default
-knobs, "reference" the run of --nothing-left-out, "cells" places of the sweep at which the global error is measured. With --hold each row
-asks `studies.holding` for the tolerance that keeps that global error.
+Seconds are thread time of the stages, storage apart, the least of some runs; "whole" is the same with nothing left out
+at default knobs, "reference" the run of --nothing-left-out, "cells" places of the sweep at which the global error is
+measured. With --hold each row asks `studies.holding` for the tolerance that keeps that global error.
 """
 
 from __future__ import annotations
@@ -27,13 +29,23 @@ from etendue.session import Options, execute, load
 FOLDER = Path(__file__).parent.parent / "pipelines"
 NAMES = ("sweep", "paper_physical", "sensors", "real_lens")
 TOLERANCES = (1e-2, 3e-3, 1e-3, 1e-4, 1e-6)
-SMALLER = {  # the reference of the ray-traced lens is dear: the middle of the frame, in fewer bands and rays; said in front of the rows
+# the reference of the ray-traced lens is dear: the middle of the frame, in fewer bands and rays; said in front of the
+# rows
+SMALLER = {
     "real_lens": {
-        "scene.width": "0.4 mm", "scene.height": "0.4 mm", "scene.bin_width": "70 nm", "pixel.rows": 60, "pixel.columns": 60,
-        "lens.heights": 3, "lens.wavelengths": [450, 650], "lens.pupil_samples": 128, "illumination.wavelengths": [450, 650],
-        "illumination.pupil_samples": 64, "wanted": ["rgb_display", "irradiance.white_irradiance"],
+        "scene.width": "0.4 mm",
+        "scene.height": "0.4 mm",
+        "scene.bin_width": "70 nm",
+        "pixel.rows": 60,
+        "pixel.columns": 60,
+        "lens.heights": 3,
+        "lens.wavelengths": [450, 650],
+        "lens.pupil_samples": 128,
+        "illumination.wavelengths": [450, 650],
+        "illumination.pupil_samples": 64,
+        "wanted": ["rgb_display", "irradiance.white_irradiance"],
     },
-}  # fmt: skip
+}
 LIGHT = ("scene", "irradiance", "falloff", "distortion", "illumination", "lens", "aperture", "diffusion", "pixel")
 
 
@@ -54,7 +66,9 @@ def told(spent: dict[str, float]) -> str:
     return f"{sum(spent.values()):7.2f} s: light and optics {light:.2f}, resolution {spent.get('resolution', 0.0):.2f}"
 
 
-def rows(name: str, tolerances: list[float], holds: bool, repeats: int, cells: int, smaller: Mapping[str, Any]) -> list[dict[str, Any]]:
+def rows(
+    name: str, tolerances: list[float], holds: bool, repeats: int, cells: int, smaller: Mapping[str, Any]
+) -> list[dict[str, Any]]:
     registry, pipeline = installed_stages(), load(FOLDER / f"{name}.toml", smaller.get(name))
     whole = seconds(make_plan(pipeline, registry, False), repeats)
     if name in smaller:
@@ -71,14 +85,28 @@ def rows(name: str, tolerances: list[float], holds: bool, repeats: int, cells: i
         spent, errors = seconds(plan, repeats), measurement.errors(tolerance).errors
         known = {n: e.rms for n, e in errors.items() if e.rms is not None}
         worst = max(known, key=lambda n: known[n])
-        print(f"  {tolerance:<9g}  {told(spent)}; left out {left}; knobs {knobs}; global error {known[worst]:.1e} ({worst}), "
-              f"rgb_display {known.get('rgb_display', float('nan')):.1e}, {len(errors) - len(known)} of {len(errors)} not comparable",
-              flush=True)  # fmt: skip
-        row = {"pipeline": name, "tolerance": tolerance, "left_out": left, "knobs": knobs, "seconds": spent, "errors": known}
+        print(
+            f"  {tolerance:<9g}  {told(spent)}; left out {left}; knobs {knobs}; global error {known[worst]:.1e} "
+            f"({worst}), "
+            f"rgb_display {known.get('rgb_display', float('nan')):.1e}, {len(errors) - len(known)} of {len(errors)} "
+            f"not comparable",
+            flush=True,
+        )
+        row = {
+            "pipeline": name,
+            "tolerance": tolerance,
+            "left_out": left,
+            "knobs": knobs,
+            "seconds": spent,
+            "errors": known,
+        }
         if holds:
             held = hold(pipeline, registry, tolerance, cells, Options("threads"))
-            print(f"    hold {tolerance:g}: tolerance {held.tolerance:g}, worst {held.measured.worst:.1e}, "
-                  f"{'held' if held.held else f'not held: {held.missed}, to blame: {dict(held.blame)}'}", flush=True)  # fmt: skip
+            print(
+                f"    hold {tolerance:g}: tolerance {held.tolerance:g}, worst {held.measured.worst:.1e}, "
+                f"{'held' if held.held else f'not held: {held.missed}, to blame: {dict(held.blame)}'}",
+                flush=True,
+            )
             row["hold"] = held.document()
         found.append(row)
     return found
@@ -97,7 +125,9 @@ def main() -> None:
     found = []
     for name in given.pipelines:
         try:
-            found += rows(name, given.tolerances, given.hold, given.repeats, given.cells, {} if given.whole_frames else SMALLER)
+            found += rows(
+                name, given.tolerances, given.hold, given.repeats, given.cells, {} if given.whole_frames else SMALLER
+            )
         except RequestError as error:
             print(f"{name}: {error}")
     if given.json:

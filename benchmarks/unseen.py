@@ -1,8 +1,9 @@
-"""What figures of a camera do not see: every stage is changed alone, and figures that stay are held against the pictures that change.
+"""What figures of a camera do not see: every stage is changed alone, and figures that stay are held against the
+pictures that change.
 
 In:  nothing.
-Out: a line for each change: by how much raw frames and display values moved (rms, of their spread and of white), then by figure ``moved``,
-     ``marked`` where the figure stayed and names the stage, or ``-`` where it stayed and does not.
+Out: a line for each change: by how much raw frames and display values moved (rms, of their spread and of white), then
+     by figure ``moved``, ``marked`` where the figure stayed and names the stage, or ``-`` where it stayed and does not.
 
     python benchmarks/unseen.py
 """
@@ -118,7 +119,9 @@ def run(changed: str = ""):
         tables[changed] = tables.get(changed, {}) | change
     names = [name for name in CHAIN if not (name == changed and change is None)]
     stages = [EDGE, *({"use": name, **tables.get(name, {})} for name in names)]
-    return etendue.simulate({"name": "unseen", "seed": 1, "tolerance": 0, "camera": camera, "stages": stages}, leave_out=False)
+    return etendue.simulate(
+        {"name": "unseen", "seed": 1, "tolerance": 0, "camera": camera, "stages": stages}, leave_out=False
+    )
 
 
 def last(tree, name: str) -> float:

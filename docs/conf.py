@@ -125,7 +125,9 @@ def as_prose(app: Any, what: str, name: str, thing: Any, options: Any, lines: li
         lines[:] = _flows(lines)
     for number, line in enumerate(lines):
         parts = re.split(r"(``.+?``|`[^`]+`|:[a-z]+:)", line)
-        lines[number] = "".join(part if at % 2 else _PROSE_SIGNS.sub(lambda found: "\\" + found[0], part) for at, part in enumerate(parts))
+        lines[number] = "".join(
+            part if at % 2 else _PROSE_SIGNS.sub(lambda found: "\\" + found[0], part) for at, part in enumerate(parts)
+        )
 
 
 def setup(app: Any) -> dict[str, Any]:

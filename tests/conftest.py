@@ -16,8 +16,12 @@ settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
-os.environ.setdefault("ETENDUE_CACHE", str(Path(tempfile.gettempdir()) / f"etendue-tests-{os.getuid()}"))  # not the user's own
+os.environ.setdefault(
+    "ETENDUE_CACHE", str(Path(tempfile.gettempdir()) / f"etendue-tests-{os.getuid()}")
+)  # not the user's own
 
-if "mix_stderr" in inspect.signature(CliRunner).parameters:  # before click 8.2; as later: stderr apart, output both of them
+if (
+    "mix_stderr" in inspect.signature(CliRunner).parameters
+):  # before click 8.2; as later: stderr apart, output both of them
     CliRunner.__init__ = partialmethod(CliRunner.__init__, mix_stderr=False)
     Result.output = property(lambda result: result.stdout + result.stderr)

@@ -1,8 +1,10 @@
-"""Processes without a trace of etendue, such as ``python -m etendue`` begins: forked from one that has loaded its libraries alone.
+"""Processes without a trace of etendue, such as ``python -m etendue`` begins: forked from one that has loaded its
+libraries alone.
 
-What costs most in a process for one command is to load numpy, scipy and the like; here they are loaded once for all tests of a worker.
-All of the package and of plugins is imported anew in each process, which ends as any other does. Tests of what a process imports
-of libraries, of signals, and of what libraries read in the environment start processes of their own.
+What costs most in a process for one command is to load numpy, scipy and the like; here they are loaded once for all
+tests of a worker. All of the package and of plugins is imported anew in each process, which ends as any other does.
+Tests of what a process imports of libraries, of signals, and of what libraries read in the environment start processes
+of their own.
 """
 
 from __future__ import annotations
@@ -20,13 +22,12 @@ from typing import Any
 SERVER = """
 import importlib, os, pickle, runpy, shutil, sys, warnings
 
-for name in (
-    "numpy", "numpy.f2py", "scipy.fft", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.spatial", "scipy.ndimage", "click",
-    "pluggy", "cloudpickle", "rich.console", "rich.table", "rich.markup", "rich.progress", "numcodecs", "PIL.Image", "PIL.ImageDraw",
-    "PIL.ImageFont", "PIL.PngImagePlugin", "PIL.JpegImagePlugin", "PIL.GifImagePlugin", "PIL.PpmImagePlugin", "PIL.BmpImagePlugin",
-    "asyncio", "concurrent.futures", "csv", "email.parser", "importlib.metadata", "json", "multiprocessing", "sqlite3", "tomllib",
-    "zipfile",
-):
+for name in '''
+    numpy numpy.f2py scipy.fft scipy.interpolate scipy.optimize scipy.special scipy.spatial scipy.ndimage click
+    pluggy cloudpickle rich.console rich.table rich.markup rich.progress numcodecs PIL.Image PIL.ImageDraw
+    PIL.ImageFont PIL.PngImagePlugin PIL.JpegImagePlugin PIL.GifImagePlugin PIL.PpmImagePlugin PIL.BmpImagePlugin
+    asyncio concurrent.futures csv email.parser importlib.metadata json multiprocessing sqlite3 tomllib zipfile
+'''.split():
     importlib.import_module(name)
 assert not any(name.partition(".")[0] == "etendue" for name in sys.modules)
 warnings.simplefilter("ignore")
@@ -72,7 +73,9 @@ class _Server:
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="etendue-fresh-"))  # which it removes itself
-        self.process = subprocess.Popen([sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder
+        )
 
     def run(self, **asked: Any) -> tuple[int, str, str]:
         said = {name: self.folder / name for name in ("stdout", "stderr")}
@@ -102,7 +105,12 @@ def process(
     *words: Any, cwd: Path | str | None = None, env: dict[str, str] | None = None, code: str | None = None
 ) -> subprocess.CompletedProcess[str]:
     """What ``python -m etendue`` with these words says, or ``python -c`` with some code."""
-    given = {"words": list(map(str, words)), "cwd": os.path.abspath(cwd or os.getcwd()), "env": dict(env or os.environ), "code": code}
+    given = {
+        "words": list(map(str, words)),
+        "cwd": os.path.abspath(cwd or os.getcwd()),
+        "env": dict(env or os.environ),
+        "code": code,
+    }
     if not hasattr(os, "fork"):
         asked = [sys.executable, *(("-m", "etendue") if code is None else ("-c", code)), *given["words"]]
         return subprocess.run(asked, cwd=cwd, env=env, capture_output=True, text=True, check=False)

@@ -1,4 +1,6 @@
-"""What is imported for a run: nothing that none of its stages needs. Each set of pipelines runs in a process of its own."""
+"""What is imported for a run: nothing that none of its stages needs. Each set of pipelines runs in a process of its
+own.
+"""
 
 import importlib.util
 import subprocess
@@ -23,7 +25,8 @@ def first(axis):  # one value of each axis: every stage runs, and the sweep is s
 
 for file in map(Path, sys.argv[1:]):
     pipeline = load(file)
-    plan = make_plan(load(file, {{f"sweep.{{key}}": first(axis) for key, axis in pipeline.sweep.items()}}), installed_stages())
+    one = {{f"sweep.{{key}}": first(axis) for key, axis in pipeline.sweep.items()}}
+    plan = make_plan(load(file, one), installed_stages())
     with tempfile.TemporaryDirectory() as folder:
         outcome = execute(plan, Path(folder) / "kept", Options("threads", 1))
         assert not outcome.failed and (Path(folder) / "kept" / "contact_sheet.png").is_file(), file

@@ -1,4 +1,6 @@
-"""docs/paper.md against the code: commands that exist, blocks that are what their command prints, pictures and errata."""
+"""docs/paper.md against the code: commands that exist, blocks that are what their command prints, pictures and
+errata.
+"""
 
 import dataclasses
 import importlib.util
@@ -26,7 +28,12 @@ PROSE = FENCE.sub("", TEXT)
 SPAN = re.compile(r"`([^`\n]+)`")
 CONSOLE = [body.removeprefix("$ ").split("\n", 1) for kind, body in FENCE.findall(TEXT) if kind == "console"]
 COMMANDS = [
-    *(line.partition("  #")[0].strip() for kind, body in FENCE.findall(TEXT) if kind == "bash" for line in body.splitlines()),
+    *(
+        line.partition("  #")[0].strip()
+        for kind, body in FENCE.findall(TEXT)
+        if kind == "bash"
+        for line in body.splitlines()
+    ),
     *(command.partition(" | ")[0] for command, _ in CONSOLE),
     *(span for span in SPAN.findall(PROSE) if span.startswith("etendue ")),
 ]
@@ -49,7 +56,9 @@ def test_every_command_in_the_text_is_one_that_exists(command):
     program, *words = shlex.split(command)
     if program == "etendue":
         name, *rest = words
-        context = main.get_command(None, name).make_context(name, rest)  # raises for options and arguments that are not there
+        context = main.get_command(None, name).make_context(
+            name, rest
+        )  # raises for options and arguments that are not there
         if name in ("run", "compare"):
             assert (ROOT / context.params["file"]).is_file()
         return
@@ -82,7 +91,9 @@ def test_the_block_of_a_section_is_what_its_command_prints(section):
 def test_the_resolution_along_the_chain_is_what_the_pipeline_gives():
     shown = next(body for command, body in CONSOLE if "mtf50_lp_mm" in command)
     found = simulate(ROOT / "pipelines" / "paper.toml", want=["resolution"], scheduler="serial")["resolution"]
-    assert [float(word) for word in shown.strip("[]\n").split()] == [round(float(value), 1) for value in found.mtf50_lp_mm]
+    assert [float(word) for word in shown.strip("[]\n").split()] == [
+        round(float(value), 1) for value in found.mtf50_lp_mm
+    ]
     assert list(found.stage.values) == ["lens", "aperture", "diffusion", "pixel"]
 
 
@@ -94,8 +105,13 @@ def test_the_airy_disc_of_the_pipeline_is_that_of_its_block():
 
 @pytest.mark.long
 def test_the_comparison_of_both_orders_is_what_its_command_prints(tmp_path):
-    shown = [body for command, body in CONSOLE if command == "python benchmarks/paper_numbers.py order paper paper_order"]
-    last = {"paper": ["sharpen.rgb_camera", "rgb_display"], "paper_order": ["dynamic_range_clip.rgb_camera", "rgb_display"]}
+    shown = [
+        body for command, body in CONSOLE if command == "python benchmarks/paper_numbers.py order paper paper_order"
+    ]
+    last = {
+        "paper": ["sharpen.rgb_camera", "rgb_display"],
+        "paper_order": ["dynamic_range_clip.rgb_camera", "rgb_display"],
+    }
     for name, want in last.items():
         simulate(ROOT / "pipelines" / f"{name}.toml", archive=tmp_path / name, want=want, scheduler="serial")
     assert shown == ["\n".join(numbers.lines(numbers.order(tmp_path / "paper", tmp_path / "paper_order"))) + "\n"]
@@ -103,7 +119,9 @@ def test_the_comparison_of_both_orders_is_what_its_command_prints(tmp_path):
 
 @pytest.mark.long
 def test_three_times_in_both_orders_are_what_their_command_prints(tmp_path):
-    shown = [body for command, body in CONSOLE if command == "python benchmarks/paper_numbers.py times times times_order"]
+    shown = [
+        body for command, body in CONSOLE if command == "python benchmarks/paper_numbers.py times times times_order"
+    ]
     wanted = {"paper": ["clipped_fraction", "mean_snr"], "paper_order": ["dynamic_range_clip.rgb_camera"]}
     for name, want in wanted.items():
         given = {"archive": tmp_path / name, "want": want, "integration_time": ["1 ms", "8 ms", "64 ms"]}
@@ -202,11 +220,15 @@ def test_no_picture_of_the_documents_has_a_palette(path):
     from PIL import Image
 
     with Image.open(path) as picture:
-        assert picture.mode in ("RGB", "RGBA"), f"{path.name} is of mode {picture.mode}: a palette makes contours that no camera has made"
+        assert picture.mode in ("RGB", "RGBA"), (
+            f"{path.name} is of mode {picture.mode}: a palette makes contours that no camera has made"
+        )
 
 
 def test_smooth_light_stays_smooth_in_a_written_figure(tmp_path):
-    """A ramp of three channels that all 8-bit codes of two of them occur in: a palette of 256 colours holds none of it."""
+    """A ramp of three channels that all 8-bit codes of two of them occur in: a palette of 256 colours holds none of
+    it.
+    """
     import numpy as np
     from PIL import Image
 
@@ -216,4 +238,6 @@ def test_smooth_light_stays_smooth_in_a_written_figure(tmp_path):
     with Image.open(tmp_path / "ramp.png") as picture:
         codes = np.asarray(picture.convert("RGB"))
     inside = codes[figures.GAP // 2 + 10 : -30, figures.GAP + 10 : -30].reshape(-1, 3)
-    assert len(np.unique(inside, axis=0)) > 0.9 * len(inside)  # every sample has a colour of its own, but for two codes of a margin
+    assert len(np.unique(inside, axis=0)) > 0.9 * len(
+        inside
+    )  # every sample has a colour of its own, but for two codes of a margin

@@ -12,13 +12,14 @@ jsonschema = pytest.importorskip("jsonschema")
 HERE = Path(__file__).parent
 PIPELINES = sorted((HERE.parent / "pipelines").glob("**/*.toml"))
 KNOWABLE = """
-    axis_is_a_number axis_value_out_of_range bool_for_a_number camera_is_a_list camera_quantity_in_a_stage camera_quantity_on_top
-    date_for_a_number description_is_a_number empty_axis fraction_for_a_whole_number from_an_unknown_port from_is_no_table keep_is_a_table
-    list_for_a_number misspelt_camera_key misspelt_parameter more_bits_than_the_converter_has most_cells_is_text name_is_a_path
-    name_too_long name_with_a_backslash name_with_newline negative_f_number negative_noise negative_seed no_cells_at_most no_stages
-    number_for_a_choice requires_is_a_number seed_is_a_fraction stage_name_with_a_slash stage_without_use stages_are_texts stages_is_a_table
-    sweep_is_a_number sweep_of_no_steps sweep_table_misspelt text_for_a_number tolerance_above_one tolerance_is_a_list unknown_precision
-    unknown_stage unknown_top_level_key
+    axis_is_a_number axis_value_out_of_range bool_for_a_number camera_is_a_list camera_quantity_in_a_stage
+    camera_quantity_on_top date_for_a_number description_is_a_number empty_axis fraction_for_a_whole_number
+    from_an_unknown_port from_is_no_table keep_is_a_table list_for_a_number misspelt_camera_key misspelt_parameter
+    more_bits_than_the_converter_has most_cells_is_text name_is_a_path name_too_long name_with_a_backslash
+    name_with_newline negative_f_number negative_noise negative_seed no_cells_at_most no_stages number_for_a_choice
+    requires_is_a_number seed_is_a_fraction stage_name_with_a_slash stage_without_use stages_are_texts
+    stages_is_a_table sweep_is_a_number sweep_of_no_steps sweep_table_misspelt text_for_a_number tolerance_above_one
+    tolerance_is_a_list unknown_precision unknown_stage unknown_top_level_key
 """.split()
 
 
@@ -44,7 +45,10 @@ def test_what_a_schema_can_know_it_refuses(validator, name):
 
 
 def test_every_parameter_of_every_stage_is_in_it(validator):
-    by_use = {rule["if"]["properties"]["use"]["const"]: rule["then"] for rule in validator.schema["properties"]["stages"]["items"]["allOf"]}
+    by_use = {
+        rule["if"]["properties"]["use"]["const"]: rule["then"]
+        for rule in validator.schema["properties"]["stages"]["items"]["allOf"]
+    }
     assert set(by_use) == set(installed_stages().names())
 
 

@@ -61,14 +61,18 @@ def tables(edges):
 
 
 def run_python(code, *flags):
-    return subprocess.run([sys.executable, *flags, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        [sys.executable, *flags, "-c", code], capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 # --------------------------------------------------------------------------------------------- the import
 
 
 def test_importing_spectra_and_asking_the_version_does_not_import_colour():
-    done = run_python("import sys, etendue_camera.spectra as s\nprint(s.colour_version()); assert 'colour' not in sys.modules")
+    done = run_python(
+        "import sys, etendue_camera.spectra as s\nprint(s.colour_version()); assert 'colour' not in sys.modules"
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == spectra.colour_version()
 
@@ -87,14 +91,20 @@ def test_tables_load_without_any_warning_where_matplotlib_is_missing():
 # --------------------------------------------------------------------------------------- what is shipped
 
 
-ULPS = 64 * 2.0**-52  # what BLAS inverts and interpolates differs so far from processor to processor; the tables themselves do not
+ULPS = (
+    64 * 2.0**-52
+)  # what BLAS inverts and interpolates differs so far from processor to processor; the tables themselves do not
 
 
 def test_every_shipped_table_is_that_of_the_library_to_the_last_bit():
     import colour
 
     assert str(shipped.arrays()[shipped.VERSION]) == spectra.colour_version()
-    held = {"illuminant": colour.SDS_ILLUMINANTS, "camera": colour.MSDS_CAMERA_SENSITIVITIES, "display": colour.MSDS_DISPLAY_PRIMARIES}
+    held = {
+        "illuminant": colour.SDS_ILLUMINANTS,
+        "camera": colour.MSDS_CAMERA_SENSITIVITIES,
+        "display": colour.MSDS_DISPLAY_PRIMARIES,
+    }
     for kind, tables in held.items():
         assert list(shipped.names(kind)) == list(tables)
         for name in tables:
@@ -110,7 +120,9 @@ def test_every_shipped_table_is_that_of_the_library_to_the_last_bit():
         assert_array_equal(own["primaries"].ravel(), np.ravel(its.primaries))
         assert_array_equal(own["white"], its.whitepoint)
     whites = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]
-    assert {name: tuple(shipped.white(name)) for name in shipped.names("white")} == {name: tuple(whites[name]) for name in whites}
+    assert {name: tuple(shipped.white(name)) for name in shipped.names("white")} == {
+        name: tuple(whites[name]) for name in whites
+    }
     for name, matrix in colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS.items():
         assert_array_equal(shipped.adaptation(name), matrix)
 
@@ -118,7 +130,10 @@ def test_every_shipped_table_is_that_of_the_library_to_the_last_bit():
 def test_every_smooth_table_is_what_the_interpolator_of_the_library_gives():
     import colour
 
-    smooth = {"patch": colour.SDS_COLOURCHECKERS[authority.COLORCHECKER], "smooth camera": colour.MSDS_CAMERA_SENSITIVITIES}
+    smooth = {
+        "patch": colour.SDS_COLOURCHECKERS[authority.COLORCHECKER],
+        "smooth camera": colour.MSDS_CAMERA_SENSITIVITIES,
+    }
     smooth["basis"] = {authority.BASIS: colour.recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019}
     for kind, tables in smooth.items():
         assert list(shipped.names(kind)) == list(tables)
@@ -126,7 +141,9 @@ def test_every_smooth_table_is_what_the_interpolator_of_the_library_gives():
             nodes, values = shipped.curve(kind, name)
             given = tables[name]
             columns = np.asarray(given.values).reshape(len(given.wavelengths), -1).T
-            curves = [np.maximum(colour.SpragueInterpolator(given.wavelengths, column)(nodes), 0.0) for column in columns]
+            curves = [
+                np.maximum(colour.SpragueInterpolator(given.wavelengths, column)(nodes), 0.0) for column in columns
+            ]
             assert_allclose(values, np.stack(curves, axis=-1).reshape(values.shape), rtol=ULPS, atol=1e-15)
 
 
@@ -426,7 +443,9 @@ def test_an_illuminant_is_not_extrapolated():
         spectra.illuminant("D65", np.arange(380.0, 1101.0, 10.0))
 
 
-@pytest.mark.parametrize("edges", [[400.0], [[400.0, 500.0]], [500.0, 400.0], [400.0, 400.0], [0.0, 1.0], [400.0, np.inf]])
+@pytest.mark.parametrize(
+    "edges", [[400.0], [[400.0, 500.0]], [500.0, 400.0], [400.0, 400.0], [0.0, 1.0], [400.0, np.inf]]
+)
 def test_edges_that_are_no_axis_are_refused(edges):
     with pytest.raises(ValueError, match="edges must be"):
         spectra.colour_matching(edges)
@@ -445,14 +464,18 @@ def test_a_csv_table_with_uneven_rows_is_averaged_exactly(tmp_path):
     path = csv(tmp_path, "# a filter\nwavelength_nm, a, b\n\n400,0,1\n410,1,1 # foot\n440,0,1\n")
     names, means = spectra.table_from_csv(path, [390.0, 400.0, 410.0, 425.0, 445.0])
     assert names == ["a", "b"]
-    # triangles by hand; 5 nm in front, half a step, the first row holds; steps of 30 nm are a drawn curve, which ends with
-    # its last row: the last bin is 3/4 inside for b, and holds half of a 15 nm x 0.5 triangle for a
+    # triangles by hand; 5 nm in front, half a step, the first row holds; steps of 30 nm are a drawn curve, which ends
+    # with its last row: the last bin is 3/4 inside for b, and holds half of a 15 nm x 0.5 triangle for a
     assert_allclose(means, [[0, 0.5], [0.5, 1], [0.75, 1], [0.25 * 15 / 20, 15 / 20]], rtol=ROUNDING)
 
 
 def test_a_table_that_holds_has_its_end_values_everywhere(tmp_path):
     path = csv(tmp_path, "wavelength_nm,a\n400,0.2\n500,0.6\n")
-    assert_allclose(spectra.table_from_csv(path, [300.0, 350.0, 600.0, 700.0], outside="hold")[1][[0, 2], 0], [0.2, 0.6], rtol=ROUNDING)
+    assert_allclose(
+        spectra.table_from_csv(path, [300.0, 350.0, 600.0, 700.0], outside="hold")[1][[0, 2], 0],
+        [0.2, 0.6],
+        rtol=ROUNDING,
+    )
     assert_allclose(spectra.table_from_csv(path, [300.0, 350.0, 600.0, 700.0])[1][[0, 2], 0], 0.0)
 
 
@@ -521,8 +544,12 @@ def test_the_list_of_names_for_plans_is_that_of_the_library():
 def test_a_file_named_colour_beside_a_script_is_not_taken_for_the_library(tmp_path):
     """Python looks beside the script first; the library itself looks there for another package of its name."""
     (tmp_path / "colour.py").write_text("raise ImportError('the wrong one')\n")
-    (tmp_path / "script.py").write_text("from etendue_camera.spectra import authority\nprint(authority.rows('illuminant', 'D50').shape)\n")
-    found = subprocess.run([sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True, timeout=120, check=False)
+    (tmp_path / "script.py").write_text(
+        "from etendue_camera.spectra import authority\nprint(authority.rows('illuminant', 'D50').shape)\n"
+    )
+    found = subprocess.run(
+        [sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True, timeout=120, check=False
+    )
     assert found.stdout.strip() == "(97, 2)", found.stderr
 
 
@@ -541,7 +568,9 @@ def test_an_spdx_file_is_the_csv_table_of_its_rows(tmp_path):
     (tmp_path / "a.csv").write_text("wavelength_nm,power\n" + "".join(f"{nm},{value}\n" for nm, value in rows))
     edges = np.arange(410.0, 701.0, 10.0)
     assert_array_equal(*(spectra.illuminant(str(tmp_path / f"a.{kind}"), edges) for kind in ("spdx", "csv")))
-    assert_array_equal(*(spectra.table_from_csv(tmp_path / f"a.{kind}", edges, outside="hold")[1] for kind in ("spdx", "csv")))
+    assert_array_equal(
+        *(spectra.table_from_csv(tmp_path / f"a.{kind}", edges, outside="hold")[1] for kind in ("spdx", "csv"))
+    )
 
 
 def test_an_spdx_file_of_the_library_is_read_as_it_was_written(tmp_path):

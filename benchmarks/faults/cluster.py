@@ -1,11 +1,14 @@
-"""What can go wrong on a Dask cluster: workers killed, cells that kill, hang or take too much, workers that differ, lost schedulers.
+"""What can go wrong on a Dask cluster: workers killed, cells that kill, hang or take too much, workers that differ,
+lost schedulers.
 
     python benchmarks/faults/cluster.py --count 60            # all of it, 60 kills of workers and 60 of owners
     python benchmarks/faults/cluster.py --only killed poison
 
 In:  processes on loopback that stand for machines; a plugin whose cells take a while (`toil.py`).
-Out: a table fault | expected | seen, with counts; exit code 1 where they differ. Every fault is followed by the same command on a sound
-cluster: the archive must hold the arrays of an undisturbed run (`mended`), no half-written file, and no process may be left.
+Out: a table fault | expected | seen, with counts; exit code 1 where they differ. Every fault is followed by the same
+     command on a sound
+cluster: the archive must hold the arrays of an undisturbed run (`mended`), no half-written file, and no process may be
+left.
 """
 
 from __future__ import annotations
@@ -30,12 +33,17 @@ from forked import Seen
 from machines import Cluster, brought, cluster, environment, fake, free_port
 from processes import children, still, workers_below
 
-PIPELINE = 'name = "file"\nprecision = "float32"\n' + "".join(f'[[stages]]\nuse = "{use}"\n' for use in ("lamp", "toil", "witness"))
+PIPELINE = 'name = "file"\nprecision = "float32"\n' + "".join(
+    f'[[stages]]\nuse = "{use}"\n' for use in ("lamp", "toil", "witness")
+)
 PROGRAM = (
     "import etendue.run.cluster.watching as w, etendue.run.cluster.connect as c; w.PATIENCE = c.FIRST = {patience}; "
     "from etendue.__main__ import main; main()"
 )
-IMPATIENT, PATIENT = 6.0, 60.0  # seconds without a worker until a run is given up: where none will come, and where one is started anew
+IMPATIENT, PATIENT = (
+    6.0,
+    60.0,
+)  # seconds without a worker until a run is given up: where none will come, and where one is started anew
 NUMBERS = tuple(str(n) for n in range(1, 41))
 
 
@@ -58,13 +66,23 @@ class Place:
         return [*program, "run", "file.toml", "--sweep", sweep, "--json", "--quiet", "--archive", archive, *words]
 
     def start(self, hows: tuple[str, ...], archive: str, *words: str) -> subprocess.Popen[str]:
-        heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a shell ignores it for what it runs in the background
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True, "preexec_fn": heard}
+        heard = partial(
+            signal.signal, signal.SIGINT, signal.SIG_DFL
+        )  # a shell ignores it for what it runs in the background
+        pipes = {
+            "stdout": subprocess.PIPE,
+            "stderr": subprocess.PIPE,
+            "text": True,
+            "start_new_session": True,
+            "preexec_fn": heard,
+        }
         return subprocess.Popen(self.command(hows, archive, *words), cwd=self.folder, env=self.env, **pipes)  # type: ignore[call-overload, no-any-return]
 
     def run(self, hows: tuple[str, ...], archive: str, *words: str) -> subprocess.CompletedProcess[str]:
         command = self.command(hows, archive, *words)
-        return subprocess.run(command, cwd=self.folder, env=self.env, capture_output=True, text=True, timeout=300, check=False)
+        return subprocess.run(
+            command, cwd=self.folder, env=self.env, capture_output=True, text=True, timeout=300, check=False
+        )
 
     def begun(self, archive: str, cells: int = 6) -> bool:
         """Wait until so many cells are finished."""
@@ -101,7 +119,11 @@ def unless(what: str, right: bool) -> str:
 def ended(process: subprocess.CompletedProcess[str], code: int, *words: str) -> tuple[str, bool]:
     """The exit code and the one line that was said; whether both are as expected."""
     lines = [line for line in process.stderr.splitlines() if not line.startswith("note: ")]
-    right = process.returncode == code and all(word in process.stderr for word in words) and "Traceback" not in process.stderr
+    right = (
+        process.returncode == code
+        and all(word in process.stderr for word in words)
+        and "Traceback" not in process.stderr
+    )
     return f"exit {process.returncode}: {' / '.join(lines)[:400]}", right and len(lines) <= 2
 
 
@@ -181,9 +203,15 @@ def bad_cells(place: Place, *_: object) -> Iterator[Seen]:
                 address = stack.enter_context(cluster(place.folder, place.env, 2, "--memory-limit", "400MB")).address
             for fault, how, words, more in cases:
                 if where == "own" and how in ("grows", "leaves"):
-                    continue  # its workers may hold a share of the machine's memory, which others use; a guard is alike anywhere
-                seen = Seen(f"{fault}, {address if where == 'own' else 'tcp://'}", "exit 3, that cell alone, the same other arrays")
-                done = place.run((*NUMBERS[:20], how, *NUMBERS[20:]), "b", "--scheduler", address, "--workers", "2", *more)
+                    # its workers may hold a share of the machine's memory, which others use; a guard is alike anywhere
+                    continue
+                seen = Seen(
+                    f"{fault}, {address if where == 'own' else 'tcp://'}",
+                    "exit 3, that cell alone, the same other arrays",
+                )
+                done = place.run(
+                    (*NUMBERS[:20], how, *NUMBERS[20:]), "b", "--scheduler", address, "--workers", "2", *more
+                )
                 what, right = failed(done, how, words)
                 seen.count(unless(what, right and place.same("b")))
                 shutil.rmtree(place.folder / "b", ignore_errors=True)
@@ -259,9 +287,24 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
     hidden = ("unshare", "-m", "sh", "-c", f'mount -t tmpfs none "{place.folder / "x"}" && exec "$@"', "sh")
     (place.folder / "x").mkdir()
     cases = [
-        ("worker with another numpy", environment(fake(place.folder / "n", "numpy", "1.0"), place.site), (), "numpy 1.0 (here"),
-        ("worker with another etendue", environment(fake(place.folder / "e", "etendue", "9.0"), place.site), (), "etendue 9.0 (here"),
-        ("worker with another plugin", environment(other), (), "another code of the stage Toil of toil 1.1 (here of toil 1.0)"),
+        (
+            "worker with another numpy",
+            environment(fake(place.folder / "n", "numpy", "1.0"), place.site),
+            (),
+            "numpy 1.0 (here",
+        ),
+        (
+            "worker with another etendue",
+            environment(fake(place.folder / "e", "etendue", "9.0"), place.site),
+            (),
+            "etendue 9.0 (here",
+        ),
+        (
+            "worker with another plugin",
+            environment(other),
+            (),
+            "another code of the stage Toil of toil 1.1 (here of toil 1.0)",
+        ),
         ("worker without the plugin", environment(), (), "no stage Lamp of toil 1.0"),
         ("worker without etendue", environment(without), (), "no answer"),
         ("worker that does not see the archive", place.env, hidden, "no archive at"),
@@ -271,7 +314,13 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
         with cluster(place.folder, place.env, 1) as there:
             there.add(env=env, before=before)
             there.wait_for(2)
-            seen.count(unless(*ended(place.run(NUMBERS, "x/s", "--scheduler", there.address), 5, words, "the worker tcp://127.0.0.1:")))
+            seen.count(
+                unless(
+                    *ended(
+                        place.run(NUMBERS, "x/s", "--scheduler", there.address), 5, words, "the worker tcp://127.0.0.1:"
+                    )
+                )
+            )
         with cluster(place.folder, place.env, 1) as there:
             done = place.run(NUMBERS, "x/s", "--scheduler", there.address)
             seen.count(unless(f"then {ended(done, 0)[0]}", ended(done, 0)[1] and place.same("x/s")))
@@ -279,7 +328,9 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
         yield seen
     seen = Seen("such a worker joins a run under way", "exit 5, named; without it exit 0")
     with cluster(place.folder, place.env, 1) as there:
-        process = place.start(NUMBERS, "s", "--scheduler", there.address, "--set", "toil.pause=0.8")  # longer than a worker takes to start
+        process = place.start(
+            NUMBERS, "s", "--scheduler", there.address, "--set", "toil.pause=0.8"
+        )  # longer than a worker takes to start
         place.begun("s", 2)
         late = there.add(env=environment(other))
         seen.count(unless(*ended(in_time(process), 5, "another code of the stage", "the worker tcp://127.0.0.1:")))
@@ -305,9 +356,13 @@ def signalled(place: Place, chance: random.Random, count: int) -> Iterator[Seen]
 
 
 FAULTS: dict[str, Callable[[Place, random.Random, int], Iterator[Seen]]] = {
-    "cells": bad_cells, "schedulers": lost_schedulers, "strangers": strangers, "signals": signalled, "workers": killed_workers,
+    "cells": bad_cells,
+    "schedulers": lost_schedulers,
+    "strangers": strangers,
+    "signals": signalled,
+    "workers": killed_workers,
     "owners": killed_owners,
-}  # fmt: skip
+}
 
 
 def main() -> int:

@@ -1,8 +1,9 @@
-"""Every camera quantity and every parameter of every stage at the ends of its range, one at a time, in a tiny camera that runs.
+"""Every camera quantity and every parameter of every stage at the ends of its range, one at a time, in a tiny camera
+that runs.
 
 In:  `camera`, names of stages, or nothing: all (some ten minutes).
-Out: a line for each corner that is not planned and run, nor refused by the plan: failed cells, tracebacks, warnings, more than 10 s;
-     then the counts.
+Out: a line for each corner that is not planned and run, nor refused by the plan: failed cells, tracebacks, warnings,
+     more than 10 s; then the counts.
 
     python benchmarks/faults/corners.py camera
 """
@@ -32,9 +33,15 @@ from etendue.session import Options, execute
 
 SMALLEST = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 BEHIND = {
-    "irradiance": "falloff", "mosaic_linear": "linearise", "rgb_camera": "sharpen", "charge": "shot_noise", "expected_charge": "exposure",
-    "rgb_linear": "display", "xyz_scene": "camera_to_xyz", "raw": "adc",
-}  # fmt: skip
+    "irradiance": "falloff",
+    "mosaic_linear": "linearise",
+    "rgb_camera": "sharpen",
+    "charge": "shot_noise",
+    "expected_charge": "exposure",
+    "rgb_linear": "display",
+    "xyz_scene": "camera_to_xyz",
+    "raw": "adc",
+}
 LENSES = ("lens_gaussian", "lens_psf", "lens_psf_field", "wavefront", "aberrations")
 SLOWEST = 10  # seconds
 
@@ -130,7 +137,11 @@ def outcome(document: dict[str, Any]) -> tuple[str, str]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            done = execute(make_plan(from_document(document), installed_stages()), None, Options(scheduler="serial", pictures=False))
+            done = execute(
+                make_plan(from_document(document), installed_stages()),
+                None,
+                Options(scheduler="serial", pictures=False),
+            )
     except RequestError as error:
         return "refused", str(error)
     except MachineError as error:
@@ -149,7 +160,9 @@ def cases(names: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Every corner of the camera and of some stages: its name and the pipeline."""
     registry = installed_stages()
     if "camera" in names:
-        kinds = {name: entry[1] for use in registry.names() for name, entry in parameters_of(registry.load(use)).items()}
+        kinds = {
+            name: entry[1] for use in registry.names() for name, entry in parameters_of(registry.load(use)).items()
+        }
         for name in camera.names():
             for value in corners(camera.declared(name), kinds[name]):
                 document = tiny()

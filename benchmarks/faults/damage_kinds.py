@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 SHARD, SCALAR = "data.zarr/irradiance/irradiance/c.0.0.0.0", "data.zarr/lens_numbers/hyperfocal_distance/c.0"
 
 
-# -- ways to change a file --------------------------------------------------------------------------------------------------
+# -- ways to change a file
+# --------------------------------------------------------------------------------------------------
 
 Draw = random.Random
 Act = Callable[["Sound", Path, Draw], list[str]]  # gives the paths that have to be named
@@ -71,7 +72,8 @@ def an_input(archive: Path) -> str:
     return next(f"inputs/{p.name}" for p in (archive / "inputs").iterdir())
 
 
-# -- chunks -----------------------------------------------------------------------------------------------------------------
+# -- chunks
+# -----------------------------------------------------------------------------------------------------------------
 
 
 def bit_in_chunk(sound: Sound, archive: Path, draw: Draw) -> list[str]:
@@ -114,7 +116,10 @@ def swapped_chunks(sound: Sound, archive: Path, draw: Draw) -> list[str]:
         own = sound.in_file(path)
         data = (archive / path).read_bytes()
         pairs += [
-            (path, a, b, s) for i, (_, a, s) in enumerate(own) for _, b, t in own[i + 1 :] if s == t and data[a : a + s] != data[b : b + s]
+            (path, a, b, s)
+            for i, (_, a, s) in enumerate(own)
+            for _, b, t in own[i + 1 :]
+            if s == t and data[a : a + s] != data[b : b + s]
         ]
     path, a, b, size = draw.choice(pairs)
     data = bytearray((archive / path).read_bytes())
@@ -135,7 +140,11 @@ def swapped_shards(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 def foreign_shard(sound: Sound, archive: Path, draw: Draw) -> list[str]:
     """The shard of another archive of the same pipeline, with other numbers."""
-    there = [p for p in sound.shards() if (sound.other / p).is_file() and (sound.other / p).read_bytes() != (archive / p).read_bytes()]
+    there = [
+        p
+        for p in sound.shards()
+        if (sound.other / p).is_file() and (sound.other / p).read_bytes() != (archive / p).read_bytes()
+    ]
     path = draw.choice(there)
     shutil.copy(sound.other / path, archive / path)
     return [path]
@@ -188,7 +197,9 @@ def lengthened(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def in_its_place(put: Callable[[Path, Path], object]) -> Act:
-    """Something else in the place of a file of chunks; ``put`` is told where, and of the same file of another archive."""
+    """Something else in the place of a file of chunks; ``put`` is told where, and of the same file of another
+    archive.
+    """
 
     def act(sound: Sound, archive: Path, draw: Draw) -> list[str]:
         path = draw.choice(sorted(sound.slots))
@@ -208,7 +219,8 @@ def lost_array(sound: Sound, archive: Path, draw: Draw) -> list[str]:
     return [f"{path}/zarr.json"]
 
 
-# -- metadata, tables ---------------------------------------------------------------------------------------------------------
+# -- metadata, tables
+# ---------------------------------------------------------------------------------------------------------
 
 
 def small_array(path: str, change: Callable[[np.ndarray], object], dtype: str) -> Act:
@@ -237,7 +249,8 @@ def swapped_columns(sound: Sound, archive: Path, draw: Draw) -> list[str]:
     return [one, other]
 
 
-# -- journal, manifest ----------------------------------------------------------------------------------------------------------
+# -- journal, manifest
+# ----------------------------------------------------------------------------------------------------------
 
 
 def of_event(event: str, change: Callable[[list[bytes], int, Draw], object]) -> Act:
@@ -287,7 +300,8 @@ def no_journal(sound: Sound, archive: Path, draw: Draw) -> list[str]:
     return ["journal.jsonl"]
 
 
-# -- beside the store -------------------------------------------------------------------------------------------------------------
+# -- beside the store
+# -------------------------------------------------------------------------------------------------------------
 
 
 def input_changed(sound: Sound, archive: Path, draw: Draw) -> list[str]:
@@ -325,7 +339,11 @@ def filled_lock(sound: Sound, archive: Path, draw: Draw) -> list[str]:
 
 
 def two_shards(sound: Sound, archive: Path, draw: Draw) -> list[str]:
-    return bit_in_chunk(sound, archive, draw) + lost_file(sound, archive, draw) + a_bit_of("data.zarr/zarr.json")(sound, archive, draw)
+    return (
+        bit_in_chunk(sound, archive, draw)
+        + lost_file(sound, archive, draw)
+        + a_bit_of("data.zarr/zarr.json")(sound, archive, draw)
+    )
 
 
 META, RECORD = "data.zarr/irradiance/irradiance/zarr.json", "runs/0002.json"
@@ -354,7 +372,9 @@ KINDS: dict[str, Act] = {
     "a shape edited": edited(META, lambda d: d["shape"].__setitem__(0, 1)),
     "dims exchanged": edited(META, lambda d: d.update(dimension_names=d["dimension_names"][::-1])),
     "a fill value edited": edited(META, lambda d: d.update(fill_value=0.0)),
-    "a group's metadata lost": removed("data.zarr/scene/zarr.json", "data.zarr/pixel/zarr.json", "data.zarr/ledger/zarr.json"),
+    "a group's metadata lost": removed(
+        "data.zarr/scene/zarr.json", "data.zarr/pixel/zarr.json", "data.zarr/ledger/zarr.json"
+    ),
     "a bit of the root's metadata": a_bit_of("data.zarr/zarr.json"),
     "an array gone from the root": edited(
         "data.zarr/zarr.json", lambda d: d["consolidated_metadata"]["metadata"].pop("irradiance/irradiance")
@@ -364,7 +384,9 @@ KINDS: dict[str, Act] = {
     "a coordinate edited, checksum right": small_array("data.zarr/irradiance/f_number/c/0", first(3.0), "<f8"),
     "a bit of a text coordinate": a_bit_of("data.zarr/pixel/4x4/back/c/0"),
     "a status edited, checksum right": small_array("data.zarr/irradiance/status/c/0", first(4), "|u1"),
-    "a bit of a table": a_bit_of("data.zarr/ledger/key/c/0", "data.zarr/ledger/error/c/0", "data.zarr/summary/stage/c/0"),
+    "a bit of a table": a_bit_of(
+        "data.zarr/ledger/key/c/0", "data.zarr/ledger/error/c/0", "data.zarr/summary/stage/c/0"
+    ),
     "a time edited, checksum right": small_array("data.zarr/ledger/seconds/c/0", first(9.0), "<f8"),
     "two columns swapped": swapped_columns,
     "a bit of the pictures": a_bit_of("data.zarr/frames/preview/c/0/0/0/0", "contact_sheet.png"),
@@ -391,9 +413,15 @@ KINDS: dict[str, Act] = {
     "measured errors edited": edited("measured.json", lambda d: d["key"].update(error=0.5)),
     "the owner's name": a_bit_of("run.id"),
     "a lock with content": filled_lock,
-    "a chunk added": added("data.zarr/irradiance/irradiance/c.9.0.0.0", "data.zarr/mosaic/4x4/raw_charge/c.7", "data.zarr/scene/c"),
-    "a file added to a group": added("data.zarr/irradiance/notes.txt", "data.zarr/ledger/x", "data.zarr/x", "runs/0009.json"),
+    "a chunk added": added(
+        "data.zarr/irradiance/irradiance/c.9.0.0.0", "data.zarr/mosaic/4x4/raw_charge/c.7", "data.zarr/scene/c"
+    ),
+    "a file added to a group": added(
+        "data.zarr/irradiance/notes.txt", "data.zarr/ledger/x", "data.zarr/x", "runs/0009.json"
+    ),
     "an array added to a group": added_array,
-    "left half written": added("data.zarr/scene/.zarr.json.1.2.partial", "data.zarr/irradiance/irradiance/.c.0.0.0.0.0123456789ab.part"),
+    "left half written": added(
+        "data.zarr/scene/.zarr.json.1.2.partial", "data.zarr/irradiance/irradiance/.c.0.0.0.0.0123456789ab.part"
+    ),
     "three at once": two_shards,
 }

@@ -1,14 +1,14 @@
 """Every kind of damage to an archive, many times: is it found, named, and repaired with only what is damaged computed?
 
 In:  how many of each kind (default 20), a seed; kinds by name.
-Out: a row a kind: how often it was found, named and repaired, cells that were lost and cells that were computed. What failed stands
-     behind the table; the exit code is then 1.
+Out: a row a kind: how often it was found, named and repaired, cells that were lost and cells that were computed. What
+     failed stands behind the table; the exit code is then 1.
 
     python benchmarks/faults/damages.py --count 20
 
-What is lost is known without etendue: cells of which a stored byte, or the line that vouches for it, is no longer the one of the sound
-archive. Repaired means: ``verify`` finds nothing, every array of every cell has the bits it had, and every file of the store that holds
-no measured time and no chunk of a cell has the bytes it had.
+What is lost is known without etendue: cells of which a stored byte, or the line that vouches for it, is no longer the
+one of the sound archive. Repaired means: ``verify`` finds nothing, every array of every cell has the bits it had, and
+every file of the store that holds no measured time and no chunk of a cell has the bytes it had.
 """
 
 from __future__ import annotations
@@ -93,7 +93,10 @@ class Sound:
 
     def in_file(self, path: str) -> list[tuple[int, int, int]]:
         """(slot, offset, size) of the chunks of a file, in the order in which they lie."""
-        return sorted(((slot, at, size) for (_, _, slot), (file, at, size) in self.places.items() if file == path), key=lambda one: one[1])
+        return sorted(
+            ((slot, at, size) for (_, _, slot), (file, at, size) in self.places.items() if file == path),
+            key=lambda one: one[1],
+        )
 
 
 def made(place: Path) -> Sound:
@@ -101,7 +104,11 @@ def made(place: Path) -> Sound:
     (place / "camera.csv").write_text(TABLE)
     (place / "small.toml").write_text(TEXT)
     folder, other = place / "sound", place / "other"
-    for archive, overrides in ((folder, {}), (folder, {"sweep.f_number": [2, 8]}), (other, {"camera.transmittance": 0.5})):
+    for archive, overrides in (
+        (folder, {}),
+        (folder, {"sweep.f_number": [2, 8]}),
+        (other, {"camera.transmittance": 0.5}),
+    ):
         plan = make_plan(read_pipeline(place / "small.toml", overrides), installed_stages())
         execute(plan, archive, Options("serial"))
     remember(folder, "key", {"error": 0.25})
@@ -121,11 +128,15 @@ def arrays_of(folder: Path) -> dict[tuple[str, str], bytes]:
     """The bits of every array of every cell."""
     stored = Stored(folder)
     cells = {name: stored.cell(name) for name in stored.finished}
-    return {(name, variable): cell.read(variable).tobytes() for name, cell in cells.items() for variable in cell.variables}
+    return {
+        (name, variable): cell.read(variable).tobytes() for name, cell in cells.items() for variable in cell.variables
+    }
 
 
 def last_words(lines: list[bytes], sound: set[bytes]) -> dict[str, bool]:
-    """By cell whether the last line that says something of it is ``done``; lines that are not those of the sound archive say nothing."""
+    """By cell whether the last line that says something of it is ``done``; lines that are not those of the sound
+    archive say nothing.
+    """
     found: dict[str, bool] = {}
     for line in lines:
         if line in sound:
@@ -141,7 +152,10 @@ def lost_cells(sound: Sound, archive: Path) -> set[str]:
     for (cell, _, _), (file, at, size) in sound.places.items():
         if file not in files:
             path = archive / file
-            files[file] = ((sound.folder / file).read_bytes(), path.read_bytes() if path.is_file() and not path.is_symlink() else b"")
+            files[file] = (
+                (sound.folder / file).read_bytes(),
+                path.read_bytes() if path.is_file() and not path.is_symlink() else b"",
+            )
         was, now = files[file]
         if was[at : at + size] != now[at : at + size]:
             lost.add(cell)
@@ -213,8 +227,10 @@ def difference(sound: Sound, archive: Path) -> str:
 
 def damaged(
     count: int, seed: int = 0, kinds: tuple[str, ...] = (), told: Callable[[str, Row], None] = lambda kind, row: None
-) -> dict[str, Row]:  # fmt: skip
-    """Every kind of damage so many times, each in a fresh copy of the same archive; ``told`` of each kind when it is done."""
+) -> dict[str, Row]:
+    """Every kind of damage so many times, each in a fresh copy of the same archive; ``told`` of each kind when it is
+    done.
+    """
     rows: dict[str, Row] = {}
     with tempfile.TemporaryDirectory() as place:
         sound = made(Path(place))
@@ -246,7 +262,10 @@ def main() -> None:
     words.add_argument("--first", type=int, default=len(KINDS), help="so many kinds, from the first on")
     asked = words.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    print(f"{'damage':36s} {'n':>4s} {'found':>6s} {'named':>6s} {'repaired':>9s} {'cells lost':>11s} {'computed':>9s} {'more':>5s}")
+    print(
+        f"{'damage':36s} {'n':>4s} {'found':>6s} {'named':>6s} {'repaired':>9s} {'cells lost':>11s} {'computed':>9s} "
+        f"{'more':>5s}"
+    )
     rows = damaged(asked.count, asked.seed, tuple(asked.kind or list(KINDS)[: asked.first]), print_row)
     whole = Row(*(sum(getattr(row, name) for row in rows.values()) for name in FIGURES))
     print_row(f"{len(rows)} kinds", whole)

@@ -2,18 +2,19 @@
 
     python benchmarks/faults/file_operations.py [--every 1] [--kinds KIND ...] [--seed 0]
 
-A small sweep is run once to number the operations below its archive (open, write, rename, remove, fsync, ...). Then, for every one
-of them, in a process of its own:
+A small sweep is run once to number the operations below its archive (open, write, rename, remove, fsync, ...). Then,
+for every one of them, in a process of its own:
 
 killed before, killed after : the process ends there, at once
 disk full, quota used up, input/output error, too many open files : the operation is refused
-power lost (``--durable``) : the process ends there, and of what it wrote only what had been made safe is left: the content of a
-    file as of its last fsync, the names in a folder as of the folder's. Of content that was not made safe nothing, a part, or all
-    of it is there, by lot.
+power lost (``--durable``) : the process ends there, and of what it wrote only what had been made safe is left: the
+content of a
+    file as of its last fsync, the names in a folder as of the folder's. Of content that was not made safe nothing, a
+    part, or all of it is there, by lot.
 
-Behind each the same command runs again. Printed by kind of fault: how many ended in the archive of an undisturbed run, how many did
-not (a byte of the store, or what `verify` finds), were read wrongly as they were left, computed a finished cell again; tracebacks, and
-files left over; every one that is wrong is named. Exit code 1 if there is any.
+Behind each the same command runs again. Printed by kind of fault: how many ended in the archive of an undisturbed run,
+how many did not (a byte of the store, or what `verify` finds), were read wrongly as they were left, computed a finished
+cell again; tracebacks, and files left over; every one that is wrong is named. Exit code 1 if there is any.
 """
 
 from __future__ import annotations
@@ -43,7 +44,16 @@ class Runs:
         (place / "faults.toml").write_text(LIGHT + SWEEP)
 
     def words(self, archive: Path, durable: bool) -> list[str]:
-        words = ["run", str(self.place / "faults.toml"), "--archive", str(archive), "--quiet", "--json", "--scheduler", "serial"]
+        words = [
+            "run",
+            str(self.place / "faults.toml"),
+            "--archive",
+            str(archive),
+            "--quiet",
+            "--json",
+            "--scheduler",
+            "serial",
+        ]
         return [*words, *(["--durable"] if durable else [])]
 
     def run(self, archive: Path, durable: bool, watched: Watched | None = None) -> tuple[int, str]:
@@ -88,7 +98,10 @@ def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) ->
     totals = {durable: runs.numbered(durable) for durable in (False, True)}
     for durable, names in totals.items():
         print(f"{len(names)} operations{' with --durable' if durable else ''}: {dict(Counter(names).most_common())}")
-    print(f"{'fault':20} " + " ".join(f"{name:>10}" for name in COLUMNS) + "   exit codes of the disturbed run", flush=True)
+    print(
+        f"{'fault':20} " + " ".join(f"{name:>10}" for name in COLUMNS) + "   exit codes of the disturbed run",
+        flush=True,
+    )
     for kind in kinds:
         names, seen, codes = totals[kind == "power lost"], Counter[str](), Counter[int]()
         for at in range(1 + seed % every, min(len(names), most) + 1, every):
@@ -98,7 +111,10 @@ def measured(place: Path, kinds: list[str], every: int, most: int, seed: int) ->
             for what, why in faults.items():
                 print(f"  {kind}, {names[at - 1]} {at}: {what}: {why}", flush=True)
         wrong += seen["tried"] - seen["right"]
-        print(f"{kind:20} " + " ".join(f"{seen[name]:10}" for name in COLUMNS) + f"   {dict(sorted(codes.items()))}", flush=True)
+        print(
+            f"{kind:20} " + " ".join(f"{seen[name]:10}" for name in COLUMNS) + f"   {dict(sorted(codes.items()))}",
+            flush=True,
+        )
     return str(wrong)
 
 

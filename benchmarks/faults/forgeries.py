@@ -1,7 +1,7 @@
 """Does ``etendue reproduce`` find an archive that says something else, with every digest computed anew?
 
-Each kind is done to a copy of one small archive; ``verify`` must find nothing of it (else it were no consistent forgery), ``reproduce``
-has to name it with exit 1, or to have it in the list of what it does not check.
+Each kind is done to a copy of one small archive; ``verify`` must find nothing of it (else it were no consistent
+forgery), ``reproduce`` has to name it with exit 1, or to have it in the list of what it does not check.
 
     python benchmarks/faults/forgeries.py [--only WORD ...]
 """

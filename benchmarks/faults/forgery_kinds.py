@@ -1,4 +1,5 @@
-"""Consistent forgeries: an archive that says something else, with every digest computed anew, so that no file contradicts another.
+"""Consistent forgeries: an archive that says something else, with every digest computed anew, so that no file
+contradicts another.
 
 In:  an archive (a copy).
 Out: it is changed in place; ``verify`` finds nothing.
@@ -24,12 +25,18 @@ Forge = Callable[[Path], object]
 
 
 def sealed(archive: Path) -> None:
-    """The metadata of all nodes in the root, the digest of the pictures, the records in the journal, and a manifest of all that."""
+    """The metadata of all nodes in the root, the digest of the pictures, the records in the journal, and a manifest
+    of all that.
+    """
     store = archive / "data.zarr"
     root = json.loads((store / "zarr.json").read_text())
     frames = store / "frames" / "zarr.json"
     if frames.is_file():
-        files = {path.relative_to(store).as_posix(): path.read_bytes() for path in (store / "frames").rglob("*") if path.is_file()}
+        files = {
+            path.relative_to(store).as_posix(): path.read_bytes()
+            for path in (store / "frames").rglob("*")
+            if path.is_file()
+        }
         own = json.loads(frames.read_text())
         own["attributes"]["digest"] = digest(files)
         frames.write_text(json.dumps(own, indent=2))
@@ -40,7 +47,11 @@ def sealed(archive: Path) -> None:
             fresh = json.loads(node.read_text())
             held[name] = {
                 **fresh,
-                **({"consolidated_metadata": held[name]["consolidated_metadata"]} if fresh["node_type"] == "group" else {}),
+                **(
+                    {"consolidated_metadata": held[name]["consolidated_metadata"]}
+                    if fresh["node_type"] == "group"
+                    else {}
+                ),
             }
     (store / "zarr.json").write_text(json.dumps(root, indent=2))
     lines = []
@@ -168,7 +179,9 @@ def renamed_cells(archive: Path) -> None:
     """An axis value is another, in coordinates, names of cells, records and pipelines, and not in the keys."""
     for path in [archive / "journal.jsonl", *(archive / "runs").glob("*.json")]:
         text = path.read_text()
-        path.write_text(re.sub(r"f_number=4\.0", "f_number=4.5", re.sub(r"(\"f_number\": ?\[\s*2\.0,\s*)4\.0", r"\g<1>4.5", text)))
+        path.write_text(
+            re.sub(r"f_number=4\.0", "f_number=4.5", re.sub(r"(\"f_number\": ?\[\s*2\.0,\s*)4\.0", r"\g<1>4.5", text))
+        )
     for place in (archive / "data.zarr").glob("*/f_number"):
         values(f"{place.parent.name}/f_number", lambda found: [2.0, 4.5])(archive)
     toml(lambda text: text.replace("f_number = [2, 4]", "f_number = [2, 4.5]"), also=True)(archive)
@@ -187,7 +200,9 @@ def lost_array(path: str) -> Forge:
 
         shutil.rmtree(archive / "data.zarr" / path)
         manifest = json.loads((archive / "manifest.json").read_text())
-        manifest["metadata"] = {name: own for name, own in manifest["metadata"].items() if not name.startswith(f"data.zarr/{path}/")}
+        manifest["metadata"] = {
+            name: own for name, own in manifest["metadata"].items() if not name.startswith(f"data.zarr/{path}/")
+        }
         (archive / "manifest.json").write_text(json.dumps(manifest))
         root = archive / "data.zarr" / "zarr.json"
         whole = json.loads(root.read_text())
@@ -223,7 +238,9 @@ def _inner(found: Any) -> Any:
 
 
 def entity(name: str, change: Callable[[dict[str, Any]], object]) -> Forge:
-    return document("ro-crate-metadata.json", lambda found: [change(one) for one in found["@graph"] if one["@id"] == name])
+    return document(
+        "ro-crate-metadata.json", lambda found: [change(one) for one in found["@graph"] if one["@id"] == name]
+    )
 
 
 def stage_of(name: str, **more: object) -> Callable[[dict[str, Any]], object]:
@@ -236,8 +253,10 @@ FORGERIES: dict[str, Forge] = {
     # that were not found before
     "a coordinate reversed": values("adc/f_number", lambda found: found[::-1]),
     "positions times ten": values("pixel/x_um", lambda found: found * 10),
-    "wavelengths and 100": several(values("irradiance/wavelength", lambda found: found + 100),
-                                   values("irradiance/wavelength_bounds", lambda found: found + 100)),
+    "wavelengths and 100": several(
+        values("irradiance/wavelength", lambda found: found + 100),
+        values("irradiance/wavelength_bounds", lambda found: found + 100),
+    ),
     "dims swapped": node(RAW, lambda found: found["dimension_names"].__setitem__(slice(1, 3), ["x", "y"])),
     "a unit": node("exposure/expected_charge", attribute("units", "ke")),
     "a data type": node(RAW, lambda found: found.update(data_type="int16")),
@@ -246,7 +265,9 @@ FORGERIES: dict[str, Forge] = {
     "an error of the ledger": values("ledger/error", lambda found: found / 100),
     "a parameter of the record": record(lambda found: found["shared"].update(pixel_pitch=5.0)),
     "another seed in the pipeline to be run": toml(lambda text: text.replace("seed = 0", "seed = 1")),
-    "another f-number in the pipeline to be run": toml(lambda text: text.replace("f_number = [2, 4]", "f_number = [2.8, 4]")),
+    "another f-number in the pipeline to be run": toml(
+        lambda text: text.replace("f_number = [2, 4]", "f_number = [2.8, 4]")
+    ),
     "a stage more in the pipeline to be run": toml(lambda text: text + '\n[[stages]]\nuse = "white"\nname = "w"\n'),
     "a comment in the pipeline to be run": toml(lambda text: f"# published with the paper\n{text}"),
     # arrays
@@ -256,15 +277,21 @@ FORGERIES: dict[str, Forge] = {
     "coordinates that are named": node(RATE, attribute("coordinates", "y_um")),
     "a unit of a coordinate": node("pixel/x_um", attribute("units", "mm")),
     "a fill value": node(RATE, lambda found: found.update(fill_value=0.0)),
-    "dims renamed": node(RATE, lambda found: found.update(dimension_names=["pixel_pitch", *found["dimension_names"][1:]])),
+    "dims renamed": node(
+        RATE, lambda found: found.update(dimension_names=["pixel_pitch", *found["dimension_names"][1:]])
+    ),
     "channels exchanged": values("pixel/channel", lambda found: [*found[1:], found[0]]),
     "one position": values("adc/y", first(7)),
     "one edge of a bin": values("scene/wavelength_bounds", first(1.0)),
     "what a status means": node("adc/status", attribute("flag_meanings", "not_computed left_out failed skipped done")),
     "what a group is of": node("adc", attribute("stage", "adc_ideal")),
     "the order of stages": node("adc", attribute("order", 1)),
-    "the format of the archive": document("data.zarr/zarr.json", lambda found: found["attributes"]["etendue"].update(format=1)),
-    "the axes of a stage": document("data.zarr/zarr.json", lambda found: found["attributes"]["etendue"]["axes"].update(adc=[])),
+    "the format of the archive": document(
+        "data.zarr/zarr.json", lambda found: found["attributes"]["etendue"].update(format=1)
+    ),
+    "the axes of a stage": document(
+        "data.zarr/zarr.json", lambda found: found["attributes"]["etendue"]["axes"].update(adc=[])
+    ),
     "an array more": added_array,
     "a coordinate less": lost_array("adc/x_um"),
     "a codec": node(RATE, lambda found: found["codecs"][0]["configuration"].update(index_location="start")),
@@ -294,7 +321,9 @@ FORGERIES: dict[str, Forge] = {
     "what was floored": lines("done", of_cell("adc f_number=2", floored=3.0)),
     "a number of a cell": chunk_edited,
     "an axis value throughout": renamed_cells,
-    "an axis value that nobody asked for": lines("axes", lambda one: one["axes"].update(f_number=[2.0, 4.0, 9.0]) if one["axes"] else None),
+    "an axis value that nobody asked for": lines(
+        "axes", lambda one: one["axes"].update(f_number=[2.0, 4.0, 9.0]) if one["axes"] else None
+    ),
     # records
     "a digest of code": record(stage_of("adc", code=["0" * 32])),
     "a source": record(lambda found: found["sources"].update({next(iter(found["sources"])): "0" * 32})),
@@ -316,25 +345,37 @@ FORGERIES: dict[str, Forge] = {
     "the input of a run": entity("#run-0001", lambda one: one.update(object={"@id": "inputs/other"})),
     "a tool": entity("#stage-adc", lambda one: one.update(identifier="blake2b:0")),
     "the digest of an input": document(
-        "ro-crate-metadata.json", lambda found: [one.update(sha256="0" * 64) for one in found["@graph"] if "sha256" in one]
+        "ro-crate-metadata.json",
+        lambda found: [one.update(sha256="0" * 64) for one in found["@graph"] if "sha256" in one],
     ),
-}  # fmt: skip
+}
 
 # what no computing can tell: the words with which it stands in the list of what is not checked
 SAID: dict[str, tuple[Forge, str]] = {
     "when a run began": (
-        several(record(lambda found: found.update(began="1999-01-01T00:00:00Z")),
-                entity("#run-0001", lambda one: one.update(startTime="1999-01-01T00:00:00+00:00")),
-                entity("./", lambda one: one.update(datePublished="1999-01-01"))),
+        several(
+            record(lambda found: found.update(began="1999-01-01T00:00:00Z")),
+            entity("#run-0001", lambda one: one.update(startTime="1999-01-01T00:00:00+00:00")),
+            entity("./", lambda one: one.update(datePublished="1999-01-01")),
+        ),
         "dates",
     ),
     "seconds, consistently": (
-        several(lines("done", lambda line: line.update(seconds=1.0)), values("ledger/seconds", lambda found: found * 0 + 1),
-                values("summary/seconds", lambda found: found * 0 + 1)),
+        several(
+            lines("done", lambda line: line.update(seconds=1.0)),
+            values("ledger/seconds", lambda found: found * 0 + 1),
+            values("summary/seconds", lambda found: found * 0 + 1),
+        ),
         "seconds",
     ),
-    "the platform": (record(lambda found: found["platform"].update(machine="sparc")), "versions, platform and code of then"),
-    "a version": (record(lambda found: found["distributions"].update(etendue="9.9")), "versions, platform and code of then"),
+    "the platform": (
+        record(lambda found: found["platform"].update(machine="sparc")),
+        "versions, platform and code of then",
+    ),
+    "a version": (
+        record(lambda found: found["distributions"].update(etendue="9.9")),
+        "versions, platform and code of then",
+    ),
     "an author": (
         entity("./", lambda one: one.update(author={"@id": "#a"})),
         "names, texts, licence and authors",
@@ -344,8 +385,9 @@ SAID: dict[str, tuple[Forge, str]] = {
         "names, texts, licence and authors",
     ),
     "a drawing": (
-        lambda archive: ((archive / "contact_sheet.png").write_bytes(b"\x89PNG"), sealed(archive)), "contact_sheet.png"
+        lambda archive: ((archive / "contact_sheet.png").write_bytes(b"\x89PNG"), sealed(archive)),
+        "contact_sheet.png",
     ),
     "how a run was done": (record(lambda found: found["options"].update(scheduler="dask")), "how a run was done"),
     "a file beside": (lambda archive: (archive / "README").write_text("calibrated"), "what is beside it"),
-}  # fmt: skip
+}

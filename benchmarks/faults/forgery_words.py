@@ -1,4 +1,5 @@
-"""Further consistent forgeries: of what stands beside cells and metadata, in lines of the journal, names of the manifest, documents.
+"""Further consistent forgeries: of what stands beside cells and metadata, in lines of the journal, names of the
+manifest, documents.
 
 In:  an archive (a copy).
 Out: it is changed in place; ``verify`` finds nothing.
@@ -67,12 +68,23 @@ def first_run_gone(archive: Path) -> None:
     for path in ("manifest.json", "ro-crate-metadata.json", "journal.jsonl"):
         place = archive / path
         place.write_text(
-            place.read_text().replace("runs/0001", "runs/0002").replace("run-0001", "run-0002").replace("run 0001", "run 0002")
+            place.read_text()
+            .replace("runs/0001", "runs/0002")
+            .replace("run-0001", "run-0002")
+            .replace("run 0001", "run 0002")
         )
     lines("record", lambda one: one.pop("sum", None))(archive)
 
 
-UNKNOWN = {"cell": "adc f_number=99", "key": "0" * 32, "seconds": 1.0, "clipped": 0.0, "clipped_flux": 0.0, "floored": 0.0, "files": []}
+UNKNOWN = {
+    "cell": "adc f_number=99",
+    "key": "0" * 32,
+    "seconds": 1.0,
+    "clipped": 0.0,
+    "clipped_flux": 0.0,
+    "floored": 0.0,
+    "files": [],
+}
 
 WORDS: dict[str, Forge] = {
     "a number of a cell that is outdated": several(
@@ -85,7 +97,9 @@ WORDS: dict[str, Forge] = {
     # files that are said to be ours
     "attributes of Zarr 2": ours("data.zarr/adc/raw/.zattrs", b'{"units": "ke"}'),
     "a file in a group": ours("data.zarr/adc/NOTE.txt", b"calibrated"),
-    "a group more": ours("data.zarr/calibration/zarr.json", b'{"zarr_format": 3, "node_type": "group", "attributes": {}}'),
+    "a group more": ours(
+        "data.zarr/calibration/zarr.json", b'{"zarr_format": 3, "node_type": "group", "attributes": {}}'
+    ),
     # documents
     "a unit that stands twice": word_twice("data.zarr/adc/x_um/zarr.json", "units", '"mm"'),
     "a seed that stands twice": word_twice("runs/0001.json", "seed", "9"),
@@ -95,6 +109,9 @@ WORDS: dict[str, Forge] = {
 }
 
 SAID_WORDS: dict[str, tuple[Forge, str]] = {
-    "a cell that its pipeline does not have": (lines_more({"event": "failed", "status": "failed", **UNKNOWN}), "1 lines of cells"),
+    "a cell that its pipeline does not have": (
+        lines_more({"event": "failed", "status": "failed", **UNKNOWN}),
+        "1 lines of cells",
+    ),
     "what the summary took": (values("summary/seconds", lambda found: found * 0), "seconds"),
 }

@@ -1,7 +1,8 @@
-"""The command in a process split off from one that has imported all it needs: a disturbed run costs what it does, not its start-up.
+"""The command in a process split off from one that has imported all it needs: a disturbed run costs what it does, not
+its start-up.
 
-Also what is asked of an archive after a fault: whether it is that of an undisturbed run, whether anything else lies in it, and
-whether what a reader is given of one that was broken off is right.
+Also what is asked of an archive after a fault: whether it is that of an undisturbed run, whether anything else lies in
+it, and whether what a reader is given of one that was broken off is right.
 """
 
 from __future__ import annotations
@@ -61,12 +62,16 @@ def import_all(words: list[str], said: Path) -> None:
     for name in (*said.with_suffix(".modules").read_text().split(), "etendue.archive.verify", "etendue.archive.stored"):
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
-    sys.modules["__main__"] = importlib.import_module("etendue.__main__")  # what worker processes import: the program, not the driver
+    sys.modules["__main__"] = importlib.import_module(
+        "etendue.__main__"
+    )  # what worker processes import: the program, not the driver
     if len(os.listdir("/proc/self/task")) > 1:
         raise RuntimeError("an import has started a thread")
 
 
-def start(words: list[str], said: Path, before: Callable[[], Any] | None = None, after: Callable[[], Any] | None = None) -> int:
+def start(
+    words: list[str], said: Path, before: Callable[[], Any] | None = None, after: Callable[[], Any] | None = None
+) -> int:
     """The process of a command, the leader of a session of its own; ``before`` is called in it first, ``after`` last.
 
     What it says goes to a file.
@@ -135,7 +140,8 @@ def answer(work: Callable[[], str | None]) -> str:
 
 
 def differs(archive: Path, whole: Path) -> str:
-    """What of an archive is not, byte for byte, as in that of an undisturbed run, or `verify` finds; '' where all is well.
+    """What of an archive is not, byte for byte, as in that of an undisturbed run, or `verify` finds; '' where all is
+    well.
 
     Measured times do not count, nor the order of chunks in a shard, nor pictures of stages that are not kept.
     """
@@ -145,7 +151,8 @@ def differs(archive: Path, whole: Path) -> str:
         from tests.archive.tiny import store_of
 
         own, was = (
-            {path: data for path, data in store_of(folder).items() if not path.startswith("frames/preview/")} for folder in (archive, whole)
+            {path: data for path, data in store_of(folder).items() if not path.startswith("frames/preview/")}
+            for folder in (archive, whole)
         )
         off = sorted(path for path in {**own, **was} if own.get(path) != was.get(path))
         if off or not own:
@@ -167,7 +174,9 @@ def left_over(archive: Path, whole: Path) -> list[str]:
 
 
 def misread(archive: Path, whole: Path) -> str:
-    """Whether a reader of an archive that was broken off is given anything but what an undisturbed run computes; '' where not."""
+    """Whether a reader of an archive that was broken off is given anything but what an undisturbed run computes; ''
+    where not.
+    """
 
     def read() -> str:
         from etendue.archive.stored import Stored
@@ -193,7 +202,13 @@ def misread(archive: Path, whole: Path) -> str:
 def finished_in(archive: Path) -> int:
     """Cells that the journal says are done."""
     try:
-        return len({line.split(b'"cell":"')[1] for line in (archive / "journal.jsonl").read_bytes().splitlines() if b'"done"' in line[:20]})
+        return len(
+            {
+                line.split(b'"cell":"')[1]
+                for line in (archive / "journal.jsonl").read_bytes().splitlines()
+                if b'"done"' in line[:20]
+            }
+        )
     except (OSError, IndexError):
         return 0
 

@@ -3,10 +3,12 @@
     python benchmarks/faults/hostile.py [--only fifo bomb] [--from KIND] [--commands verify show] [--verbose]
 
 In:  a small archive with an input, and files of the kinds that pipelines name; each is spoiled in a copy.
-Out: kind | command | exit code | CPU s and MB above those of a sound archive | what went wrong; exit code 1 where something did.
+Out: kind | command | exit code | CPU s and MB above those of a sound archive | what went wrong; exit code 1 where
+     something did.
 
-A command goes wrong when it opens what lies outside (seen by strace), does not end, is slower or larger than its bound, says more than 20
-lines of 200 characters on stderr, shows a traceback, or says that it broke off itself. Linux, with strace.
+A command goes wrong when it opens what lies outside (seen by strace), does not end, is slower or larger than its bound,
+says more than 20 lines of 200 characters on stderr, shows a traceback, or says that it broke off itself. Linux, with
+strace.
 """
 
 from __future__ import annotations
@@ -61,9 +63,15 @@ def watched(words: list[str], folder: Path, canary: Path, wait: float = WAIT) ->
     environment = {**os.environ, "ETENDUE_CACHE": str(folder.parent / ".cache"), "COLUMNS": "200"}
     with out.open("wb") as first, err.open("wb") as second:
         process = subprocess.Popen(
-            start, cwd=folder, stdin=subprocess.DEVNULL, stdout=first, stderr=second, env=environment, start_new_session=True,
+            start,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=first,
+            stderr=second,
+            env=environment,
+            start_new_session=True,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (12 << 30, 12 << 30)),
-        )  # fmt: skip
+        )
         until, hangs = time.monotonic() + wait, False
         while True:
             pid, status, used = os.wait4(process.pid, os.WNOHANG)
@@ -128,7 +136,9 @@ def main() -> None:
                 if command not in bases:  # of a sound archive; of a file the least that Python takes
                     remove(folder)
                     shutil.copytree(sound, folder / "tiny")
-                    bases[command] = watched(words if command in READERS else ["stages", "pixel"], folder, canary, asked.wait)
+                    bases[command] = watched(
+                        words if command in READERS else ["stages", "pixel"], folder, canary, asked.wait
+                    )
                 remove(folder)
                 folder.mkdir()
                 if name in ARCHIVES:

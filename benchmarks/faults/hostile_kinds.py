@@ -1,4 +1,5 @@
-"""Kinds of harm that files may be made to do: archives whose words lead out or have no end, files that unfold or point to themselves.
+"""Kinds of harm that files may be made to do: archives whose words lead out or have no end, files that unfold or point
+to themselves.
 
 In:  an archive (a copy, digests made anew by ``reseal``) or an empty folder; a folder outside.
 Out: the archive is changed in place; of a file, its path.
@@ -33,14 +34,19 @@ def sound_archive(folder: Path) -> Path:
     table = folder.parent / "light.csv"
     table.write_text(LIGHT)
     scene = s.uniform(name="scene", white_luminance="300 cd m-2", width="48 um", height="48 um", bin_width="100 nm")
-    made = etendue.Pipeline(scene, s.irradiance(), s.pixel(), s.mosaic(), s.exposure(), s.shot_noise(), s.adc(), name="tiny")
-    made = made.camera(peak_qe=[0.36, 0.44, 0.40], pixel_pitch="6 um", focal_length="7 mm", illuminant=str(table)).sweep(f_number=[2, 4])
+    made = etendue.Pipeline(
+        scene, s.irradiance(), s.pixel(), s.mosaic(), s.exposure(), s.shot_noise(), s.adc(), name="tiny"
+    )
+    made = made.camera(
+        peak_qe=[0.36, 0.44, 0.40], pixel_pitch="6 um", focal_length="7 mm", illuminant=str(table)
+    ).sweep(f_number=[2, 4])
     made.run(folder, progress=False)
     table.unlink()
     return folder
 
 
-# -- digests made anew ------------------------------------------------------------------------------------------------------
+# -- digests made anew
+# ------------------------------------------------------------------------------------------------------
 
 
 def sha(path: Path) -> str:
@@ -65,7 +71,9 @@ def pipeline_edited(change: Callable[[str], str]) -> Act:
     def act(archive: Path, outside: Path) -> None:
         record = archive / "runs" / "0001.json"
         document = json.loads(record.read_text())
-        document["resolved"] = change(document["resolved"].replace("@OUTSIDE@", str(outside))).replace("@OUTSIDE@", str(outside))
+        document["resolved"] = change(document["resolved"].replace("@OUTSIDE@", str(outside))).replace(
+            "@OUTSIDE@", str(outside)
+        )
         text = json.dumps(document, indent=1)
         record.write_text(text)
         record.with_suffix(".toml").write_text(document["resolved"])
@@ -90,7 +98,9 @@ def leads_to(path: str) -> Act:
 def line_added(event: dict[str, object]) -> Act:
     def act(archive: Path, outside: Path) -> None:
         with (archive / "journal.jsonl").open("ab") as file:
-            file.write(summed(json.dumps(event, separators=(",", ":")).replace("@OUTSIDE@", str(outside)).encode()) + b"\n")
+            file.write(
+                summed(json.dumps(event, separators=(",", ":")).replace("@OUTSIDE@", str(outside)).encode()) + b"\n"
+            )
         reseal(archive)
 
     return act
@@ -98,11 +108,13 @@ def line_added(event: dict[str, object]) -> Act:
 
 def named_in_manifest(path: str) -> Act:
     return lambda archive, outside: reseal(
-        archive, {path.replace("@OUTSIDE@", str(outside)): sha(Path(path.replace("@OUTSIDE@", str(outside)))) or "0" * 64}
+        archive,
+        {path.replace("@OUTSIDE@", str(outside)): sha(Path(path.replace("@OUTSIDE@", str(outside)))) or "0" * 64},
     )
 
 
-# -- files that never end, or never answer ---------------------------------------------------------------------------------
+# -- files that never end, or never answer
+# ---------------------------------------------------------------------------------
 
 
 def replaced(path: str, make: Callable[[Path, Path], object]) -> Act:
@@ -181,7 +193,9 @@ def through_a_link(archive: Path, outside: Path) -> None:
 
 def swept_beyond(text: str, axis: str) -> str:
     """A pipeline of a million million cells, which it allows itself."""
-    steps = "f_number = { from = 1, to = 9, steps = 100000 }\nintegration_time = { from = 0.001, to = 0.1, steps = 100000 }"
+    steps = (
+        "f_number = { from = 1, to = 9, steps = 100000 }\nintegration_time = { from = 0.001, to = 0.1, steps = 100000 }"
+    )
     return re.sub(axis, steps, "most_cells = 1000000000000000000\n" + text, flags=re.M)
 
 
@@ -218,7 +232,10 @@ ARCHIVES: dict[str, Act] = {
     "fifo for a shard": replaced(SHARD, fifo),
     "fifo for a coordinate": replaced("data.zarr/*/f_number/c/0", fifo),
     "fifo for an input": replaced("inputs/*", fifo),
-    "fifo for measured errors": lambda a, o: ((a / "measured.json").unlink(missing_ok=True), fifo(a / "measured.json", o)),
+    "fifo for measured errors": lambda a, o: (
+        (a / "measured.json").unlink(missing_ok=True),
+        fifo(a / "measured.json", o),
+    ),
     "fifo for the owner": lambda a, o: ((a / "run.id").unlink(missing_ok=True), fifo(a / "run.id", o)),
     "fifo for the lock": lambda a, o: ((a / "lock").unlink(missing_ok=True), fifo(a / "lock", o)),
     "fifo for the crate": replaced("ro-crate-metadata.json", fifo),
@@ -255,23 +272,43 @@ ARCHIVES: dict[str, Act] = {
     "a manifest of a list": lambda a, o: (a / "manifest.json").write_text("[" * 100_000),
     "a record nested 100,000 deep": lambda a, o: ((a / "runs" / "0001.json").write_text('{"a":' * 100_000), reseal(a)),
     "a chunk of 200 GB": line_added(
-        {"event": "done", "cell": "adc f_number=2", "key": "0" * 32, "status": "done", "seconds": 1.0, "clipped": 0.0, "clipped_flux": 0.0,
-         "floored": 0.0, "files": [["data.zarr/adc/raw/c.0.0.0", 0, "a", 0, 200 << 30, 1]]}
+        {
+            "event": "done",
+            "cell": "adc f_number=2",
+            "key": "0" * 32,
+            "status": "done",
+            "seconds": 1.0,
+            "clipped": 0.0,
+            "clipped_flux": 0.0,
+            "floored": 0.0,
+            "files": [["data.zarr/adc/raw/c.0.0.0", 0, "a", 0, 200 << 30, 1]],
+        }
     ),
     "a block of 10**12 slots": line_added(
-        {"event": "blocks", "group": "adc", "blocks": {"raw": {"block": [10**12], "form": "uint16 8x8", "codec": [], "chunk": [8, 8]}}}
+        {
+            "event": "blocks",
+            "group": "adc",
+            "blocks": {"raw": {"block": [10**12], "form": "uint16 8x8", "codec": [], "chunk": [8, 8]}},
+        }
     ),
     "a shard outside": line_added({"event": "shard", "path": "@OUTSIDE@/secret.txt", "size": 40, "kept": []}),
-    "records by the thousand": lambda a, o: [shutil.copy(a / "runs" / "0001.json", a / "runs" / f"{n:04}.json") for n in range(2, 4000)],
-}  # fmt: skip
+    "records by the thousand": lambda a, o: [
+        shutil.copy(a / "runs" / "0001.json", a / "runs" / f"{n:04}.json") for n in range(2, 4000)
+    ],
+}
 
 
-# -- files that pipelines and commands name ---------------------------------------------------------------------------------
+# -- files that pipelines and commands name
+# ---------------------------------------------------------------------------------
 
 
 def pipeline_with(folder: Path, use: str, file: Path | str, more: str = "") -> Path:
     camera = '[camera]\nf_number = 2.8\nfocal_length = "7 mm"\npixel_pitch = "5 um"\n'
-    lit = 'white_luminance = "300 cd m-2"\nwidth = "48 um"\nheight = "48 um"\nspacing = "6 um"\n' if use == "photograph" else ""
+    lit = (
+        'white_luminance = "300 cd m-2"\nwidth = "48 um"\nheight = "48 um"\nspacing = "6 um"\n'
+        if use == "photograph"
+        else ""
+    )
     stages = f'[[stages]]\nuse = "{use}"\nfile = "{file}"\n{lit}{more}[[stages]]\nuse = "irradiance"\n'
     (folder / "x.toml").write_text(f'name = "x"\n{camera}{stages}')
     return folder / "x.toml"
@@ -315,7 +352,10 @@ def large_picture(path: Path, side: int = 400_000) -> Path:
 
 
 def npz_bomb(path: Path, count: int = 600_000_000) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file, file.open("cube.npy", "w", force_zip64=True) as member:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file,
+        file.open("cube.npy", "w", force_zip64=True) as member,
+    ):
         np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": (count,)})
         for _ in range(count // 1_000_000):
             member.write(bytes(8_000_000))
@@ -368,8 +408,18 @@ def hdf5_sparse(path: Path) -> Path:
 
 
 def envi(folder: Path, outside: Path, data: str) -> Path:
-    lines = ["ENVI", "samples = 4", "lines = 4", "bands = 3", "header offset = 0", "data type = 1", "interleave = bsq", "byte order = 0",
-             "wavelength = {450, 550, 650}", f"data file = {data}"]  # fmt: skip
+    lines = [
+        "ENVI",
+        "samples = 4",
+        "lines = 4",
+        "bands = 3",
+        "header offset = 0",
+        "data type = 1",
+        "interleave = bsq",
+        "byte order = 0",
+        "wavelength = {450, 550, 650}",
+        f"data file = {data}",
+    ]
     (folder / "cube.hdr").write_text("\n".join(lines) + "\n")
     return folder / "cube.hdr"
 
@@ -382,21 +432,32 @@ def toml_of(folder: Path, text: str) -> Path:
 def sweep_beyond(folder: Path) -> Path:
     """A million million cells, which the file itself allows."""
     text = (Path(__file__).parents[2] / "pipelines" / "smallest.toml").read_text()
-    return toml_of(folder, swept_beyond(re.sub(r"^integration_time = \[.*$", "", text, flags=re.M), r"^f_number = \[.*$"))
+    return toml_of(
+        folder, swept_beyond(re.sub(r"^integration_time = \[.*$", "", text, flags=re.M), r"^f_number = \[.*$")
+    )
 
 
 FILES: dict[str, tuple[Callable[[Path, Path], Path], tuple[str, ...]]] = {
     "a fifo as a photograph": (lambda f, o: (os.mkfifo(f / "p.png"), f / "p.png")[1], ("measure",)),
     "a fifo as a pipeline": (lambda f, o: (os.mkfifo(f / "x.toml"), f / "x.toml")[1], ("plan",)),
-    "a pipeline with a fifo": (lambda f, o: (os.mkfifo(f / "p.png"), pipeline_with(f, "photograph", "p.png"))[1], ("plan",)),
+    "a pipeline with a fifo": (
+        lambda f, o: (os.mkfifo(f / "p.png"), pipeline_with(f, "photograph", "p.png"))[1],
+        ("plan",),
+    ),
     "a pipeline with /dev/zero": (lambda f, o: pipeline_with(f, "photograph", "/dev/zero"), ("plan",)),
     "a TIFF that points to itself": (lambda f, o: own_ifd(f / "p.tif"), ("measure", "import")),
     "a pipeline with such a TIFF": (lambda f, o: pipeline_with(f, "photograph", own_ifd(f / "p.tif").name), ("plan",)),
     "a TIFF in a ring": (lambda f, o: ring_of_ifds(f / "p.tif"), ("measure", "import")),
-    "a pipeline with such a ring": (lambda f, o: pipeline_with(f, "photograph", ring_of_ifds(f / "p.tif").name), ("plan",)),
+    "a pipeline with such a ring": (
+        lambda f, o: pipeline_with(f, "photograph", ring_of_ifds(f / "p.tif").name),
+        ("plan",),
+    ),
     "a DNG that points to itself": (lambda f, o: own_ifd(f / "p.dng"), ("measure",)),
     "a PNG of 1.6e11 pixels": (lambda f, o: large_picture(f / "p.png"), ("measure",)),
-    "a pipeline with such a PNG": (lambda f, o: pipeline_with(f, "photograph", large_picture(f / "p.png").name), ("plan",)),
+    "a pipeline with such a PNG": (
+        lambda f, o: pipeline_with(f, "photograph", large_picture(f / "p.png").name),
+        ("plan",),
+    ),
     "a sparse picture": (lambda f, o: (sparse(f / "p.png", o), f / "p.png")[1], ("measure",)),
     "a sparse pipeline": (lambda f, o: (sparse(f / "x.toml", o), f / "x.toml")[1], ("plan",)),
     "a pipeline with a sparse bank": (lambda f, o: (sparse(f / "p.npz", o), bank(f, "p.npz"))[1], ("plan",)),
@@ -411,10 +472,20 @@ FILES: dict[str, tuple[Callable[[Path, Path], Path], tuple[str, ...]]] = {
     "an ENVI header that leads out": (lambda f, o: envi(f, o, str(o / "secret.txt")), ("import",)),
     "an ENVI header that climbs out": (lambda f, o: envi(f, o, "../outside/secret.txt"), ("import",)),
     "most_cells of 10**18": (lambda f, o: sweep_beyond(f), ("plan", "run")),
-    "a name of a million characters": (lambda f, o: toml_of(f, f'name = "x"\n[camera]\n{"y" * 1_000_000} = 1\n'), ("plan",)),
-    "a value of a million characters": (lambda f, o: toml_of(f, f'name = "x"\n[camera]\nf_number = "{"y" * 1_000_000}"\n'), ("plan",)),
-    "20,000 unknown names": (lambda f, o: toml_of(f, 'name = "x"\n[camera]\n' + "".join(f"y{n} = 1\n" for n in range(20_000))), ("plan",)),
-    "20,000 unknown stages": (
-        lambda f, o: toml_of(f, 'name = "x"\n' + "".join(f'[[stages]]\nuse = "y{n}"\n' for n in range(20_000))), ("plan",)
+    "a name of a million characters": (
+        lambda f, o: toml_of(f, f'name = "x"\n[camera]\n{"y" * 1_000_000} = 1\n'),
+        ("plan",),
     ),
-}  # fmt: skip
+    "a value of a million characters": (
+        lambda f, o: toml_of(f, f'name = "x"\n[camera]\nf_number = "{"y" * 1_000_000}"\n'),
+        ("plan",),
+    ),
+    "20,000 unknown names": (
+        lambda f, o: toml_of(f, 'name = "x"\n[camera]\n' + "".join(f"y{n} = 1\n" for n in range(20_000))),
+        ("plan",),
+    ),
+    "20,000 unknown stages": (
+        lambda f, o: toml_of(f, 'name = "x"\n' + "".join(f'[[stages]]\nuse = "y{n}"\n' for n in range(20_000))),
+        ("plan",),
+    ),
+}

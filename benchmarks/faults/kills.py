@@ -1,15 +1,18 @@
-"""Runs killed -9 at random instants, on threads, on processes and on two workers of a Dask cluster; the same command ends them.
+"""Runs killed -9 at random instants, on threads, on processes and on two workers of a Dask cluster; the same command
+ends them.
 
     python benchmarks/faults/kills.py 500 [--schedulers threads processes distributed] [--seed 1]
 
-In:  how many kills, shared out evenly. What is killed: the process with all that it started; its owner alone, so that workers are
-     orphans; a worker alone. Half of the instants are spread over the length of a run, half follow a random cell by a random while. An
-     archive is killed once, twice or three times before it is ended, half of them with a batch for every cell.
-Out: by scheduler and by what was killed: kills, archives, and of these how many ended wrong (another byte than that of an undisturbed run,
-     or `verify` finds something), were read wrongly as they were left, computed a finished cell again, said a traceback, or left a file or
-     a process behind. Every one is named; exit code 1 if there is any.
+In:  how many kills, shared out evenly. What is killed: the process with all that it started; its owner alone, so that
+     workers are orphans; a worker alone. Half of the instants are spread over the length of a run, half follow a random
+     cell by a random while. An archive is killed once, twice or three times before it is ended, half of them with a
+     batch for every cell.
+Out: by scheduler and by what was killed: kills, archives, and of these how many ended wrong (another byte than that of
+     an undisturbed run, or `verify` finds something), were read wrongly as they were left, computed a finished cell
+     again, said a traceback, or left a file or a process behind. Every one is named; exit code 1 if there is any.
 
-A run is a process split off from one that has imported all it needs. The workers of the cluster stand for all of its runs, under nannies.
+A run is a process split off from one that has imported all it needs. The workers of the cluster stand for all of its
+runs, under nannies.
 """
 
 from __future__ import annotations
@@ -195,7 +198,10 @@ def measure(place: Path, scheduler: str, kills: int, seed: int) -> list[Tried]:
             tried = runs.once(len(found), victims[len(found) % len(victims)], standing)
             found.append(tried)
             for what, why in tried.faults.items():
-                print(f"  {scheduler} {len(found) - 1}, {tried.victim} killed {tried.kills} times: {what}: {why}", flush=True)
+                print(
+                    f"  {scheduler} {len(found) - 1}, {tried.victim} killed {tried.kills} times: {what}: {why}",
+                    flush=True,
+                )
     return found
 
 

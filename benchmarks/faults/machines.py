@@ -1,4 +1,5 @@
-"""Processes of this machine that stand for others: a Dask scheduler, workers under nannies, and what is installed on each.
+"""Processes of this machine that stand for others: a Dask scheduler, workers under nannies, and what is installed on
+each.
 
 In:  a folder to work in, an environment.
 Out: clusters that end with everything below them.
@@ -66,16 +67,31 @@ class Cluster:
     def address(self) -> str:
         return f"tcp://127.0.0.1:{self.port}"
 
-    def spawn(self, module: str, *words: str, env: dict[str, str] | None = None, before: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
-        command = [*before, sys.executable, "-m", f"distributed.cli.{module}", *words, "--host", "127.0.0.1", "--no-dashboard"]
+    def spawn(
+        self, module: str, *words: str, env: dict[str, str] | None = None, before: tuple[str, ...] = ()
+    ) -> subprocess.Popen[bytes]:
+        command = [
+            *before,
+            sys.executable,
+            "-m",
+            f"distributed.cli.{module}",
+            *words,
+            "--host",
+            "127.0.0.1",
+            "--no-dashboard",
+        ]
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
         return subprocess.Popen(command, cwd=self.folder, env=env or self.env, **quiet)  # type: ignore[call-overload, no-any-return]
 
     def start_scheduler(self) -> None:
         self.scheduler = self.spawn("dask_scheduler", "--port", str(self.port))
 
-    def add(self, *words: str, env: dict[str, str] | None = None, before: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
-        process = self.spawn("dask_worker", self.address, "--nthreads", "1", *self.words, *words, env=env, before=before)
+    def add(
+        self, *words: str, env: dict[str, str] | None = None, before: tuple[str, ...] = ()
+    ) -> subprocess.Popen[bytes]:
+        process = self.spawn(
+            "dask_worker", self.address, "--nthreads", "1", *self.words, *words, env=env, before=before
+        )
         self.workers.append(process)
         return process
 

@@ -1,13 +1,13 @@
 """Shipped pipelines with mistakes in them, planned: what becomes of each.
 
 In:  how many (default 3000), and a seed.
-Out: counts of exit codes 0 and 2, of tracebacks, warnings, hangs (10 s of CPU, or 600 s of waiting) and messages that are not lines
-     a person can act on; each of the last four with the text that does it, in ``mutants/``; CPU seconds.
+Out: counts of exit codes 0 and 2, of tracebacks, warnings, hangs (10 s of CPU, or 600 s of waiting) and messages that
+     are not lines a person can act on; each of the last four with the text that does it, in ``mutants/``; CPU seconds.
 
     python benchmarks/faults/mutated_pipelines.py 3000
 
-A mutant is a shipped file with one to three mistakes: a value, a key, a line or a character is lost, doubled, swapped or replaced.
-Axes are made short first, so that what is fine is planned in 50 ms.
+A mutant is a shipped file with one to three mistakes: a value, a key, a line or a character is lost, doubled, swapped
+or replaced. Axes are made short first, so that what is fine is planned in 50 ms.
 """
 
 from __future__ import annotations
@@ -30,17 +30,61 @@ from etendue.plan.planner import make_plan
 
 FOLDER = Path(__file__).parents[2] / "pipelines"
 VALUES = (
-    "0", "-1", "1e-300", "1e300", "1e30", "-1e30", "nan", "inf", "-0.0", "true", "''", '""', '"x"', "[]", "{}", "[[1]]", "{ a = 1 }",
+    "0",
+    "-1",
+    "1e-300",
+    "1e300",
+    "1e30",
+    "-1e30",
+    "nan",
+    "inf",
+    "-0.0",
+    "true",
+    "''",
+    '""',
+    '"x"',
+    "[]",
+    "{}",
+    "[[1]]",
+    "{ a = 1 }",
     "1_000_000_000",
-    "99999999999999999999", '"1e9 km"', '"5.4 um"', '"1 kg"', '"\\u001b[31m"', '"\\u0000"', "[1, 2, 3]", "[0, 0, 0]",
+    "99999999999999999999",
+    '"1e9 km"',
+    '"5.4 um"',
+    '"1 kg"',
+    '"\\u001b[31m"',
+    '"\\u0000"',
+    "[1, 2, 3]",
+    "[0, 0, 0]",
     "0x" + "f" * 300,
-    '"' + "a" * 3000 + '"', "2026-01-01", '"../../etc"', '"package:numpy/x"', '"."', "{ from = 1, to = 9, steps = 100000 }",
-    "{ from = 0, to = 1, steps = 3, spacing = 'log' }", '["demosaic_bilinear", 3]', '"E"', '"3200 K"', '"555 nm"',
-)  # fmt: skip
+    '"' + "a" * 3000 + '"',
+    "2026-01-01",
+    '"../../etc"',
+    '"package:numpy/x"',
+    '"."',
+    "{ from = 1, to = 9, steps = 100000 }",
+    "{ from = 0, to = 1, steps = 3, spacing = 'log' }",
+    '["demosaic_bilinear", 3]',
+    '"E"',
+    '"3200 K"',
+    '"555 nm"',
+)
 WORDS = (
-    "use", "name", "from", "f_number", "camera", "sweep", "stages", "demosaic.use", "scene.width", "wanted", "keep", "bits", "pattern",
+    "use",
+    "name",
+    "from",
+    "f_number",
+    "camera",
+    "sweep",
+    "stages",
+    "demosaic.use",
+    "scene.width",
+    "wanted",
+    "keep",
+    "bits",
+    "pattern",
     "a" * 300,
-)  # fmt: skip
+)
 SLOWEST = 10  # seconds of CPU: how loaded the machine is does not count
 LONGEST = 600  # seconds: what waits for something that never comes
 
@@ -80,7 +124,9 @@ def mutate(text: str, draw: random.Random) -> str:
             lines[at], lines[other] = lines[other], lines[at]
         elif kind == 8 and lines[at]:
             place = draw.randrange(len(lines[at]))
-            lines[at] = lines[at][:place] + draw.choice('"[]{}=.#\\\0\x1b\t,é-_9') + lines[at][place + draw.randrange(2) :]
+            lines[at] = (
+                lines[at][:place] + draw.choice('"[]{}=.#\\\0\x1b\t,é-_9') + lines[at][place + draw.randrange(2) :]
+            )
         else:
             lines.insert(at, f"{draw.choice(WORDS)} = {draw.choice(VALUES)}")
     return "\n".join(lines)
@@ -102,7 +148,9 @@ def outcome(text: str) -> tuple[str, str]:
             make_plan(parse_pipeline(text, "mutant.toml", FOLDER), installed_stages())
     except RequestError as error:
         said = str(error)
-        plain = said and "".join(said.splitlines()).isprintable() and all(len(line) < 1000 for line in said.splitlines())
+        plain = (
+            said and "".join(said.splitlines()).isprintable() and all(len(line) < 1000 for line in said.splitlines())
+        )
         return ("refused" if plain else "unreadable"), said
     except EtendueError as error:
         return "other error", str(error)

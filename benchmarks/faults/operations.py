@@ -1,4 +1,5 @@
-"""The operations of a process on the files of one folder, numbered, so that one of them can be made to fail, or to be the last.
+"""The operations of a process on the files of one folder, numbered, so that one of them can be made to fail, or to be
+the last.
 
 In:  a folder, the number of an operation, what is to happen to it.
 Out: a process that meets this fault; of a loss of power, a folder that holds only what had been made safe.
@@ -19,18 +20,40 @@ from pathlib import Path
 from typing import Any
 
 CHANGES = (
-    "write", "pwrite", "pread", "writev", "pwritev", "replace", "rename", "unlink", "remove", "mkdir", "rmdir", "ftruncate", "truncate",
-    "fsync", "fdatasync", "copy_file_range", "sendfile", "link", "posix_fallocate",
-)  # fmt: skip
+    "write",
+    "pwrite",
+    "pread",
+    "writev",
+    "pwritev",
+    "replace",
+    "rename",
+    "unlink",
+    "remove",
+    "mkdir",
+    "rmdir",
+    "ftruncate",
+    "truncate",
+    "fsync",
+    "fdatasync",
+    "copy_file_range",
+    "sendfile",
+    "link",
+    "posix_fallocate",
+)
 ERRORS = {
-    "disk full": errno.ENOSPC, "quota used up": errno.EDQUOT, "input/output error": errno.EIO, "too many open files": errno.EMFILE,
-}  # fmt: skip
+    "disk full": errno.ENOSPC,
+    "quota used up": errno.EDQUOT,
+    "input/output error": errno.EIO,
+    "too many open files": errno.EMFILE,
+}
 KINDS = ("killed before", "killed after", "power lost", *ERRORS)
 ENDED = 77
 
 
 class Shadow:
-    """What of a folder would outlive the loss of power: contents by file, and names by folder, as of the last fsync of each."""
+    """What of a folder would outlive the loss of power: contents by file, and names by folder, as of the last fsync
+    of each.
+    """
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -82,7 +105,9 @@ class Shadow:
             if safe is None or safe != newest:
                 start = safe or b""
                 more = newest if newest.startswith(start) else b""
-                cut = lot.choice((len(start), lot.randrange(len(start), max(len(more), len(start)) + 1), max(len(more), len(start))))
+                cut = lot.choice(
+                    (len(start), lot.randrange(len(start), max(len(more), len(start)) + 1), max(len(more), len(start)))
+                )
                 newest = more[:cut] if more else start
             (place / name).write_bytes(newest)
 

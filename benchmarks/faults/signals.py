@@ -1,9 +1,11 @@
-"""Ctrl-C and SIGTERM at any instant of a run: what is said, with which exit code, what is left, and whether the next run mends it.
+"""Ctrl-C and SIGTERM at any instant of a run: what is said, with which exit code, what is left, and whether the next
+run mends it.
 
     python benchmarks/faults/signals.py 60 --scheduler threads
 
-sends one signal to each of 60 runs of ``pipelines/smallest.toml``, at instants spread from the start of the process to its end. A
-signal before the program's first instruction (Python itself is starting) ends the process by the signal, as it does any other.
+sends one signal to each of 60 runs of ``pipelines/smallest.toml``, at instants spread from the start of the process to
+its end. A signal before the program's first instruction (Python itself is starting) ends the process by the signal, as
+it does any other.
 """
 
 from __future__ import annotations
@@ -55,16 +57,33 @@ class Ended:
 
 def command(pipeline: Path, archive: Path, scheduler: str) -> list[str]:
     return [
-        sys.executable, "-m", "etendue", "run", str(pipeline), "--archive", str(archive), "--quiet", "--scheduler", scheduler,
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "etendue",
+        "run",
+        str(pipeline),
+        "--archive",
+        str(archive),
+        "--quiet",
+        "--scheduler",
+        scheduler,
+    ]
 
 
-def interrupted(pipeline: Path, archive: Path, scheduler: str, sent: signal.Signals, wait: float, whole: float, again: int = 0) -> Ended:
+def interrupted(
+    pipeline: Path, archive: Path, scheduler: str, sent: signal.Signals, wait: float, whole: float, again: int = 0
+) -> Ended:
     """Start a run, send it a signal after ``wait`` seconds (and ``again`` more soon after), see how it ends."""
     process = subprocess.Popen(
-        command(pipeline, archive, scheduler), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell ignores it for what runs in the background
-    )  # fmt: skip
+        command(pipeline, archive, scheduler),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # a shell ignores it for what runs in the background
+    )
     time.sleep(wait)
     began = time.monotonic()
     for _ in range(1 + again):
@@ -77,12 +96,16 @@ def interrupted(pipeline: Path, archive: Path, scheduler: str, sent: signal.Sign
     seconds = time.monotonic() - began
     left = [str(path.name) for path in archive.rglob("*.partial")]
     left += [f"process {pid}" for pid in still(of_session(process.pid), 5.0)]
-    lines = [line for line in said.splitlines() if not line.startswith("note: ")]  # what stages have to say stands there before
+    lines = [
+        line for line in said.splitlines() if not line.startswith("note: ")
+    ]  # what stages have to say stands there before
     return Ended(sent, wait / whole, process.returncode, lines, seconds, left)
 
 
 def same(first: Path, second: Path) -> bool:
-    """Whether every chunk of every stage of two archives is the same; times differ, and the order in which chunks lie in a shard."""
+    """Whether every chunk of every stage of two archives is the same; times differ, and the order in which chunks
+    lie in a shard.
+    """
     files = [{path: data for path, data in store_of(folder).items() if _of_a_stage(path)} for folder in (first, second)]
     return bool(files[0]) and files[0] == files[1]
 
@@ -94,7 +117,9 @@ def _of_a_stage(path: str) -> bool:
 def measure(pipeline: Path, kills: int, scheduler: str, seed: int, again: int, place: Path) -> list[Ended]:
     """So many interrupted runs, each followed by one that finishes it."""
     began = time.monotonic()
-    subprocess.run(command(pipeline, place / "whole", scheduler), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    subprocess.run(
+        command(pipeline, place / "whole", scheduler), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     whole = time.monotonic() - began
     chance = random.Random(seed)
     found = []

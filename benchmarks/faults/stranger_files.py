@@ -1,4 +1,5 @@
-"""More files made to do harm, of every format that pipelines and commands name: sizes that are only said, parts that unfold, code in data.
+"""More files made to do harm, of every format that pipelines and commands name: sizes that are only said, parts that
+unfold, code in data.
 
 In:  an empty folder, a folder outside.
 Out: the path of the file; by kind, with the commands that are to be tried on it (``FILES``).
@@ -52,7 +53,11 @@ def jpeg(path: Path, exif: bytes = b"", size: tuple[int, int] = (8, 8), more: by
 
 def exif_loop() -> bytes:
     """Directories of EXIF that name themselves as the one of the camera, of GPS, and as the next."""
-    entries = struct.pack("<HHII", 0x8769, 4, 1, 8) + struct.pack("<HHII", 0x8825, 4, 1, 8) + struct.pack("<HHII", 0xA005, 4, 1, 8)
+    entries = (
+        struct.pack("<HHII", 0x8769, 4, 1, 8)
+        + struct.pack("<HHII", 0x8825, 4, 1, 8)
+        + struct.pack("<HHII", 0xA005, 4, 1, 8)
+    )
     return struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", 3) + entries + struct.pack("<I", 8)
 
 
@@ -64,8 +69,8 @@ def tiff(path: Path, tags: list[tuple[int, int, int, int]], more: bytes = b"") -
 
 
 def usual(side: int, offset: int = 200, count: int = 64) -> list[tuple[int, int, int, int]]:
-    return [(256, 4, 1, side), (257, 4, 1, side), (258, 3, 1, 8), (259, 3, 1, 1), (262, 3, 1, 1), (273, 4, 1, offset), (277, 3, 1, 1),
-            (278, 4, 1, side), (279, 4, 1, count)]  # fmt: skip
+    return [(256, 4, 1, side), (257, 4, 1, side), (258, 3, 1, 8), (259, 3, 1, 1), (262, 3, 1, 1), (273, 4, 1, offset),
+            (277, 3, 1, 1), (278, 4, 1, side), (279, 4, 1, count)]  # fmt: skip
 
 
 def big_tiff(path: Path) -> Path:
@@ -117,7 +122,9 @@ def npz_of_many(path: Path) -> Path:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
         for number in range(30):
             with file.open(f"a{number}.npy", "w") as member:
-                np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": (20_000_000,)})
+                np.lib.format.write_array_header_1_0(
+                    member, {"descr": "<f8", "fortran_order": False, "shape": (20_000_000,)}
+                )
                 for _ in range(20):
                     member.write(bytes(8_000_000))
     return path
@@ -125,7 +132,13 @@ def npz_of_many(path: Path) -> Path:
 
 def npz_that_lies(path: Path) -> Path:
     """An entry that says it has 800 bytes in the directory, and unfolds to far more."""
-    npz_of(path, {"cube.npy": npy_header("{'descr': '<f8', 'fortran_order': False, 'shape': (100000000, 1, 1), }\n") + bytes(400_000_000)})
+    npz_of(
+        path,
+        {
+            "cube.npy": npy_header("{'descr': '<f8', 'fortran_order': False, 'shape': (100000000, 1, 1), }\n")
+            + bytes(400_000_000)
+        },
+    )
     data = path.read_bytes()
     path.write_bytes(data.replace(struct.pack("<I", 400_000_000 + 80), struct.pack("<I", 800)))
     return path
@@ -176,8 +189,17 @@ def mat5(path: Path, dims: tuple[int, int, int], deflated: bool = False) -> Path
 
 
 def envi(folder: Path, **more: str) -> Path:
-    words = {"samples": "4", "lines": "4", "bands": "3", "header offset": "0", "data type": "1", "interleave": "bsq", "byte order": "0",
-             "wavelength": "{450, 550, 650}", **{key.replace("_", " "): value for key, value in more.items()}}  # fmt: skip
+    words = {
+        "samples": "4",
+        "lines": "4",
+        "bands": "3",
+        "header offset": "0",
+        "data type": "1",
+        "interleave": "bsq",
+        "byte order": "0",
+        "wavelength": "{450, 550, 650}",
+        **{key.replace("_", " "): value for key, value in more.items()},
+    }
     (folder / "cube.hdr").write_text("ENVI\n" + "".join(f"{key} = {value}\n" for key, value in words.items()))
     if not os.path.lexists(folder / "cube.img"):
         (folder / "cube.img").write_bytes(bytes(48))
@@ -195,11 +217,16 @@ def exr(path: Path, window: tuple[int, int, int, int], channels: int = 3) -> Pat
 
     listed = b"".join(b"w%dnm\0" % (400 + n) + struct.pack("<iiii", 2, 0, 1, 1) for n in range(channels)) + b"\0"
     box = struct.pack("<iiii", *window)
-    head = [attribute(b"channels", b"chlist", listed), attribute(b"compression", b"compression", b"\x03"),
-            attribute(b"dataWindow", b"box2i", box),
-            attribute(b"displayWindow", b"box2i", box), attribute(b"lineOrder", b"lineOrder", b"\0"),
-            attribute(b"pixelAspectRatio", b"float", struct.pack("<f", 1)), attribute(b"screenWindowCenter", b"v2f", bytes(8)),
-            attribute(b"screenWindowWidth", b"float", struct.pack("<f", 1))]  # fmt: skip
+    head = [
+        attribute(b"channels", b"chlist", listed),
+        attribute(b"compression", b"compression", b"\x03"),
+        attribute(b"dataWindow", b"box2i", box),
+        attribute(b"displayWindow", b"box2i", box),
+        attribute(b"lineOrder", b"lineOrder", b"\0"),
+        attribute(b"pixelAspectRatio", b"float", struct.pack("<f", 1)),
+        attribute(b"screenWindowCenter", b"v2f", bytes(8)),
+        attribute(b"screenWindowWidth", b"float", struct.pack("<f", 1)),
+    ]
     path.write_bytes(struct.pack("<II", 20000630, 2) + b"".join(head) + b"\0" + bytes(1000))
     return path
 
@@ -210,19 +237,38 @@ def zarr_cube(folder: Path, **more: object) -> Path:
     (store / "radiance" / "c" / "0" / "0").mkdir(parents=True)
     (store / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": {}}')
     array = {
-        "shape": [3, 4, 4], "data_type": "float64", "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [3, 4, 4]}},
-        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}}, "fill_value": 0.0,
-        "codecs": [{"name": "bytes", "configuration": {"endian": "little"}}], "attributes": {"units": "W m-2 sr-1 nm-1"},
-        "dimension_names": ["wavelength", "y", "x"], "zarr_format": 3, "node_type": "array", "storage_transformers": [], **more,
-    }  # fmt: skip
+        "shape": [3, 4, 4],
+        "data_type": "float64",
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [3, 4, 4]}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": 0.0,
+        "codecs": [{"name": "bytes", "configuration": {"endian": "little"}}],
+        "attributes": {"units": "W m-2 sr-1 nm-1"},
+        "dimension_names": ["wavelength", "y", "x"],
+        "zarr_format": 3,
+        "node_type": "array",
+        "storage_transformers": [],
+        **more,
+    }
     (store / "radiance" / "zarr.json").write_text(json.dumps(array))
     (store / "radiance" / "c" / "0" / "0" / "0").write_bytes(np.ones((3, 4, 4)).tobytes())
-    for name, values in {"wavelength": [450.0, 550.0, 650.0], "y": [0.0, 1.0, 2.0, 3.0], "x": [0.0, 1.0, 2.0, 3.0]}.items():
+    for name, values in {
+        "wavelength": [450.0, 550.0, 650.0],
+        "y": [0.0, 1.0, 2.0, 3.0],
+        "x": [0.0, 1.0, 2.0, 3.0],
+    }.items():
         (store / name / "c").mkdir(parents=True)
         (store / name / "c" / "0").write_bytes(np.array(values).tobytes())
         grid = {"name": "regular", "configuration": {"chunk_shape": [len(values)]}}
         codecs = [{"name": "bytes", "configuration": {"endian": "little"}}]
-        own = {**array, "shape": [len(values)], "chunk_grid": grid, "dimension_names": [name], "attributes": {}, "codecs": codecs}
+        own = {
+            **array,
+            "shape": [len(values)],
+            "chunk_grid": grid,
+            "dimension_names": [name],
+            "attributes": {},
+            "codecs": codecs,
+        }
         (store / name / "zarr.json").write_text(json.dumps(own))
     return pipeline_with(folder, "radiance_cube", "cube.zarr", 'white_luminance = "100 cd m-2"\nspacing = "1 um"\n')
 
@@ -231,8 +277,10 @@ def chunked(*shape: int) -> dict[str, object]:
     return {"name": "regular", "configuration": {"chunk_shape": list(shape)}}
 
 
-SHARDED = {"name": "sharding_indexed",
-           "configuration": {"chunk_shape": [1, 1, 1], "codecs": [{"name": "bytes"}], "index_codecs": [{"name": "gzip"}]}}  # fmt: skip
+SHARDED = {
+    "name": "sharding_indexed",
+    "configuration": {"chunk_shape": [1, 1, 1], "codecs": [{"name": "bytes"}], "index_codecs": [{"name": "gzip"}]},
+}
 
 
 def links_in_a_ring(folder: Path, outside: Path) -> Path:
@@ -273,7 +321,9 @@ def camera(**more: str) -> Make:
 def swept(value: str) -> Make:
     import re
 
-    return lambda folder, outside: toml_of(folder, re.sub(r"^f_number = \[.*$", lambda found: f"f_number = {value}", SMALLEST, flags=re.M))
+    return lambda folder, outside: toml_of(
+        folder, re.sub(r"^f_number = \[.*$", lambda found: f"f_number = {value}", SMALLEST, flags=re.M)
+    )
 
 
 def light(text: bytes | str) -> Make:
@@ -288,7 +338,10 @@ def light(text: bytes | str) -> Make:
 
 def _lit(folder: Path) -> Path:
     camera = '[camera]\nf_number = 2.8\nfocal_length = "7 mm"\npixel_pitch = "5 um"\nilluminant = "light.csv"\n'
-    scene = '[[stages]]\nuse = "uniform"\nwhite_luminance = "300 cd m-2"\nwidth = "48 um"\nheight = "48 um"\nbin_width = "100 nm"\n'
+    scene = (
+        '[[stages]]\nuse = "uniform"\nwhite_luminance = "300 cd m-2"\nwidth = "48 um"\nheight = "48 um"\nbin_width '
+        '= "100 nm"\n'
+    )
     return toml_of(folder, f'name = "x"\n{camera}{scene}[[stages]]\nuse = "irradiance"\n')
 
 
@@ -310,20 +363,31 @@ PICTURES: dict[str, tuple[str, Callable[[Path], Path]]] = {
     "a JPEG of 65,500 x 65,500": ("p.jpg", lambda p: jpeg(p, size=(65_500, 65_500))),
     "a JPEG of 7,000 x 7,000, empty": ("p.jpg", lambda p: jpeg(p, size=(7_000, 7_000))),
     "a JPEG with EXIF in a loop": ("p.jpg", lambda p: jpeg(p, exif_loop())),
-    "a JPEG with 60,000 tags": ("p.jpg", lambda p: jpeg(p, struct.pack("<2sHIH", b"II", 42, 8, 65_535) + bytes(60_000))),
+    "a JPEG with 60,000 tags": (
+        "p.jpg",
+        lambda p: jpeg(p, struct.pack("<2sHIH", b"II", 42, 8, 65_535) + bytes(60_000)),
+    ),
     "a JPEG of 20,000 parts": (
         "p.jpg",
         lambda p: jpeg(p, more=(b"\xff\xe2" + struct.pack(">H", 20) + b"ICC_PROFILE\0\x01\xff" + bytes(4)) * 20_000),
     ),
     "a TIFF of 2**31 rows a strip": ("p.tif", lambda p: tiff(p, usual(2**31 - 1))),
-    "a TIFF of 2**32 offsets": ("p.tif", lambda p: tiff(p, [*[t for t in usual(8) if t[0] != 273], (273, 4, 2**32 - 1, 8)])),
+    "a TIFF of 2**32 offsets": (
+        "p.tif",
+        lambda p: tiff(p, [*[t for t in usual(8) if t[0] != 273], (273, 4, 2**32 - 1, 8)]),
+    ),
     "a TIFF of 65,535 tags": (
         "p.tif",
-        lambda p: written(p, struct.pack("<2sHIH", b"II", 42, 8, 65_535) + struct.pack("<HHII", 256, 4, 2**31, 8) * 65_535),
+        lambda p: written(
+            p, struct.pack("<2sHIH", b"II", 42, 8, 65_535) + struct.pack("<HHII", 256, 4, 2**31, 8) * 65_535
+        ),
     ),
     "a BigTIFF of 2**60 tags": ("p.tif", big_tiff),
     "a TIFF whose strip unfolds": ("p.tif", deflated_tiff),
-    "a TIFF with directories inside itself": ("p.tif", lambda p: tiff(p, [*usual(8), (330, 4, 1, 8), (34665, 4, 1, 8)], bytes(300))),
+    "a TIFF with directories inside itself": (
+        "p.tif",
+        lambda p: tiff(p, [*usual(8), (330, 4, 1, 8), (34665, 4, 1, 8)], bytes(300)),
+    ),
 }
 
 FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
@@ -333,22 +397,42 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
     "an npz with a pickle": (lambda f, o: npz_of(f / "p.npz", {"cube.npy": pickled(f, o)}), ("import",)),
     "a pickle with another name": (lambda f, o: written(f / "p.npy", pickle.dumps(Owns(o))), ("import",)),
     "an npy with a header of code": (
-        lambda f, o: written(f / "p.npy", npy_header(f"{{'descr': '<f8', 'shape': (open({str(o / OWNED)!r},'w'),)}}\n")), ("import",)),
-    "an npy with a header of 100 MB": (lambda f, o: written(f / "p.npy", npy_header("(" * 100_000_000, b"\x02\x00")), ("import",)),
+        lambda f, o: written(
+            f / "p.npy", npy_header(f"{{'descr': '<f8', 'shape': (open({str(o / OWNED)!r},'w'),)}}\n")
+        ),
+        ("import",),
+    ),
+    "an npy with a header of 100 MB": (
+        lambda f, o: written(f / "p.npy", npy_header("(" * 100_000_000, b"\x02\x00")),
+        ("import",),
+    ),
     "an npy with a nested header": (lambda f, o: written(f / "p.npy", npy_header("(" * 9_000)), ("import",)),
-    "an npz that climbs out": (lambda f, o: npz_of(f / "p.npz", {"../../outside/owned.txt": b"x", "/etc/owned.npy": b"x"}), ("import",)),
+    "an npz that climbs out": (
+        lambda f, o: npz_of(f / "p.npz", {"../../outside/owned.txt": b"x", "/etc/owned.npy": b"x"}),
+        ("import",),
+    ),
     "an npz of thirty bombs": (lambda f, o: npz_of_many(f / "p.npz"), ("import",)),
     "an npz that lies of its size": (lambda f, o: npz_that_lies(f / "p.npz"), ("import",)),
-    "an npz of 60,000 arrays": (lambda f, o: npz_of(f / "p.npz", {f"a{n}.npy": b"" for n in range(60_000)}), ("import",)),
+    "an npz of 60,000 arrays": (
+        lambda f, o: npz_of(f / "p.npz", {f"a{n}.npy": b"" for n in range(60_000)}),
+        ("import",),
+    ),
     "a blur with a pickle": (
-        lambda f, o: (npz_of(f / "p.npz", {"psf.npy": pickled(f, o), "heights.npy": pickled(f, o)}), bank(f, "p.npz"))[1], ("plan",)),
+        lambda f, o: (npz_of(f / "p.npz", {"psf.npy": pickled(f, o), "heights.npy": pickled(f, o)}), bank(f, "p.npz"))[
+            1
+        ],
+        ("plan",),
+    ),
     "a blur with bombs": (lambda f, o: (npz_of_many(f / "p.npz"), bank(f, "p.npz"))[1], ("plan",)),
     "HDF5 of forty fill values": (lambda f, o: hdf5(f / "p.h5", many_fills), ("import",)),
     "HDF5 of links in a ring": (lambda f, o: hdf5(f / "p.h5", loops), ("import",)),
     "HDF5 of groups 3,000 deep": (lambda f, o: hdf5(f / "p.h5", deep_groups), ("import",)),
     "MATLAB of 2**93 numbers": (lambda f, o: mat5(f / "p.mat", (2**31 - 1,) * 3), ("import",)),
     "MATLAB that unfolds": (lambda f, o: mat5(f / "p.mat", (14_000, 100, 1000), deflated=True), ("import",)),
-    "ENVI of 10**36 numbers": (lambda f, o: envi(f, samples="1000000000000", lines="1000000000000", bands="1000000000000"), ("import",)),
+    "ENVI of 10**36 numbers": (
+        lambda f, o: envi(f, samples="1000000000000", lines="1000000000000", bands="1000000000000"),
+        ("import",),
+    ),
     "ENVI of 5,000 digits": (lambda f, o: envi(f, samples="9" * 5000), ("import",)),
     "ENVI of an odd type": (lambda f, o: envi(f, data_type="99", interleave="x", byte_order="7"), ("import",)),
     "ENVI through a link": (envi_linked, ("import",)),
@@ -360,30 +444,51 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
     "EXR of 2**62 pixels": (lambda f, o: exr(f / "p.exr", (-(2**30), -(2**30), 2**30, 2**30)), ("import",)),
     "EXR of 20,000 layers": (lambda f, o: exr(f / "p.exr", (0, 0, 63, 63), 20_000), ("import",)),
     "Zarr of 10**30 numbers": (lambda f, o: zarr_cube(f, shape=[10**10] * 3), ("plan",)),
-    "Zarr, a chunk of 10**12": (lambda f, o: zarr_cube(f, shape=[3, 10**6, 10**6], chunk_grid=chunked(3, 10**6, 10**6)), ("plan", "run")),
+    "Zarr, a chunk of 10**12": (
+        lambda f, o: zarr_cube(f, shape=[3, 10**6, 10**6], chunk_grid=chunked(3, 10**6, 10**6)),
+        ("plan", "run"),
+    ),
     "Zarr that unfolds": (zarr_bomb, ("plan", "run")),
     "Zarr with a fifo": (zarr_fifo, ("plan", "run")),
     "Zarr with a codec of pickles": (lambda f, o: zarr_cube(f, codecs=[{"name": "numcodecs.pickle"}]), ("plan",)),
-    "Zarr of 1-number chunks": (lambda f, o: zarr_cube(f, shape=[300, 1000, 1000], chunk_grid=chunked(1, 1, 1)), ("plan", "run")),
+    "Zarr of 1-number chunks": (
+        lambda f, o: zarr_cube(f, shape=[300, 1000, 1000], chunk_grid=chunked(1, 1, 1)),
+        ("plan", "run"),
+    ),
     "Zarr of shards in shards": (lambda f, o: zarr_cube(f, codecs=[SHARDED]), ("plan", "run")),
     "a table of 10,000,000 lines": (light("wavelength_nm,power\n" + "1,1\n" * 10_000_000), ("plan",)),
     "a table of one line, 50 MB": (light("wavelength_nm,power\n300," + "1" * 50_000_000), ("plan",)),
-    "a table of 200,000 columns": (light(",".join(f"c{n}" for n in range(200_000)) + "\n" + ",".join("1" * 200_000)), ("plan",)),
+    "a table of 200,000 columns": (
+        light(",".join(f"c{n}" for n in range(200_000)) + "\n" + ",".join("1" * 200_000)),
+        ("plan",),
+    ),
     "a table of NaN": (light("wavelength_nm,power\n300,nan\nnan,1\n900,inf\n"), ("plan",)),
     "a table of zeros": (light(b"\0" * 100_000), ("plan",)),
     "a table of escapes": (light("\x1b[2J\x1b]0;owned\x07,power\n300,1\n900,1\n"), ("plan",)),
     "a table with quotes that do not end": (light('wavelength_nm,power\n"300,1\n' + "900,1\n" * 200_000), ("plan",)),
     "TOML nested 100,000 deep": (lambda f, o: toml_of(f, "x = " + "[" * 100_000), ("plan",)),
     "TOML of inline tables": (lambda f, o: toml_of(f, "x = " + "{a=" * 100_000), ("plan",)),
-    "TOML, tables by the thousand": (lambda f, o: toml_of(f, "".join(f"[a{n}.b{n}]\n" for n in range(60_000))), ("plan",)),
+    "TOML, tables by the thousand": (
+        lambda f, o: toml_of(f, "".join(f"[a{n}.b{n}]\n" for n in range(60_000))),
+        ("plan",),
+    ),
     "TOML, a table of 10,000 parts": (lambda f, o: toml_of(f, "[" + ".".join("a" * 10_000) + "]\n"), ("plan",)),
-    "TOML, a quoted key of many parts": (lambda f, o: toml_of(f, ".".join('"a b"' for _ in range(20_000)) + " = 1\n"), ("plan",)),
+    "TOML, a quoted key of many parts": (
+        lambda f, o: toml_of(f, ".".join('"a b"' for _ in range(20_000)) + " = 1\n"),
+        ("plan",),
+    ),
     "TOML, a number of 5,000 digits": (camera(f_number="9" * 5000), ("plan",)),
     "TOML, a number of 5,000 hex digits": (camera(f_number="0x" + "f" * 900_000), ("plan",)),
-    "TOML, a pitch of 1e-30": (lambda f, o: toml_of(f, SMALLEST.replace("pixel_pitch =", 'pixel_pitch = "1e-25 um" #', 1)), ("plan",)),
+    "TOML, a pitch of 1e-30": (
+        lambda f, o: toml_of(f, SMALLEST.replace("pixel_pitch =", 'pixel_pitch = "1e-25 um" #', 1)),
+        ("plan",),
+    ),
     "TOML, a unit of 100,000 powers": (camera(focal_length='"1 ' + "m^2 " * 100_000 + '"'), ("plan",)),
     "TOML, an unending quote": (lambda f, o: toml_of(f, 'name = """' + '\\"""' * 200_000), ("plan",)),
-    "TOML, escapes": (lambda f, o: toml_of(f, 'name = "\\u001b[2J"\n[camera]\n"\\u001b]0;owned\\u0007" = 1\n'), ("plan",)),
+    "TOML, escapes": (
+        lambda f, o: toml_of(f, 'name = "\\u001b[2J"\n[camera]\n"\\u001b]0;owned\\u0007" = 1\n'),
+        ("plan",),
+    ),
     "TOML, an axis of 480,000 times 2": (swept("[" + "2," * 480_000 + "]"), ("plan",)),
     "TOML, an axis of 140,000 numbers": (swept("[" + ",".join(map(str, range(1, 140_001))) + "]"), ("plan",)),
     "a file of the network": (lambda f, o: pipeline_with(f, "photograph", "//192.0.2.1/share/p.png"), ("plan",)),
@@ -391,4 +496,4 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
     "a file of a URL of a store": (lambda f, o: pipeline_with(f, "radiance_cube", "s3://192.0.2.1/p.zarr"), ("plan",)),
     "a file of /proc/self/mem": (lambda f, o: pipeline_with(f, "photograph", "/proc/self/mem"), ("plan",)),
     "links in a ring": (links_in_a_ring, ("plan",)),
-}  # fmt: skip
+}

@@ -1,4 +1,5 @@
-"""More kinds of harm: numbers and texts beyond all bounds, chunks that unfold, names that speak to a terminal, metadata that disagrees.
+"""More kinds of harm: numbers and texts beyond all bounds, chunks that unfold, names that speak to a terminal, metadata
+that disagrees.
 
 In:  an archive (a copy) or an empty folder; a folder outside, as for ``hostile_kinds``.
 Out: the archive is changed in place, its digests made anew; of a file, its path.
@@ -29,7 +30,8 @@ def crc(body: bytes) -> bytes:
     return body + int(google_crc32c.value(body)).to_bytes(4, "little")
 
 
-# -- JSON ---------------------------------------------------------------------------------------------------------------------
+# -- JSON
+# ---------------------------------------------------------------------------------------------------------------------
 
 
 def text_edited(path: str, change: Callable[[str], str]) -> Act:
@@ -63,7 +65,9 @@ def plain_lines(line: bytes, times: int) -> Act:
 
 
 def manifest_text(change: Callable[[str], str]) -> Act:
-    return lambda archive, outside: (archive / "manifest.json").write_text(change((archive / "manifest.json").read_text()))
+    return lambda archive, outside: (archive / "manifest.json").write_text(
+        change((archive / "manifest.json").read_text())
+    )
 
 
 def before_the_end(more: str) -> Callable[[str], str]:
@@ -74,7 +78,8 @@ def before_the_end(more: str) -> Callable[[str], str]:
 DEEP = '"deep":' + '{"a":' * 100_000 + "1" + "}" * 100_000
 
 
-# -- chunks -------------------------------------------------------------------------------------------------------------------
+# -- chunks
+# -------------------------------------------------------------------------------------------------------------------
 
 
 def chunk_of(name: str, body: Callable[[bytes], bytes]) -> Act:
@@ -110,7 +115,11 @@ def texts_claimed(body: bytes) -> bytes:
 def one_long_text(body: bytes) -> bytes:
     count = struct.unpack("<I", bytes(Zstd().decode(body))[:4])[0]
     long = b"x" * 50_000_000
-    return bytes(Zstd().encode(struct.pack("<I", count) + (struct.pack("<I", len(long)) + long) + struct.pack("<I", 0) * (count - 1)))
+    return bytes(
+        Zstd().encode(
+            struct.pack("<I", count) + (struct.pack("<I", len(long)) + long) + struct.pack("<I", 0) * (count - 1)
+        )
+    )
 
 
 def in_a_shard(change: Callable[[bytes], bytes]) -> Act:
@@ -149,9 +158,9 @@ def index_of(change: Callable[[np.ndarray], object]) -> Act:
     def act(archive: Path, outside: Path) -> None:
         place = sorted(archive.glob("data.zarr/adc/raw/c.*"))[0]
         data = place.read_bytes()
-        slots = int(np.prod(json.loads((archive / RAW).read_text())["chunk_grid"]["configuration"]["chunk_shape"])) // int(
-            np.prod(json.loads((archive / RAW).read_text())["codecs"][0]["configuration"]["chunk_shape"])
-        )
+        slots = int(
+            np.prod(json.loads((archive / RAW).read_text())["chunk_grid"]["configuration"]["chunk_shape"])
+        ) // int(np.prod(json.loads((archive / RAW).read_text())["codecs"][0]["configuration"]["chunk_shape"]))
         index = np.frombuffer(data[-16 * slots - 4 : -4], "<u8").reshape(-1, 2).copy()
         change(index)
         place.write_bytes(data[: -16 * slots - 4] + crc(index.tobytes()))
@@ -160,7 +169,8 @@ def index_of(change: Callable[[np.ndarray], object]) -> Act:
     return act
 
 
-# -- names and folders ----------------------------------------------------------------------------------------------------------
+# -- names and folders
+# ----------------------------------------------------------------------------------------------------------
 
 
 def named(*names: bytes | str) -> Act:
@@ -262,7 +272,10 @@ def members(document: dict) -> dict:
 
 def codec_of(name: str, **configuration: object) -> Callable[[dict], object]:
     return lambda d: d.update(
-        codecs=[{"name": "bytes", "configuration": {"endian": "little"}}, {"name": name, "configuration": configuration}]
+        codecs=[
+            {"name": "bytes", "configuration": {"endian": "little"}},
+            {"name": name, "configuration": configuration},
+        ]
     )
 
 
@@ -275,8 +288,17 @@ def gzip_bomb(archive: Path, outside: Path) -> None:
 
 
 def done(**more: object) -> dict:
-    base = {"event": "done", "cell": "adc f_number=2.0", "key": "0" * 32, "status": "done", "seconds": 1.0, "clipped": 0.0,
-            "clipped_flux": 0.0, "floored": 0.0, "files": []}  # fmt: skip
+    base = {
+        "event": "done",
+        "cell": "adc f_number=2.0",
+        "key": "0" * 32,
+        "status": "done",
+        "seconds": 1.0,
+        "clipped": 0.0,
+        "clipped_flux": 0.0,
+        "floored": 0.0,
+        "files": [],
+    }
     return {**base, **more}
 
 
@@ -292,9 +314,13 @@ STRANGERS: dict[str, Act] = {
     "JSON: NaN for seconds": raw_line(json.dumps(done()).replace("1.0", "NaN", 1)),
     "JSON: a word twice in the manifest": manifest_text(before_the_end('"files":{}')),
     "JSON: half a pair of surrogates": text_edited("runs/0001.json", before_the_end('"name":"\\ud800"')),
-    "JSON: half a pair in an attribute": metadata_edited(RAW, lambda d: d["attributes"].update(long_name="\ud800", units="\udfff")),
+    "JSON: half a pair in an attribute": metadata_edited(
+        RAW, lambda d: d["attributes"].update(long_name="\ud800", units="\udfff")
+    ),
     "JSON: half a pair in the root": root_edited(lambda d: d["attributes"].update(title="\ud800")),
-    "JSON: zeros in a name": line_added({"event": "shard", "path": "data.zarr/adc/raw/c\0.0", "size": 40, "kept": [["a\0", 0, 0, 4]]}),
+    "JSON: zeros in a name": line_added(
+        {"event": "shard", "path": "data.zarr/adc/raw/c\0.0", "size": 40, "kept": [["a\0", 0, 0, 4]]}
+    ),
     "JSON: not UTF-8": lambda a, o: ((a / "runs/0001.json").write_bytes(b'{"name": "\xff\xfe"}'), reseal(a)),
     "JSON: deep in the root": text_edited("data.zarr/zarr.json", before_the_end(DEEP)),
     "JSON: deep in an array": text_edited(RAW, before_the_end(DEEP)),
@@ -307,22 +333,34 @@ STRANGERS: dict[str, Act] = {
     "journal: 1,000,000 lines of {}": plain_lines(b"{}\n", 1_000_000),
     "journal: 300,000 numbers": plain_lines(b"1\n", 300_000),
     "journal: 200,000 lines of a cell": raw_line(json.dumps(done(), separators=(",", ":")), times=200_000),
-    "journal: axes of other kinds": raw_line('{"event":"axes","group":"adc","axes":{"x":[{}]}}', '{"event":"axes","group":7,"axes":[]}'),
-    "journal: axes nowhere finite": raw_line('{"event":"axes","group":"adc","axes":{"f_number":[{"float":"nan"},{"float":"inf"}]}}'),
+    "journal: axes of other kinds": raw_line(
+        '{"event":"axes","group":"adc","axes":{"x":[{}]}}', '{"event":"axes","group":7,"axes":[]}'
+    ),
+    "journal: axes nowhere finite": raw_line(
+        '{"event":"axes","group":"adc","axes":{"f_number":[{"float":"nan"},{"float":"inf"}]}}'
+    ),
     "journal: axes of 10**400": raw_line('{"event":"axes","group":"adc","axes":{"f_number":[' + "9" * 400 + "]}}"),
     "journal: an axis of texts": line_added({"event": "axes", "group": "adc", "axes": {"f_number": ["2", "\x1b[2J"]}}),
     "journal: groups by the thousand": lambda a, o: plain_lines(
         b"".join(summed(b'{"event":"axes","group":"g%d","axes":{"x":[1]}}' % n) + b"\n" for n in range(20_000)), 1
     )(a, o),
     "journal: a form of other kinds": line_added(
-        {"event": "blocks", "group": "adc", "blocks": {"raw": {"block": [1], "form": "object -3xx9", "codec": "zip", "pieces": 1}}}
+        {
+            "event": "blocks",
+            "group": "adc",
+            "blocks": {"raw": {"block": [1], "form": "object -3xx9", "codec": "zip", "pieces": 1}},
+        }
     ),
     "journal: negative places": line_added(done(files=[["data.zarr/adc/raw/c.0.0.0", -1, "a", -5, -7, -9]])),
     "journal: a slot of 2**62": line_added(done(files=[["data.zarr/adc/raw/c.0.0.0", 2**62, "a", 0, 100, 1]])),
     "journal: a shard of no numbers": line_added(done(files=[["data.zarr/adc/raw/c.x.-1", 0, "a", 0, 100, 1]])),
     "journal: chunks of a table": line_added(done(files=[["manifest.json", 0, "a", 0, 100, 1], ["", 0, "", 0, 0, 0]])),
-    "journal: a run of 10**300 cells": raw_line('{"event":"run","planned":{"adc":1' + "0" * 300 + '},"todo":{"nobody":5}}'),
-    "journal: 100,000 outdated": line_added({"event": "outdated", "cells": [f"adc f_number={n}" for n in range(100_000)]}),
+    "journal: a run of 10**300 cells": raw_line(
+        '{"event":"run","planned":{"adc":1' + "0" * 300 + '},"todo":{"nobody":5}}'
+    ),
+    "journal: 100,000 outdated": line_added(
+        {"event": "outdated", "cells": [f"adc f_number={n}" for n in range(100_000)]}
+    ),
     "journal: a record elsewhere": line_added({"event": "record", "path": "runs/../manifest.json", "text": "{}"}),
     "journal: a cell of odd words": line_added(done(cell="\x1b]0;owned\x07 = == f_number=2=3 f_number")),
     "chunk: a coordinate says 2 GB": chunk_of("adc/f_number", blosc_claims(2**31 - 1)),
@@ -344,42 +382,70 @@ STRANGERS: dict[str, Act] = {
     "index: all at one place": index_of(lambda index: index.__setitem__(slice(None), index[0].copy())),
     "codec: gzip": metadata_edited(COORDINATE, codec_of("gzip", level=1)),
     "codec: of numcodecs": metadata_edited(COORDINATE, codec_of("numcodecs.zlib", level=1)),
-    "codec: shards in shards": metadata_edited(RAW, lambda d: d["codecs"][0]["configuration"].update(codecs=deepcopy(d["codecs"]))),
+    "codec: shards in shards": metadata_edited(
+        RAW, lambda d: d["codecs"][0]["configuration"].update(codecs=deepcopy(d["codecs"]))
+    ),
     "codec: gzip that unfolds": gzip_bomb,
-    "zarr: a transformer": metadata_edited(RAW, lambda d: d.update(storage_transformers=[{"name": "x", "configuration": {"url": "http://192.0.2.1"}}])),
+    "zarr: a transformer": metadata_edited(
+        RAW, lambda d: d.update(storage_transformers=[{"name": "x", "configuration": {"url": "http://192.0.2.1"}}])
+    ),
     "zarr: version 2": metadata_edited(RAW, lambda d: d.update(zarr_format=2)),
     "zarr: an array for a group": metadata_edited("data.zarr/adc/zarr.json", lambda d: d.update(node_type="array")),
-    "zarr: chunks of nothing": metadata_edited(RAW, lambda d: d["chunk_grid"]["configuration"].update(chunk_shape=[0] * len(d["shape"]))),
+    "zarr: chunks of nothing": metadata_edited(
+        RAW, lambda d: d["chunk_grid"]["configuration"].update(chunk_shape=[0] * len(d["shape"]))
+    ),
     "zarr: a fill value of words": metadata_edited(RAW, lambda d: d.update(fill_value="many")),
     "zarr: dims twice": metadata_edited(RAW, lambda d: d.update(dimension_names=["x"] * len(d["shape"]))),
     "zarr: attributes of a list": metadata_edited(RAW, lambda d: d.update(attributes=[1])),
-    "zarr: times beyond all": metadata_edited(COORDINATE, lambda d: d["attributes"].update(units="days since 0000-99-99", calendar="x")),
+    "zarr: times beyond all": metadata_edited(
+        COORDINATE, lambda d: d["attributes"].update(units="days since 0000-99-99", calendar="x")
+    ),
     "zarr: scaled by words": metadata_edited(RAW, lambda d: d["attributes"].update(scale_factor="x", add_offset=[1])),
     "zarr: the root disagrees": root_edited(lambda d: members(d)["adc/raw"].update(shape=[10**12] * 3)),
-    "zarr: the root leads out": root_edited(lambda d: members(d).update({"../../outside": members(d)["adc/raw"], "/etc": {}})),
-    "zarr: 20,000 nodes in the root": root_edited(lambda d: members(d).update({f"adc/n{n}": members(d)["adc/raw"] for n in range(20_000)})),
+    "zarr: the root leads out": root_edited(
+        lambda d: members(d).update({"../../outside": members(d)["adc/raw"], "/etc": {}})
+    ),
+    "zarr: 20,000 nodes in the root": root_edited(
+        lambda d: members(d).update({f"adc/n{n}": members(d)["adc/raw"] for n in range(20_000)})
+    ),
     "zarr: nodes of other kinds": root_edited(lambda d: members(d).update({"adc": 7, "": None})),
-    "zarr: axes of other kinds": root_edited(lambda d: d["attributes"].update(etendue={"format": [], "axes": {"adc": 7, "": [{}]}})),
+    "zarr: axes of other kinds": root_edited(
+        lambda d: d["attributes"].update(etendue={"format": [], "axes": {"adc": 7, "": [{}]}})
+    ),
     "record: nodes of a list": record_edited(lambda d: d.update(nodes=[1, 2])),
-    "record: every field a number": record_edited(lambda d: d.update({key: 7 for key in d if key not in ("resolved", "format")})),
-    "record: fields of nodes": record_edited(lambda d: [one.update(dict.fromkeys(one, 3)) for one in d["nodes"].values()]),
+    "record: every field a number": record_edited(
+        lambda d: d.update({key: 7 for key in d if key not in ("resolved", "format")})
+    ),
+    "record: fields of nodes": record_edited(
+        lambda d: [one.update(dict.fromkeys(one, 3)) for one in d["nodes"].values()]
+    ),
     "record: escapes": record_edited(lambda d: d.update(pipeline="\x1b[2J\x1b]0;owned\x07", began="\x1b[31m")),
     "record: a name of 5 MB": record_edited(lambda d: d.update(pipeline="n" * 5_000_000)),
     "pipeline: TOML nested 50,000 deep": pipeline_edited(lambda text: f"x = {'[' * 50_000}{']' * 50_000}\n{text}"),
     "pipeline: 20,000 dots": pipeline_edited(lambda text: f"{'.'.join('a' * 20_000)} = 1\n{text}"),
-    "pipeline: 3,000,000 axis values": pipeline_edited(lambda text: text.replace("[2, 4]", "[" + "2," * 3_000_000 + "]")),
-    "pipeline: steps of 10**9": pipeline_edited(lambda text: text.replace("[2, 4]", "{ from = 1, to = 9, steps = 1000000000 }")),
+    "pipeline: 3,000,000 axis values": pipeline_edited(
+        lambda text: text.replace("[2, 4]", "[" + "2," * 3_000_000 + "]")
+    ),
+    "pipeline: steps of 10**9": pipeline_edited(
+        lambda text: text.replace("[2, 4]", "{ from = 1, to = 9, steps = 1000000000 }")
+    ),
     "pipeline: a camera of 200,000 pixels": pipeline_edited(lambda text: text.replace('"48 um"', '"1000 mm"')),
     "pipeline: not a number": pipeline_edited(lambda text: text.replace("[2, 4]", "[nan, inf]")),
     "pipeline: 5,000 digits": pipeline_edited(lambda text: text.replace("[2, 4]", f"[2, {HUGE}]")),
     "pipeline: seed of 400 digits": pipeline_edited(lambda text: text.replace("seed = 0", f"seed = {'9' * 400}")),
-    "pipeline: a share of Windows": pipeline_edited(lambda text: text.replace('"../inputs/', '"//192.0.2.1/share/../inputs/')),
+    "pipeline: a share of Windows": pipeline_edited(
+        lambda text: text.replace('"../inputs/', '"//192.0.2.1/share/../inputs/')
+    ),
     "pipeline: a URL": pipeline_edited(lambda text: text.replace('"../inputs/', '"http://192.0.2.1/')),
-    "names: escapes": named("\x1b[2J\x1b]0;owned\x07", "data.zarr/adc/\x1b[31mraw", "inputs/\x1b[2J", "runs/\r\n# sound"),
+    "names: escapes": named(
+        "\x1b[2J\x1b]0;owned\x07", "data.zarr/adc/\x1b[31mraw", "inputs/\x1b[2J", "runs/\r\n# sound"
+    ),
     "names: not UTF-8": named(b"\xff\xfe", b"data.zarr/adc/\xff.bin", b"inputs/\xff", b"runs/\xff.json"),
     "names: right to left": named("gnp.\u202e0001", "runs/0001\u202e.json", "inputs/\u202e\u200b"),
     "names: other cases": named("JOURNAL.jsonl", "Manifest.json", "RUNS/0001.json", "data.zarr/ADC/raw/c.0"),
-    "names: numbers of 4,000 digits": named("runs/" + "9" * 240 + ".json", "runs/-1.json", "runs/\u0661\u0662.json", "runs/0001.JSON"),
+    "names: numbers of 4,000 digits": named(
+        "runs/" + "9" * 240 + ".json", "runs/-1.json", "runs/\u0661\u0662.json", "runs/0001.JSON"
+    ),
     "names: 20,000 files": many_files,
     "names: folders 1,500 deep": deep_folders,
     "names: links in a ring": links_in_a_ring,
@@ -389,8 +455,10 @@ STRANGERS: dict[str, Act] = {
     "a folder for the lock": lambda a, o: ((a / "lock").unlink(missing_ok=True), (a / "lock").mkdir()),
     "a folder for an input": folder_for("inputs/*"),
     "a folder for a record": folder_for("runs/0001.json"),
-    "an input of a folder, nested": added("inputs/" + "0" * 64, lambda p, o: [(p / "/".join("ab" * 100)).mkdir(parents=True)]),
+    "an input of a folder, nested": added(
+        "inputs/" + "0" * 64, lambda p, o: [(p / "/".join("ab" * 100)).mkdir(parents=True)]
+    ),
     "the crate with addresses": with_url,
     "the sheet of 3.6e9 pixels": bomb_for_the_sheet,
     "the owner with addresses": lambda a, o: (a / "run.id").write_text("http://192.0.2.1/" * 100_000),
-}  # fmt: skip
+}

@@ -1,8 +1,10 @@
-"""What stands around a run and goes wrong: two at once, readers in the middle, places that take no bytes, clocks, names, pipes.
+"""What stands around a run and goes wrong: two at once, readers in the middle, places that take no bytes, clocks,
+names, pipes.
 
     python benchmarks/faults/surroundings.py [--only places readers] [--count 10]
 
-In:  a small sweep, run in processes split off from one that has imported all it needs; a name space of its own for what is mounted.
+In:  a small sweep, run in processes split off from one that has imported all it needs; a name space of its own for what
+     is mounted.
 Out: a table fault | expected | seen as expected, with counts; what was not is named, and the exit code then is 1.
 """
 
@@ -26,8 +28,28 @@ from pathlib import Path
 from forked import PIPELINE, Seen, answer, code_of, differs, import_all, left_over, misread, start
 from processes import listening
 
-NAMES = ("a b", "épreuve–試験", "-rf", "a'\"b", "a\nb", "x" * 200, "x" * 300, "con", "a:b", "$(id)", "%s{}", ".hidden", "a\tb")
-HUGE = (("width = ", '"30 mm"'), ("height = ", '"30 mm"'), ("rows = ", "6000"), ("columns = ", "6000"), ('"pixel.rows" = ', "[6000]"))
+NAMES = (
+    "a b",
+    "épreuve–試験",
+    "-rf",
+    "a'\"b",
+    "a\nb",
+    "x" * 200,
+    "x" * 300,
+    "con",
+    "a:b",
+    "$(id)",
+    "%s{}",
+    ".hidden",
+    "a\tb",
+)
+HUGE = (
+    ("width = ", '"30 mm"'),
+    ("height = ", '"30 mm"'),
+    ("rows = ", "6000"),
+    ("columns = ", "6000"),
+    ('"pixel.rows" = ', "[6000]"),
+)
 
 
 class Place:
@@ -84,7 +106,9 @@ def together(place: Place, count: int) -> Iterator[Seen]:
         other = start(place.words(archive), second)
         codes = [code_of(first), code_of(other)]
         said = place.said.read_text() + second.read_text()
-        wrong = "" if 0 in codes and set(codes) <= {0, 4} and "Traceback" not in said else f"exit {codes}: {said[-300:]}"
+        wrong = (
+            "" if 0 in codes and set(codes) <= {0, 4} and "Traceback" not in said else f"exit {codes}: {said[-300:]}"
+        )
         seen.count(wrong or differs(archive, place.whole))
         shutil.rmtree(archive)
     yield seen
@@ -116,7 +140,9 @@ def places(place: Place, count: int) -> Iterator[Seen]:
 
     def mounted(words: str, *command: str) -> tuple[int, str]:
         script = f'{words} && exec "$@"'
-        done = subprocess.run(["unshare", "-m", "sh", "-c", script, "sh", *command], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            ["unshare", "-m", "sh", "-c", script, "sh", *command], capture_output=True, text=True, check=False
+        )
         return done.returncode, done.stdout + done.stderr
 
     if mounted("true", "true")[0]:
@@ -126,7 +152,11 @@ def places(place: Place, count: int) -> Iterator[Seen]:
     shutil.copytree(place.whole, mount / "whole")
     locked = f"mount --bind '{mount}' '{mount}' && mount -o remount,ro,bind '{mount}'"
     seen = Seen("a run in a place that can only be read", "exit 5, one line, the file system's words")
-    for archive, more in ((mount / "whole", ()), (mount / "whole", ("--set", "camera.pixel_pitch=4 um")), (mount / "new", ())):
+    for archive, more in (
+        (mount / "whole", ()),
+        (mount / "whole", ("--set", "camera.pixel_pitch=4 um")),
+        (mount / "new", ()),
+    ):
         seen.count(in_words(*mounted(locked, *program, *place.words(archive, *more)), 5, "Read-only file system"))
     yield seen
     seen = Seen("verify, show, diff in a place that can only be read", "exit 0")
@@ -135,17 +165,25 @@ def places(place: Place, count: int) -> Iterator[Seen]:
         seen.count("" if not code else f"exit {code}: {said[-300:]}")
     yield seen
     seen = Seen("a disk full after some bytes or files, then not", "exit 5, one line; then exit 0, the same archive")
-    for room in (*(f"size={size}k" for size in (4, 64, 200, 300, 400, 480, 560, 700)), *(f"nr_inodes={n}" for n in (3, 9, 60, 200, 400))):
+    for room in (
+        *(f"size={size}k" for size in (4, 64, 200, 300, 400, 480, 560, 700)),
+        *(f"nr_inodes={n}" for n in (3, 9, 60, 200, 400)),
+    ):
         archive = place.folder / "full"
         small = f"mount -t tmpfs -o {room} none '{mount}'"
         copied = f"{small} && trap 'cp -a {mount}/a {archive} 2>/dev/null' EXIT; set +e; \"$@\"; exit $?"
         done = subprocess.run(
-            ["unshare", "-m", "sh", "-c", copied, "sh", *program, *place.words(mount / "a")], capture_output=True, text=True, check=False
+            ["unshare", "-m", "sh", "-c", copied, "sh", *program, *place.words(mount / "a")],
+            capture_output=True,
+            text=True,
+            check=False,
         )
         wrong = (
             ""
             if done.returncode == 0
-            else min(in_words(done.returncode, done.stderr, 5, words) for words in ("No space left", "free on the disk"))
+            else min(
+                in_words(done.returncode, done.stderr, 5, words) for words in ("No space left", "free on the disk")
+            )
         )
         seen.count(wrong or place.ends_right(archive))
         shutil.rmtree(archive, ignore_errors=True)
@@ -154,7 +192,9 @@ def places(place: Place, count: int) -> Iterator[Seen]:
 
 def clocks(place: Place, count: int) -> Iterator[Seen]:
     """Archives that were copied, moved, and whose files are of other times."""
-    seen = Seen("copied, moved; files of 1970, 2038, 2100; another time zone", "verify finds nothing, a run computes nothing")
+    seen = Seen(
+        "copied, moved; files of 1970, 2038, 2100; another time zone", "verify finds nothing, a run computes nothing"
+    )
     for stamp, zone in ((0, "UTC"), (2**31, "Pacific/Kiritimati"), (4_102_444_800, "America/St_Johns"), (None, "UTC")):
         archive = place.copied("moved à part")
         for path in archive.rglob("*") if stamp is not None else ():
@@ -177,7 +217,9 @@ def memory(place: Place, count: int) -> Iterator[Seen]:
     seen = Seen("frames larger than the memory", "exit 5 before anything is computed, with the bytes and a way out")
     archive = place.folder / "large"
     for before in (None, partial(resource.setrlimit, resource.RLIMIT_AS, (2_000_000_000, 2_000_000_000))):
-        wrong = in_words(*place.call(*place.words(archive), before=before), 5, "would be held at once", "GB are free", "shorten")
+        wrong = in_words(
+            *place.call(*place.words(archive), before=before), 5, "would be held at once", "GB are free", "shorten"
+        )
         seen.count(wrong or ("an archive was begun" if archive.exists() else ""))
     place.pipeline.write_text(PIPELINE)
     yield seen
@@ -186,7 +228,8 @@ def memory(place: Place, count: int) -> Iterator[Seen]:
 def names(place: Place, count: int) -> Iterator[Seen]:
     """Archives with the names that people and machines give."""
     seen = Seen(
-        "names with spaces, quotes, newlines, other scripts, too long", "exit 0 and the same archive, or exit 2 or 5, nothing written"
+        "names with spaces, quotes, newlines, other scripts, too long",
+        "exit 0 and the same archive, or exit 2 or 5, nothing written",
     )
     for name in NAMES:
         archive = place.folder / "names" / name
@@ -203,7 +246,13 @@ def names(place: Place, count: int) -> Iterator[Seen]:
 def pipes(place: Place, count: int) -> Iterator[Seen]:
     """Whoever reads what is printed goes away; whoever started the run hangs up."""
     seen = Seen("stdout closed, `| true`, or full", "no traceback, no word of Python's")
-    words = (["show", str(place.whole)], ["stages"], ["plan", str(place.pipeline)], place.words(place.folder / "piped"), ["--help"])
+    words = (
+        ["show", str(place.whole)],
+        ["stages"],
+        ["plan", str(place.pipeline)],
+        place.words(place.folder / "piped"),
+        ["--help"],
+    )
     for command in words:
         for behind in ("| true", ">&-", "> /dev/full"):
             line = " ".join(f"'{word}'" for word in (sys.executable, "-m", "etendue", *command))
@@ -234,16 +283,28 @@ def network(place: Place, count: int) -> Iterator[Seen]:
             found |= set(listening(child))
             time.sleep(0.05)
         code = code_of(child)
-        odd = f"exit {code}: {place.said.read_text()[-300:]}" if code else "no socket was seen" if allowed and not found else ""
+        odd = (
+            f"exit {code}: {place.said.read_text()[-300:]}"
+            if code
+            else "no socket was seen"
+            if allowed and not found
+            else ""
+        )
         seen.count(odd or (f"listens at {found}" if found - allowed else ""))
         shutil.rmtree(archive)
         yield seen
 
 
 FAULTS: dict[str, Callable[[Place, int], Iterator[Seen]]] = {
-    "together": together, "readers": readers, "places": places, "clocks": clocks, "memory": memory, "names": names, "pipes": pipes,
+    "together": together,
+    "readers": readers,
+    "places": places,
+    "clocks": clocks,
+    "memory": memory,
+    "names": names,
+    "pipes": pipes,
     "network": network,
-}  # fmt: skip
+}
 
 
 def tried(folder: str, only: list[str], count: int, seed: int) -> str:

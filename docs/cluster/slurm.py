@@ -2,9 +2,10 @@
 
     python slurm.py --jobs 4 run paper.toml --archive /shared/paper
 
-asks for 4 jobs, waits for the first, runs ``etendue run paper.toml --archive /shared/paper --scheduler tcp://...`` and ends the jobs
-behind it. Start it where jobs can reach this machine (a login node, or a job of its own). The archive, the pipeline's input files and
-the Python environment stand at the same paths on every node. A job that SLURM ends takes no cell with it: another worker computes it.
+asks for 4 jobs, waits for the first, runs ``etendue run paper.toml --archive /shared/paper --scheduler tcp://...`` and
+ends the jobs behind it. Start it where jobs can reach this machine (a login node, or a job of its own). The archive,
+the pipeline's input files and the Python environment stand at the same paths on every node. A job that SLURM ends takes
+no cell with it: another worker computes it.
 
     pip install 'etendue[distributed]' dask-jobqueue
 """
@@ -28,9 +29,16 @@ if __name__ == "__main__":
 
     options = {"dashboard": False} | ({"host": given.host} if given.host else {})
     with SLURMCluster(
-        cores=given.cores, processes=given.cores, memory=given.memory, walltime=given.time, queue=given.partition,
-        interface=given.interface, scheduler_options=options, local_directory="/tmp", log_directory="slurm-logs",
-    ) as cluster:  # fmt: skip
+        cores=given.cores,
+        processes=given.cores,
+        memory=given.memory,
+        walltime=given.time,
+        queue=given.partition,
+        interface=given.interface,
+        scheduler_options=options,
+        local_directory="/tmp",
+        log_directory="slurm-logs",
+    ) as cluster:
         cluster.scale(jobs=given.jobs)
         cluster.wait_for_workers(1, timeout=3600)
         command = [sys.executable, "-m", "etendue", *words, "--scheduler", cluster.scheduler_address]

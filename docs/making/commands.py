@@ -23,4 +23,6 @@ def _page(name: str, command: click.Command, above: click.Context) -> str:
     usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     records = [p.get_help_record(context) for p in command.get_params(context) if isinstance(p, click.Option)]
     rows = [(f"`{names}`", shown(text)) for names, text in filter(None, records)]
-    return "\n\n".join([f"# etendue {name}", f"```text\n{usage}\n```", paragraphs(command.help or ""), table(("option", ""), rows)])
+    return "\n\n".join(
+        [f"# etendue {name}", f"```text\n{usage}\n```", paragraphs(command.help or ""), table(("option", ""), rows)]
+    )

@@ -1,4 +1,6 @@
-"""README, CONTRIBUTING and CHANGELOG as pages of the site: links between them and the documents lead where they lead on a code host."""
+"""README, CONTRIBUTING and CHANGELOG as pages of the site: links between them and the documents lead where they lead
+on a code host.
+"""
 
 import re
 from pathlib import Path
@@ -9,11 +11,16 @@ _LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s]+)(#[^)]*)?\)")
 
 def copies(root: Path) -> dict[str, str]:
     """Pages by name."""
-    return {name: _LINK.sub(lambda found: _from_top(found, root), (root / file).read_text()) for file, name in COPIED.items()}
+    return {
+        name: _LINK.sub(lambda found: _from_top(found, root), (root / file).read_text())
+        for file, name in COPIED.items()
+    }
 
 
 def _from_top(link: re.Match[str], root: Path) -> str:
-    """A link of a file at the top of the repository, as it stands in ``docs/made``; of a folder without an index its text alone."""
+    """A link of a file at the top of the repository, as it stands in ``docs/made``; of a folder without an index its
+    text alone.
+    """
     text, target, part = link[1], link[2], link[3] or ""
     if ":" in target:
         return link[0]

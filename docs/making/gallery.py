@@ -1,4 +1,5 @@
-"""A picture behind every stage that writes one: one exposure of shipped pipelines, and of one with each further stage in its place.
+"""A picture behind every stage that writes one: one exposure of shipped pipelines, and of one with each further stage
+in its place.
 
 In:  the registry and the shipped pipelines.
 Out: true-colour PNG by stage, each drawn as ``etendue.show`` draws it, samples as squares.
@@ -29,15 +30,29 @@ from making.stages import roles
 WIDE = 320  # dots of a picture's width, or somewhat less
 ENLARGED = 4  # how much larger the part below a picture is
 SHIPPED: dict[str, dict[str, dict[str, str]]] = {  # and what is told to their stages, to be quick
-    "paper": {}, "burst": {}, "raw_corrections": {}, "paper_order": {}, "colour": {"scene": {"bin_width": "20 nm"}},
-}  # fmt: skip
+    "paper": {},
+    "burst": {},
+    "raw_corrections": {},
+    "paper_order": {},
+    "colour": {"scene": {"bin_width": "20 nm"}},
+}
 BASE = "smallest"  # the camera in which a stage that none of them uses takes its place
-UNTELLING = {"radiance_cube", "real_lens", "real_lens_distortion", "real_lens_illumination"}  # an example of noise; rays take seconds
+UNTELLING = {
+    "radiance_cube",
+    "real_lens",
+    "real_lens_distortion",
+    "real_lens_illumination",
+}  # an example of noise; rays take seconds
 TOLD = {"lens_psf_field": {"tolerance": 0.1}}
 CHART = {
-    "white_luminance": "250 cd m-2", "width": "700 um", "height": "560 um", "spacing": "1 um", "wavelength_from": "400 nm",
-    "wavelength_to": "700 nm", "bin_width": "50 nm",
-}  # fmt: skip
+    "white_luminance": "250 cd m-2",
+    "width": "700 um",
+    "height": "560 um",
+    "spacing": "1 um",
+    "wavelength_from": "400 nm",
+    "wavelength_to": "700 nm",
+    "bin_width": "50 nm",
+}
 PIXELS = {"rows": 128, "columns": 160}
 PITCH = "4 um"
 LOOKED_AT = {"photograph": (0.31, 0.5), "composite": (0.18, 0.44)}  # the middle of the part that is enlarged, by scene
@@ -60,12 +75,18 @@ class Picture:
         times = WIDE / columns
         size = (WIDE, round(rows * times))
         whole = whole.resize(
-            size, Image.Resampling.NEAREST if times.is_integer() else Image.Resampling.BOX if times < 1 else Image.Resampling.BICUBIC
+            size,
+            Image.Resampling.NEAREST
+            if times.is_integer()
+            else Image.Resampling.BOX
+            if times < 1
+            else Image.Resampling.BICUBIC,
         )
         wide = max(1, min(columns, round(columns / ENLARGED)))
         high = max(1, min(rows, round(0.45 * wide)))
         top, left = (
-            min(max(0, round(m * n - 0.5 * part)), n - part) for m, n, part in zip(self.middle, (rows, columns), (high, wide), strict=True)
+            min(max(0, round(m * n - 0.5 * part)), n - part)
+            for m, n, part in zip(self.middle, (rows, columns), (high, wide), strict=True)
         )
         part = Image.fromarray(self.pixels[top : top + high, left : left + wide])
         part = part.resize((WIDE, round(high * WIDE / wide)), Image.Resampling.NEAREST)
@@ -110,15 +131,25 @@ def still(camera: Any) -> Any:
 
 
 def in_place(base: Any, name: str) -> Any:
-    """A camera with a stage in the place of one of its role that writes the same, or behind the one that makes what it reads; or None."""
+    """A camera with a stage in the place of one of its role that writes the same, or behind the one that makes what
+    it reads; or None.
+    """
     kind = installed_stages().load(name)
     reads, writes = ({d.variable for d in of(kind).values()} for of in (reads_of, writes_of))
     kinds = [(placed, installed_stages().load(placed.use)) for placed in base.stages]
     stage = Placed(name, {**_values(kind), **TOLD.get(name, {})}, name, {})
-    alike = [p.name for p, own in kinds if own.role == kind.role and kind.role and {d.variable for d in writes_of(own).values()} & writes]
+    alike = [
+        p.name
+        for p, own in kinds
+        if own.role == kind.role and kind.role and {d.variable for d in writes_of(own).values()} & writes
+    ]
     if alike:
         return base.swap(alike[0], stage)
-    makers = [at for at, (_, own) in enumerate(kinds) if {d.variable for d in writes_of(own).values()} & reads & set(pictured(own))]
+    makers = [
+        at
+        for at, (_, own) in enumerate(kinds)
+        if {d.variable for d in writes_of(own).values()} & reads & set(pictured(own))
+    ]
     if not makers:
         return None
     behind = [placed.name for placed in base.stages][makers[0] + 1 :]
@@ -127,9 +158,17 @@ def in_place(base: Any, name: str) -> Any:
 
 def _values(kind: Any) -> dict[str, Any]:
     """What a stage is told: the chart's size where it draws one, an example where it has no default."""
-    own = {name: (parameter, default) for name, (parameter, _, default) in parameters_of(kind).items() if not parameter.shared}
+    own = {
+        name: (parameter, default)
+        for name, (parameter, _, default) in parameters_of(kind).items()
+        if not parameter.shared
+    }
     own_chart = {name: value for name, value in CHART.items() if name in own}
-    values = {name: parameter.example for name, (parameter, default) in own.items() if default is MISSING and parameter.example is not None}
+    values = {
+        name: parameter.example
+        for name, (parameter, default) in own.items()
+        if default is MISSING and parameter.example is not None
+    }
     return {**values, **(own_chart if kind.role == "scene" else {})}
 
 
@@ -138,7 +177,10 @@ def _seen(camera: Any, name: str, placed: Iterable[Placed], wanted: Mapping[str,
     by_use = {p.use: p.name for p in reversed(list(placed))}
     try:
         tree = camera.run(
-            want=[f"{own}.{wanted[use]}" for use, own in by_use.items()], progress=False, scheduler="serial", leave_out=False
+            want=[f"{own}.{wanted[use]}" for use, own in by_use.items()],
+            progress=False,
+            scheduler="serial",
+            leave_out=False,
         ).tree
     except EtendueError:  # it cannot stand there
         return {}
@@ -150,7 +192,9 @@ def _seen(camera: Any, name: str, placed: Iterable[Placed], wanted: Mapping[str,
 
 def _middle(array: Any) -> Any:
     """Of several frames the one in the middle."""
-    return array.isel({dim: array.sizes[dim] // 2 for dim in array.dims if dim not in ("wavelength", "channel", "y", "x")})
+    return array.isel(
+        {dim: array.sizes[dim] // 2 for dim in array.dims if dim not in ("wavelength", "channel", "y", "x")}
+    )
 
 
 def page(found: Mapping[str, Picture]) -> str:
@@ -159,7 +203,8 @@ def page(found: Mapping[str, Picture]) -> str:
     documents = [stage_document(registry, name) for name in found]
     parts = [
         "# Gallery",
-        "What stands behind each stage that writes a picture, in the order of the light. The pictures are made when this page is: "
+        "What stands behind each stage that writes a picture, in the order of the light. The pictures are made when "
+        "this page is: "
         + "of "
         + ", ".join(f"`{name}.toml`" for name in SHIPPED)
         + f", and of `{BASE}.toml`, its frame made larger, with a stage that none of them uses in its place. "

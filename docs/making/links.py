@@ -1,8 +1,8 @@
 """What became of the links that lead out of the site: ``python docs/making/links.py docs/_build/links/output.json``.
 
 In:  the file that sphinx's builder ``linkcheck`` writes.
-Out: a line for each link that is broken or leads elsewhere, and how many were tried; exit code 1 where one is broken, 3 where nothing
-     could be reached, which says that there is no net and nothing of the links.
+Out: a line for each link that is broken or leads elsewhere, and how many were tried; exit code 1 where one is broken, 3
+     where nothing could be reached, which says that there is no net and nothing of the links.
 """
 
 import json
@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 
 UNREACHED = re.compile(
-    r"NameResolutionError|getaddrinfo|Temporary failure|Name or service|No address|Network is unreachable|ConnectTimeout|Max retries"
+    r"NameResolutionError|getaddrinfo|Temporary failure|Name or service|No address|Network is "
+    r"unreachable|ConnectTimeout|Max retries"
     r"|ProxyError|timed out|Connection refused",
     re.I,
 )
@@ -22,10 +23,24 @@ def judged(lines: list[str]) -> tuple[list[str], int]:
     rows = [json.loads(line) for line in lines if line.strip()]
     tried = [row for row in rows if row["status"] not in ("unchecked", "local", "ignored")]
     broken = [row for row in tried if row["status"] in ("broken", "timeout", "rate-limited")]
-    if tried and len(broken) == len(tried) and all(row["status"] == "timeout" or UNREACHED.search(row["info"]) for row in broken):
-        return [f"none of {len(tried)} links could be reached: there is no net here, or no way out of it; nothing is known of them"], 3
-    said = [f"{row['filename']}:{row['lineno']}: {row['uri']} is {row['status']}: {' '.join(row['info'].split())[:150]}" for row in broken]
-    said += [f"{row['filename']}:{row['lineno']}: {row['uri']} leads to {row['info']}" for row in tried if row["status"] == "redirected"]
+    if (
+        tried
+        and len(broken) == len(tried)
+        and all(row["status"] == "timeout" or UNREACHED.search(row["info"]) for row in broken)
+    ):
+        return [
+            f"none of {len(tried)} links could be reached: there is no net here, or no way out of it; nothing is known "
+            f"of them"
+        ], 3
+    said = [
+        f"{row['filename']}:{row['lineno']}: {row['uri']} is {row['status']}: {' '.join(row['info'].split())[:150]}"
+        for row in broken
+    ]
+    said += [
+        f"{row['filename']}:{row['lineno']}: {row['uri']} leads to {row['info']}"
+        for row in tried
+        if row["status"] == "redirected"
+    ]
     return [*said, f"{len(tried)} links tried, {len(broken)} broken"], 1 if broken else 0
 
 

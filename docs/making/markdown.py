@@ -16,7 +16,9 @@ def shown(text: str) -> str:
 
 
 def paragraphs(text: str) -> str:
-    """The paragraphs of a docstring or of a command's help; those that are to stand as they are (``\\b``) as a block of code."""
+    """The paragraphs of a docstring or of a command's help; those that are to stand as they are (``\\b``) as a block
+    of code.
+    """
     made = []
     for paragraph in re.split(r"\n\s*\n", cleandoc(text)):
         if paragraph.lstrip().startswith("\b"):
@@ -29,7 +31,9 @@ def paragraphs(text: str) -> str:
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table whose cells are markdown already; a bar in one, in code too, is none between them."""
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(_BAR.sub(r"\|", cell.replace("\n", " ")) for cell in row) + " |" for row in lines)
+    return "\n".join(
+        "| " + " | ".join(_BAR.sub(r"\|", cell.replace("\n", " ")) for cell in row) + " |" for row in lines
+    )
 
 
 def toctree(pages: Iterable[str], *options: str) -> str:

@@ -16,11 +16,19 @@ from PIL import Image
 from etendue.present.plots import pictures
 
 SHOWN = {
-    "scene.radiance": "scene", "falloff.irradiance": "fall-off", "lens.irradiance": "lens", "aperture.irradiance": "diffraction",
-    "pixel.photon_rate": "photodiodes", "mosaic.photocurrent": "Bayer mosaic", "adc.raw": "noise, converter",
-    "demosaic.rgb_camera": "demosaiced", "sharpen.rgb_camera": "sharpened", "balance.xyz_scene": "balanced",
-    "display.rgb_linear": "display", "encode.rgb_display": "gamma",
-}  # fmt: skip
+    "scene.radiance": "scene",
+    "falloff.irradiance": "fall-off",
+    "lens.irradiance": "lens",
+    "aperture.irradiance": "diffraction",
+    "pixel.photon_rate": "photodiodes",
+    "mosaic.photocurrent": "Bayer mosaic",
+    "adc.raw": "noise, converter",
+    "demosaic.rgb_camera": "demosaiced",
+    "sharpen.rgb_camera": "sharpened",
+    "balance.xyz_scene": "balanced",
+    "display.rgb_linear": "display",
+    "encode.rgb_display": "gamma",
+}
 TOP, LEFT, SIDE = 50, 84, 88  # of the part, samples
 TIMES, ACROSS, GAP, LABEL = 2, 6, 8, 18  # dots
 

@@ -1,4 +1,6 @@
-"""Pages of what is public in Python: ``etendue``, the door for plugins, their tests, and the camera's kernels by subject."""
+"""Pages of what is public in Python: ``etendue``, the door for plugins, their tests, and the camera's kernels by
+subject.
+"""
 
 import importlib
 import pkgutil
@@ -8,32 +10,59 @@ import etendue
 import etendue.api
 from making.markdown import shown, toctree
 
-WINGS = ("scene", "light", "optics", "field", "sensor", "electronics", "mosaic", "restoration", "colour", "resolution", "quality")
+WINGS = (
+    "scene",
+    "light",
+    "optics",
+    "field",
+    "sensor",
+    "electronics",
+    "mosaic",
+    "restoration",
+    "colour",
+    "resolution",
+    "quality",
+)
 
 
 def pages() -> dict[str, str]:
     """Pages by name."""
     own = [_said("etendue", name) for name in etendue.__all__ if name != "stages"]
     made = {
-        "python/etendue": "\n\n".join([
-            "# etendue", "What `import etendue` gives. `etendue.stages` has a function for every [stage](../stages/index.md).",
-            *own,
-        ]),
-        "python/api": "\n\n".join([
-            "# etendue.api", "What a stage of another distribution imports; [a stage of your own](../../plugins.md) shows how it is used.",
-            *[_said("etendue.api", name) for name in etendue.api.__all__],
-        ]),
-        "python/testing": "\n\n".join([
-            "# etendue.testing", "The laws that a stage keeps, for its tests.", _module("etendue.testing.conformance"),
-        ]),
-    }  # fmt: skip
+        "python/etendue": "\n\n".join(
+            [
+                "# etendue",
+                "What `import etendue` gives. `etendue.stages` has a function for every [stage](../stages/index.md).",
+                *own,
+            ]
+        ),
+        "python/api": "\n\n".join(
+            [
+                "# etendue.api",
+                "What a stage of another distribution imports; [a stage of your own](../../plugins.md) shows how it is "
+                "used.",
+                *[_said("etendue.api", name) for name in etendue.api.__all__],
+            ]
+        ),
+        "python/testing": "\n\n".join(
+            [
+                "# etendue.testing",
+                "The laws that a stage keeps, for its tests.",
+                _module("etendue.testing.conformance"),
+            ]
+        ),
+    }
     for wing in WINGS:
         package = importlib.import_module(f"etendue_camera.{wing}")
-        modules = [f"{package.__name__}.{found.name}" for found in pkgutil.iter_modules(package.__path__) if found.name != "stages"] or [
-            package.__name__
-        ]
+        modules = [
+            f"{package.__name__}.{found.name}"
+            for found in pkgutil.iter_modules(package.__path__)
+            if found.name != "stages"
+        ] or [package.__name__]
         parts = [f"# etendue_camera.{wing}", "Kernels: plain functions on arrays."]
-        made[f"python/{wing}"] = "\n\n".join([*parts, *[f"## {shown(name.rpartition('.')[2])}\n\n{_module(name)}" for name in modules]])
+        made[f"python/{wing}"] = "\n\n".join(
+            [*parts, *[f"## {shown(name.rpartition('.')[2])}\n\n{_module(name)}" for name in modules]]
+        )
     names = [name.removeprefix("python/") for name in made]
     return {**made, "python/index": "\n\n".join(["# Python", "From the docstrings.", toctree(names, ":maxdepth: 1")])}
 

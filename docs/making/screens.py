@@ -1,10 +1,11 @@
-"""The pictures of the page in the documents, as headless Chromium draws them: report.png, view.png, glance.png, widget.png.
+"""The pictures of the page in the documents, as headless Chromium draws them: report.png, view.png, glance.png,
+widget.png.
 
     etendue run pipelines/sweep.toml && etendue run pipelines/smallest.toml
     python docs/making/screens.py --sweep sweep --small smallest -o docs/pages
 
-Needs playwright and a Chromium (``--chromium``). The widget is the page in its frame, with its kernel's answers; in a whole JupyterLab it
-is tried by ``python benchmarks/jupyter.py -o shot.png``.
+Needs playwright and a Chromium (``--chromium``). The widget is the page in its frame, with its kernel's answers; in a
+whole JupyterLab it is tried by ``python benchmarks/jupyter.py -o shot.png``.
 """
 
 from __future__ import annotations
@@ -34,9 +35,12 @@ SLIDE = """([axis, last]) => {
   slider.value = last ? slider.max : 0; slider.dispatchEvent(new Event('input')); }"""
 LOADED = "() => [...document.images].every((one) => one.complete && one.naturalWidth > 0)"
 HOLDER = """async ([source, html]) => {  // a notebook's part: a model with a channel, and a place for the widget
-  const file = URL.createObjectURL(new Blob([source], { type: 'text/javascript' })), widget = (await import(file)).default, heard = [];
-  window.hear = (said, bytes) => heard.forEach((one) => one(said, bytes.map((b) => new DataView(Uint8Array.from(b).buffer))));
-  const values = { html, height: 720 }, model = { get: (name) => values[name], on: (_, one) => heard.push(one), off: () => {} };
+  const file = URL.createObjectURL(new Blob([source], { type: 'text/javascript' }));
+  const widget = (await import(file)).default, heard = [];
+  window.hear = (said, bytes) => heard.forEach(
+    (one) => one(said, bytes.map((b) => new DataView(Uint8Array.from(b).buffer))));
+  const values = { html, height: 720 }, model = { get: (name) => values[name],
+    on: (_, one) => heard.push(one), off: () => {} };
   model.send = (asked) => window.kernel(asked);
   document.body.style.margin = 0;
   widget.render({ model, el: document.body }); }"""
@@ -99,7 +103,9 @@ def panes(shown: Any) -> None:
 def at_a_glance(browser: Any, archive: Path, path: Path) -> None:
     """``tree.etendue`` as a notebook shows it."""
     with tab(browser, 980, 800) as shown:
-        shown.set_content(f'<body style="font:14px/1.35 sans-serif">{etendue.open_archive(archive).etendue._repr_html_()}</body>')
+        shown.set_content(
+            f'<body style="font:14px/1.35 sans-serif">{etendue.open_archive(archive).etendue._repr_html_()}</body>'
+        )
         shown.wait_for_function(LOADED)
         shown.screenshot(path=str(path), full_page=True)
 
@@ -129,7 +135,9 @@ def widget(browser: Any, archive: Path, path: Path) -> None:
         boxes = frame.get_by_role("combobox", name="picture")
         boxes.nth(0).select_option(label="ADC: raw")
         boxes.nth(1).select_option(label=PICTURE)
-        for axis in frame.evaluate("() => [...document.querySelectorAll('input[data-axis]')].map((one) => one.dataset.axis)"):
+        for axis in frame.evaluate(
+            "() => [...document.querySelectorAll('input[data-axis]')].map((one) => one.dataset.axis)"
+        ):
             frame.evaluate(SLIDE, [axis, True])
         answered(60)
         frame.evaluate("() => document.querySelector('#live').scrollIntoView({ block: 'start' })")

@@ -12,7 +12,8 @@ def page() -> str:
     """A part for each sensor."""
     parts = [
         "# Packaged sensors",
-        "Every value with its source, as `etendue sensors NAME` prints them; `typical` names no measurement of that sensor. How to use "
+        "Every value with its source, as `etendue sensors NAME` prints them; `typical` names no measurement of that "
+        "sensor. How to use "
         "them: [sensors.md](../sensors.md).",
     ]
     for name in preset_names():
@@ -30,5 +31,9 @@ def _rows(values: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def _source(one: Any) -> str:
-    place = f"[{one.source.partition('//')[2].partition('/')[0]}](<{one.source}>)" if one.source.startswith("http") else shown(one.source)
+    place = (
+        f"[{one.source.partition('//')[2].partition('/')[0]}](<{one.source}>)"
+        if one.source.startswith("http")
+        else shown(one.source)
+    )
     return f"{place}; {shown(one.note)}" if one.note else place

@@ -14,7 +14,9 @@ from making.markdown import paragraphs, shown, table, toctree
 
 
 def pages(root: Path, pictures: Mapping[str, str]) -> dict[str, str]:
-    """Pages by name: ``stages/index``, one for each stage, and ``quantities``. ``pictures``: the name of a stage's variable by stage."""
+    """Pages by name: ``stages/index``, one for each stage, and ``quantities``. ``pictures``: the name of a stage's
+    variable by stage.
+    """
     registry = installed_stages()
     documents = [stage_document(registry, name) for name in registry.names()]
     working = [document for document in documents if "broken" not in document]
@@ -47,10 +49,18 @@ def said_of(role: str) -> str:
 
 
 def _index(documents: list[dict[str, Any]]) -> str:
-    parts = ["# Stages", "In the order of the light, by what they are for. On the command line: `etendue stages`, `etendue stages NAME`."]
+    parts = [
+        "# Stages",
+        "In the order of the light, by what they are for. On the command line: `etendue stages`, `etendue stages "
+        "NAME`.",
+    ]
     for role, own in roles(documents).items():
         rows = [(f"[{d['name']}]({d['name']}.md)", shown(first_sentence(d["doc"]) + _origin(d))) for d in own]
-        parts += [f"## {shown(role or 'without a role').capitalize()}", shown(said_of(role)), table(("stage", ""), rows)]
+        parts += [
+            f"## {shown(role or 'without a role').capitalize()}",
+            shown(said_of(role)),
+            table(("stage", ""), rows),
+        ]
     return "\n\n".join([*parts, toctree(sorted(d["name"] for d in documents), ":hidden:")])
 
 
@@ -66,17 +76,25 @@ def _page(document: dict[str, Any], every: list[dict[str, Any]], used: list[str]
     for word in ("reads", "writes"):
         declared = [parse_declaration(port, text) for port, text in document[word].items()]
         if declared:
-            parts += [f"## {word.capitalize()}", table(("variable", "dims", "unit", ""), [_declared(one) for one in declared])]
+            parts += [
+                f"## {word.capitalize()}",
+                table(("variable", "dims", "unit", ""), [_declared(one) for one in declared]),
+            ]
     shared = [key for key, p in document["parameters"].items() if p["shared"] and key in camera.names()]
     own = {key: p for key, p in document["parameters"].items() if key not in shared}
     if own:
-        parts += ["## Parameters", table(("name", "unit", "default", "allowed", ""), [_parameter(key, p) for key, p in own.items()])]
+        parts += [
+            "## Parameters",
+            table(("name", "unit", "default", "allowed", ""), [_parameter(key, p) for key, p in own.items()]),
+        ]
     if shared:
         parts += ["## Of the camera", ", ".join(f"[{shown(key)}](../quantities.md#{anchor(key)})" for key in shared)]
     if role:
         others = [d["name"] for d in every if d["role"] == role and d["name"] != name]
         parts += ["## What it is for", f"{shown(role.capitalize())}: {shown(said_of(role))}."]
-        parts += ["Others of this role: " + ", ".join(f"[{shown(one)}]({one}.md)" for one in others) + "."] if others else []
+        parts += (
+            ["Others of this role: " + ", ".join(f"[{shown(one)}]({one}.md)" for one in others) + "."] if others else []
+        )
     if used:
         parts += ["## Where it is used", ", ".join(f"[{one}.toml](../../../pipelines/{one}.toml)" for one in used)]
     parts.append(f"From {document['distribution']} {document['version']}.")
@@ -85,7 +103,11 @@ def _page(document: dict[str, Any], every: list[dict[str, Any]], used: list[str]
 
 def _declared(one: Any) -> tuple[str, ...]:
     unit = "" if one.unit in ("", "1") else f"`{one.unit}`"
-    said = "the transfer functions of the stages in front" if one.variable.startswith("*.") else variable(one.variable).long_name
+    said = (
+        "the transfer functions of the stages in front"
+        if one.variable.startswith("*.")
+        else variable(one.variable).long_name
+    )
     return f"`{one.variable}`", " ".join(one.dims), unit, shown(said)
 
 
@@ -103,13 +125,22 @@ def anchor(name: str) -> str:
 
 
 def _quantities(registry: Registry) -> str:
-    parts = ["# Camera quantities", "What several stages share stands under `[camera]`, once. On the command line: `etendue quantities`."]
+    parts = [
+        "# Camera quantities",
+        "What several stages share stands under `[camera]`, once. On the command line: `etendue quantities`.",
+    ]
     for name in camera.names():
         d = quantity_document(name, registry)
         if "broken" in d:
             continue
         units = "" if d["units"] in ("", "1") else f" {d['units']}"
-        value = "required, no default" if d["required"] else "default `''`" if d["default"] == "" else f"default `{d['default']}{units}`"
+        value = (
+            "required, no default"
+            if d["required"]
+            else "default `''`"
+            if d["default"] == ""
+            else f"default `{d['default']}{units}`"
+        )
         allowed = "one of " + ", ".join(f"`{one}`" for one in d["choices"]) if d["choices"] else shown(d["range"])
         takers = ", ".join(f"[{shown(one)}](stages/{one}.md)" for one in d["stages"])
         said = "; ".join(filter(None, [value, allowed]))

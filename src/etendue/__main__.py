@@ -20,7 +20,9 @@ def main() -> None:
     _flush()
     _last_words()
     _flush()
-    interrupts.end_now(code)  # a thread that is left behind holds nobody up, and a late signal finds no interpreter half taken down
+    interrupts.end_now(
+        code
+    )  # a thread that is left behind holds nobody up, and a late signal finds no interpreter half taken down
 
 
 def _last_words() -> None:

@@ -1,6 +1,7 @@
 """The door for plugins: everything a stage from another distribution needs of the engine.
 
-A name is imported when it is first asked for: a manifest, which asks for ``hookimpl`` alone, is read by every ``etendue --help``.
+A name is imported when it is first asked for: a manifest, which asks for ``hookimpl`` alone, is read by every
+``etendue --help``.
 """
 # ruff: noqa: F401 - what is imported here is for others
 
@@ -36,14 +37,49 @@ if TYPE_CHECKING:
     from etendue.errors import EtendueError, Fault, PluginError, RequestError
 
 __all__ = [
-    "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "ChannelTransfer", "Datasheet", "EtendueError", "Facts", "Fault", "Grid",
-    "Haloed", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Sampled", "Source", "Stage", "Summed", "Tinting",
-    "Transfer", "Viewed", "ends", "file_state", "fitted", "hookimpl", "labelled", "measured", "moves_light", "param", "proved", "quantity",
-]  # fmt: skip
+    "RGB",
+    "UNKNOWN",
+    "XYZ",
+    "Banded",
+    "Bands",
+    "Bounded",
+    "ChannelTransfer",
+    "Datasheet",
+    "EtendueError",
+    "Facts",
+    "Fault",
+    "Grid",
+    "Haloed",
+    "Labels",
+    "Line",
+    "Noisy",
+    "PluginError",
+    "Probe",
+    "RequestError",
+    "Sampled",
+    "Source",
+    "Stage",
+    "Summed",
+    "Tinting",
+    "Transfer",
+    "Viewed",
+    "ends",
+    "file_state",
+    "fitted",
+    "hookimpl",
+    "labelled",
+    "measured",
+    "moves_light",
+    "param",
+    "proved",
+    "quantity",
+]
 
 
 def _imported() -> dict[str, Any]:
-    """All of them. Import statements, so that what stands behind a name is found by reading this file (``plan.code``)."""
+    """All of them. Import statements, so that what stands behind a name is found by reading this file
+    (``plan.code``).
+    """
     from etendue.contract.capabilities import (
         Banded,
         Bounded,

@@ -33,11 +33,14 @@ _COMMAND = re.compile(r"\betendue (?:[a-z]+\b)[^;:,()\n]*")
 _TEXT = r"'[^']*'"
 _AGAIN = re.compile(rf"\b(\w+)={_TEXT}(?: \1={_TEXT})+")
 _PLACE = re.compile(r"--(?:at|set) (?=[\w.]+\b)")
-_OPTION = re.compile(r"--([a-z][a-z-]*)(?: (?!(?:and|or|of|is|to|in|on|with|where|from|that|as|at|for|has|gives)\b)([^\s:;()]+))?")
+_OPTION = re.compile(
+    r"--([a-z][a-z-]*)(?: (?!(?:and|or|of|is|to|in|on|with|where|from|that|as|at|for|has|gives)\b)([^\s:;()]+))?"
+)
 
 
 def in_arguments(text: str) -> str:
-    """A message in the words of a call: ``--scheduler thread`` is ``scheduler='thread'``, ``--at NAME=4`` is ``NAME=4``.
+    """A message in the words of a call: ``--scheduler thread`` is ``scheduler='thread'``, ``--at NAME=4`` is
+    ``NAME=4``.
 
     Commands to be typed elsewhere stay as they are.
     """

@@ -20,12 +20,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 MOST_SAID = 15  # faults of one request in a message; JSON has all of them
-_TURNING = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # change the direction of what follows
+_TURNING = (
+    "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # change the direction of what follows
+)
 
 
 def unprintable(text: str) -> bool:
-    """Whether a text holds what does something to a terminal or a file name and is not seen: control characters, line ends."""
-    return not text.isprintable() and any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") or c in _TURNING for c in text)
+    """Whether a text holds what does something to a terminal or a file name and is not seen: control characters,
+    line ends.
+    """
+    return not text.isprintable() and any(
+        unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") or c in _TURNING for c in text
+    )
 
 
 def escaped(text: str) -> str:

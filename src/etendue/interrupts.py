@@ -1,8 +1,9 @@
 """Ctrl-C, SIGTERM and SIGHUP: one line and one exit code, whenever they come.
 
-Nothing is raised at the instant at which a signal happens to fall: an exception in the middle of an import, a lock or somebody
-else's event loop leaves a traceback at best. While nothing can be lost the process ends at once. While an archive is open the
-signal is noted, and answered where the run looks for it (``check``); the third one ends the process whatever it does.
+Nothing is raised at the instant at which a signal happens to fall: an exception in the middle of an import, a lock or
+somebody else's event loop leaves a traceback at best. While nothing can be lost the process ends at once. While an
+archive is open the signal is noted, and answered where the run looks for it (``check``); the third one ends the process
+whatever it does.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ class _State:
 
 
 def install() -> None:
-    """Answer signals from now on, for as long as the process lives. What the process was started to ignore it goes on ignoring."""
+    """Answer signals from now on, for as long as the process lives. What the process was started to ignore it goes
+    on ignoring.
+    """
     _State.owner = os.getpid()
     _State.answered = tuple(number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN)
     _arm()
@@ -100,7 +103,9 @@ def leave() -> None:
 
 
 def check() -> None:
-    """Raise ``Interrupted`` if a signal was noted. In somebody else's process it is the main thread's: other threads go on."""
+    """Raise ``Interrupted`` if a signal was noted. In somebody else's process it is the main thread's: other threads
+    go on.
+    """
     if _State.noted and _State.holding and (_State.owner or threading.current_thread() is threading.main_thread()):
         raise Interrupted(_State.noted)
 

@@ -49,7 +49,9 @@ def _refuse_hollow(state: os.stat_result, path: str | Path) -> None:
     held = 512 * state.st_blocks
     if state.st_size > LARGEST and held < state.st_size // 8:
         raise OSError(
-            errno.EFBIG, f"it is {state.st_size} bytes long, of which {held} are on the disk: the rest was never written", str(path)
+            errno.EFBIG,
+            f"it is {state.st_size} bytes long, of which {held} are on the disk: the rest was never written",
+            str(path),
         )
 
 
@@ -62,7 +64,10 @@ def refuse_unfolding(size: int, stored: int, what: str) -> None:
         They do.
     """
     if size > UNFOLDED and size > 200 * max(stored, 1):
-        raise ValueError(f"{what} takes {size} bytes of memory, from {stored} in the file; if that is meant, store it without compression")
+        raise ValueError(
+            f"{what} takes {size} bytes of memory, from {stored} in the file; if that is meant, store it without "
+            f"compression"
+        )
 
 
 def table(path: str | Path, most: int = LARGEST_TABLE) -> bytes:
@@ -83,10 +88,11 @@ def table(path: str | Path, most: int = LARGEST_TABLE) -> bytes:
 
 
 def unfolds_to(head: bytes, tail: bytes, length: int) -> int | None:
-    """Bytes that something compressed says it unfolds to, from its first 18 bytes and its last 8; 0 of what is not known.
+    """Bytes that something compressed says it unfolds to, from its first 18 bytes and its last 8; 0 of what is not
+    known.
 
-    None: Zstandard that does not say it. The checksum of a chunk may stand behind it; of gzip, whose own stands in front of the size, the
-    smaller of the two is taken.
+    None: Zstandard that does not say it. The checksum of a chunk may stand behind it; of gzip, whose own stands in
+    front of the size, the smaller of the two is taken.
     """
     if length < 18:
         return 0

@@ -1,9 +1,11 @@
 """What a process has only once, in the hands of threads that know nothing of each other.
 
 In:  a change of the process for a while; foreign code that may leave it changed.
-Out: the change, made by the first who needs it and undone behind the last; the process as it was before any of the foreign code ran.
+Out: the change, made by the first who needs it and undone behind the last; the process as it was before any of the
+     foreign code ran.
 
-Taken back by each who made it, in whatever order they end, a change stays for ever: the second found what the first had changed.
+Taken back by each who made it, in whatever order they end, a change stays for ever: the second found what the first had
+changed.
 """
 
 from __future__ import annotations
@@ -60,7 +62,9 @@ class Before(Generic[_Found]):
         return who, found
 
     def end(self, who: object, put_back: Callable[[], object]) -> None:
-        """Whoever ends. Between what is put back and this end nobody begins: it would take what is left for what stood before."""
+        """Whoever ends. Between what is put back and this end nobody begins: it would take what is left for what
+        stood before.
+        """
         with self.lock:
             try:
                 put_back()
@@ -83,7 +87,13 @@ def unwarned(message: str = "") -> Iterator[None]:
 
     ``warnings.catch_warnings`` puts back what it found: of two threads the second finds what the first has set.
     """
-    own = ("ignore", re.compile(f".*{re.escape(message)}", re.IGNORECASE | re.DOTALL) if message else None, Warning, None, 0)
+    own = (
+        "ignore",
+        re.compile(f".*{re.escape(message)}", re.IGNORECASE | re.DOTALL) if message else None,
+        Warning,
+        None,
+        0,
+    )
     there: Any = warnings.filters
     with _filters:
         _ours.insert(0, own)

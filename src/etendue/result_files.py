@@ -32,11 +32,14 @@ def check_folder(path: Path) -> None:
         with tempfile.TemporaryFile(dir=path):
             pass
     except OSError as error:
-        raise RequestError([Fault(str(path), f"cannot be written into as a folder: {error.strerror or error}")]) from error
+        raise RequestError(
+            [Fault(str(path), f"cannot be written into as a folder: {error.strerror or error}")]
+        ) from error
 
 
 def write_whole(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """Write files into a folder, older ones of these names are replaced; nothing takes its name before all are on the disk.
+    """Write files into a folder, older ones of these names are replaced; nothing takes its name before all are on the
+    disk.
 
     Parameters
     ----------
@@ -71,7 +74,9 @@ def write_whole(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 
 
 def finite(value: Any) -> Any:
-    """A document as JSON holds it, at any depth: what is not known (NaN) is None, what has no end is the text "inf" or "-inf"."""
+    """A document as JSON holds it, at any depth: what is not known (NaN) is None, what has no end is the text "inf"
+    or "-inf".
+    """
     if isinstance(value, Mapping):
         return {str(key): finite(one) for key, one in value.items()}
     if isinstance(value, list | tuple):

@@ -21,7 +21,15 @@ from etendue.contract.ports import CellReport, Keeper, Progress
 from etendue.contract.registry import installed_stages
 from etendue.contract.tables import SHARED
 from etendue.errors import PluginError, RequestError
-from etendue.pipeline.file import Pipeline, Source, from_document, overridden, parse_pipeline, read_pipeline, refuse_large
+from etendue.pipeline.file import (
+    Pipeline,
+    Source,
+    from_document,
+    overridden,
+    parse_pipeline,
+    read_pipeline,
+    refuse_large,
+)
 from etendue.pipeline.overrides import TOP, apply_overrides
 from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
@@ -51,9 +59,15 @@ class Options:
     prune: bool = False  # whether finished results that the plan does not keep may be removed
     batch_seconds: float = 0.1
     pictures: bool = True  # without an archive: whether a cell of every stage is drawn
-    cell_timeout: float | None = None  # seconds after which a cell is stopped and has failed; processes and clusters only
-    most_cells: int | None = None  # of a pipeline that an archive has recorded: more than its own reader allows are refused
-    restore: frozenset[str] | None = None  # of a repair: the names of cells of earlier runs that an archive must have too
+    cell_timeout: float | None = (
+        None  # seconds after which a cell is stopped and has failed; processes and clusters only
+    )
+    most_cells: int | None = (
+        None  # of a pipeline that an archive has recorded: more than its own reader allows are refused
+    )
+    restore: frozenset[str] | None = (
+        None  # of a repair: the names of cells of earlier runs that an archive must have too
+    )
 
 
 @dataclass
@@ -73,8 +87,12 @@ class Outcome:
     removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
     pruned: int = 0  # finished cells removed because it was asked for
     stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
-    mended: list[str] = field(default_factory=list)  # files of the archive that were missing or damaged, and are written again
-    moved: dict[str, int] = field(default_factory=dict)  # shards made anew, bytes copied for them, bytes of what was computed
+    mended: list[str] = field(
+        default_factory=list
+    )  # files of the archive that were missing or damaged, and are written again
+    moved: dict[str, int] = field(
+        default_factory=dict
+    )  # shards made anew, bytes copied for them, bytes of what was computed
     restored: int = 0  # cells of earlier runs that were computed again because they were damaged
 
     @property
@@ -165,7 +183,9 @@ def execute(
     TREES_OUT.collect()
     with interrupts.held(), SELDOM_COLLECTING:  # signals are answered where nothing is torn
         drawn = archive is not None or options.pictures
-        check_machine(plan, Path(archive) if archive is not None else None, workers_of(options.scheduler, options.workers), drawn)
+        check_machine(
+            plan, Path(archive) if archive is not None else None, workers_of(options.scheduler, options.workers), drawn
+        )
         return _execute(plan, into or _keeper(archive, options), options, progress)
 
 
@@ -181,9 +201,14 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         place = keeper.place if scheduler_of(options.scheduler).here else None
         looks = thumbnails.looks(work.plan, shown.values()) if keeper.draws else {}
         jobs = make_jobs(
-            work.plan, work.todo, keeper.target, deliver_all=keeper.keeps_arrays, show=show, place=place,
+            work.plan,
+            work.todo,
+            keeper.target,
+            deliver_all=keeper.keeps_arrays,
+            show=show,
+            place=place,
             looks={ref: look.beside(keeper.keeps_arrays, work.plan.kept, ref[0]) for ref, look in looks.items()},
-        )  # fmt: skip
+        )
         reports = Reports(work.plan)
         arrays: dict[CellRef, dict[str, Any]] = {}
         small: dict[CellRef, dict[str, Any]] = {}
@@ -202,7 +227,10 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
                 own = {v for v in found if (ref[0], v) in kept} if keeper.keeps_arrays else set[str]()
                 if not keeper.keeps_arrays or len(own) < len(found):  # else all of it stands where it is kept
                     arrays[ref] = {v: a for v, a in found.items() if v in own or v not in small.get(ref, {})}
-            result.kept, result.reports = {}, ()  # the scheduler holds on to its results; what is kept of them stands in its place now
+            result.kept, result.reports = (
+                {},
+                (),
+            )  # the scheduler holds on to its results; what is kept of them stands in its place now
             reports.take(fresh)
             progress.finished(fresh)
 
@@ -226,9 +254,13 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         there = [ref for ref in shown.values() if ref not in work.todo]
         sheet = None
         if keeper.draws and (arrays or keeper.lacks_pictures(shown.values())):
-            small |= {ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()}
+            small |= {
+                ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()
+            }
             sheet = pictures.sheet(work.plan, shown, small, at, lambda: _maps(work, keeper, reports))
-        elif keeper.folder and any(ref in reports and ref in work.todo for one in small_maps.small_maps(work.plan) for ref in one.cells):
+        elif keeper.folder and any(
+            ref in reports and ref in work.todo for one in small_maps.small_maps(work.plan) for ref in one.cells
+        ):
             sheet = pictures.same_pictures(keeper.folder, lambda: _maps(work, keeper, reports))
         arrays.update(keeper.stored(there, figures_only=True))
         standing = keeper.standing(arrays)
@@ -240,11 +272,23 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
     if tree is not None:
         TREES_OUT.hand_out(tree, tree.nbytes)
     return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
-        plan, reports.of(plan, work.cells),
-        {ref for ref, own in work.cells.items() if own in work.reused}, time.perf_counter() - began, work.reasons, keeper.folder, tree,
-        files, standing, at, work.removed, work.pruned, work.stay,
-        work.mended, work.moved, restored,
-    )  # fmt: skip
+        plan,
+        reports.of(plan, work.cells),
+        {ref for ref, own in work.cells.items() if own in work.reused},
+        time.perf_counter() - began,
+        work.reasons,
+        keeper.folder,
+        tree,
+        files,
+        standing,
+        at,
+        work.removed,
+        work.pruned,
+        work.stay,
+        work.mended,
+        work.moved,
+        restored,
+    )
 
 
 def _maps(work: Work, keeper: Keeper, reports: Reports) -> list[Any]:
@@ -255,14 +299,21 @@ def _maps(work: Work, keeper: Keeper, reports: Reports) -> list[Any]:
     refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
     states = {ref: reports[ref].status for ref in refs if ref in reports}
     figures = keeper.stored(
-        [ref for ref, state in states.items() if state in ("done", "left_out")], True, frozenset(one.variable for one in chosen)
+        [ref for ref, state in states.items() if state in ("done", "left_out")],
+        True,
+        frozenset(one.variable for one in chosen),
     )
-    return small_maps.all_drawn(chosen, figures, [ref for ref, state in states.items() if state in ("failed", "skipped")])
+    return small_maps.all_drawn(
+        chosen, figures, [ref for ref, state in states.items() if state in ("failed", "skipped")]
+    )
 
 
 def collect(
-    plan: Plan, wanted: Mapping[CellRef, Iterable[str]], options: Options | None = None, progress: Progress | None = None
-) -> Collected:  # fmt: skip
+    plan: Plan,
+    wanted: Mapping[CellRef, Iterable[str]],
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Collected:
     """Compute some variables of some cells of a plan, and what they need, in memory; nothing of it is kept anywhere.
 
     Raises
@@ -270,7 +321,11 @@ def collect(
     MachineError
         Before anything is computed.
     """
-    options, progress, chosen = options or Options(), progress or _Silent(), {ref: frozenset(names) for ref, names in wanted.items()}
+    options, progress, chosen = (
+        options or Options(),
+        progress or _Silent(),
+        {ref: frozenset(names) for ref, names in wanted.items()},
+    )
     check_timeout(options)
     found = Collected()
 
@@ -279,7 +334,9 @@ def collect(
 
     def after(batch: Batch, result: BatchResult) -> None:
         found.reports.update({(r.stage, r.index): r for r in result.reports})
-        found.arrays.update({ref: {v: a for v, a in own.items() if v in chosen[ref]} for ref, own in result.kept.items()})
+        found.arrays.update(
+            {ref: {v: a for v, a in own.items() if v in chosen[ref]} for ref, own in result.kept.items()}
+        )
         progress.finished(result.reports)
         result.kept, result.reports = {}, ()
 
@@ -309,11 +366,19 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
     from etendue.archive.keeper import ArchiveKeeper
 
     return ArchiveKeeper(
-        Path(archive), options.scheduler, options.durable, options.recompute, options.accept_platform, options.prune, options.restore
-    )  # fmt: skip
+        Path(archive),
+        options.scheduler,
+        options.durable,
+        options.recompute,
+        options.accept_platform,
+        options.prune,
+        options.restore,
+    )
 
 
-def _run(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None) -> None:
+def _run(
+    batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None
+) -> None:
     if not batches:
         return
     keep_freed_memory()
@@ -384,7 +449,8 @@ def simulate(
         first = outcome.failed[0]
         ref = (first.stage, first.index)
         raise PluginError(
-            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: {first.message}"
+            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
+            f"{first.message}"
         )
     from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
 

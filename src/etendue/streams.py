@@ -1,7 +1,7 @@
 """What goes to stdout: results, and nothing else. Plugins and the libraries below them may print whatever they like.
 
-While a command runs, file descriptor 1 and ``sys.stdout`` are stderr; ``results`` gives both back for as long as results are
-written. Worker processes inherit the former.
+While a command runs, file descriptor 1 and ``sys.stdout`` are stderr; ``results`` gives both back for as long as
+results are written. Worker processes inherit the former.
 """
 
 from __future__ import annotations
@@ -88,6 +88,8 @@ def show_warning(message: Any, category: Any, filename: str, lineno: int, file: 
     """A warning of a plugin or a library in one line, without folders of this machine."""
     text = " ".join(plain(str(message)).split())
     try:
-        (file or sys.stderr).write(f"note: {shown_path(os.path.abspath(filename))}:{lineno}: {category.__name__}: {text}\n")
+        (file or sys.stderr).write(
+            f"note: {shown_path(os.path.abspath(filename))}:{lineno}: {category.__name__}: {text}\n"
+        )
     except OSError:  # nobody listens
         pass

@@ -1,4 +1,5 @@
-"""What foreign code says when it breaks, fit to be shown: which code it was, where in it, and nothing that a terminal obeys.
+"""What foreign code says when it breaks, fit to be shown: which code it was, where in it, and nothing that a terminal
+obeys.
 
 In:  exceptions of plugins and libraries, texts of files and plugins.
 Out: plain text without control characters and without the folders of this machine.
@@ -20,7 +21,9 @@ MOST_LINES = 20
 LONGEST_LINE = 500
 WIDEST, LONGEST_SAID = 200, 1500
 FRAMES = 3
-_OURS = re.compile(re.escape(os.path.dirname(os.path.realpath(__file__))) + r"(?:_[a-z]+)?[/\\]")  # the packages of this distribution
+_OURS = re.compile(
+    re.escape(os.path.dirname(os.path.realpath(__file__))) + r"(?:_[a-z]+)?[/\\]"
+)  # the packages of this distribution
 _BIDI = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u2028\u2029")
 _PATH = re.compile(r"(?<![\w.:/~\-])/[^\s/'\":;,()<>|\[\]]+(?:/[^\s/'\":;,()<>|\[\]]+)+/?")
 
@@ -40,11 +43,17 @@ def printable(text: str) -> str:
 def plain(text: str) -> str:
     """At most 20 lines of bounded length, printable, files named as seen from here."""
     lines = without_folders(printable(text[: 4 * MOST_LINES * LONGEST_LINE])).strip("\n").split("\n")
-    lines = [line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]}... ({len(line)} characters)" for line in lines]
+    lines = [
+        line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]}... ({len(line)} characters)" for line in lines
+    ]
     whole = 1 + text.strip("\n").count("\n")
     if whole > MOST_LINES:  # the last line says most
         last = text.strip("\n").rpartition("\n")[2][:LONGEST_LINE]
-        lines = [*lines[: MOST_LINES - 2], f"... ({whole - MOST_LINES + 1} more lines)", without_folders(printable(last))]
+        lines = [
+            *lines[: MOST_LINES - 2],
+            f"... ({whole - MOST_LINES + 1} more lines)",
+            without_folders(printable(last)),
+        ]
     return "\n".join(lines)
 
 
@@ -108,7 +117,10 @@ def told(error: BaseException) -> str:
         trace = trace.tb_next
     for code, line in frames[-FRAMES:]:
         source = linecache.getline(code.co_filename, line).strip()
-        lines.append(f"  {plain(shown_path(os.path.abspath(code.co_filename)))}:{line} in {code.co_name}{f': {source}' if source else ''}")
+        lines.append(
+            f"  {plain(shown_path(os.path.abspath(code.co_filename)))}:{line} in "
+            f"{code.co_name}{f': {source}' if source else ''}"
+        )
     return "\n".join((*(plain(line) for line in lines), said(error)))
 
 
@@ -133,7 +145,9 @@ class foreign:
 
 
 def where(error: BaseException) -> str:
-    """'file.py:12, ' where an exception was raised, in the innermost code that is not this package's; '' where there is none."""
+    """'file.py:12, ' where an exception was raised, in the innermost code that is not this package's; '' where there
+    is none.
+    """
     trace, found = error.__traceback__, ""
     while trace is not None:
         file = trace.tb_frame.f_code.co_filename

@@ -1,4 +1,5 @@
-"""The door for plugins that know a camera: roles of its stages and their typed bases, beside what ``etendue.api`` gives.
+"""The door for plugins that know a camera: roles of its stages and their typed bases, beside what ``etendue.api``
+gives.
 
 ``spectra`` (lights, eyes, cameras, tables as bin means) is imported by who asks for it.
 """

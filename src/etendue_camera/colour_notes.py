@@ -2,7 +2,8 @@
 
 In:  what Pillow knows of a file; chunks of PNG; EXIF.
 Out: a sentence, or nothing where the file is sRGB or says nothing.
-Sources: ICC.1; ISO/IEC 15948 (PNG: gAMA, cHRM, cICP); ITU-T H.273 (code points of cICP); DCF 2.0 (Adobe RGB by its interoperability index).
+Sources: ICC.1; ISO/IEC 15948 (PNG: gAMA, cHRM, cICP); ITU-T H.273 (code points of cICP); DCF 2.0 (Adobe RGB by its
+interoperability index).
 """
 
 from __future__ import annotations
@@ -16,7 +17,11 @@ PRIMARIES = {1: "BT.709", 9: "Rec. 2020", 11: "DCI-P3", 12: "Display P3"}
 TRANSFERS = {1: "BT.709", 4: "gamma 2.2", 8: "linear", 13: "sRGB", 16: "PQ", 18: "HLG"}
 SRGB_XY = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 NAMES = ("Display P3", "Adobe RGB", "ProPhoto", "Rec. 2020", "Dot Gain", "Gray Gamma", "sRGB")
-SPACES = {"Adobe RGB": "Adobe RGB (1998)", "ProPhoto": "ProPhoto RGB", "Rec. 2020": "ITU-R BT.2020"}  # named otherwise in the library
+SPACES = {
+    "Adobe RGB": "Adobe RGB (1998)",
+    "ProPhoto": "ProPhoto RGB",
+    "Rec. 2020": "ITU-R BT.2020",
+}  # named otherwise in the library
 EXIF_IFD, INTEROPERABILITY, COLOUR_SPACE, ADOBE = 0x8769, 0xA005, 0xA001, 2
 
 
@@ -25,7 +30,9 @@ def not_applied(what: str) -> str:
 
 
 def is_named(note: str, space: str, encoding: str) -> bool:
-    """Whether what a file says of its colours is the very space, and the curve if it names one, that its values are read as."""
+    """Whether what a file says of its colours is the very space, and the curve if it names one, that its values are
+    read as.
+    """
     said = re.search(r"\((.*)\) is not applied", note)
     if said is None:
         return False

@@ -1,7 +1,8 @@
 """What etendue itself brings, by the same hooks as any distribution.
 
 In:  the tables in ``data/``.
-Out: stages, variables, camera quantities, sensors, roles and spectra by name; what is shown first, and how it is called.
+Out: stages, variables, camera quantities, sensors, roles and spectra by name; what is shown first, and how it is
+     called.
 """
 
 from __future__ import annotations
@@ -70,14 +71,22 @@ def etendue_roles() -> dict[str, str]:
 @hookimpl
 def etendue_vocabularies() -> dict[str, Any]:
     return {
-        "sensors": {"word": "sensor"},  # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
-        "spectra": {"word": "spectrum", "endings": (".csv", ".spdx"), "library": LIBRARY},  # usable wherever the path of a table is
+        "sensors": {
+            "word": "sensor"
+        },  # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
+        "spectra": {
+            "word": "spectrum",
+            "endings": (".csv", ".spdx"),
+            "library": LIBRARY,
+        },  # usable wherever the path of a table is
     }
 
 
 @hookimpl
 def etendue_spectra() -> dict[str, str]:
-    rows = csv.reader(line for line in (DATA / "spectral_tables.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#")
+    rows = csv.reader(
+        line for line in (DATA / "spectral_tables.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#"
+    )
     return {"flat": LIBRARY, **{name: LIBRARY for kind, name, *_ in rows if kind not in ("kind", "rgb_space")}}
 
 
@@ -134,7 +143,11 @@ def etendue_tables() -> dict[str, Any]:
 
 @hookimpl
 def etendue_templates() -> dict[str, Any]:
-    keep = {"all": "everything", "looks": "pictures and figures, not the bands of light", "rgb_display": "the picture alone"}
+    keep = {
+        "all": "everything",
+        "looks": "pictures and figures, not the bands of light",
+        "rgb_display": "the picture alone",
+    }
     return {"camera": {"path": DATA / "beginning.toml", "preset": "sony-imx363", "keep": keep}}
 
 

@@ -1,7 +1,8 @@
 """Built-in stages as classes, for stages that build upon them: ``from etendue_camera.models import DemosaicBilinear``.
 
 In:  the name of a class.
-Out: the class; its module is imported when it is asked for. Names stand as long as those of stages do, modules may move.
+Out: the class; its module is imported when it is asked for. Names stand as long as those of stages do, modules may
+     move.
 """
 
 from __future__ import annotations
@@ -19,7 +20,11 @@ def _places() -> dict[str, str]:
     """``module:Class`` by the name of the class."""
     found = discovery.installed()
     brought = (found.all("stages", name)[0] for name in found.names("stages"))
-    return {one.value.rpartition(":")[2]: one.value for one in brought if one.distribution == OWN and isinstance(one.value, str)}
+    return {
+        one.value.rpartition(":")[2]: one.value
+        for one in brought
+        if one.distribution == OWN and isinstance(one.value, str)
+    }
 
 
 def __getattr__(name: str) -> Any:

@@ -32,14 +32,27 @@ _UNFOLDS, _LZMA = (8, 32946, 34925), 34925  # codings of TIFF: deflate twice, LZ
 ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
 DNG = 50706  # tag of its version
 GREY_ALPHA = 4  # colour type of PNG
-_ELSE = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIC", b"msf1": "HEIC", b"hevc": "HEIC", b"avif": "AVIF", b"crx ": "Canon raw (CR3)"}
+_ELSE = {
+    b"heic": "HEIC",
+    b"heix": "HEIC",
+    b"mif1": "HEIC",
+    b"msf1": "HEIC",
+    b"hevc": "HEIC",
+    b"avif": "AVIF",
+    b"crx ": "Canon raw (CR3)",
+}
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MODES = ("1", "L", "P", "RGB", "I;16", "I;16B", "I;16L", "I", "RGBA", "LA", "PA", "YCbCr")
 _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture upright
-    1: lambda a: a, 2: lambda a: a[:, ::-1], 3: lambda a: a[::-1, ::-1], 4: lambda a: a[::-1],
-    5: lambda a: a.swapaxes(0, 1), 6: lambda a: a.swapaxes(0, 1)[:, ::-1], 7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
+    1: lambda a: a,
+    2: lambda a: a[:, ::-1],
+    3: lambda a: a[::-1, ::-1],
+    4: lambda a: a[::-1],
+    5: lambda a: a.swapaxes(0, 1),
+    6: lambda a: a.swapaxes(0, 1)[:, ::-1],
+    7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
     8: lambda a: a.swapaxes(0, 1)[::-1],
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -58,8 +71,8 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
     Raises
     ------
     ValueError
-        No picture, a damaged one, one that is too large, more than one, transparent pixels, signed numbers, NaN or floats
-        outside 0 to 1, colours that are neither grey nor RGB: with the file, what it holds and what is allowed.
+        No picture, a damaged one, one that is too large, more than one, transparent pixels, signed numbers, NaN or
+        floats outside 0 to 1, colours that are neither grey nor RGB: with the file, what it holds and what is allowed.
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -91,20 +104,28 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
         text = str(error) if str(error).startswith(path) else f"{path} cannot be read as a picture: {error}"
         raise ValueError(text) from None
     except (OSError, EOFError, SyntaxError, LookupError, TypeError, ArithmeticError) as error:
-        raise ValueError(f"{path} cannot be read as a picture ({ALLOWED}): {' '.join(str(error).split())[:150]}") from None
+        raise ValueError(
+            f"{path} cannot be read as a picture ({ALLOWED}): {' '.join(str(error).split())[:150]}"
+        ) from None
     except Exception as error:  # of a decoder: zlib.error, struct.error
         raise ValueError(f"{path} is damaged: {type(error).__name__}: {' '.join(str(error).split())[:150]}") from None
 
 
 def _check_size(path: str, pixels: int, most: int) -> None:
-    way_out = "reduce the picture first: a scene is drawn on a grid of its own" if most == MOST_PIXELS else "cut out what is to be seen"
+    way_out = (
+        "reduce the picture first: a scene is drawn on a grid of its own"
+        if most == MOST_PIXELS
+        else "cut out what is to be seen"
+    )
     too_many = beyond(pixels, "pixels", most, way_out)
     if too_many:
         raise ValueError(f"{path} has {too_many}")
 
 
 def _check_folded(path: str, size: int) -> None:
-    """Refuse a picture that its file cannot hold: deflate makes nothing more than 1032 times smaller, JPEG hardly more."""
+    """Refuse a picture that its file cannot hold: deflate makes nothing more than 1032 times smaller, JPEG hardly
+    more.
+    """
     stored = os.path.getsize(path)
     if size > UNCHECKED and size > FOLD * stored:
         raise ValueError(f"{path} says that it has {size // 3} pixels, in {stored} bytes: it is cut off, or no picture")
@@ -118,7 +139,9 @@ def _check_parts(path: str) -> None:
         while len(head := file.read(8)) == 8 and head[4:] != b"IEND":
             found += head[4:] != b"IDAT"
             if found > MOST_PARTS:
-                raise ValueError(f"{path} has more than {MOST_PARTS} parts beside its picture; save it again without them")
+                raise ValueError(
+                    f"{path} has more than {MOST_PARTS} parts beside its picture; save it again without them"
+                )
             file.seek(int.from_bytes(head[:4], "big") + 4, 1)
 
 
@@ -134,9 +157,15 @@ def check_segments(path: str | Path, page: Any) -> None:
         return
     most = 2 * math.prod(page.chunks) * page.dtype.itemsize + (1 << 16)
     for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False):
-        size = count if count > most or int(page.compression) not in _UNFOLDS else _unfolded(path, offset, count, page, most)
+        size = (
+            count
+            if count > most or int(page.compression) not in _UNFOLDS
+            else _unfolded(path, offset, count, page, most)
+        )
         if size > most:
-            raise ValueError(f"{path}: a strip of {most // 2} bytes is stored as more than {most}; no picture is written so")
+            raise ValueError(
+                f"{path}: a strip of {most // 2} bytes is stored as more than {most}; no picture is written so"
+            )
 
 
 def _unfolded(path: str | Path, offset: int, count: int, page: Any, most: int) -> int:
@@ -178,7 +207,9 @@ def _plain(path: str) -> Picture:
             raise ValueError(f"{path} is 16-bit grey with an alpha channel; save it without the channel")
         clear = _transparent(picture)
         if clear:
-            raise ValueError(f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first")
+            raise ValueError(
+                f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
+            )
     if deep and mode in ("RGB", "RGBA"):
         values = _deep_png(path, mode)[..., :3]
     else:
@@ -219,7 +250,9 @@ def _transparent(picture: Any) -> int:
 
 
 def _deep_png(path: str, mode: str) -> Any:
-    """All 16 bits of a colour PNG, of which Pillow hands on the upper eight: taken as little-endian, the same bytes give the lower."""
+    """All 16 bits of a colour PNG, of which Pillow hands on the upper eight: taken as little-endian, the same bytes
+    give the lower.
+    """
     from PIL import Image
 
     halves = []
@@ -252,7 +285,8 @@ def check_directories(path: str | Path) -> None:
         while at:
             if at in seen or len(seen) >= MOST_DIRECTORIES:
                 raise ValueError(
-                    f"{path}: its directories go round in a ring, or are more than {MOST_DIRECTORIES}; no picture is written so"
+                    f"{path}: its directories go round in a ring, or are more than {MOST_DIRECTORIES}; no picture is "
+                    f"written so"
                 )
             seen.add(at)
             file.seek(at)
@@ -286,7 +320,10 @@ def _tiff(path: str, most: int) -> Picture:
         note = colour_note({"icc_profile": bytes(profile)} if profile else {})
         if kind is None or kind.kind not in "uf" or page.bitspersample not in (8, 16, 32, 64):
             if kind is None or page.bitspersample != 1:
-                raise ValueError(f"{path} holds {kind or page.bitspersample} numbers; allowed are unsigned integers and floats from 0 to 1")
+                raise ValueError(
+                    f"{path} holds {kind or page.bitspersample} numbers; allowed are unsigned integers and floats from "
+                    f"0 to 1"
+                )
         if colours not in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"):
             raise ValueError(f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first")
         if colours in ("PALETTE", "YCBCR") or page.bitspersample == 1:
@@ -297,7 +334,9 @@ def _tiff(path: str, most: int) -> Picture:
         except (ValueError, ImportError) as error:  # a codec that is not installed
             if kind.itemsize == 1:
                 return Picture(_by_pillow(path), 255.0, note)
-            raise ValueError(f"{path} cannot be decoded: {error}; save it without compression, or with deflate") from None
+            raise ValueError(
+                f"{path} cannot be decoded: {error}; save it without compression, or with deflate"
+            ) from None
         if page.planarconfig == 2 and values.ndim == 3:
             values = values.transpose(1, 2, 0)
     values = values[..., None] if values.ndim == 2 else values
@@ -307,7 +346,9 @@ def _tiff(path: str, most: int) -> Picture:
     if values.shape[2] in (2, 4):
         clear = int(np.count_nonzero(values[..., -1] < full))
         if clear:
-            raise ValueError(f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first")
+            raise ValueError(
+                f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
+            )
         values = values[..., :-1]
     if values.dtype.kind == "f":
         _check_floats(path, values)
@@ -334,6 +375,7 @@ def _check_floats(path: str, values: Any) -> None:
     if bad.any():
         row, column, _ = np.unravel_index(int(np.argmax(bad)), bad.shape)
         raise ValueError(
-            f"{path} holds {float(values[row, column].flat[int(np.argmax(bad[row, column]))]):g} at row {row}, column {column} "
+            f"{path} holds {float(values[row, column].flat[int(np.argmax(bad[row, column]))]):g} at row {row}, column "
+            f"{column} "
             f"({int(bad.any(axis=2).sum())} such pixels); allowed are floats from 0 to 1"
         )

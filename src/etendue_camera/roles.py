@@ -1,7 +1,8 @@
 """What studies ask of stages: the roles that they look for, and typed bases for what a stage can say of itself.
 
 In:  stage classes, those of plugins like those of this package.
-Out: bases to derive a stage from; names of roles. Whether a stage is one of them is asked of its class or role, never of its name.
+Out: bases to derive a stage from; names of roles. Whether a stage is one of them is asked of its class or role, never
+     of its name.
 """
 
 from __future__ import annotations
@@ -33,11 +34,17 @@ class Scaled(Stage):
         """Charge of a pixel that reads 1."""
 
 
-# What a datasheet says, by name: units, and of several stages noises and patterns add in squares, of wells the smallest counts.
+# What a datasheet says, by name: units, and of several stages noises and patterns add in squares, of wells the smallest
+# counts.
 FIGURES: Mapping[str, str] = {
-    "gain": "DN/electron", "read_noise": "electron", "dsnu": "electron", "full_well": "electron", "prnu": "1",
-    "dark_current": "electron/s", "dark_spread": "electron/s",
-}  # fmt: skip  # the last two: mean over pixels, and rms between them
+    "gain": "DN/electron",
+    "read_noise": "electron",
+    "dsnu": "electron",
+    "full_well": "electron",
+    "prnu": "1",
+    "dark_current": "electron/s",
+    "dark_spread": "electron/s",
+}  # the last two: mean over pixels, and rms between them
 
 
 class InSilicon(Stage):
@@ -45,11 +52,15 @@ class InSilicon(Stage):
 
 
 class FlatScene(Stage):
-    """A scene that is the same everywhere. Studies give it ``reflectance``, and of size and light the parameters that it has."""
+    """A scene that is the same everywhere. Studies give it ``reflectance``, and of size and light the parameters
+    that it has.
+    """
 
 
 class EdgeScene(Stage):
-    """A scene of one slanted edge. Studies give it ``angle``, ``low``, ``high``, ``softness``, and of size and light what it has."""
+    """A scene of one slanted edge. Studies give it ``angle``, ``low``, ``high``, ``softness``, and of size and light
+    what it has.
+    """
 
 
 class Displaying(Stage):

@@ -1,4 +1,6 @@
-"""How a camera's arrays are seen: light through the CIE 1931 observer, channels by name, a mosaic through its own filters."""
+"""How a camera's arrays are seen: light through the CIE 1931 observer, channels by name, a mosaic through its own
+filters.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
 
 
 def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
-    """(3, channel): tristimulus values as a viewer sees them who is adapted to their white; red, green and blue as they are."""
+    """(3, channel): tristimulus values as a viewer sees them who is adapted to their white; red, green and blue as
+    they are.
+    """
     names = list(names)
     if names[:3] == ["R", "G", "B"]:
         return None
@@ -31,8 +35,12 @@ def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
         return _mean(len(names))
     if not drawn.viewer:
         return TO_RGB
-    white = np.asarray(drawn.viewer, float)  # as its viewer sees it, not as it would look beside the white of the display
-    return TO_RGB @ matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
+    white = np.asarray(
+        drawn.viewer, float
+    )  # as its viewer sees it, not as it would look beside the white of the display
+    return TO_RGB @ matrices.von_kries_matrix(
+        white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"]
+    )
 
 
 def of_pattern(text: str) -> tuple[tuple[str, ...], dict[str, tuple[float, float, float]]]:

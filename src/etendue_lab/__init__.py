@@ -1,1 +1,3 @@
-"""Questions about cameras: alternatives ranked, quality, information, losses, noise, measured sensors and photographs."""
+"""Questions about cameras: alternatives ranked, quality, information, losses, noise, measured sensors and
+photographs.
+"""

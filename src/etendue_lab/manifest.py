@@ -1,4 +1,6 @@
-"""What the laboratory brings, by the same hooks as any distribution: its commands, plots, and methods of pipelines and archives."""
+"""What the laboratory brings, by the same hooks as any distribution: its commands, plots, and methods of pipelines
+and archives.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,22 @@ def etendue_commands() -> dict[str, Any]:
     return {
         name: {"place": f"{_CLI}.{place}", "usage": usage, "doc": doc}
         for name, place, usage, doc in (
-            ("compare", "comparisons:compare", "FILE --axis demosaic.use", "alternatives ranked: quality against run time"),
+            (
+                "compare",
+                "comparisons:compare",
+                "FILE --axis demosaic.use",
+                "alternatives ranked: quality against run time",
+            ),
             ("quality", "comparisons:quality", "FILE", "every camera of a sweep against the ideal one"),
             ("noise", "comparisons:noise", "FILE", "noise after every stage, predicted and measured"),
             ("emva", "emva:emva", "FILE", "a sensor measured after EMVA 1288, beside what it should be"),
             ("measure", "measure:measure", "PICTURE", "a photograph of your own: MTF, noise, ColorChecker"),
-            ("information", "information:information", "FILE", "bits per pixel of fine detail, and where they are lost"),
+            (
+                "information",
+                "information:information",
+                "FILE",
+                "bits per pixel of fine detail, and where they are lost",
+            ),
             ("losses", "information:losses", "FILE", "each stage's share of the lost contrast, SNR and colour"),
             ("stability", "stability:stability", "[STAGE]", "every stage where numbers are hard"),
         )
@@ -28,7 +40,10 @@ def etendue_commands() -> dict[str, Any]:
 
 @hookimpl
 def etendue_methods() -> dict[str, str]:
-    return {"Pipeline.compare": "etendue_lab.compare.python:compare", "Pipeline.quality": "etendue_lab.quality.python:quality"}
+    return {
+        "Pipeline.compare": "etendue_lab.compare.python:compare",
+        "Pipeline.quality": "etendue_lab.quality.python:quality",
+    }
 
 
 @hookimpl

@@ -45,8 +45,13 @@ class Apart:
         self._pip("install", "--no-deps", "--no-index", *(place / "wheels").glob("*.whl"))
         libraries = place / "libraries"
         libraries.mkdir()
-        for path in (one for own in dict.fromkeys(map(sysconfig.get_path, ("purelib", "platlib"))) for one in Path(own).iterdir()):
-            if not re.match(r"_?_?(editable_impl_)?etendue|pip|.*\.pth$|__pycache__", path.name) and not (libraries / path.name).exists():
+        for path in (
+            one for own in dict.fromkeys(map(sysconfig.get_path, ("purelib", "platlib"))) for one in Path(own).iterdir()
+        ):
+            if (
+                not re.match(r"_?_?(editable_impl_)?etendue|pip|.*\.pth$|__pycache__", path.name)
+                and not (libraries / path.name).exists()
+            ):
                 (libraries / path.name).symlink_to(path)
         (site,) = self.env.glob("lib/python*/site-packages")
         (site / "libraries.pth").write_text(f"{libraries}\n")
@@ -63,7 +68,11 @@ class Apart:
     def run(self, *words: object, code: int = 0, **more: str) -> str:
         """What a program of this environment prints."""
         done = subprocess.run(
-            [self.python, *map(str, words)], capture_output=True, text=True, cwd=self.place, env={**self.environment, **more}
+            [self.python, *map(str, words)],
+            capture_output=True,
+            text=True,
+            cwd=self.place,
+            env={**self.environment, **more},
         )
         assert done.returncode == code, (words, done.stdout[-3000:], done.stderr[-3000:])
         return done.stdout
@@ -74,6 +83,10 @@ class Apart:
     def started(self, *words: object, **more: str) -> subprocess.Popen[bytes]:
         """A command that goes on beside."""
         return subprocess.Popen(
-            [self.python, "-m", "etendue", *map(str, words)], cwd=self.place, env={**self.environment, **more},
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
+            [self.python, "-m", "etendue", *map(str, words)],
+            cwd=self.place,
+            env={**self.environment, **more},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )

@@ -13,10 +13,34 @@ BEAM, BEAMS = DOMAIN / "pipelines" / "beam.toml", DOMAIN / "pipelines" / "beams.
 CELLS = 90
 STILL = {"plot"}  # commands whose help has words of a camera; may only become fewer
 COMMANDS = {
-    "run", "plan", "rerun", "stages", "quantities", "show", "report", "view", "plot", "verify", "reproduce", "diff", "compact", "accuracy",
-    "new", "new-plugin", "schema",
-}  # fmt: skip
-PYTEST = ("-m", "pytest", "-q", "-c", "/dev/null", "-p", "no:cacheprovider", "--import-mode=importlib")  # not as the repository asks for
+    "run",
+    "plan",
+    "rerun",
+    "stages",
+    "quantities",
+    "show",
+    "report",
+    "view",
+    "plot",
+    "verify",
+    "reproduce",
+    "diff",
+    "compact",
+    "accuracy",
+    "new",
+    "new-plugin",
+    "schema",
+}
+PYTEST = (
+    "-m",
+    "pytest",
+    "-q",
+    "-c",
+    "/dev/null",
+    "-p",
+    "no:cacheprovider",
+    "--import-mode=importlib",
+)  # not as the repository asks for
 IMPORTS = """
 import importlib, pkgutil, sys, etendue
 
@@ -64,7 +88,9 @@ def test_every_module_of_the_engine_can_be_imported_without_the_others(apart):
 
 @pytest.mark.long
 def test_commands_are_those_of_the_engine_alone(apart):
-    listed = re.findall(r"^  ([a-z][\w-]*)(?: [A-Z\[-].*)?  ", apart.etendue("--help").partition("Commands:")[2], flags=re.M)
+    listed = re.findall(
+        r"^  ([a-z][\w-]*)(?: [A-Z\[-].*)?  ", apart.etendue("--help").partition("Commands:")[2], flags=re.M
+    )
     assert set(listed) == COMMANDS
     stages = {one["name"] for one in json.loads(apart.etendue("stages", "--json"))}
     assert stages == {"plane_wave", "second_wave", "microphone_noise", "phasors", "delay_and_sum", "beam_figures"}
@@ -104,7 +130,9 @@ def test_a_run_that_is_killed_goes_on_where_it_was(apart, swept):
 def test_an_archive_is_shown_checked_computed_again_drawn_and_reported(apart, swept):
     assert "15 done" in apart.etendue("show", swept)
     assert "whole" in apart.etendue("verify", swept)
-    assert "the same bits" in " ".join(apart.etendue("reproduce", swept).split())  # lines are as long as the folder's name allows
+    assert "the same bits" in " ".join(
+        apart.etendue("reproduce", swept).split()
+    )  # lines are as long as the folder's name allows
     drawn = (("map", "beam_width"), ("curves", "beam_width"), ("pareto", "beam_width", "white_noise_gain"), ("budget",))
     for kind, *variables in drawn:
         apart.etendue("plot", swept, kind, *variables, "-o", f"{kind}.png")

@@ -1,4 +1,6 @@
-"""The house stands as it was drawn: imports point one way, every stage keeps its declaration's form, every hook is used."""
+"""The house stands as it was drawn: imports point one way, every stage keeps its declaration's form, every hook is
+used.
+"""
 
 import ast
 import importlib.metadata
@@ -26,10 +28,18 @@ REGISTRY = installed_stages()
 
 def test_every_import_contract_holds(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()",
-         "--config", str(ROOT / "pyproject.toml"), "--no-cache"],
-        capture_output=True, text=True, cwd=tmp_path,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-c",
+            "from importlinter.cli import lint_imports_command; lint_imports_command()",
+            "--config",
+            str(ROOT / "pyproject.toml"),
+            "--no-cache",
+        ],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr
     contracts = len(PROJECT["tool"]["importlinter"]["contracts"])
     assert f"{contracts} kept, 0 broken" in done.stdout
@@ -57,13 +67,19 @@ def test_a_file_starts_by_saying_what_it_is_about(path):
 
 
 def test_no_import_stands_in_a_function_to_break_a_circle():
-    """An import of ours inside a function is there to save time at start; the doors of the house are the only places."""
+    """An import of ours inside a function is there to save time at start; the doors of the house are the only
+    places.
+    """
     late = {  # what object stores need is dear, and a unit stands in the code behind transfer functions alone
-        "etendue/__init__.py", "etendue/__main__.py", "etendue/api.py", "etendue/session.py",
-        "etendue/archive/places.py", "etendue/contract/dims.py",
+        "etendue/__init__.py",
+        "etendue/__main__.py",
+        "etendue/api.py",
+        "etendue/session.py",
+        "etendue/archive/places.py",
+        "etendue/contract/dims.py",
         "etendue/plugins/guests.py",  # which discovery starts
         "etendue_camera/export/archived.py",  # a method of archives
-    }  # fmt: skip
+    }
     asked = ("cli", "builder", "accuracy", "trust")
     found = []
     for path in modules():
@@ -94,7 +110,11 @@ def test_the_house_stands_as_it_is_drawn_for_who_contributes():
 
 def test_every_import_that_the_documents_show_is_there():
     texts = [path.read_text() for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))]
-    shown = [line for text in texts for line in re.findall(r"^ *(from etendue(?:_camera)?[. ][\w.]*? ?import [\w, ]+)$", text, flags=re.M)]
+    shown = [
+        line
+        for text in texts
+        for line in re.findall(r"^ *(from etendue(?:_camera)?[. ][\w.]*? ?import [\w, ]+)$", text, flags=re.M)
+    ]
     assert len(shown) > 8
     for line in shown:
         exec(line.strip(), {})
@@ -107,7 +127,9 @@ def test_no_law_hangs_on_a_clock():
     for path in sorted((ROOT / "tests").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Assert):
-                called = {n.func.attr for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)}
+                called = {
+                    n.func.attr for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)
+                }
                 found += [f"{path.name}:{node.lineno}" for _ in called & clocks]
     assert found == []
 
@@ -118,8 +140,16 @@ BUILT_IN = sorted(manifest.etendue_stages())
 
 
 def test_two_entry_points_bring_all_that_is_built_in():
-    installed = {p.name: p.value for p in importlib.metadata.distribution("etendue").entry_points if p.group.startswith("etendue")}
-    assert installed == {"camera": manifest.__name__, "lab": "etendue_lab.manifest"} == PROJECT["project"]["entry-points"]["etendue"]
+    installed = {
+        p.name: p.value
+        for p in importlib.metadata.distribution("etendue").entry_points
+        if p.group.startswith("etendue")
+    }
+    assert (
+        installed
+        == {"camera": manifest.__name__, "lab": "etendue_lab.manifest"}
+        == PROJECT["project"]["entry-points"]["etendue"]
+    )
     assert {n for n in REGISTRY.names() if REGISTRY.installed(n).distribution == "etendue"} == set(BUILT_IN)
 
 
@@ -128,10 +158,15 @@ def test_every_stage_class_of_a_module_stands_in_the_manifest():
     named = {REGISTRY.load(name) for name in BUILT_IN}
     modules = {kind.__module__ for kind in named}
     found = {
-        kind for module in modules for kind in vars(sys.modules[module]).values()
-        if isinstance(kind, type) and issubclass(kind, Stage) and kind.__module__ == module and not kind.__name__.startswith("_")
+        kind
+        for module in modules
+        for kind in vars(sys.modules[module]).values()
+        if isinstance(kind, type)
+        and issubclass(kind, Stage)
+        and kind.__module__ == module
+        and not kind.__name__.startswith("_")
         and "run" in vars(kind)
-    }  # fmt: skip
+    }
     assert found - named == set()
 
 
@@ -139,7 +174,9 @@ def test_every_stage_class_of_a_module_stands_in_the_manifest():
 def test_what_a_built_in_stage_says_is_said_in_the_vocabularies(name):
     """Its role has a sentence; its variables have a meaning, and there the unit in which it writes them."""
     kind, brought = REGISTRY.load(name), installed()
-    assert brought.first("roles", kind.role), f"{name} has the role {kind.role!r}, of which data/roles.toml says nothing"
+    assert brought.first("roles", kind.role), (
+        f"{name} has the role {kind.role!r}, of which data/roles.toml says nothing"
+    )
     for declaration in writes_of(kind).values():
         assert brought.first("variables", declaration.variable), declaration
         assert variable(declaration.variable).units == declaration.unit, declaration
@@ -174,7 +211,9 @@ def test_a_parameter_with_a_unit_or_a_range_says_so_in_its_declaration(name):
 
 
 def test_every_variable_has_one_unit_and_one_set_of_dims():
-    """A name carries one meaning for ever: two stages cannot disagree. Of exposures ``frame`` leads, of a mosaic's planes ``channel``."""
+    """A name carries one meaning for ever: two stages cannot disagree. Of exposures ``frame`` leads, of a mosaic's
+    planes ``channel``.
+    """
     found = {}
     for name in BUILT_IN:
         kind = REGISTRY.load(name)
@@ -210,7 +249,9 @@ USES = {
     "negative = clip": lambda: [n for n in BUILT_IN if REGISTRY.load(n).negative == "clip"],
     "nan": lambda: declares("nan") + [n for n in BUILT_IN if any(d.nan for d in writes_of(REGISTRY.load(n)).values())],
     "libraries": lambda: declares("libraries"),
-    "fidelity": lambda: [n for n in BUILT_IN if any(p.fidelity for p, _, _ in parameters_of(REGISTRY.load(n)).values())],
+    "fidelity": lambda: [
+        n for n in BUILT_IN if any(p.fidelity for p, _, _ in parameters_of(REGISTRY.load(n)).values())
+    ],
 }
 
 
@@ -230,15 +271,23 @@ def test_a_policy_is_one_of_those_the_engine_knows():
 
 def test_what_commands_make_in_a_checkout_is_no_change_of_it():
     """Archives by the names of the pipelines, and what README and docs export and compare into."""
-    inside = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True) if shutil.which("git") else None
+    inside = (
+        subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True) if shutil.which("git") else None
+    )
     if inside is None or not inside.stdout:
         pytest.skip("no checkout")
     names = [tomllib.loads(path.read_text())["name"] for path in (ROOT / "pipelines").glob("*.toml")]
     texts = [path.read_text() for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))]
-    names += [name for text in texts for name in re.findall(r"^\$? ?etendue .*(?:--archive|--output|-o) (\w[\w.]*)", text, flags=re.M)]
+    names += [
+        name
+        for text in texts
+        for name in re.findall(r"^\$? ?etendue .*(?:--archive|--output|-o) (\w[\w.]*)", text, flags=re.M)
+    ]
     names += [f"{name}-export" for name in names if "." not in name] + ["paper_physical-compare-demosaic", ".venv-test"]
     made = [f"{name}/" if "." not in name.lstrip(".") else name for name in names]
     seen = subprocess.run(["git", "check-ignore", *made], cwd=ROOT, capture_output=True, text=True).stdout.splitlines()
     assert set(made) - set(seen) == set()
-    ours = subprocess.run(["git", "ls-files", "-i", "-c", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True).stdout
+    ours = subprocess.run(
+        ["git", "ls-files", "-i", "-c", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True
+    ).stdout
     assert ours == ""

@@ -1,4 +1,6 @@
-"""No stage is recognised by its name or its class outside its own file: what it is stands in its role, its declarations and its bases."""
+"""No stage is recognised by its name or its class outside its own file: what it is stands in its role, its
+declarations and its bases.
+"""
 
 import ast
 import inspect
@@ -41,12 +43,19 @@ def vocabulary():
     for name in own_names():
         kind = installed_stages().load(name)
         declared = [*reads_of(kind).values(), *writes_of(kind).values()]
-        words |= {d.variable for d in declared} | {dim for d in declared for dim in d.dims} | set(parameters_of(kind)) | {kind.role}
+        words |= (
+            {d.variable for d in declared}
+            | {dim for d in declared for dim in d.dims}
+            | set(parameters_of(kind))
+            | {kind.role}
+        )
     return words
 
 
 def recognising(tree):
-    """Strings that something is compared with or looked up in, or a stage is put into a pipeline by; their lines; whether the last."""
+    """Strings that something is compared with or looked up in, or a stage is put into a pipeline by; their lines;
+    whether the last.
+    """
     for node in ast.walk(tree):
         found, put = [], []
         if isinstance(node, ast.Compare):
@@ -73,7 +82,9 @@ def recognising(tree):
 def test_no_file_knows_a_stage_of_another_by_name(path):
     tree = ast.parse(path.read_text())
     names = {name for name, file in own_names().items() if file != path}
-    found = {(word, line) for word, line, put in recognising(tree) if word in names and (put or word not in vocabulary())}
+    found = {
+        (word, line) for word, line, put in recognising(tree) if word in names and (put or word not in vocabulary())
+    }
     assert not found
 
 
@@ -93,9 +104,16 @@ def test_no_file_looks_into_the_name_under_which_a_stage_is_installed(path):
         parts = []
         if isinstance(node, ast.Compare):
             parts = [node.left, *node.comparators]
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in ("startswith", "endswith"):
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in ("startswith", "endswith")
+        ):
             parts = [node.func.value, *node.args]
-        named = any(isinstance(p, ast.Attribute | ast.Name) and (p.attr if isinstance(p, ast.Attribute) else p.id) in NAMING for p in parts)
+        named = any(
+            isinstance(p, ast.Attribute | ast.Name) and (p.attr if isinstance(p, ast.Attribute) else p.id) in NAMING
+            for p in parts
+        )
         letters = any(isinstance(p, ast.Constant) and isinstance(p.value, str) and p.value for p in parts)
         found += [node.lineno] if named and letters else []
     assert not found
@@ -105,13 +123,21 @@ def test_no_file_looks_into_the_name_under_which_a_stage_is_installed(path):
 def test_classes_of_stages_are_known_in_their_own_wing_alone(path):
     """Outside of ``stages`` none is imported; inside, what a stage is is not asked by the class of another subject."""
     tree, inside = ast.parse(path.read_text()), path.relative_to(PACKAGE).parts
-    imported = {alias.name: n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module for alias in n.names}
-    stages = {name: module for name, module in imported.items() if ".stages" in module and module.startswith("etendue_camera.")}
+    imported = {
+        alias.name: n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module for alias in n.names
+    }
+    stages = {
+        name: module
+        for name, module in imported.items()
+        if ".stages" in module and module.startswith("etendue_camera.")
+    }
     if inside[0] != "etendue_camera" or "stages" not in inside:
         assert not stages
         return
     others = {name for name, module in stages.items() if module.split(".")[1] != inside[1]}
-    asked = [n.args[1] for n in ast.walk(tree) if isinstance(n, ast.Call) and _called(n) in ("isinstance", "issubclass")]
+    asked = [
+        n.args[1] for n in ast.walk(tree) if isinstance(n, ast.Call) and _called(n) in ("isinstance", "issubclass")
+    ]
     assert not {name.id for one in asked for name in ast.walk(one) if isinstance(name, ast.Name)} & others
 
 

@@ -1,4 +1,6 @@
-"""What plugins import of etendue is what docs/plugins.md names: those that are shipped, those that are scaffolded, those that are shown."""
+"""What plugins import of etendue is what docs/plugins.md names: those that are shipped, those that are scaffolded,
+those that are shown.
+"""
 
 import ast
 import re
@@ -17,7 +19,9 @@ ROLES = sorted({installed_stages().load(name).role for name in installed_stages(
 
 
 def private(source):
-    """Modules of etendue that a source imports beyond the public rooms; a whole ``import etendue`` is what users write."""
+    """Modules of etendue that a source imports beyond the public rooms; a whole ``import etendue`` is what users
+    write.
+    """
     found = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -33,7 +37,9 @@ def test_the_document_names_the_rooms():
     assert set(re.findall(r"`(etendue(?:_camera)?(?:\.\w+)?)`", said)) == set(PUBLIC)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "plugins").glob("*/*/**/*.py")), ids=lambda path: str(path.relative_to(ROOT / "plugins")))
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "plugins").glob("*/*/**/*.py")), ids=lambda path: str(path.relative_to(ROOT / "plugins"))
+)
 def test_a_shipped_plugin_imports_public_rooms_alone(path):
     assert not private(path.read_text())
 
@@ -53,7 +59,9 @@ def test_a_plugin_that_a_page_shows_imports_public_rooms_alone(page):
 
 def test_every_built_in_stage_is_a_model_under_the_name_of_its_class():
     kinds = {
-        installed_stages().load(name) for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue"
+        installed_stages().load(name)
+        for name in installed_stages().names()
+        if installed_stages().installed(name).distribution == "etendue"
     }
     assert {getattr(models, name) for name in dir(models)} == kinds
     with pytest.raises(AttributeError, match="did you mean 'DemosaicBilinear'"):

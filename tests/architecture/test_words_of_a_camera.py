@@ -31,7 +31,10 @@ def texts():
 
 def lines_with(pattern):
     return [
-        f"{path.relative_to(ENGINE)}:{n}" for path, text in texts() for n, line in enumerate(text.splitlines(), 1) if pattern.search(line)
+        f"{path.relative_to(ENGINE)}:{n}"
+        for path, text in texts()
+        for n, line in enumerate(text.splitlines(), 1)
+        if pattern.search(line)
     ]
 
 

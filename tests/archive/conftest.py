@@ -9,7 +9,9 @@ from tests.archive.tiny import LARGEST, SMALL, tiny_plan
 
 @pytest.fixture(scope="module", autouse=True)
 def in_bands(request):
-    """Cells above a few kB are large: those of the light are cut in bands, of the pixels not. Files that start other processes say so."""
+    """Cells above a few kB are large: those of the light are cut in bands, of the pixels not. Files that start other
+    processes say so.
+    """
     with pytest.MonkeyPatch.context() as patch:
         if not getattr(request.module, "WHOLE_CELLS", False):
             patch.setattr(pieces, "LARGEST_CHUNK", LARGEST)

@@ -1,7 +1,9 @@
-"""A process that ends at an operation on files, without a process: from there on nothing below a folder changes any more.
+"""A process that ends at an operation on files, without a process: from there on nothing below a folder changes any
+more.
 
 In:  a folder, the number of an operation below it.
-Out: ``Died`` is raised there, and again by whatever tries to change something on the way out, as if nobody had lived to do it.
+Out: ``Died`` is raised there, and again by whatever tries to change something on the way out, as if nobody had lived to
+     do it.
 """
 
 from __future__ import annotations
@@ -13,7 +15,20 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-CHANGES = ("write", "pwrite", "pwritev", "replace", "rename", "unlink", "remove", "mkdir", "rmdir", "ftruncate", "copy_file_range", "link")
+CHANGES = (
+    "write",
+    "pwrite",
+    "pwritev",
+    "replace",
+    "rename",
+    "unlink",
+    "remove",
+    "mkdir",
+    "rmdir",
+    "ftruncate",
+    "copy_file_range",
+    "link",
+)
 
 
 class Died(BaseException):
@@ -46,7 +61,9 @@ class Operations:
             if isinstance(target, int):
                 path = os.readlink(f"/proc/self/fd/{target}")
             else:
-                path = os.path.join(os.readlink(f"/proc/self/fd/{folder}") if folder is not None else os.getcwd(), os.fspath(target))
+                path = os.path.join(
+                    os.readlink(f"/proc/self/fd/{folder}") if folder is not None else os.getcwd(), os.fspath(target)
+                )
         except OSError:
             return False
         return path.startswith(self.root)

@@ -72,7 +72,10 @@ def tree(whole):
 
 def test_it_opens_lazily_without_a_warning_and_without_etendue(whole):
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", LOOK, str(whole / "data.zarr")], capture_output=True, text=True, check=False
+        [sys.executable, "-W", "error", "-c", LOOK, str(whole / "data.zarr")],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) > 0
@@ -153,7 +156,10 @@ def test_every_chunk_of_a_cell_is_where_the_journal_says(whole, plan):
             with (whole / place.file).open("rb") as file:
                 file.seek(place.offset)
                 data = file.read(place.size)
-            assert (data[-4:], google_crc32c.value(data[:-4])) == (chunk.written.digest.to_bytes(4, "little"), chunk.written.digest)
+            assert (data[-4:], google_crc32c.value(data[:-4])) == (
+                chunk.written.digest.to_bytes(4, "little"),
+                chunk.written.digest,
+            )
             seen += 1
     assert seen == sum(len(node.writes) * len(plan.of(node.name)) for node in plan.nodes)
     assert not list(archive.check())
@@ -163,9 +169,12 @@ def test_every_shard_is_in_the_journal(whole, plan):
     named = {file.path for entry in read_journal(whole / "journal.jsonl").values() for file in entry.files}
     kept = {node.name for node in plan.nodes}
     on_disk = {
-        str(p.relative_to(whole)) for p in (whole / "data.zarr").rglob("c*")
-        if p.is_file() and p.relative_to(whole).parts[1] in kept and p.parent.name in plan.node(p.relative_to(whole).parts[1]).writes
-    }  # fmt: skip
+        str(p.relative_to(whole))
+        for p in (whole / "data.zarr").rglob("c*")
+        if p.is_file()
+        and p.relative_to(whole).parts[1] in kept
+        and p.parent.name in plan.node(p.relative_to(whole).parts[1]).writes
+    }
     assert on_disk == named
 
 
@@ -193,7 +202,9 @@ def test_it_names_no_machine_user_or_directory(whole):
 
 def test_a_file_parameter_is_recorded_by_content(tmp_path):
     table = tmp_path / "camera.csv"
-    table.write_text("wavelength_nm,R,G,B\n" + "".join(f"{w},{0.1 + w / 4000},{0.2},{0.3}\n" for w in range(380, 781, 10)))
+    table.write_text(
+        "wavelength_nm,R,G,B\n" + "".join(f"{w},{0.1 + w / 4000},{0.2},{0.3}\n" for w in range(380, 781, 10))
+    )
     plan = plan_of({"camera.sensitivity": str(table), "wanted": ["pixel"]}, BARE)
     run(plan, tmp_path / "a")
     record = (tmp_path / "a" / "runs" / "0001.json").read_text()
@@ -266,7 +277,9 @@ def test_a_flipped_bit_of_a_cell_is_found_on_reading_and_damages_that_cell_alone
     assert (damage.variable, damage.slot) == ("photon_rate", 2)
 
 
-@pytest.mark.parametrize("damage", ["flipped", *(pytest.param(one, marks=pytest.mark.long) for one in ("cut", "behind"))])
+@pytest.mark.parametrize(
+    "damage", ["flipped", *(pytest.param(one, marks=pytest.mark.long) for one in ("cut", "behind"))]
+)
 def test_a_damaged_index_costs_no_cell(copy, whole, plan, damage):
     """The journal knows where every chunk lies."""
     path = copy / "data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0"
@@ -274,9 +287,14 @@ def test_a_damaged_index_costs_no_cell(copy, whole, plan, damage):
     flipped = bytearray(data)
     flipped[-30] ^= 8
     path.write_bytes({"flipped": bytes(flipped), "cut": data[:-50], "behind": data + b"more"}[damage])
-    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree, pytest.raises(ValueError, match=r".*"):
+    with (
+        xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree,
+        pytest.raises(ValueError, match=r".*"),
+    ):
         tree["pixel/32x32/photon_rate"].load()
-    assert [d.path for d in open_archive(copy).check() if not d.cell] == ["data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0"]
+    assert [d.path for d in open_archive(copy).check() if not d.cell] == [
+        "data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0"
+    ]
     again = run(plan, copy)
     assert again.computed == 0
     assert again.mended == ["data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0 (its size or index)"]
@@ -326,7 +344,9 @@ def test_done_before_a_later_start_is_not_done(copy, plan):
     """The chunks may have been overwritten since."""
     journal = copy / "journal.jsonl"
     done = next(
-        line for line in map(json.loads, journal.read_text().splitlines()) if line["event"] == "done" and line["cell"].startswith("adc")
+        line
+        for line in map(json.loads, journal.read_text().splitlines())
+        if line["event"] == "done" and line["cell"].startswith("adc")
     )
     with journal.open("a") as handle:
         handle.write(json.dumps({"event": "start", "cell": done["cell"], "key": "1" * 32}) + "\n")
@@ -420,7 +440,13 @@ def test_a_sensor_of_fixed_size_has_a_child_for_each_shape(tmp_path):
     run(plan_of({**SWEEP, **FIXED}), tmp_path / "a")
     with xarray.open_datatree(tmp_path / "a" / "data.zarr", engine="zarr", chunks=None) as tree:
         assert set(tree["pixel"].children) == {"30x40", "23x30"}
-        assert tree["pixel/30x40/photon_rate"].sizes == {"f_number": 2, "pixel_pitch": 1, "channel": 3, "y": 30, "x": 40}
+        assert tree["pixel/30x40/photon_rate"].sizes == {
+            "f_number": 2,
+            "pixel_pitch": 1,
+            "channel": 3,
+            "y": 30,
+            "x": 40,
+        }
         assert tree["pixel/30x40/pixel_pitch"].values.tolist() == [2.0]
         assert tree["pixel/23x30/pixel_pitch"].values.tolist() == [2.6]
 
@@ -477,7 +503,9 @@ def test_bins_of_the_same_number_at_other_wavelengths_do_not_share_a_group(tmp_p
     )
     run(plan, tmp_path / "a")
     with xarray.open_datatree(tmp_path / "a" / "data.zarr", engine="zarr", chunks=None) as tree:
-        first = {node["scene"].values.tolist()[0]: node["wavelength"].values[0] for node in tree["scene"].children.values()}
+        first = {
+            node["scene"].values.tolist()[0]: node["wavelength"].values[0] for node in tree["scene"].children.values()
+        }
     assert first == {"low": 450.0, "high": 480.0}
 
 
@@ -509,7 +537,9 @@ def test_a_file_is_refused(tmp_path, plan):
         run(plan, tmp_path / "a")
 
 
-@pytest.mark.parametrize("other", [{"sweep.sharpen.strength": [0.1, 0.2]}, {"wanted": ["raw"]}], ids=["an axis more", "stages less"])
+@pytest.mark.parametrize(
+    "other", [{"sweep.sharpen.strength": [0.1, 0.2]}, {"wanted": ["raw"]}], ids=["an axis more", "stages less"]
+)
 def test_other_stages_or_axes_are_refused_with_a_way_out_and_nothing_changes(copy, other):
     before = contents(copy)
     with pytest.raises(ArchiveError, match=r"other stages or axes.*--archive copy-2"):
@@ -524,7 +554,9 @@ def test_what_to_type_for_other_stages_or_axes_is_said(tmp_path):
     text = other_stages(tmp_path / "x", old, new, ["c.two"], record)
     assert "it lacks: c; this run lacks: b" in text
     assert "--archive x-3; for both in one: --archive x-3 --want b.one --want c.two" in text
-    assert other_stages(tmp_path / "x", old, {"a": ["f"]}, ["a.one"], None).endswith("--archive x-3; or, without --want a.one, go on in x")
+    assert other_stages(tmp_path / "x", old, {"a": ["f"]}, ["a.one"], None).endswith(
+        "--archive x-3; or, without --want a.one, go on in x"
+    )
     assert "this run sweeps also: g)" in other_stages(tmp_path / "x", old, {"a": ["f"], "b": ["f", "g"]}, None, {})
 
 
@@ -541,7 +573,9 @@ def test_another_platform_is_refused_and_nothing_changes(copy, plan, monkeypatch
 
 
 def test_cells_of_an_accepted_platform_stay_and_are_marked(copy, monkeypatch):
-    """Keys of random stages, and of what reads them, name the versions of libraries: nothing of them is computed again."""
+    """Keys of random stages, and of what reads them, name the versions of libraries: nothing of them is computed
+    again.
+    """
     from etendue.archive import provenance
     from etendue.plan import recipes
 

@@ -17,7 +17,17 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 from etendue.archive import disk
 from etendue.archive.chunks import CODEC, LEVEL, RAW, CellFiles, Chunk, decode, encode
 from etendue.archive.parts import GATHERED, PARTS, Part
-from etendue.archive.shards import MOST, Place, block_of, index_bytes, index_size, part_path, put_shard, read_index, shards_of
+from etendue.archive.shards import (
+    MOST,
+    Place,
+    block_of,
+    index_bytes,
+    index_size,
+    part_path,
+    put_shard,
+    read_index,
+    shards_of,
+)
 from etendue.errors import ArchiveError, ArchiveInUse
 from tests.archive.tiny import index_of
 from tests.run.small import assert_same_bits
@@ -49,9 +59,16 @@ def by_zarr(folder, array, codec, chunks=None):
     group = zarr.open_group(str(folder), mode="w", zarr_format=3)
     whole = tuple(max(n, 1) for n in array.shape)
     stored = group.create_array(
-        "a", shape=array.shape, chunks=chunks or whole, shards=whole if chunks else None, dtype=array.dtype, compressors=codecs(codec),
-        fill_value=0, config={"write_empty_chunks": True}, chunk_key_encoding={"name": "default", "separator": "."},
-    )  # fmt: skip
+        "a",
+        shape=array.shape,
+        chunks=chunks or whole,
+        shards=whole if chunks else None,
+        dtype=array.dtype,
+        compressors=codecs(codec),
+        fill_value=0,
+        config={"write_empty_chunks": True},
+        chunk_key_encoding={"name": "default", "separator": "."},
+    )
     stored[...] = array
     return (folder / "a" / ".".join(["c", *["0"] * array.ndim])).read_bytes()
 
@@ -71,7 +88,9 @@ def test_a_chunk_has_the_bytes_that_zarr_would_write(tmp_path, dtype, shape, kin
 @pytest.mark.parametrize("order", ["F", "reversed", "big-endian"])
 def test_memory_order_and_byte_order_do_not_reach_the_disk(order, codec):
     plain = np.random.default_rng(1).uniform(size=(8, 9))
-    other = {"F": np.asfortranarray(plain), "reversed": plain[::-1].copy()[::-1], "big-endian": plain.astype(">f8")}[order]
+    other = {"F": np.asfortranarray(plain), "reversed": plain[::-1].copy()[::-1], "big-endian": plain.astype(">f8")}[
+        order
+    ]
     assert encode(other, codec) == encode(plain, codec)
 
 
@@ -110,7 +129,9 @@ def test_a_shard_holds_what_zarr_would_put_into_it(tmp_path, axes, codec):
     ours = (tmp_path / "a" / PATH).read_bytes()
     assert len(ours) == len(theirs)
     mine, wanted = index_of(ours, slots), index_of(theirs, slots)
-    assert {s: ours[at : at + n] for s, (at, n) in mine.items()} == {s: theirs[at : at + n] for s, (at, n) in wanted.items()}
+    assert {s: ours[at : at + n] for s, (at, n) in mine.items()} == {
+        s: theirs[at : at + n] for s, (at, n) in wanted.items()
+    }
     (tmp_path / "z/a" / PATH.rpartition("/")[2]).write_bytes(ours)
     assert_same_bits(zarr.open_array(str(tmp_path / "z/a"), mode="r")[...], array)
 
@@ -179,7 +200,10 @@ def test_an_index_says_where_chunks_lie_and_a_flipped_bit_of_it_is_found(tmp_pat
 
 @pytest.fixture
 def target(tmp_path):
-    chunks = Chunk("a", "data.zarr/g/a/c.0.0.0", 0, 3, "float64", (4, 5)), Chunk("n", "data.zarr/g/n/c", 0, 0, "uint16", ())
+    chunks = (
+        Chunk("a", "data.zarr/g/a/c.0.0.0", 0, 3, "float64", (4, 5)),
+        Chunk("n", "data.zarr/g/n/c", 0, 0, "uint16", ()),
+    )
     yield target_of(tmp_path / "t", chunks)
     PARTS.close(str(tmp_path / "t"))
 
@@ -227,7 +251,10 @@ def test_a_worker_whose_archive_is_taken_over_in_the_middle_reports_nothing(targ
 
 
 def test_a_variable_stored_by_band_is_put_together_again(target):
-    bands = tuple(Chunk("s", "data.zarr/g/s/c.0.0.0", b, 3, "float32", (1, 4, 4), RAW, ((b, b + 1), (0, 4), (0, 4))) for b in range(3))
+    bands = tuple(
+        Chunk("s", "data.zarr/g/s/c.0.0.0", b, 3, "float32", (1, 4, 4), RAW, ((b, b + 1), (0, 4), (0, 4)))
+        for b in range(3)
+    )
     whole = np.random.default_rng(0).uniform(size=(3, 4, 4)).astype("float32")
     by_band = replace(target, chunks=bands)
     assert len(by_band.write({"s": whole})) == 3
@@ -271,7 +298,9 @@ def test_threads_that_share_a_part_lose_nothing(tmp_path, size):
 
 
 def test_a_thread_has_settled_when_its_chunks_stand_in_the_file_whoever_settles_them(tmp_path, monkeypatch):
-    """Two threads append to one part; while one settles it the other may not tell of its cell: a shard would be made without it."""
+    """Two threads append to one part; while one settles it the other may not tell of its cell: a shard would be made
+    without it.
+    """
     first, second = (target_of(tmp_path, (Chunk("v", PATH, slot, 2, "float64", (3,), RAW),)) for slot in (0, 1))
     for target in (first, second):
         target.write({"v": np.arange(3.0)})
@@ -313,7 +342,9 @@ def test_parts_of_several_processes_become_one_shard(tmp_path):
     for slot, (one, _) in found.items():
         at = put.shard.at(one)
         assert (at, one.size) == put.places[slot]
-        assert_same_bits(decode((tmp_path / PATH).read_bytes()[at : at + one.size], "float64", (600,), RAW), array[slot])
+        assert_same_bits(
+            decode((tmp_path / PATH).read_bytes()[at : at + one.size], "float64", (600,), RAW), array[slot]
+        )
 
 
 def test_a_part_that_has_become_a_shard_is_left_alone(tmp_path):

@@ -1,4 +1,6 @@
-"""An archive written anew: the same bits in every array, axes sorted, fresh shards; also of one with a file for every cell."""
+"""An archive written anew: the same bits in every array, axes sorted, fresh shards; also of one with a file for
+every cell.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,11 @@ def state(folder):
 
 
 def shards(archive):
-    return {p.relative_to(archive).as_posix(): p.stat().st_size for p in (archive / "data.zarr").rglob("c.*") if "c" not in p.parts}
+    return {
+        p.relative_to(archive).as_posix(): p.stat().st_size
+        for p in (archive / "data.zarr").rglob("c.*")
+        if "c" not in p.parts
+    }
 
 
 GROWN = {"sweep.f_number": [2, 3, 4]}
@@ -63,7 +69,9 @@ def test_it_has_the_arrays_and_shards_of_a_fresh_sweep(grown, place, tmp_path):
     assert shards(tmp_path / "new") == shards(tmp_path / "fresh") != shards(grown)
     mine, fresh = store_of(tmp_path / "new"), store_of(tmp_path / "fresh")
     tables = ("ledger", "summary", "frames", "zarr.json")
-    assert {k: v for k, v in mine.items() if not k.startswith(tables)} == {k: v for k, v in fresh.items() if not k.startswith(tables)}
+    assert {k: v for k, v in mine.items() if not k.startswith(tables)} == {
+        k: v for k, v in fresh.items() if not k.startswith(tables)
+    }
     assert not list(open_archive(tmp_path / "new").check())
     with xarray.open_datatree(tmp_path / "new/data.zarr", engine="zarr", chunks=None) as tree:
         assert tree["irradiance/f_number"].values.tolist() == [2, 3, 4]
@@ -77,8 +85,12 @@ def test_it_has_the_arrays_and_shards_of_a_fresh_sweep(grown, place, tmp_path):
 def labelled(archive):
     """Every array of the store by label, tables and pictures aside."""
     tree = etendue.open_archive(archive)
-    groups = {path: tree[path].to_dataset() for path in ("scene", "irradiance", "pixel/4x4", "pixel/5x4", "lens_numbers")}
-    return {path: data.sortby([dim for dim in ("f_number",) if dim in data.dims]).load() for path, data in groups.items()}
+    groups = {
+        path: tree[path].to_dataset() for path in ("scene", "irradiance", "pixel/4x4", "pixel/5x4", "lens_numbers")
+    }
+    return {
+        path: data.sortby([dim for dim in ("f_number",) if dim in data.dims]).load() for path, data in groups.items()
+    }
 
 
 def assert_same_cells(one, other):
@@ -191,7 +203,9 @@ def with_files_for_cells(archive, old):
                     inner = node["codecs"][0]["configuration"]
                     size = np.dtype(chunk.form.dtype).itemsize
                     blosc = {"typesize": size, "cname": "lz4", "clevel": 5, "shuffle": "bitshuffle", "blocksize": 0}
-                    node["chunk_grid"]["configuration"]["chunk_shape"] = [1] * len(chunk.form.block) + list(chunk.form.shape)
+                    node["chunk_grid"]["configuration"]["chunk_shape"] = [1] * len(chunk.form.block) + list(
+                        chunk.form.shape
+                    )
                     node["codecs"] = [inner["codecs"][0], {"name": "blosc", "configuration": blosc}, {"name": "crc32c"}]
                     (old / folder / "zarr.json").write_text(json.dumps(node, indent=2))
                     root["consolidated_metadata"]["metadata"][folder.removeprefix("data.zarr/")] = node
@@ -204,7 +218,9 @@ def with_files_for_cells(archive, old):
     write_manifest(old, {path: (old / path).read_bytes() for path in known})
 
 
-def test_an_archive_with_a_file_for_every_cell_is_read_refused_with_the_way_out_and_written_anew(whole, plan, place, tmp_path, capsys):
+def test_an_archive_with_a_file_for_every_cell_is_read_refused_with_the_way_out_and_written_anew(
+    whole, plan, place, tmp_path, capsys
+):
     with_files_for_cells(whole, tmp_path / "old")
     archive = open_archive(tmp_path / "old")
     assert len(archive.cells) == len(plan.cells)
@@ -217,7 +233,9 @@ def test_an_archive_with_a_file_for_every_cell_is_read_refused_with_the_way_out_
     assert stopped.value.code == 2
     assert f"etendue compact {tmp_path / 'old'} old-2" in capsys.readouterr().err
     assert state(tmp_path / "old") == before
-    main(["compact", str(tmp_path / "old"), str(tmp_path / "new"), "--json"], prog_name="etendue", standalone_mode=False)
+    main(
+        ["compact", str(tmp_path / "old"), str(tmp_path / "new"), "--json"], prog_name="etendue", standalone_mode=False
+    )
     assert json.loads(capsys.readouterr().out)["cells"] == len(plan.cells)
     with (
         xarray.open_datatree(whole / "data.zarr", engine="zarr", chunks=None) as one,

@@ -16,7 +16,9 @@ SERIAL = Options("serial")
 
 @pytest.fixture
 def copied(whole, tmp_path):
-    """As ``cp -r`` leaves it that has passed the shards before they were put in their places, and the journal behind that."""
+    """As ``cp -r`` leaves it that has passed the shards before they were put in their places, and the journal behind
+    that.
+    """
     shutil.copytree(whole, tmp_path / "a")
     archive = tmp_path / "a"
     (archive / "manifest.json").unlink()
@@ -27,9 +29,15 @@ def copied(whole, tmp_path):
         shard.unlink()
         for part, start, to, length in line["kept"]:
             place = shard.with_name(f".{shard.name}.{part}.part")
-            place.write_bytes((place.read_bytes() if place.exists() else b"").ljust(start, b"\0")[:start] + data[to : to + length])
+            place.write_bytes(
+                (place.read_bytes() if place.exists() else b"").ljust(start, b"\0")[:start] + data[to : to + length]
+            )
     with (archive / "journal.jsonl").open("w") as file:
-        file.writelines(json.dumps({k: v for k, v in line.items() if k != "sum"}) + "\n" for line in lines if line["event"] != "closed")
+        file.writelines(
+            json.dumps({k: v for k, v in line.items() if k != "sum"}) + "\n"
+            for line in lines
+            if line["event"] != "closed"
+        )
     return archive
 
 

@@ -1,4 +1,6 @@
-"""Whatever happens to a file that is no chunk of a cell: a run restores the archive to the last byte, or refuses and names the file."""
+"""Whatever happens to a file that is no chunk of a cell: a run restores the archive to the last byte, or refuses and
+names the file.
+"""
 
 from __future__ import annotations
 
@@ -85,10 +87,13 @@ def damages(data, chance):
     for number in range(2 * MANY):
         yield f"flipped {number}", flipped(data, chance) if data else b"\x00"
     others = [
-        ("cut", data[: len(data) // 2]), ("empty", b""), ("a list", b'[{"attributes": 3}, null, "x"]\n'),
+        ("cut", data[: len(data) // 2]),
+        ("empty", b""),
+        ("a list", b'[{"attributes": 3}, null, "x"]\n'),
         ("not UTF-8", b"\xff\xfe" + data[2:]),
-        ("an object", b'{"attributes": [1], "shape": {}, "nodes": 3, "metadata": {"..": 1}}\n'), ("a folder", "folder"),
-    ]  # fmt: skip
+        ("an object", b'{"attributes": [1], "shape": {}, "nodes": 3, "metadata": {"..": 1}}\n'),
+        ("a folder", "folder"),
+    ]
     yield from chance.sample(others, min(MANY, len(others)))
 
 
@@ -152,7 +157,9 @@ WORDS = {
 
 
 def test_every_word_of_the_metadata_is_that_of_the_plan(whole, plan, tmp_path):
-    """Each makes other numbers, or none, of the same chunks: they are right, and what says how to read them is written again."""
+    """Each makes other numbers, or none, of the same chunks: they are right, and what says how to read them is
+    written again.
+    """
     shutil.copytree(whole, tmp_path / "a")
     for name, change in WORDS.items():
         changed(tmp_path / "a", "irradiance/irradiance", change)
@@ -202,7 +209,9 @@ def test_a_line_that_leads_out_of_the_archive_says_nothing(whole, plan, tmp_path
         else:
             key = "path" if "path" in document else "group"
             document[key] = out + document[key]
-        body = json.dumps({key: value for key, value in document.items() if key != "sum"}, separators=(",", ":")).encode()
+        body = json.dumps(
+            {key: value for key, value in document.items() if key != "sum"}, separators=(",", ":")
+        ).encode()
         lines[number] = body[:-1] + b',"sum":"%08x"}\n' % zlib.crc32(body)
         changed += 1
     journal.write_bytes(b"".join(lines))
@@ -212,7 +221,9 @@ def test_a_line_that_leads_out_of_the_archive_says_nothing(whole, plan, tmp_path
         compact(archive, tmp_path / "below" / "new")
     run(plan, archive)
     assert store_of(archive) == store_of(whole)
-    assert [p.name for p in tmp_path.iterdir()] == ["below"] and [p.name for p in (tmp_path / "below").iterdir()] == ["a"]
+    assert [p.name for p in tmp_path.iterdir()] == ["below"] and [p.name for p in (tmp_path / "below").iterdir()] == [
+        "a"
+    ]
 
 
 def test_a_line_of_the_journal_with_another_digit_says_nothing(whole, plan, tmp_path):

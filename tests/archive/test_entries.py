@@ -1,4 +1,6 @@
-"""What is said of cells, in columns: the same as a dict of entries; lines read in one go mean what they mean word by word."""
+"""What is said of cells, in columns: the same as a dict of entries; lines read in one go mean what they mean word by
+word.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,25 @@ from etendue.archive.shards import Index, Place
 from etendue.contract.ports import Written
 
 NUMBER = st.integers(0, 2**62)
-WRITTEN = st.builds(Written, st.sampled_from(["a/c.0", "a/c.1"]), st.integers(0, 7), st.sampled_from(["p", "q"]), NUMBER, NUMBER, NUMBER)
-KEYS = st.one_of(st.binary(min_size=16, max_size=16).map(bytes.hex), st.sampled_from(["", "AB" * 16, "no digest", "ab"]))
+WRITTEN = st.builds(
+    Written, st.sampled_from(["a/c.0", "a/c.1"]), st.integers(0, 7), st.sampled_from(["p", "q"]), NUMBER, NUMBER, NUMBER
+)
+KEYS = st.one_of(
+    st.binary(min_size=16, max_size=16).map(bytes.hex), st.sampled_from(["", "AB" * 16, "no digest", "ab"])
+)
 ENTRY = st.builds(
-    Entry, event=st.sampled_from(EVENTS), key=KEYS, files=st.lists(WRITTEN, max_size=3).map(tuple), status=st.sampled_from(STATUS),
-    seconds=st.floats(allow_nan=False), clipped=st.sampled_from([0.0, 0.5]), clipped_flux=st.sampled_from([0.0, 0.25]),
-    floored=st.sampled_from([0.0, 3.0]), platform=st.sampled_from(["", "elsewhere"]), fresh=st.booleans(),
-)  # fmt: skip
+    Entry,
+    event=st.sampled_from(EVENTS),
+    key=KEYS,
+    files=st.lists(WRITTEN, max_size=3).map(tuple),
+    status=st.sampled_from(STATUS),
+    seconds=st.floats(allow_nan=False),
+    clipped=st.sampled_from([0.0, 0.5]),
+    clipped_flux=st.sampled_from([0.0, 0.25]),
+    floored=st.sampled_from([0.0, 3.0]),
+    platform=st.sampled_from(["", "elsewhere"]),
+    fresh=st.booleans(),
+)
 NAMES = st.sampled_from(["scene", "pixel f=1", "pixel f=2"])
 
 
@@ -43,7 +57,9 @@ def test_columns_say_what_a_dict_of_entries_says(said):
     assert columns.done_otherwise((name, "" if name == "scene" else one.key) for name, one in plain.items()) == [
         name for name, one in done.items() if name == "scene" and one.key
     ]
-    assert list(columns.told()) == [(name, one.event, one.status, one.seconds, one.clipped) for name, one in plain.items()]
+    assert list(columns.told()) == [
+        (name, one.event, one.status, one.seconds, one.clipped) for name, one in plain.items()
+    ]
     chunks = [file for one in done.values() for file in one.files]
     assert {path: [columns.files[n] for n in own] for path, own in columns.by_shard().items()} == {
         path: [file for file in chunks if file.path == path] for path in {file.path for file in chunks}
@@ -63,10 +79,15 @@ def test_the_chunks_of_a_shard_are_held_as_in_a_dict(steps):
         if one is None:
             assert held.pop(slot, None) == plain.pop(slot, None)
             continue
-        held[slot] = plain[slot] = one, Place("a/c.0" if moved else f"{one.part}.part", one.offset, one.size, one.digest)
+        held[slot] = plain[slot] = (
+            one,
+            Place("a/c.0" if moved else f"{one.part}.part", one.offset, one.size, one.digest),
+        )
     assert dict(held) == plain
     assert held.lying() == {place.file for _, place in plain.values()}
-    assert held.there() == {slot: (place.offset, place.size) for slot, (_, place) in plain.items() if place.file == "a/c.0"}
+    assert held.there() == {
+        slot: (place.offset, place.size) for slot, (_, place) in plain.items() if place.file == "a/c.0"
+    }
     assert all((slot in held) == (slot in plain) for slot in range(6))
 
 
@@ -78,7 +99,8 @@ def test_an_index_says_of_each_slot_what_was_put_there():
 
 LINES = [
     b'{"event":"start","cell":"pixel f=1","key":"00112233445566778899aabbccddeeff"}',
-    b'{"event":"done","cell":"pixel f=1","key":"00112233445566778899aabbccddeeff","status":"left_out","seconds":1,"clipped":0.5,'
+    b'{"event":"done","cell":"pixel '
+    b'f=1","key":"00112233445566778899aabbccddeeff","status":"left_out","seconds":1,"clipped":0.5,'
     b'"clipped_flux":0.0,"floored":2.0,"platform":"x","files":[["a/c.0",3,"p",0,12,77]]}',
     b'{"event":"failed","cell":"scene","key":"","status":"failed","seconds":0.25,"clipped":0.0,"clipped_flux":0.0,"floored":0.0,"files":[]}',
 ]
@@ -90,7 +112,10 @@ def test_a_line_read_in_one_go_says_what_it_says_word_by_word(line):
     assert _take_own(quick, summed(line))
     _take(slow, _checked(summed(line)))
     assert dict(quick.entries) == dict(slow.entries)
-    for found, take in ((quick, lambda: _take_own(quick, summed(line))), (slow, lambda: _take(slow, _checked(summed(line))))):
+    for found, take in (
+        (quick, lambda: _take_own(quick, summed(line))),
+        (slow, lambda: _take(slow, _checked(summed(line)))),
+    ):
         found.outdated = {"pixel f=1", "scene", "pixel f=2"}
         take()
     assert quick.outdated == slow.outdated == {"pixel f=1", "scene", "pixel f=2"} - set(quick.entries)

@@ -1,4 +1,6 @@
-"""An archive that says something else, with every digest computed anew, is named by reproduce; what it cannot tell, it lists."""
+"""An archive that says something else, with every digest computed anew, is named by reproduce; what it cannot tell,
+it lists.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,32 @@ ROOT = Path(__file__).parents[2]
 FAULTS = ROOT / "benchmarks" / "faults"
 SERIAL = Options("serial")
 FEW = (  # of every way of comparing some
-    "a coordinate reversed", "dims swapped", "a byte order", "a status", "an error of the ledger", "a parameter of the record",
-    "a comment in the pipeline to be run", "an attribute more", "an array more", "a coordinate less", "bytes of a summary", "a picture",
-    "a key in the journal", "a number of a cell", "an axis value throughout", "a digest of code", "a source", "overrides", "a field more",
-    "the digest of an input", "a number of a cell that is outdated", "a group in the journal", "attributes of Zarr 2",
-    "a seed that stands twice", "a description less",
-)  # fmt: skip
+    "a coordinate reversed",
+    "dims swapped",
+    "a byte order",
+    "a status",
+    "an error of the ledger",
+    "a parameter of the record",
+    "a comment in the pipeline to be run",
+    "an attribute more",
+    "an array more",
+    "a coordinate less",
+    "bytes of a summary",
+    "a picture",
+    "a key in the journal",
+    "a number of a cell",
+    "an axis value throughout",
+    "a digest of code",
+    "a source",
+    "overrides",
+    "a field more",
+    "the digest of an input",
+    "a number of a cell that is outdated",
+    "a group in the journal",
+    "attributes of Zarr 2",
+    "a seed that stands twice",
+    "a description less",
+)
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +89,12 @@ def test_what_was_not_forged_is_sound_and_digests_tell_the_copy_from_the_forgery
 
 def test_archives_of_many_runs_are_reproduced(tmp_path):
     """Grown, of other parameters over values that are there no more, and with less kept than there is."""
-    runs = ({"sweep.f_number": [4]}, {"sweep.f_number": [2, 4]}, {"sweep.f_number": [2], "camera.peak_qe": [0.3, 0.4, 0.4]},
-            {"sweep.f_number": [2], "camera.peak_qe": [0.3, 0.4, 0.4], "keep": ["photon_rate"]})  # fmt: skip
+    runs = (
+        {"sweep.f_number": [4]},
+        {"sweep.f_number": [2, 4]},
+        {"sweep.f_number": [2], "camera.peak_qe": [0.3, 0.4, 0.4]},
+        {"sweep.f_number": [2], "camera.peak_qe": [0.3, 0.4, 0.4], "keep": ["photon_rate"]},
+    )
     for number, overrides in enumerate(runs):
         execute(tiny_plan(tmp_path, overrides), tmp_path / "a", SERIAL)
         if number % 2:

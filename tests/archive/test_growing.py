@@ -1,4 +1,6 @@
-"""An archive whose axes grow: what is stored stays where it is, only what is new is computed, and it holds what a fresh run holds."""
+"""An archive whose axes grow: what is stored stays where it is, only what is new is computed, and it holds what a
+fresh run holds.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,9 @@ def contents(archive):
 
 
 def assert_as_fresh(archive, whole, fresh):
-    """An archive holds what a fresh one of the same values holds, cell by cell and as plain xarray reads it; nothing is wrong with it."""
+    """An archive holds what a fresh one of the same values holds, cell by cell and as plain xarray reads it; nothing
+    is wrong with it.
+    """
     assert not verify(archive).damages
     assert contents(archive) == contents(fresh)
     groups = layout_of(whole).groups.values()
@@ -92,11 +96,16 @@ def assert_as_fresh(archive, whole, fresh):
         one = xarray.open_datatree(archive / "data.zarr", engine="zarr", chunks=None)
         other = xarray.open_datatree(fresh / "data.zarr", engine="zarr", chunks=None)
     with one, other:
-        own = {group.node: [n for n in one.subtree if n.path.split("/")[1:2] == [group.node] and not n.children] for group in groups}
+        own = {
+            group.node: [n for n in one.subtree if n.path.split("/")[1:2] == [group.node] and not n.children]
+            for group in groups
+        }
         for group in groups:
             for ref in group.cells:
                 at = whole.labels(ref)
-                (mine,) = [m for n in own[ref[0]] if (m := taken(n.dataset, at)) is not None and m["status"].item() != 4]
+                (mine,) = [
+                    m for n in own[ref[0]] if (m := taken(n.dataset, at)) is not None and m["status"].item() != 4
+                ]
                 xarray.testing.assert_identical(mine, taken(other[group.path].dataset, at))
 
 
@@ -129,7 +138,7 @@ STEPS = {
     "wider bins": [{BINS: ["100 nm"]}, {BINS: ["100 nm", "50 nm"]}, {BINS: ["100 nm", "50 nm"], PITCH: [3.0, 4.0]}],
     "rows too": [{ROWS: [16]}, {ROWS: [16], PITCH: [3.0, 4.0]}, {ROWS: [16, 12], PITCH: [3.0, 4.0]}],
     "rows first": [{ROWS: [16]}, {ROWS: [16, 12]}, {ROWS: [16, 12], PITCH: [3.0, 4.0]}],
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +160,8 @@ QUICK = ("two axes", "some of one shape")
 
 
 @pytest.mark.parametrize(
-    "steps", [pytest.param(own, id=name, marks=[] if name in QUICK else [pytest.mark.long]) for name, own in STEPS.items()]
+    "steps",
+    [pytest.param(own, id=name, marks=[] if name in QUICK else [pytest.mark.long]) for name, own in STEPS.items()],
 )
 @pytest.mark.parametrize("frame", [SAME, FIXED], ids=["rows and columns fixed", "a sensor of fixed size"])
 def test_only_what_is_new_is_computed_and_what_is_stored_stays(tmp_path, fresh, frame, steps):
@@ -178,13 +188,19 @@ def test_only_what_is_new_is_computed_and_what_is_stored_stays(tmp_path, fresh, 
     assert run(asked, archive).computed == 0
     state = {p: p.stat().st_mtime_ns for p in archive.rglob("*") if p.is_file()}
     run(asked, archive)
-    assert {p: p.stat().st_mtime_ns for p in archive.rglob("*") if p.is_file()} == state, "a run with nothing to do has written"
+    assert {p: p.stat().st_mtime_ns for p in archive.rglob("*") if p.is_file()} == state, (
+        "a run with nothing to do has written"
+    )
 
 
 @pytest.mark.parametrize("count", [pytest.param(3, id="some"), pytest.param(24, id="many", marks=pytest.mark.long)])
 @pytest.mark.parametrize("frame", [SAME, FIXED], ids=["rows and columns fixed", "a sensor of fixed size"])
-def test_killed_at_any_change_of_a_file_nothing_stored_is_lost_or_computed_again(tmp_path, fresh, monkeypatch, frame, count):
-    """Most of them between the growth of the arrays and the first cell. The next run may also be the one before it again."""
+def test_killed_at_any_change_of_a_file_nothing_stored_is_lost_or_computed_again(
+    tmp_path, fresh, monkeypatch, frame, count
+):
+    """Most of them between the growth of the arrays and the first cell. The next run may also be the one before it
+    again.
+    """
     old, new = plan(frame, {}), plan(frame, {PITCH: [3.0, 4.0]})
     whole, stored, begun, begin = fresh(frame, {PITCH: [3.0, 4.0]}), contents(fresh(frame, {})), [], ArchiveKeeper.begin
 
@@ -194,7 +210,10 @@ def test_killed_at_any_change_of_a_file_nothing_stored_is_lost_or_computed_again
     with dying(copy("counted")) as operations, monkeypatch.context() as patch:
         patch.setattr(ArchiveKeeper, "begin", lambda *given: (begin(*given), begun.append(len(operations)))[0])
         run(new, tmp_path / "counted")
-    chosen = [*np.linspace(1, begun[0], count, dtype=int), *np.linspace(begun[0] + 1, len(operations), count // 2 + 1, dtype=int)]
+    chosen = [
+        *np.linspace(1, begun[0], count, dtype=int),
+        *np.linspace(begun[0] + 1, len(operations), count // 2 + 1, dtype=int),
+    ]
     for turn, number in enumerate(dict.fromkeys(chosen)):
         archive, where = copy(f"a{number}"), f"{number}: {operations.names[number - 1]}"
         with dying(archive, number), pytest.raises(Died):

@@ -87,11 +87,18 @@ def test_an_archive_made_to_do_harm_is_looked_at_unharmed(kind, sound, outside, 
     monkeypatch.chdir(tmp_path)
     folder = shutil.copytree(sound, tmp_path / "tiny")
     KINDS.ARCHIVES[kind](folder, outside)
-    for words in (["show", folder], ["plot", folder, "--list"], ["report", folder], ["export", folder, "--tiff", "--variable", "raw"]):
+    for words in (
+        ["show", folder],
+        ["plot", folder, "--list"],
+        ["report", folder],
+        ["export", folder, "--tiff", "--variable", "raw"],
+    ):
         called(words, outside)
 
 
-LEADING_OUT = [kind for kind in KINDS.ARCHIVES if kind.startswith(("pipeline", "manifest names")) or kind.endswith("is a link")]
+LEADING_OUT = [
+    kind for kind in KINDS.ARCHIVES if kind.startswith(("pipeline", "manifest names")) or kind.endswith("is a link")
+]
 
 
 @pytest.mark.timeout(120)
@@ -104,7 +111,9 @@ def test_no_word_of_an_archive_has_other_files_read(kind, sound, outside, tmp_pa
     KINDS.ARCHIVES[kind](folder, outside)
     for words in (["reproduce", folder], ["rerun", folder], ["plan", folder / "runs" / "0001.toml"]):
         done = called(words, outside)
-        assert done.exit_code != 0 or kind.startswith("manifest") or words[0] == "plan" or kind == "input is a link", done.output
+        assert done.exit_code != 0 or kind.startswith("manifest") or words[0] == "plan" or kind == "input is a link", (
+            done.output
+        )
     if not (folder / "inputs").is_symlink():
         assert {path.name for path in (folder / "inputs").iterdir()} <= before
 

@@ -57,7 +57,9 @@ def test_what_keep_no_longer_names_and_is_wrong_now_is_asked_about(copy, place, 
         assert set(tree.children) == {"pixel", "ledger", "summary", "frames"}
     run(tiny_plan(place, {"keep": ["pixel"], "camera.transmittance": 0.5}), copy.parent / "fresh")
     mine, fresh = store_of(copy), store_of(copy.parent / "fresh")
-    assert {k: v for k, v in mine.items() if k.startswith("pixel")} == {k: v for k, v in fresh.items() if k.startswith("pixel")}
+    assert {k: v for k, v in mine.items() if k.startswith("pixel")} == {
+        k: v for k, v in fresh.items() if k.startswith("pixel")
+    }
     assert set(mine) == set(fresh)
 
 
@@ -87,7 +89,10 @@ use = "irradiance"
 use = "lens_gaussian"
 name = "blur"
 [sweep]
-"blur.use" = [{ use = "lens_gaussian", label = "sharp", sigma = "1 um" }, { use = "lens_gaussian", label = "soft", sigma = "2 um" }]
+"blur.use" = [
+    { use = "lens_gaussian", label = "sharp", sigma = "1 um" },
+    { use = "lens_gaussian", label = "soft", sigma = "2 um" },
+]
 """
 
 
@@ -176,7 +181,9 @@ def test_a_pipeline_whose_name_is_no_folder_is_refused(place, name):
         tiny_plan(place, {"name": name})
 
 
-@pytest.mark.parametrize(("sweep", "stage"), [("y", "y"), ("wavelength_bounds", "wavelength_bounds"), ("pixel_rows", "pixel_rows")])
+@pytest.mark.parametrize(
+    ("sweep", "stage"), [("y", "y"), ("wavelength_bounds", "wavelength_bounds"), ("pixel_rows", "pixel_rows")]
+)
 def test_an_axis_named_like_a_dim_is_refused(place, sweep, stage):
     text = tiny_file(place).read_text().replace('use = "irradiance"', f'use = "irradiance"\nname = "{stage}"')
     from etendue.contract.registry import installed_stages
@@ -185,14 +192,22 @@ def test_an_axis_named_like_a_dim_is_refused(place, sweep, stage):
 
     values = ["irradiance", {"use": "irradiance", "label": "again"}]
     with pytest.raises(RequestError, match="give (the|one of the) stages? another 'name'"):
-        make_plan(load(text.replace("camera.csv", str(place / "camera.csv")), {f"sweep.{sweep}.use": values}), installed_stages())
+        make_plan(
+            load(text.replace("camera.csv", str(place / "camera.csv")), {f"sweep.{sweep}.use": values}),
+            installed_stages(),
+        )
 
 
 @pytest.mark.parametrize(
     ("writes", "why"),
-    [({"status": "y x [1]"}, "of its own"), ({"y": "y x [1]"}, "coordinate"), ({"y_um": "y x [1]"}, "coordinate"),
-     ({"a": "..: y x [1]"}, "letters"), ({"a": "zarr.json: y x [1]"}, "letters")],
-)  # fmt: skip
+    [
+        ({"status": "y x [1]"}, "of its own"),
+        ({"y": "y x [1]"}, "coordinate"),
+        ({"y_um": "y x [1]"}, "coordinate"),
+        ({"a": "..: y x [1]"}, "letters"),
+        ({"a": "zarr.json: y x [1]"}, "letters"),
+    ],
+)
 def test_a_variable_named_like_something_of_the_archive_is_no_stage(writes, why):
     from etendue.contract.stage import Stage, writes_of
 

@@ -73,17 +73,24 @@ def whole(tmp_path_factory):
         (place / name).mkdir()
         (place / name / "sitecustomize.py").write_text(source)
     began = time.monotonic()
-    done = command("run", place / "small.toml", "--archive", place / "whole", "--quiet", PYTHONPATH=str(place / "finely"))
+    done = command(
+        "run", place / "small.toml", "--archive", place / "whole", "--quiet", PYTHONPATH=str(place / "finely")
+    )
     assert done.returncode == 0, done.stderr
     return place, time.monotonic() - began
 
 
 def start(*arguments, **more):
     return subprocess.Popen(
-        [sys.executable, "-m", "etendue", *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-m", "etendue", *map(str, arguments)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
         env=environment(**more),
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell ignores it for what it runs in the background
-    )  # fmt: skip
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # a shell ignores it for what it runs in the background
+    )
 
 
 def done_cells(archive):
@@ -115,7 +122,16 @@ def test_a_run_killed_at_random_instants_is_finished_by_the_next(whole, tmp_path
             scheduler = chance.choice(("serial", "threads"))
             python = str(place / "drawn out")
             process = start(
-                "run", place / "small.toml", "--archive", archive, "--quiet", "--scheduler", scheduler, "--workers", 2, PYTHONPATH=python
+                "run",
+                place / "small.toml",
+                "--archive",
+                archive,
+                "--quiet",
+                "--scheduler",
+                scheduler,
+                "--workers",
+                2,
+                PYTHONPATH=python,
             )
             if chance.random() < 0.3:  # anywhere, imports and the end too
                 time.sleep(seconds * chance.uniform(0.2, 1.2))
@@ -128,7 +144,13 @@ def test_a_run_killed_at_random_instants_is_finished_by_the_next(whole, tmp_path
             process.stderr.close()
             count = done_cells(archive)
             died[
-                "not at all" if code == 0 else "before any cell" if not count else "between cells" if count < total else "after all cells"
+                "not at all"
+                if code == 0
+                else "before any cell"
+                if not count
+                else "between cells"
+                if count < total
+                else "after all cells"
             ] += 1
         done = command("run", place / "small.toml", "--archive", archive, "--quiet")
         assert done.returncode == 0, done.stderr
@@ -178,9 +200,22 @@ def run_until(place, archive, die_after, *arguments):
     """A run that dies between the writing of chunks and the journal line that would say so."""
     main = "import sys; from etendue.cli import main; sys.argv = ['etendue', *sys.argv[1:]]; main()"
     done = subprocess.run(
-        [sys.executable, "-c", f"{BETWEEN}\n{main}", "run", str(place / "small.toml"), "--archive", str(archive), "--quiet", *arguments],
-        env=environment(DIE_AFTER=str(die_after), PYTHONPATH=str(place / "finely")), capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-c",
+            f"{BETWEEN}\n{main}",
+            "run",
+            str(place / "small.toml"),
+            "--archive",
+            str(archive),
+            "--quiet",
+            *arguments,
+        ],
+        env=environment(DIE_AFTER=str(die_after), PYTHONPATH=str(place / "finely")),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 9, done.stderr
 
 
@@ -211,13 +246,24 @@ def test_killed_with_another_parameter_and_put_back(whole, tmp_path, die_after):
     assert_same_archives(archive, place / "whole")
 
 
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long)])
-@pytest.mark.parametrize("scheduler", ["threads", *(pytest.param(name, marks=pytest.mark.long) for name in ("serial", "processes"))])
+@pytest.mark.parametrize(
+    ("sent", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long)]
+)
+@pytest.mark.parametrize(
+    "scheduler", ["threads", *(pytest.param(name, marks=pytest.mark.long) for name in ("serial", "processes"))]
+)
 def test_an_interrupted_run_ends_in_order_and_can_be_looked_at_and_resumed(whole, tmp_path, sent, code, scheduler):
     place, _ = whole
     archive = tmp_path / "a"
     process = start(
-        "run", place / "small.toml", "--archive", archive, "--quiet", "--scheduler", scheduler, PYTHONPATH=str(place / "slowly")
+        "run",
+        place / "small.toml",
+        "--archive",
+        archive,
+        "--quiet",
+        "--scheduler",
+        scheduler,
+        PYTHONPATH=str(place / "slowly"),
     )
     wait_for(lambda: done_cells(archive) > 5, process)
     process.send_signal(sent)
@@ -228,7 +274,9 @@ def test_an_interrupted_run_ends_in_order_and_can_be_looked_at_and_resumed(whole
         status = tree["ledger/status"].values.tolist()
         assert 5 < sum(s in ("done", "left_out") for s in status) < len(status)
         groups = [node for node in tree.subtree if "status" in node and node.path != "/ledger"]
-        assert sum((node["status"].values <= 1).sum() for node in groups) == sum(s in ("done", "left_out") for s in status)
+        assert sum((node["status"].values <= 1).sum() for node in groups) == sum(
+            s in ("done", "left_out") for s in status
+        )
     done = command("run", place / "small.toml", "--archive", archive, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["reused"] > 0
@@ -247,11 +295,21 @@ def alive(pid):
 def test_worker_processes_end_when_their_owner_is_killed(whole, tmp_path):
     place, _ = whole
     process = start(
-        "run", place / "small.toml", "--archive", tmp_path / "a", "--quiet", "--scheduler", "processes", "--workers", 2,
+        "run",
+        place / "small.toml",
+        "--archive",
+        tmp_path / "a",
+        "--quiet",
+        "--scheduler",
+        "processes",
+        "--workers",
+        2,
         PYTHONPATH=str(place / "slowly"),
-    )  # fmt: skip
+    )
     wait_for(lambda: done_cells(tmp_path / "a") > 5, process)
-    children = [pid for task in Path(f"/proc/{process.pid}/task").glob("*/children") for pid in task.read_text().split()]
+    children = [
+        pid for task in Path(f"/proc/{process.pid}/task").glob("*/children") for pid in task.read_text().split()
+    ]
     assert len(children) >= 2
     process.kill()
     process.wait()

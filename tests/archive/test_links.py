@@ -29,13 +29,30 @@ def state(folder):
 
 
 PLACES = (
-    "data.zarr", "data.zarr/scene", "data.zarr/pixel/4x4", "data.zarr/irradiance/irradiance", "data.zarr/irradiance/f_number/c",
-    "data.zarr/irradiance/irradiance/c.0.0.0.0", "data.zarr/zarr.json", "data.zarr/ledger", "data.zarr/frames/preview/zarr.json",
-    "inputs", "runs", "runs/0001.json", "run.id", "lock", "journal.jsonl", "manifest.json", "ro-crate-metadata.json", "contact_sheet.png",
-)  # fmt: skip
+    "data.zarr",
+    "data.zarr/scene",
+    "data.zarr/pixel/4x4",
+    "data.zarr/irradiance/irradiance",
+    "data.zarr/irradiance/f_number/c",
+    "data.zarr/irradiance/irradiance/c.0.0.0.0",
+    "data.zarr/zarr.json",
+    "data.zarr/ledger",
+    "data.zarr/frames/preview/zarr.json",
+    "inputs",
+    "runs",
+    "runs/0001.json",
+    "run.id",
+    "lock",
+    "journal.jsonl",
+    "manifest.json",
+    "ro-crate-metadata.json",
+    "contact_sheet.png",
+)
 
 
-CASES = [(place, "") for place in PLACES] + [(place, how) for how in ("recompute", "prune") for place in PLACES if place.count("/") < 2]
+CASES = [(place, "") for place in PLACES] + [
+    (place, how) for how in ("recompute", "prune") for place in PLACES if place.count("/") < 2
+]
 
 
 @pytest.mark.parametrize(("linked", "how"), CASES)

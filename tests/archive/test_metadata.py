@@ -41,12 +41,18 @@ def test_metadata_of_every_array_and_group_is_zarrs(whole, tmp_path):
         seen["text"] += text
         fill = document["fill_value"]
         root.create_array(
-            "a", shape=document["shape"], chunks=tuple(sharding["chunk_shape"]) if sharding else outer, shards=outer if sharding else None,
-            dtype=str if text else document["data_type"], fill_value=np.nan if fill == "NaN" else fill,
-            compressors=compressors(sharding["codecs"] if sharding else codecs), dimension_names=document.get("dimension_names", ()),
-            attributes=document["attributes"], chunk_key_encoding=document["chunk_key_encoding"]["configuration"] | {"name": "default"},
+            "a",
+            shape=document["shape"],
+            chunks=tuple(sharding["chunk_shape"]) if sharding else outer,
+            shards=outer if sharding else None,
+            dtype=str if text else document["data_type"],
+            fill_value=np.nan if fill == "NaN" else fill,
+            compressors=compressors(sharding["codecs"] if sharding else codecs),
+            dimension_names=document.get("dimension_names", ()),
+            attributes=document["attributes"],
+            chunk_key_encoding=document["chunk_key_encoding"]["configuration"] | {"name": "default"},
             overwrite=True,
-        )  # fmt: skip
+        )
         assert (tmp_path / "z/a/zarr.json").read_bytes() == path.read_bytes(), path
     assert min(seen.values()) > 5
 
@@ -61,12 +67,18 @@ def test_consolidated_metadata_is_zarrs(whole, tmp_path):
     assert (tmp_path / "z/zarr.json").read_bytes() == (whole / "data.zarr/zarr.json").read_bytes()
 
 
-@pytest.mark.parametrize("texts", [["one"], ["", ""], ["äöü", "x" * 3000, "日本"], [f"cell {n}" for n in range(500)]], ids=len)
+@pytest.mark.parametrize(
+    "texts", [["one"], ["", ""], ["äöü", "x" * 3000, "日本"], [f"cell {n}" for n in range(500)]], ids=len
+)
 def test_texts_are_encoded_as_zarr_does_and_a_flipped_bit_is_found(tmp_path, texts):
     stored = zarr.create_array(
-        str(tmp_path / "z"), shape=(len(texts),), chunks=(len(texts),), dtype=str, compressors=[ZstdCodec(level=0), Crc32cCodec()],
+        str(tmp_path / "z"),
+        shape=(len(texts),),
+        chunks=(len(texts),),
+        dtype=str,
+        compressors=[ZstdCodec(level=0), Crc32cCodec()],
         config={"write_empty_chunks": True},
-    )  # fmt: skip
+    )
     stored[...] = np.array(texts, dtype=object)
     assert (tmp_path / "z/c/0").read_bytes() == text_chunk(texts)
     data = bytearray(text_chunk(texts))

@@ -97,7 +97,9 @@ def test_an_archive_on_an_object_store_is_the_archive_on_disk(plan, whole, machi
     assert tree.groups == there.groups
     for node in there.subtree:
         own = node.to_dataset().drop_vars("seconds", errors="ignore")
-        xarray.testing.assert_identical(tree[node.path].to_dataset().drop_vars("seconds", errors="ignore").compute(), own.compute())
+        xarray.testing.assert_identical(
+            tree[node.path].to_dataset().drop_vars("seconds", errors="ignore").compute(), own.compute()
+        )
 
 
 def test_a_run_that_has_nothing_to_compute_puts_nothing(plan, machine, monkeypatch, asked):
@@ -138,7 +140,9 @@ def puts_of_a_run(plan, monkeypatch) -> int:
 
 
 def broken_off_and_finished(plan, whole, machine, monkeypatch, number, same, url):
-    """Lose the store at one put; the same command again, here or elsewhere, ends with the archive of an uninterrupted run."""
+    """Lose the store at one put; the same command again, here or elsewhere, ends with the archive of an
+    uninterrupted run.
+    """
     with monkeypatch.context() as patch:
         puts, said = lost_at(patch, number), ""
         try:
@@ -174,7 +178,9 @@ def test_a_run_that_loses_the_store_at_any_put_goes_on(plan, whole, machine, mon
 
 
 def test_what_is_sealed_counts_elsewhere_and_only_what_is_needed_is_fetched(place, plan, machine, monkeypatch, asked):
-    """An axis that grows: shards of earlier values are neither fetched nor put; the archive is the one that grew on disk."""
+    """An axis that grows: shards of earlier values are neither fetched nor put; the archive is the one that grew on
+    disk.
+    """
     grown = tiny_plan(place, {"sweep.f_number": [2, 4, 8]})
     execute(plan, machine / "disk", Options("serial"))
     execute(grown, machine / "disk", Options("serial"))
@@ -186,7 +192,9 @@ def test_what_is_sealed_counts_elsewhere_and_only_what_is_needed_is_fetched(plac
     outcome = run(grown, url)
     assert (outcome.computed, len(outcome.reused)) == (len(grown.cells) - len(plan.cells), len(plan.cells))
     again = {path for kind, path in asked if path in before and kind in ("pieces", "put")}
-    assert not {path for path in again if not path.startswith(("data.zarr/frames", "data.zarr/ledger", "data.zarr/summary"))}
+    assert not {
+        path for path in again if not path.startswith(("data.zarr/frames", "data.zarr/ledger", "data.zarr/summary"))
+    }
     assert store_of(downloaded(url, machine / "copy")) == store_of(machine / "disk")
 
 
@@ -214,7 +222,9 @@ def test_cells_that_get_another_group_are_neither_lost_nor_computed_again(place,
 
 
 def test_other_parameters_replace_what_is_there(place, plan, machine, monkeypatch):
-    """Also where the store is lost in the middle: what a machine then finds there is not what was packed when all was in order."""
+    """Also where the store is lost in the middle: what a machine then finds there is not what was packed when all
+    was in order.
+    """
     brighter = tiny_plan(place, {"camera.peak_qe": [0.3, 0.4, 0.4]})
     for where in (machine / "disk", "memory:///tiny"):
         run(plan, where)
@@ -244,7 +254,9 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("kind", ["index", *(pytest.param(kind, marks=pytest.mark.long) for kind in CHANGES if kind != "index")])
+@pytest.mark.parametrize(
+    "kind", ["index", *(pytest.param(kind, marks=pytest.mark.long) for kind in CHANGES if kind != "index")]
+)
 def test_a_damaged_object_is_found_named_and_mended(plan, whole, machine, monkeypatch, kind):
     change = CHANGES[kind]
     url = "memory:///tiny"
@@ -262,13 +274,15 @@ def test_a_damaged_object_is_found_named_and_mended(plan, whole, machine, monkey
         with places.reading(url, exact=True) as folder:
             assert verify(folder).whole
     copy = downloaded(url, machine / "copy")
-    assert {path: data for path, data in store_of(copy).items() if not path.startswith(("frames", "ledger", "summary"))} == {
-        path: data for path, data in store_of(whole).items() if not path.startswith(("frames", "ledger", "summary"))
-    }
+    assert {
+        path: data for path, data in store_of(copy).items() if not path.startswith(("frames", "ledger", "summary"))
+    } == {path: data for path, data in store_of(whole).items() if not path.startswith(("frames", "ledger", "summary"))}
 
 
 def test_one_run_at_a_time(plan, machine, monkeypatch):
-    """A second machine is refused while the right of the first holds; a run that has lost its right stops, and puts nothing more."""
+    """A second machine is refused while the right of the first holds; a run that has lost its right stops, and puts
+    nothing more.
+    """
     url = "memory:///tiny"
     real = mirror.Mirror.begun
     monkeypatch.setattr(lease.Lease, "renew", lambda self: None)  # a machine that sleeps
@@ -292,12 +306,18 @@ def test_one_run_at_a_time(plan, machine, monkeypatch):
 
 
 def test_a_reader_sees_no_data_that_nothing_vouches_for(place, plan, machine, monkeypatch):
-    """While a run replaces and adds cells: what ``status`` calls done reads as that run computes it, or is refused; never otherwise."""
+    """While a run replaces and adds cells: what ``status`` calls done reads as that run computes it, or is refused;
+    never otherwise.
+    """
     url = "memory:///tiny"
     run(plan, url)
     brighter = tiny_plan(place, {"camera.peak_qe": [0.3, 0.4, 0.4], "sweep.f_number": [2, 4, 8]})
     execute(brighter, machine / "new", Options("serial"))
-    new = {n.path: n.to_dataset().compute() for n in etendue.open_archive(machine / "new").subtree if "status" in n.variables}
+    new = {
+        n.path: n.to_dataset().compute()
+        for n in etendue.open_archive(machine / "new").subtree
+        if "status" in n.variables
+    }
     real, puts, looked = objects.Objects.put, [0], Counter()
 
     def put(self, path, data, if_tag=None):
@@ -386,8 +406,14 @@ def test_what_is_missing_is_said_in_one_line(plan, machine, monkeypatch):
     for name in (*objects.ROLES, "AWS_SKIP_SIGNATURE", "AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("AWS_METADATA_ENDPOINT", "http://127.0.0.1:9")
-    with pytest.raises(ArchiveError, match="no credentials were found; set AWS_ACCESS_KEY_ID"), places.reading("s3://bucket/x"):
+    with (
+        pytest.raises(ArchiveError, match="no credentials were found; set AWS_ACCESS_KEY_ID"),
+        places.reading("s3://bucket/x"),
+    ):
         pass
     monkeypatch.setitem(__import__("sys").modules, "obstore", None)
-    with pytest.raises(ArchiveError, match=r"need the package obstore: pip install 'etendue\[objects\]'"), places.reading("memory:///tiny"):
+    with (
+        pytest.raises(ArchiveError, match=r"need the package obstore: pip install 'etendue\[objects\]'"),
+        places.reading("memory:///tiny"),
+    ):
         pass

@@ -1,4 +1,6 @@
-"""Large cells in row bands: together they are the cell, each is what zarr would write, and a window costs those under it."""
+"""Large cells in row bands: together they are the cell, each is what zarr would write, and a window costs those
+under it.
+"""
 
 from __future__ import annotations
 
@@ -52,17 +54,28 @@ def test_a_band_holds_a_quarter_of_the_largest_chunk_or_is_a_row(rows, columns, 
 
 
 @pytest.mark.parametrize("codec", [CODEC, RAW])
-@pytest.mark.parametrize(("shape", "chunk"), [((3, 8, 5), (3, 4, 5)), ((3, 7, 5), (3, 3, 5)), ((2, 7, 5), (1, 3, 5))], ids=str)
+@pytest.mark.parametrize(
+    ("shape", "chunk"), [((3, 8, 5), (3, 4, 5)), ((3, 7, 5), (3, 3, 5)), ((2, 7, 5), (1, 3, 5))], ids=str
+)
 def test_every_band_and_the_metadata_are_zarrs(tmp_path, shape, chunk, codec):
     """Also of rows that do not come out even: the last band goes on in fill values."""
     array = np.random.default_rng(5).uniform(size=(2, *shape)).astype("float32")
     chunks, shards = chunk_shapes(shape, (2,), chunk)
-    packed = [Crc32cCodec()] if codec == RAW else [BloscCodec(cname="lz4", clevel=5, shuffle="bitshuffle"), Crc32cCodec()]
+    packed = (
+        [Crc32cCodec()] if codec == RAW else [BloscCodec(cname="lz4", clevel=5, shuffle="bitshuffle"), Crc32cCodec()]
+    )
     group = zarr.open_group(str(tmp_path / "z"), mode="w", zarr_format=3)
     theirs = group.create_array(
-        "a", shape=array.shape, dtype="float32", chunks=chunks, shards=shards, compressors=packed, fill_value=np.nan,
-        dimension_names=("f_number", "channel", "y", "x"), chunk_key_encoding={"name": "default", "separator": "."},
-    )  # fmt: skip
+        "a",
+        shape=array.shape,
+        dtype="float32",
+        chunks=chunks,
+        shards=shards,
+        compressors=packed,
+        fill_value=np.nan,
+        dimension_names=("f_number", "channel", "y", "x"),
+        chunk_key_encoding={"name": "default", "separator": "."},
+    )
     theirs[...] = array
     node = array_node("float32", array.shape, chunks, shards, codec, ("f_number", "channel", "y", "x"), ".", {})
     assert document(node) == (tmp_path / "z/a/zarr.json").read_bytes()
@@ -85,7 +98,9 @@ def test_light_made_by_wavelength_is_asked_for_each_plane_once(tmp_path):
 
     (tmp_path / "run.id").write_text("mine")
     windows = windows_of(whole.shape, (1, 3, 4))
-    chunks = tuple(Chunk("s", "data.zarr/g/s/c.0.0.0", n, 9, "float32", (1, 3, 4), RAW, window) for n, window in enumerate(windows))
+    chunks = tuple(
+        Chunk("s", "data.zarr/g/s/c.0.0.0", n, 9, "float32", (1, 3, 4), RAW, window) for n, window in enumerate(windows)
+    )
     target = CellFiles(str(tmp_path), "mine", chunks)
     assert len(target.write({"s": Light()})) == 9
     assert asked == [0, 1, 2]
@@ -96,7 +111,9 @@ def test_light_made_by_wavelength_is_asked_for_each_plane_once(tmp_path):
 
 def test_who_reads_a_window_reads_the_bands_under_it(whole, monkeypatch):
     read, chunk_of_cell = [], VouchedStore._chunk
-    monkeypatch.setattr(VouchedStore, "_chunk", lambda self, cell, chunk: read.append(chunk.window) or chunk_of_cell(self, cell, chunk))
+    monkeypatch.setattr(
+        VouchedStore, "_chunk", lambda self, cell, chunk: read.append(chunk.window) or chunk_of_cell(self, cell, chunk)
+    )
     everything = etendue.open_archive(whole)["scene/radiance"].values
     radiance = etendue.open_archive(whole)["scene/radiance"]  # which has read nothing yet
     bands = len(read)

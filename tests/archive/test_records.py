@@ -35,15 +35,22 @@ PIPELINES = Path(__file__).parents[2] / "pipelines"
 texts = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
 numbers = st.integers(-(10**18), 10**18) | st.decimals(allow_nan=False) | st.floats(allow_nan=False)
 values = st.recursive(
-    texts | numbers | st.booleans(), lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3), max_leaves=6
+    texts | numbers | st.booleans(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=6,
 )
 tables = st.dictionaries(texts, values, max_size=4)
 
 
 @given(plain=tables, table=tables, many=st.lists(tables, min_size=1, max_size=3))
 def test_what_is_written_as_toml_reads_back(plain, table, many):
-    document = {f"_{name}": value for name, value in plain.items() if not isinstance(value, dict)} | {"t": table, "many": many}
-    document = {k: v for k, v in document.items() if k == "many" or not (isinstance(v, list) and v and isinstance(v[0], dict))}
+    document = {f"_{name}": value for name, value in plain.items() if not isinstance(value, dict)} | {
+        "t": table,
+        "many": many,
+    }
+    document = {
+        k: v for k, v in document.items() if k == "many" or not (isinstance(v, list) and v and isinstance(v[0], dict))
+    }
     assert tomllib.loads(toml.dumps(document), parse_float=Decimal) == exact(document)
 
 
@@ -67,17 +74,25 @@ def test_a_value_that_toml_has_not_is_refused():
 
 ASKED = {
     "smallest.toml": [
-        (), ("--set", "camera.f_number=4", "--sweep", "sharpen.strength=0,0.2,0.4"), ("--want", "rgb_display", "--tolerance", "0"),
-        ("--set", "camera.focal_length=6 mm", "--sweep", "focus_distance=inf,500 mm"), ("--nothing-left-out",),
+        (),
+        ("--set", "camera.f_number=4", "--sweep", "sharpen.strength=0,0.2,0.4"),
+        ("--want", "rgb_display", "--tolerance", "0"),
+        ("--set", "camera.focal_length=6 mm", "--sweep", "focus_distance=inf,500 mm"),
+        ("--nothing-left-out",),
     ],
     "paper.toml": [(), ("--sweep", "f_number=2,2.8", "--set", "seed=7")],
     "paper_order.toml": [()],
-    "sensors.toml": [("--set", "camera.sensor=sony-imx363"), ("--set", "camera.sensor=sony-imx174", "--sweep", "pixel_pitch=3 um,4 um")],
+    "sensors.toml": [
+        ("--set", "camera.sensor=sony-imx363"),
+        ("--set", "camera.sensor=sony-imx174", "--sweep", "pixel_pitch=3 um,4 um"),
+    ],
     "sweep_die.toml": [("--sweep", "f_number={ from = 2, to = 8, steps = 3, spacing = 'log' }")],
     "colour.toml": [()],
-    "raw_corrections.toml": [("--set", "keep=[\"raw\"]")],
-    "resolution.toml": [("--sweep", "demosaic.use=[\"demosaic_bilinear\", { use = \"demosaic_nearest\", label = \"mine\" }]")],
-}  # fmt: skip
+    "raw_corrections.toml": [("--set", 'keep=["raw"]')],
+    "resolution.toml": [
+        ("--sweep", 'demosaic.use=["demosaic_bilinear", { use = "demosaic_nearest", label = "mine" }]')
+    ],
+}
 
 
 def plan_from(path, words):
@@ -91,17 +106,26 @@ def plan_from(path, words):
         else:
             options[name].append(word)
     given = Given(
-        path, tuple(options["--set"]), tuple(options["--sweep"]), tuple(options["--want"]), next(iter(options["--tolerance"]), None)
+        path,
+        tuple(options["--set"]),
+        tuple(options["--sweep"]),
+        tuple(options["--want"]),
+        next(iter(options["--tolerance"]), None),
     )
     return make_plan(given.pipeline(), installed_stages(), not options["--nothing-left-out"])
 
 
 def assert_same_plan(first, second):
-    one, other = ({cell_name(plan, ref): (cell.key, cell.seed) for ref, cell in plan.cells.items()} for plan in (first, second))
+    one, other = (
+        {cell_name(plan, ref): (cell.key, cell.seed) for ref, cell in plan.cells.items()} for plan in (first, second)
+    )
     assert one == other
     assert (first.kept, first.wanted, first.precision, first.shared.keys()) == (
-        second.kept, second.wanted, second.precision, second.shared.keys(),
-    )  # fmt: skip
+        second.kept,
+        second.wanted,
+        second.precision,
+        second.shared.keys(),
+    )
     assert [(a.key, a.values) for a in first.axes] == [(a.key, a.values) for a in second.axes]
 
 
@@ -142,9 +166,17 @@ def test_a_record_gives_the_same_archive_again(tmp_path, monkeypatch, capsys):
         return json.loads(out.out)
 
     etendue(
-        str(file), "--archive", "a", "--set", f"camera.sensitivity={tmp_path}/mine.csv", "--set", "camera.transmittance=0.5",
-        "--sweep", "f_number=2,8", "--nothing-left-out",
-    )  # fmt: skip
+        str(file),
+        "--archive",
+        "a",
+        "--set",
+        f"camera.sensitivity={tmp_path}/mine.csv",
+        "--set",
+        "camera.transmittance=0.5",
+        "--sweep",
+        "f_number=2,8",
+        "--nothing-left-out",
+    )
     record = json.loads(Path("a/runs/0001.json").read_text())
     assert record["resolved"] == Path("a/runs/0001.toml").read_text()
     assert record["overrides"]["sweep.f_number"] == "[2, 8]"
@@ -163,7 +195,14 @@ def test_a_record_gives_the_same_archive_again(tmp_path, monkeypatch, capsys):
 
 def test_what_python_asked_for_is_recorded_too(tmp_path):
     file = tiny_file(tmp_path)
-    simulate(file, archive=tmp_path / "a", f_number=np.array([2.0, 4.0]), pixel__rows=[4], transmittance=np.float64(0.25), leave_out=False)
+    simulate(
+        file,
+        archive=tmp_path / "a",
+        f_number=np.array([2.0, 4.0]),
+        pixel__rows=[4],
+        transmittance=np.float64(0.25),
+        leave_out=False,
+    )
     made = make_plan(read_pipeline(tmp_path / "a/runs/0001.toml"), installed_stages())
     assert made.shared["transmittance"] == 0.25
     assert not made.leaves_out
@@ -192,7 +231,9 @@ def cube(tmp_path):
     execute(tiny_plan(tmp_path, {"wanted": ["scene.radiance"]}), tmp_path / "first", Options("serial"))
     shutil.copytree(tmp_path / "first/data.zarr", tmp_path / "light.zarr")
     name = next(n for n in installed_stages().names() if installed_stages().load(n).__name__ == "RadianceCube")
-    (tmp_path / "cube.toml").write_text(CUBE.replace("FOLDER", "light.zarr").replace('"cube"\nname = "scene"', f'"{name}"\nname = "scene"'))
+    (tmp_path / "cube.toml").write_text(
+        CUBE.replace("FOLDER", "light.zarr").replace('"cube"\nname = "scene"', f'"{name}"\nname = "scene"')
+    )
     return tmp_path / "cube.toml"
 
 

@@ -40,7 +40,9 @@ def free_port() -> int:
 def serve(port: int) -> subprocess.Popen[bytes]:
     """A server that answers, on loopback alone."""
     own = subprocess.Popen(
-        [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     for _ in range(1200):
         if own.poll() is not None:
@@ -76,7 +78,12 @@ def server():
 @pytest.fixture
 def machine(tmp_path, monkeypatch, server):
     """Keys and endpoint as everybody gives them, and a place for working folders."""
-    given = {"AWS_ENDPOINT_URL": server, "AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b", "AWS_REGION": "us-east-1"}
+    given = {
+        "AWS_ENDPOINT_URL": server,
+        "AWS_ACCESS_KEY_ID": "a",
+        "AWS_SECRET_ACCESS_KEY": "b",
+        "AWS_REGION": "us-east-1",
+    }
     for name, value in (given | {"ETENDUE_WORK": str(tmp_path / "work"), "NO_PROXY": "127.0.0.1"}).items():
         monkeypatch.setenv(name, value)
     return tmp_path
@@ -84,7 +91,11 @@ def machine(tmp_path, monkeypatch, server):
 
 def command(*words, **more):
     return subprocess.run(
-        [sys.executable, "-m", "etendue", *map(str, words)], capture_output=True, text=True, env=environment(**more), timeout=300
+        [sys.executable, "-m", "etendue", *map(str, words)],
+        capture_output=True,
+        text=True,
+        env=environment(**more),
+        timeout=300,
     )
 
 
@@ -105,8 +116,10 @@ def test_a_run_killed_at_s3_is_finished_here_and_elsewhere(machine, place, plan,
         url = f"s3://bucket/kills/{number}"
         run = subprocess.Popen(
             [sys.executable, "-m", "etendue", "run", str(file), "--archive", url, "--quiet"],
-            env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            env=environment(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         time.sleep(seconds)
         run.send_signal(signal.SIGKILL)
         run.wait()
@@ -144,7 +157,10 @@ def test_commands_read_it(machine, plan, whole):
         assert done.returncode == code, (words, done.stdout, done.stderr)
         assert str(machine / "work") not in done.stdout + done.stderr
     for name, archive in (("url", url), ("folder", whole)):
-        for words in (("report", archive, "-o", machine / f"report-{name}.html"), ("plot", archive, "-o", machine / f"plot-{name}.csv")):
+        for words in (
+            ("report", archive, "-o", machine / f"report-{name}.html"),
+            ("plot", archive, "-o", machine / f"plot-{name}.csv"),
+        ):
             done = command(*words)
             assert done.returncode == 0, done.stderr
     csv = [(machine / f"plot-{name}.csv").read_text() for name in ("url", "folder")]
@@ -178,7 +194,9 @@ def test_a_server_that_goes_away_in_the_middle(machine, place, plan, whole, monk
     own = serve(port)
     try:
         monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{port}")
-        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/bucket", method="PUT"), timeout=60).read()
+        urllib.request.urlopen(
+            urllib.request.Request(f"http://127.0.0.1:{port}/bucket", method="PUT"), timeout=60
+        ).read()
         real = mirror.Mirror._finish
 
         def gone(self):
@@ -196,7 +214,9 @@ def test_a_server_that_goes_away_in_the_middle(machine, place, plan, whole, monk
         own.wait()
     own = serve(port)  # which has forgotten everything
     try:
-        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/bucket", method="PUT"), timeout=60).read()
+        urllib.request.urlopen(
+            urllib.request.Request(f"http://127.0.0.1:{port}/bucket", method="PUT"), timeout=60
+        ).read()
         assert execute(plan, "s3://bucket/lost", Options("serial")).computed == len(plan.cells)
         assert store_of(downloaded("s3://bucket/lost", machine / "copy")) == store_of(whole)
     finally:

@@ -1,4 +1,6 @@
-"""Shards of runs that are killed, interrupted, short of disk, or done by several processes: nothing is lost, and nothing is left over."""
+"""Shards of runs that are killed, interrupted, short of disk, or done by several processes: nothing is lost, and
+nothing is left over.
+"""
 
 from __future__ import annotations
 
@@ -57,9 +59,23 @@ def parts(archive):
 def killed(place, archive, after, scheduler="serial"):
     """A run that is ended by the system behind the journal line of so many cells."""
     done = subprocess.run(
-        [sys.executable, "-c", DIES, "run", str(tiny_file(place)), "--archive", str(archive), "--quiet", "--scheduler", scheduler],
-        env=environment(DIE_AFTER=str(after)), capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-c",
+            DIES,
+            "run",
+            str(tiny_file(place)),
+            "--archive",
+            str(archive),
+            "--quiet",
+            "--scheduler",
+            scheduler,
+        ],
+        env=environment(DIE_AFTER=str(after)),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 9, done.stderr
 
 
@@ -71,7 +87,9 @@ def test_what_a_killed_run_has_finished_is_seen_and_never_computed_again(whole, 
     assert len(found.cells) == 7
     for name, cell in found.cells.items():
         for chunk in cell.chunks:
-            np.testing.assert_array_equal(found.read(cell, chunk.variable), sound.read(sound.cells[name], chunk.variable))
+            np.testing.assert_array_equal(
+                found.read(cell, chunk.variable), sound.read(sound.cells[name], chunk.variable)
+            )
     assert not list(found.check())
     assert run(plan, archive).computed == len(plan.cells) - 7
     assert store_of(archive) == store_of(whole)
@@ -123,7 +141,9 @@ def test_more_shards_than_files_may_be_open(whole, plan, tmp_path, monkeypatch):
 def test_what_is_forgotten_is_computed_again_and_nothing_else(whole, plan, tmp_path):
     shutil.copytree(whole, tmp_path / "a")
     assert forget(tmp_path / "a", ["irradiance f_number=2.0", "irradiance f_number=3.0"]) == 1
-    assert [(r.stage, r.index) for r in run(plan, tmp_path / "a").reports.values() if r.status == "done"] == [("irradiance", (0,))]
+    assert [(r.stage, r.index) for r in run(plan, tmp_path / "a").reports.values() if r.status == "done"] == [
+        ("irradiance", (0,))
+    ]
     assert store_of(tmp_path / "a") == store_of(whole)
 
 
@@ -134,16 +154,22 @@ def test_a_cell_that_is_computed_again_moves_its_shard_and_says_so(whole, plan, 
     with journal.open("a") as handle:
         handle.write(json.dumps({"event": "start", "cell": cell, "key": "1" * 32}) + "\n")
     before = {
-        name: (tmp_path / "a/data.zarr" / name).stat().st_ino for name in ("irradiance/irradiance/c.0.0.0.0", "scene/radiance/c.0.0.0")
+        name: (tmp_path / "a/data.zarr" / name).stat().st_ino
+        for name in ("irradiance/irradiance/c.0.0.0.0", "scene/radiance/c.0.0.0")
     }
     outcome = run(plan, tmp_path / "a")
     assert outcome.computed == 1
     sizes = [chunk.written.size for chunk in open_archive(tmp_path / "a").cells["irradiance f_number=4.0"].chunks]
     assert outcome.moved["copied"] == sum(sizes)  # of the other cell in each of its shards
-    assert outcome.moved["computed"] == sum(chunk.written.size for chunk in open_archive(tmp_path / "a").cells[cell].chunks)
+    assert outcome.moved["computed"] == sum(
+        chunk.written.size for chunk in open_archive(tmp_path / "a").cells[cell].chunks
+    )
     assert store_of(tmp_path / "a") == store_of(whole)
     after = {name: (tmp_path / "a/data.zarr" / name).stat().st_ino for name in before}
-    assert [after[name] == before[name] for name in before] == [False, True]  # nothing that stands in its place is written to
+    assert [after[name] == before[name] for name in before] == [
+        False,
+        True,
+    ]  # nothing that stands in its place is written to
 
 
 def test_a_failed_cell_has_no_chunk_in_its_shard(plan, tmp_path, monkeypatch):
@@ -216,7 +242,9 @@ def test_a_disk_that_fails_once_ends_the_run_in_words_and_the_next_goes_on(whole
 
 
 def test_what_a_run_leaves_that_is_killed_while_it_takes_its_folder_is_an_archive(whole, plan, tmp_path):
-    """Killed at its first write there is nothing that tells an archive but the names: at every operation, benchmarks/faults."""
+    """Killed at its first write there is nothing that tells an archive but the names: at every operation,
+    benchmarks/faults.
+    """
     archive = tmp_path / "a"
     (archive / "data.zarr").mkdir(parents=True)
     for name in ("lock", "journal.jsonl", ".run.id.4321.140157846580096.partial"):

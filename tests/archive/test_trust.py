@@ -48,7 +48,9 @@ def archive(whole, tmp_path):
 def arrays(archive):
     stored = Stored(archive)
     cells = {name: stored.cell(name) for name in stored.finished}
-    return {(name, variable): cell.read(variable).tobytes() for name, cell in cells.items() for variable in cell.variables}
+    return {
+        (name, variable): cell.read(variable).tobytes() for name, cell in cells.items() for variable in cell.variables
+    }
 
 
 def etendue(capsys, *words):
@@ -104,7 +106,9 @@ def test_an_archive_comes_out_again_to_the_last_bit(archive):
     found = reproduce(archive, SERIAL)
     assert found.verdict == "the same bits"
     assert {(c.cell, c.variable) for c in found.cells} == set(arrays(archive))
-    assert {p: p.stat().st_mtime_ns for p in archive.rglob("*") if p.is_file()} == before  # and nothing of it was touched
+    assert {
+        p: p.stat().st_mtime_ns for p in archive.rglob("*") if p.is_file()
+    } == before  # and nothing of it was touched
     kept = reproduce(archive, SERIAL, into=archive.parent / "again")
     assert kept.verdict == "the same bits"
     assert arrays(archive.parent / "again") == arrays(archive)
@@ -156,16 +160,23 @@ def test_other_code_and_another_platform_are_named(archive):
     rewritten(archive, elsewhere)
     found = reproduce(archive, SERIAL)
     assert {cell.found for cell in found.cells} == {"same"}
-    assert [(one.where, found.reproduced) for one in found.differences] == [("nodes.pixel.code", False)]  # whose keys are of this code
+    assert [(one.where, found.reproduced) for one in found.differences] == [
+        ("nodes.pixel.code", False)
+    ]  # whose keys are of this code
     assert list(found.platform) == ["numpy"]
     assert {(row["stage"], row["what"]) for row in found.software} == {("pixel", "code"), ("pixel", "distributions")}
 
 
 @pytest.mark.parametrize(
     ("elsewhere", "off", "allowed", "verdict"),
-    [(False, 0.0, None, "same"), (False, 1e-9, 1.0, "beyond"), (True, 1e-4, 1e-3, "within"), (True, 1e-2, 1e-3, "beyond"),
-     (True, 1e-4, None, "unknown")],
-)  # fmt: skip
+    [
+        (False, 0.0, None, "same"),
+        (False, 1e-9, 1.0, "beyond"),
+        (True, 1e-4, 1e-3, "within"),
+        (True, 1e-2, 1e-3, "beyond"),
+        (True, 1e-4, None, "unknown"),
+    ],
+)
 def test_bits_count_on_the_same_platform_and_stated_errors_on_another(elsewhere, off, allowed, verdict):
     one = np.linspace(0, 1, 100)
     compared = Compared.of("v", between(one, one + off))
@@ -202,8 +213,10 @@ def test_two_archives_differ_since_a_parameter(archive, tmp_path, capsys):
     found = {stage.name: stage for stage in differences(archive, tmp_path / "b")}
     assert found["scene"].equal
     assert (found["irradiance"].cells, found["irradiance"].only_first, found["irradiance"].only_second) == (
-        1, ["irradiance f_number=2.0"], ["irradiance f_number=8.0"],
-    )  # fmt: skip
+        1,
+        ["irradiance f_number=2.0"],
+        ["irradiance f_number=8.0"],
+    )
     (off,) = (one.difference for one in found["irradiance"].differing if one.variable == "irradiance")
     assert off.largest == pytest.approx(0.5 * off.scale, rel=1e-6)  # half of the light
     assert "transmittance: 1" in found["irradiance"].since
@@ -241,13 +254,20 @@ def test_an_archive_is_a_crate_that_names_licence_authors_inputs_and_runs(tmp_pa
     assert crate.root_dataset["license"].id == "https://spdx.org/licenses/CC-BY-4.0"
     assert [one["name"] for one in crate.root_dataset["author"]] == ["Lovelace, Ada", "Imaging Group"]
     listed = {entity.id for entity in crate.data_entities}
-    assert {f"inputs/{p.name}" for p in (tmp_path / "a/inputs").iterdir()} | {"runs/0001.json", "runs/0002.json", "CITATION.cff"} <= listed
+    assert {f"inputs/{p.name}" for p in (tmp_path / "a/inputs").iterdir()} | {
+        "runs/0001.json",
+        "runs/0002.json",
+        "CITATION.cff",
+    } <= listed
     assert all((tmp_path / "a" / path).exists() for path in listed)
     assert {"https://w3id.org/ro/wfrun/provenance/0.5", "https://w3id.org/ro/wfrun/workflow/0.5"} <= {
         one.id for one in crate.root_dataset["conformsTo"]
     }
     runs = [entity for entity in crate.get_by_type("CreateAction") if entity.id.startswith("#run-")]
-    assert [(run["instrument"].id, bool(run["endTime"])) for run in runs] == [("runs/0002.toml", True), ("runs/0001.toml", True)]
+    assert [(run["instrument"].id, bool(run["endTime"])) for run in runs] == [
+        ("runs/0002.toml", True),
+        ("runs/0001.toml", True),
+    ]
     graph = json.loads((tmp_path / "a/ro-crate-metadata.json").read_text())["@graph"]
     ids = [entity["@id"] for entity in graph]
     assert len(ids) == len(set(ids))
@@ -267,17 +287,26 @@ def test_nothing_in_an_archive_names_the_machine_or_its_user(tmp_path, monkeypat
     for path in (home / "a").rglob("*"):
         if path.is_file():
             data = path.read_bytes()
-            assert not [word for word in (somebody, machine, str(home), str(tmp_path), sys.prefix) if word.encode() in data], path
+            assert not [
+                word for word in (somebody, machine, str(home), str(tmp_path), sys.prefix) if word.encode() in data
+            ], path
 
 
 @pytest.mark.parametrize(
     ("about", "place"),
-    [('licence = "MIT"', "about.licence"), ('license = "all mine, no?"', "about.license"), ("author = 3", "about.author"),
-     ('author = { name = "A", orcid = "12" }', "about.author.orcid"), ("title = 1", "about.title")],
-)  # fmt: skip
+    [
+        ('licence = "MIT"', "about.licence"),
+        ('license = "all mine, no?"', "about.license"),
+        ("author = 3", "about.author"),
+        ('author = { name = "A", orcid = "12" }', "about.author.orcid"),
+        ("title = 1", "about.title"),
+    ],
+)
 def test_what_is_wrong_with_about_is_named(about, place):
     with pytest.raises(RequestError) as refused:
-        make_plan(parse_pipeline(TEXT.replace('sensitivity = "camera.csv"', "") + f"[about]\n{about}\n"), installed_stages())
+        make_plan(
+            parse_pipeline(TEXT.replace('sensitivity = "camera.csv"', "") + f"[about]\n{about}\n"), installed_stages()
+        )
     assert [fault.place for fault in refused.value.faults] == [place]
 
 
@@ -296,7 +325,11 @@ def test_a_damage_is_named_by_array_and_cell_and_costs_one_cell(archive, whole, 
     code, out, _ = etendue(capsys, "verify", archive, "--json")
     (damage,) = json.loads(out)["damages"]
     assert code == 1
-    assert (damage["array"], damage["cell"], damage["path"]) == ("irradiance/irradiance", "irradiance f_number=2.0", SHARD)
+    assert (damage["array"], damage["cell"], damage["path"]) == (
+        "irradiance/irradiance",
+        "irradiance f_number=2.0",
+        SHARD,
+    )
     code, out, _ = etendue(capsys, "verify", archive, "--repair", "--scheduler", "serial", "--json")
     assert (code, json.loads(out)["computed"]) == (0, 1)
     assert arrays(archive) == arrays(whole)
@@ -305,7 +338,12 @@ def test_a_damage_is_named_by_array_and_cell_and_costs_one_cell(archive, whole, 
 def test_nothing_is_read_in_the_place_of_what_is_lost(tmp_path, capsys):
     """Plain Zarr gives zeros for a shard that is not there; whoever asks etendue is told."""
     file = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
-    one = {"sweep.f_number": [2], "sweep.pixel_pitch": ["5.4 um"], "sweep.integration_time": ["2 ms"], "wanted": ["raw"]}
+    one = {
+        "sweep.f_number": [2],
+        "sweep.pixel_pitch": ["5.4 um"],
+        "sweep.integration_time": ["2 ms"],
+        "wanted": ["raw"],
+    }
     execute(make_plan(read_pipeline(file, one), installed_stages()), tmp_path / "a", SERIAL)
     (shard,) = (path for path in (tmp_path / "a/data.zarr/adc").rglob("c*") if "/raw/" in str(path) and path.is_file())
     words = ("export", tmp_path / "a", "--tiff", "--variable", "raw", "--output", tmp_path / "out")
@@ -326,7 +364,10 @@ def test_what_does_not_belong_to_an_archive_is_moved_and_never_removed(archive):
     (archive / "notes.txt").write_text("beside it, where it may stay")
     (archive / "runs/link").symlink_to("/etc/hostname")
     found = verify(archive)
-    assert {(damage.kind, damage.path) for damage in found.damages} == {("added", "data.zarr/scene/mine.txt"), ("odd", "runs/link")}
+    assert {(damage.kind, damage.path) for damage in found.damages} == {
+        ("added", "data.zarr/scene/mine.txt"),
+        ("odd", "runs/link"),
+    }
     assert found.beside == ["notes.txt"]
     assert repair(archive, [], SERIAL).after.whole
     assert (archive / "strays/mine.txt").read_text() == "words"
@@ -369,9 +410,18 @@ def driver():
 
 
 FEW = (
-    "a chunk edited, checksum right", "two chunks swapped", "an index that forgets a chunk", "an array lost", "a link for a file of chunks",
-    "a shape edited", "two columns swapped", "a cell's line lost", "the manifest lost", "a record lost", "an input lost",
-)  # fmt: skip
+    "a chunk edited, checksum right",
+    "two chunks swapped",
+    "an index that forgets a chunk",
+    "an array lost",
+    "a link for a file of chunks",
+    "a shape edited",
+    "two columns swapped",
+    "a cell's line lost",
+    "the manifest lost",
+    "a record lost",
+    "an input lost",
+)
 
 
 def assert_held(rows):

@@ -45,7 +45,10 @@ def test_cells_that_a_run_replaces_meanwhile_are_not_damaged(archive, tmp_path, 
         reproduce(archive, SERIAL)
     seen = []
     with pytest.raises(ArchiveInUse, match="being written"):
-        verify(archive, lambda done, total: seen.append(done) or len(seen) != 3 or execute(plan_of(tmp_path), archive, SERIAL))
+        verify(
+            archive,
+            lambda done, total: seen.append(done) or len(seen) != 3 or execute(plan_of(tmp_path), archive, SERIAL),
+        )
     assert verify(archive).whole
 
 

@@ -1,6 +1,7 @@
 """What is small in its file and says, or is made, to be large: refused before memory for it is asked for.
 
-The kinds are those of ``benchmarks/faults/stranger_kinds.py`` and ``stranger_files.py``, which also count memory and time.
+The kinds are those of ``benchmarks/faults/stranger_kinds.py`` and ``stranger_files.py``, which also count memory and
+time.
 """
 
 import gzip
@@ -85,7 +86,9 @@ def test_what_a_stranger_writes_is_refused_in_few_words(kind, sound, outside, tm
     assert len(done.output) < 20_000 and not set("\x1b\x07\u202e") & set(done.output)
 
 
-@pytest.mark.parametrize("kind", ["a JPEG of 7,000 x 7,000, empty", "a JPEG with EXIF in a loop", "a TIFF of 2**32 offsets"])
+@pytest.mark.parametrize(
+    "kind", ["a JPEG of 7,000 x 7,000, empty", "a JPEG with EXIF in a loop", "a TIFF of 2**32 offsets"]
+)
 def test_a_picture_that_its_file_cannot_hold_is_refused_or_read(kind, outside, tmp_path):  # noqa: F811
     name, make = files.PICTURES[kind]
     assert called(["measure", make(tmp_path / name)], outside).exit_code in (1, 2)

@@ -1,4 +1,6 @@
-"""What a run has not finished, or is computing now, is seen through etendue: exactly what the journal vouches for, and no fill values."""
+"""What a run has not finished, or is computing now, is seen through etendue: exactly what the journal vouches for,
+and no fill values.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def cells_of(tree):
     found = {}
     for path, data in groups_of(tree).items():
         axes = list(data["status"].dims)
-        variables = [v for v in data.data_vars if set(axes) <= set(data[v].dims) and v not in ("status", "wavelength_bounds")]
+        variables = [
+            v for v in data.data_vars if set(axes) <= set(data[v].dims) and v not in ("status", "wavelength_bounds")
+        ]
         arrays = {variable: data[variable].transpose(*axes, ...).values for variable in variables}
         labels = {dim: data[dim].values.tolist() for dim in axes}
         for at in np.argwhere(np.isin(data["status"].values, [STATUS.index("done"), STATUS.index("left_out")])):
@@ -110,7 +114,7 @@ def instants(begun, plan, tmp_path, count):
         ("whole", GROWN, 4),
         *(pytest.param(*one, 8, marks=pytest.mark.long) for one in ((None, {}), ("whole", GROWN), ("whole", OTHER))),
     ],
-)  # fmt: skip
+)
 def test_at_every_instant_of_a_killed_run_what_is_called_stored_is_right(begun, asked, count, place, tmp_path, request):
     plan = tiny_plan(place, asked)
     begun = begun and request.getfixturevalue(begun)

@@ -1,4 +1,6 @@
-"""The smallest archive that has something of everything: groups by shape, a file, text and number axes, tables, pictures."""
+"""The smallest archive that has something of everything: groups by shape, a file, text and number axes, tables,
+pictures.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,8 @@ def tiny_plan(folder: Path, overrides: dict[str, Any] | None = None) -> Plan:
 def store_of(archive: Path) -> dict[str, bytes]:
     """Every file of the store but measured times: what must be equal, to the last byte.
 
-    Of a shard every chunk by its slot, as its index names it: the order in which chunks lie is the order in which cells ended.
+    Of a shard every chunk by its slot, as its index names it: the order in which chunks lie is the order in which cells
+    ended.
     """
     root = archive / "data.zarr"
     found = {p.relative_to(root).as_posix(): p.read_bytes() for p in root.rglob("*") if p.is_file()}
@@ -81,7 +84,10 @@ def slots_of(metadata: dict[str, Any]) -> int:
     if codec["name"] != "sharding_indexed":
         return 0
     return prod(
-        a // b for a, b in zip(metadata["chunk_grid"]["configuration"]["chunk_shape"], codec["configuration"]["chunk_shape"], strict=True)
+        a // b
+        for a, b in zip(
+            metadata["chunk_grid"]["configuration"]["chunk_shape"], codec["configuration"]["chunk_shape"], strict=True
+        )
     )
 
 

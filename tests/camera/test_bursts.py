@@ -16,23 +16,51 @@ from etendue_camera.restoration import merging
 
 pytestmark = pytest.mark.long
 
-DEMOSAICERS = ["demosaic_bilinear", "demosaic_colour_difference", "demosaic_directional", "demosaic_residual", "demosaic_malvar"]
+DEMOSAICERS = [
+    "demosaic_bilinear",
+    "demosaic_colour_difference",
+    "demosaic_directional",
+    "demosaic_residual",
+    "demosaic_malvar",
+]
 NOISE = ("shot_noise", "full_well", "read_noise", "adc", "linearise")
-PICTURE = ("white", "balance_mosaic", "demosaic_bilinear", "merge_frames", "colour_fit", "camera_to_xyz", "balance", "display", "encode")
+PICTURE = (
+    "white",
+    "balance_mosaic",
+    "demosaic_bilinear",
+    "merge_frames",
+    "colour_fit",
+    "camera_to_xyz",
+    "balance",
+    "display",
+    "encode",
+)
 
 
 def burst(*stages, brackets=(-2, 0, 2), repeats=1, side=64, scene=None, camera=None, meter=None, **more):
     """A metered bracket of a chart."""
     width = side * 4.0 + 20
-    first = {"use": "composite", "name": "scene", "white_luminance": 800, "width": width, "height": width, "spacing": 1.0,
-             "wavelength_from": 400, "wavelength_to": 700, "bin_width": 50} | (scene or {})  # fmt: skip
+    first = {
+        "use": "composite",
+        "name": "scene",
+        "white_luminance": 800,
+        "width": width,
+        "height": width,
+        "spacing": 1.0,
+        "wavelength_from": 400,
+        "wavelength_to": 700,
+        "bin_width": 50,
+    } | (scene or {})
     front = [first, {"use": "irradiance"}, {"use": "pixel", "rows": side, "columns": side}, {"use": "mosaic"}]
     time = [{"use": "meter"} | (meter or {}), {"use": "bracket", "repeats": repeats, "brackets": list(brackets)}]
     rest = [stage if isinstance(stage, dict) else {"use": stage} for stage in stages]
     return {
-        "name": "burst", "seed": 5, "stages": [*front, *time, *rest],
-        "camera": {"peak_qe": [0.4, 0.5, 0.45], "pixel_pitch": 4.0, "f_number": 4.0} | (camera or {}), **more,
-    }  # fmt: skip
+        "name": "burst",
+        "seed": 5,
+        "stages": [*front, *time, *rest],
+        "camera": {"peak_qe": [0.4, 0.5, 0.45], "pixel_pitch": 4.0, "f_number": 4.0} | (camera or {}),
+        **more,
+    }
 
 
 CHAIN = ("exposure", *NOISE, *PICTURE)
@@ -47,7 +75,9 @@ def test_a_metered_bracket_goes_through_each_of_five_demosaicers_to_the_display(
     assert len({picture.values.tobytes() for picture in shown}) == len(DEMOSAICERS)
     assert np.isfinite(shown).all()
     # a bracket sees two stops further up than its metered exposure alone, and shows the same scene
-    alone = etendue.simulate(burst(*(s for s in chain if s != "merge_frames"), brackets=[0]))["encode"].rgb_display.values[0]
+    alone = etendue.simulate(burst(*(s for s in chain if s != "merge_frames"), brackets=[0]))[
+        "encode"
+    ].rgb_display.values[0]
     assert np.median(np.abs(shown.values[0] - alone)) < 0.02
 
 
@@ -56,8 +86,11 @@ def test_a_frame_equals_the_stage_alone_on_that_frame_bit_for_bit():
     document = burst(*CHAIN[: CHAIN.index("merge_frames")], repeats=2, brackets=[0, -1], camera={"noise": "common"})
     tree = etendue.simulate(document)
     plan = make_plan(load(document), installed_stages())
-    for name, port, variable in (("shot_noise", "expected_charge", "charge"), ("full_well", "charge", "charge"),
-                                 ("demosaic_bilinear", "mosaic_linear", "rgb_camera")):  # fmt: skip
+    for name, port, variable in (
+        ("shot_noise", "expected_charge", "charge"),
+        ("full_well", "charge", "charge"),
+        ("demosaic_bilinear", "mosaic_linear", "rgb_camera"),
+    ):
         node = plan.node(name)
         (cell,) = plan.of(name)
         source = next(s for p, s, _ in node.inputs[0] if p == port)
@@ -86,20 +119,30 @@ def test_expected_charge_of_a_frame_is_that_of_a_single_exposure_of_its_time():
 def flat(level, **more):
     """A flat grey card, seen without anything that makes pixels unequal but noise."""
     return burst(
-        {"use": "exposure", "prnu": 0, "dark_nonuniformity": 0}, *NOISE, "white", "balance_mosaic",
-        {"use": "demosaic_nearest", "name": "demosaic"}, "merge_frames", side=400,
-        scene={"use": "uniform", "reflectance": level, "spacing": 40.0, "bin_width": 300}, precision="float64",
-        camera={"peak_qe": [0.4, 0.5, 0.45], "dsnu": 0, "read_noise": 12, "dark_current_density": 0, "bits": 14}, **more,
-    )  # fmt: skip
+        {"use": "exposure", "prnu": 0, "dark_nonuniformity": 0},
+        *NOISE,
+        "white",
+        "balance_mosaic",
+        {"use": "demosaic_nearest", "name": "demosaic"},
+        "merge_frames",
+        side=400,
+        scene={"use": "uniform", "reflectance": level, "spacing": 40.0, "bin_width": 300},
+        precision="float64",
+        camera={"peak_qe": [0.4, 0.5, 0.45], "dsnu": 0, "read_noise": 12, "dark_current_density": 0, "bits": 14},
+        **more,
+    )
 
 
 @pytest.mark.parametrize("ev_bias", [-4.0, -1.0, 1.5], ids=["dark", "middle", "longest is cut off"])
 def test_an_hdr_merge_leaves_the_noise_that_theory_allows(ev_bias):
-    """1 / sum(1 / v) over the frames that are not cut off, v from shot noise, read noise and rounding at the true signal.
+    """1 / sum(1 / v) over the frames that are not cut off, v from shot noise, read noise and rounding at the true
+    signal.
 
     80,000 green sites: the deviation is known to 0.25 %.
     """
-    document = flat(0.5, wanted=["merge_frames.rgb_camera", "merged_variance", "expected_charge", "bracket.integration_time"])
+    document = flat(
+        0.5, wanted=["merge_frames.rgb_camera", "merged_variance", "expected_charge", "bracket.integration_time"]
+    )
     document["stages"][4] |= {"ev_bias": ev_bias}
     tree = etendue.simulate(document)
     well = 1000 * (4.0 * 0.741) ** 2
@@ -114,7 +157,9 @@ def test_an_hdr_merge_leaves_the_noise_that_theory_allows(ev_bias):
     sites = np.concatenate([green[0::2, 1::2].ravel(), green[1::2, 0::2].ravel()])
     white_gain = float(np.mean(sites)) * well / (charge.min())  # of the white balance
     assert sites.std() == pytest.approx(white_gain * math.sqrt(theory), rel=0.01)
-    assert math.sqrt(tree["merge_frames"].merged_variance.values[1].mean()) == pytest.approx(white_gain * math.sqrt(theory), rel=0.01)
+    assert math.sqrt(tree["merge_frames"].merged_variance.values[1].mean()) == pytest.approx(
+        white_gain * math.sqrt(theory), rel=0.01
+    )
 
 
 def test_a_mean_of_equal_frames_has_one_over_root_n_of_the_noise():
@@ -155,7 +200,9 @@ def test_figures_behind_a_bracket_are_those_of_each_frame():
     tree = etendue.simulate(burst("exposure", *NOISE, "exposure_report", "dynamic_range", brackets=[0, 3]))
     assert tree["exposure_report"].clipped_fraction.dims == ("frame",)
     assert tree["exposure_report"].clipped_fraction.values[1] > tree["exposure_report"].clipped_fraction.values[0]
-    assert_allclose(tree["dynamic_range"].dark_charge.values[1], 8 * tree["dynamic_range"].dark_charge.values[0], rtol=1e-6)
+    assert_allclose(
+        tree["dynamic_range"].dark_charge.values[1], 8 * tree["dynamic_range"].dark_charge.values[0], rtol=1e-6
+    )
 
 
 def test_schedulers_resuming_and_sweeping_change_no_bit_of_a_metered_bracket(tmp_path):
@@ -178,5 +225,8 @@ def every_array(tree):
     found = {}
     for node in tree.subtree:
         if node.path.strip("/").split("/")[0] not in ("", "ledger", "summary", "frames"):
-            found |= {f"{node.path}/{name}": array.values.tobytes() for name, array in node.to_dataset(inherit=False).data_vars.items()}
+            found |= {
+                f"{node.path}/{name}": array.values.tobytes()
+                for name, array in node.to_dataset(inherit=False).data_vars.items()
+            }
     return found

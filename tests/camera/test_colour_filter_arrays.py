@@ -1,4 +1,6 @@
-"""Colour filter arrays in the camera: every array reaches the display or says why not; windows keep the sensor's phase."""
+"""Colour filter arrays in the camera: every array reaches the display or says why not; windows keep the sensor's
+phase.
+"""
 
 import itertools
 
@@ -20,14 +22,27 @@ NOISELESS = {"prnu": 0, "dark_nonuniformity": 0}
 def whole(pattern, peak_qe, demosaicer="demosaic_any", chart="uniform", stages=COLOUR, **tables):
     """A noise-free camera with this array."""
     quantities = {
-        "pattern": pattern, "peak_qe": peak_qe, "pixel_pitch": 2.0, "bits": 16, "full_well_density": 2e4, "integration_time": 0.2,
+        "pattern": pattern,
+        "peak_qe": peak_qe,
+        "pixel_pitch": 2.0,
+        "bits": 16,
+        "full_well_density": 2e4,
+        "integration_time": 0.2,
         **tables.pop("camera", {}),
-    }  # fmt: skip
+    }
     document = camera(
-        "diffusion", "pixel", "mosaic", "charge_fraction", demosaicer, *stages, chart=chart, camera=quantities,
+        "diffusion",
+        "pixel",
+        "mosaic",
+        "charge_fraction",
+        demosaicer,
+        *stages,
+        chart=chart,
+        camera=quantities,
         scene={"white_luminance": 100, "width": 48, "height": 48, **tables.pop("scene", {})},
-        charge_fraction={"reference_time": 0.2}, **tables,
-    )  # fmt: skip
+        charge_fraction={"reference_time": 0.2},
+        **tables,
+    )
     return document
 
 
@@ -52,20 +67,32 @@ def test_a_grey_surface_is_grey_on_the_display_whatever_the_array(pattern, peak_
     assert tree["colour_fit"].fit_residual.item() < 0.03
 
 
-@pytest.mark.parametrize(("pattern", "peak_qe", "more"), [*ARRAYS[1:4], ("RCCC", [0.6, 0.9], CLEAR), ("mono", [0.9], CLEAR)])
+@pytest.mark.parametrize(
+    ("pattern", "peak_qe", "more"), [*ARRAYS[1:4], ("RCCC", [0.6, 0.9], CLEAR), ("mono", [0.9], CLEAR)]
+)
 def test_every_array_runs_from_a_chart_to_the_display_with_its_channels_by_name(pattern, peak_qe, more):
     scene = {"width": 120, "height": 96, "spacing": 1.0, "bin_width": 40, "wavelength_from": 380, "wavelength_to": 780}
     tree = etendue.simulate(whole(pattern, peak_qe, chart="composite", scene=scene, camera=more))
     assert np.isfinite(tree["encode"].rgb_display.values).all()
     letters = {"RGBW": "RGBW", "RCCC": "RC", "mono": "W"}.get(pattern, "RGB")
-    for stage, variable in (("pixel", "photon_rate"), ("demosaic_any", "rgb_camera"), ("white", "white"), ("colour_fit", "colour_matrix")):
+    for stage, variable in (
+        ("pixel", "photon_rate"),
+        ("demosaic_any", "rgb_camera"),
+        ("white", "white"),
+        ("colour_fit", "colour_matrix"),
+    ):
         assert "".join(tree[stage][variable].channel.values) == letters
     assert tree["colour_fit"].colour_matrix.dims == ("component", "channel")
 
 
 def test_fewer_colours_fit_worse_and_the_plan_says_so():
     residuals = {}
-    for pattern, peak_qe in (("RGBW", [0.6, 0.7, 0.6, 0.9]), ("RGGB", [0.6, 0.7, 0.6]), ("RCCC", [0.6, 0.9]), ("mono", [0.9])):
+    for pattern, peak_qe in (
+        ("RGBW", [0.6, 0.7, 0.6, 0.9]),
+        ("RGGB", [0.6, 0.7, 0.6]),
+        ("RCCC", [0.6, 0.9]),
+        ("mono", [0.9]),
+    ):
         document = whole(pattern, peak_qe, camera=CLEAR)
         residuals[pattern] = etendue.simulate(document)["colour_fit"].fit_residual.item()
         said = " ".join(make_plan(from_document(document), installed_stages()).warnings)
@@ -97,20 +124,32 @@ def window(pattern, row, column, demosaicer, *, rows=18, columns=20, height=16, 
 @pytest.mark.parametrize("pattern", ["RGGB", "X-Trans", "quad-GBRG"])
 @pytest.mark.parametrize(("row", "column"), [(0, 0), (1, 0), (0, 1), (3, 5)])
 def test_a_window_of_the_sensor_equals_the_crop_of_the_whole_wherever_it_begins(pattern, row, column):
-    """Odd rows and columns too: a mask belongs to the sensor, and the demosaicer sees it from where the window begins."""
-    for demosaicer in ("demosaic_any", *(("demosaic_bilinear", "demosaic_colour_difference") if pattern == "RGGB" else ())):
+    """Odd rows and columns too: a mask belongs to the sensor, and the demosaicer sees it from where the window
+    begins.
+    """
+    for demosaicer in (
+        "demosaic_any",
+        *(("demosaic_bilinear", "demosaic_colour_difference") if pattern == "RGGB" else ()),
+    ):
         full = etendue.simulate(window(pattern, 0, 0, demosaicer, height=24, width=26))
         part = etendue.simulate(window(pattern, row, column, demosaicer))
         for stage, variable, border in (("mosaic", "photocurrent", 0), (demosaicer, "rgb_camera", 4)):
-            found, crop = part[stage][variable], full[stage][variable].isel(y=slice(row, row + 16), x=slice(column, column + 17))
+            found, crop = (
+                part[stage][variable],
+                full[stage][variable].isel(y=slice(row, row + 16), x=slice(column, column + 17)),
+            )
             assert np.array_equal(found.y, crop.y) and np.array_equal(found.x, crop.x)
             inner = {"y": slice(border, 16 - border), "x": slice(border, 17 - border)}
             # the same light, evaluated at the same places in another order
-            np.testing.assert_allclose(found.isel(inner).values, crop.isel(inner).values, rtol=1e-9, atol=1e-9 * float(crop.max()))
+            np.testing.assert_allclose(
+                found.isel(inner).values, crop.isel(inner).values, rtol=1e-9, atol=1e-9 * float(crop.max())
+            )
 
 
 def test_nearest_sees_the_window_s_own_order():
-    """Whole 2 x 2 cells are its unit, so a window that begins inside one is not a crop; its samples are at their places."""
+    """Whole 2 x 2 cells are its unit, so a window that begins inside one is not a crop; its samples are at their
+    places.
+    """
     for row, column in itertools.product((0, 1), repeat=2):
         tree = etendue.simulate(window("RGGB", row, column, "demosaic_nearest"))
         planes, raw = tree["demosaic_nearest"].rgb_camera, tree["charge_fraction"].mosaic_linear.values
@@ -156,17 +195,29 @@ def test_sensitivities_are_found_by_the_letters_of_the_columns_in_any_order(tmp_
 
 
 def test_a_clear_pixel_collects_what_its_silicon_does():
-    """filter_transmittance without a column: peak x D(0) x surface, so W is at least as bright as any filter with that peak."""
-    rates = etendue.simulate(whole("RGBW", [0.8], camera={**CLEAR, "surface_transmission": 0.9}))["pixel"].photon_rate.values[:, 0, 0]
+    """filter_transmittance without a column: peak x D(0) x surface, so W is at least as bright as any filter with
+    that peak.
+    """
+    rates = etendue.simulate(whole("RGBW", [0.8], camera={**CLEAR, "surface_transmission": 0.9}))[
+        "pixel"
+    ].photon_rate.values[:, 0, 0]
     assert rates[3] > rates[:3].max()
-    bare = etendue.simulate(whole("mono", [0.8], camera={**CLEAR, "surface_transmission": 0.9}))["pixel"].photon_rate.values[0, 0, 0]
+    bare = etendue.simulate(whole("mono", [0.8], camera={**CLEAR, "surface_transmission": 0.9}))[
+        "pixel"
+    ].photon_rate.values[0, 0, 0]
     np.testing.assert_allclose(rates[3], bare, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("pattern", "peak_qe", "demosaicer", "more", "says"),
     [
-        ("RGBW", [0.5], "demosaic_any", {}, "channel W, but the sensitivity 'Nikon 5100 .NPL.' has columns R, G, B only"),
+        (
+            "RGBW",
+            [0.5],
+            "demosaic_any",
+            {},
+            "channel W, but the sensitivity 'Nikon 5100 .NPL.' has columns R, G, B only",
+        ),
         ("X-Trans", [0.5], "demosaic_bilinear", {}, "Bayer arrays only.*use demosaic_any"),
         ("mono", [0.5, 0.5], "demosaic_any", CLEAR, "peak_qe has 2 values, but the pattern 'mono' has 1 channels: W"),
         ("RGBG", [0.5], "demosaic_any", {}, "allowed are RGGB"),

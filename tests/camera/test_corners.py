@@ -23,7 +23,11 @@ def driver():
 def test_every_camera_quantity_may_stand_at_the_ends_of_its_range():
     """One at a time, in a whole camera of 16 x 16 pixels; warnings are errors."""
     corners = driver()
-    asked = [(name, document) for name, document in corners.cases(["camera"]) if name.rpartition(" = ")[2][-1:] in tuple("0123456789f]")]
+    asked = [
+        (name, document)
+        for name, document in corners.cases(["camera"])
+        if name.rpartition(" = ")[2][-1:] in tuple("0123456789f]")
+    ]
     ended = {name: corners.outcome(document) for name, document in asked}
     assert {name: found for name, found in ended.items() if found[0] not in ("ran", "refused")} == {}
     assert sum(what == "ran" for what, _ in ended.values()) > 60

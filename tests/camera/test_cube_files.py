@@ -1,4 +1,6 @@
-"""A radiance cube is light only where it is whole: every chunk there, dims and units as they should be, finite, nowhere below 0."""
+"""A radiance cube is light only where it is whole: every chunk there, dims and units as they should be, finite,
+nowhere below 0.
+"""
 
 import json
 import os
@@ -18,7 +20,10 @@ UNIT = "W m-2 sr-1 nm-1"
 def dataset():
     light = np.random.default_rng(3).uniform(0.1, 1.0, (4, 8, 8))
     return xarray.Dataset(
-        {"radiance": (("wavelength", "y", "x"), light, {"units": UNIT}), "white_radiance": (("wavelength",), np.ones(4))},
+        {
+            "radiance": (("wavelength", "y", "x"), light, {"units": UNIT}),
+            "white_radiance": (("wavelength",), np.ones(4)),
+        },
         coords={"wavelength": [450.0, 500.0, 550.0, 600.0], "y": 2.0 * np.arange(8), "x": 2.0 * np.arange(8)},
     )
 
@@ -44,7 +49,8 @@ def test_a_whole_cube_is_read_as_it_is(tmp_path, options):
 
 
 @pytest.mark.parametrize(
-    ("options", "lost"), [({}, "radiance/c/1/0/1"), ({"version": 2}, "radiance/1.0.1"), ({"shards": (2, 8, 8)}, "radiance/c/1/0/0")]
+    ("options", "lost"),
+    [({}, "radiance/c/1/0/1"), ({"version": 2}, "radiance/1.0.1"), ({"shards": (2, 8, 8)}, "radiance/c/1/0/0")],
 )
 def test_a_lost_chunk_is_named_while_planning(tmp_path, options, lost):
     path = stored(tmp_path / "cube.zarr", **options)
@@ -54,12 +60,20 @@ def test_a_lost_chunk_is_named_while_planning(tmp_path, options, lost):
 
 
 def test_a_chunk_that_is_lost_inside_a_shard_is_named(tmp_path):
-    path = stored(tmp_path / "cube.zarr", dataset().drop_vars("radiance").assign(radiance=dataset().radiance), shards=(2, 8, 8))
+    path = stored(
+        tmp_path / "cube.zarr", dataset().drop_vars("radiance").assign(radiance=dataset().radiance), shards=(2, 8, 8)
+    )
     array = zarr.open_group(path, mode="a", use_consolidated=False)
     made = array.create_array(
-        "radiance", shape=(4, 8, 8), chunks=(1, 4, 4), shards=(2, 8, 8), dtype="f8", fill_value=0.5, overwrite=True,
+        "radiance",
+        shape=(4, 8, 8),
+        chunks=(1, 4, 4),
+        shards=(2, 8, 8),
+        dtype="f8",
+        fill_value=0.5,
+        overwrite=True,
         dimension_names=("wavelength", "y", "x"),
-    )  # fmt: skip
+    )
     made[...] = 1.0
     made[3, 4:, :4] = 0.5  # the fill value: zarr leaves the chunk out
     with pytest.raises(ValueError, match=r"radiance/c/1/0/0 \(chunk 1/1/0 of it\)"):
@@ -120,7 +134,8 @@ def test_a_link_in_a_store_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("shape", "words"), [([10**6, 10**6, 10**6], "values"), ([4, 10**6, 1000], "chunks"), ([4, 10**9, 1], "points along y")]
+    ("shape", "words"),
+    [([10**6, 10**6, 10**6], "values"), ([4, 10**6, 1000], "chunks"), ([4, 10**9, 1], "points along y")],
 )
 def test_an_absurd_header_is_refused_before_anything_is_read(tmp_path, shape, words, monkeypatch):
     path = stored(tmp_path / "cube.zarr")

@@ -6,7 +6,16 @@ from numpy.testing import assert_allclose
 
 from etendue_camera import spectra
 from etendue_camera.colour import matrices
-from etendue_camera.colour.stages.display import Decode, Display, Encode, FromCones, ToCones, ToXyz, primaries_to_cones, space_to_xyz
+from etendue_camera.colour.stages.display import (
+    Decode,
+    Display,
+    Encode,
+    FromCones,
+    ToCones,
+    ToXyz,
+    primaries_to_cones,
+    space_to_xyz,
+)
 from etendue_camera.colour.stages.display_white import MEASURED, white_of
 from etendue_camera.colour.stages.tristimulus import Balance
 
@@ -52,13 +61,19 @@ def test_to_xyz_undoes_the_display_of_the_same_space(name):
 
 
 def test_equation_16_is_the_ebu_space_of_the_library():
-    assert_allclose(through(ToXyz(matrix="ebu"), planes()), through(ToXyz(matrix="ITU-R BT.470 - 625"), planes()), atol=1e-15)
-    assert_allclose(through(ToXyz(matrix="eq16_as_printed"), np.ones((3, 1, 1))).ravel()[2], 1.298, atol=1e-12)  # the misprint's blue
+    assert_allclose(
+        through(ToXyz(matrix="ebu"), planes()), through(ToXyz(matrix="ITU-R BT.470 - 625"), planes()), atol=1e-15
+    )
+    assert_allclose(
+        through(ToXyz(matrix="eq16_as_printed"), np.ones((3, 1, 1))).ravel()[2], 1.298, atol=1e-12
+    )  # the misprint's blue
 
 
 @pytest.mark.parametrize("name", sorted(spectra.rgb_space_names()))
 def test_every_rgb_space_has_a_matrix_that_keeps_its_white(name):
-    """Computed from primaries and white; the library's, which has the digits its standard prints, differs by 6e-4 at most."""
+    """Computed from primaries and white; the library's, which has the digits its standard prints, differs by 6e-4 at
+    most.
+    """
     assert_allclose(space_to_xyz(name) @ np.ones(3), white_of(name), atol=6e-4)
     assert_allclose(space_to_xyz(name), spectra.rgb_space_matrix(name)[0], atol=6e-4)
 
@@ -88,7 +103,8 @@ def test_a_balance_may_aim_at_the_white_of_an_rgb_space():
 
 
 @pytest.mark.parametrize(
-    "encoding", [{"encoding": "sRGB"}, {"encoding": "BT.709"}, {"encoding": "power"}, {"encoding": "power", "exponent": 0.2}]
+    "encoding",
+    [{"encoding": "sRGB"}, {"encoding": "BT.709"}, {"encoding": "power"}, {"encoding": "power", "exponent": 0.2}],
 )
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_decoding_gives_back_the_light_that_the_display_could_show(encoding, kind):
@@ -96,7 +112,9 @@ def test_decoding_gives_back_the_light_that_the_display_could_show(encoding, kin
     light = planes().astype(kind)
     back = Decode(**encoding).run(Encode(**encoding).run(light)["rgb_display"])["rgb_linear"]
     assert back.dtype == kind
-    assert_allclose(back, np.clip(light, 0, 1), atol={"BT.709": 6e-5}.get(encoding["encoding"], 4e-9) + 50 * np.finfo(kind).eps)
+    assert_allclose(
+        back, np.clip(light, 0, 1), atol={"BT.709": 6e-5}.get(encoding["encoding"], 4e-9) + 50 * np.finfo(kind).eps
+    )
 
 
 def test_colours_are_named_by_their_state_so_that_codes_cannot_be_taken_for_light():

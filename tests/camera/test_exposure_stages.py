@@ -27,17 +27,31 @@ def pipeline(*stages, camera=None, scene=None, sweep=None, wanted=None, **tables
         "name": "exposed",
         "precision": "float64",
         "camera": {
-            "peak_qe": [0.5, 0.5, 0.5], "sensitivity": "flat", "illuminant": "550 nm", "f_number": 4, "dark_current_density": 0, "dsnu": 0,
+            "peak_qe": [0.5, 0.5, 0.5],
+            "sensitivity": "flat",
+            "illuminant": "550 nm",
+            "f_number": 4,
+            "dark_current_density": 0,
+            "dsnu": 0,
             **(camera or {}),
         },
         "stages": [
-            {"use": "uniform", "name": "scene", "white_luminance": 100, "width": 140, "height": 120, "wavelength_from": 545,
-             "wavelength_to": 555, "bin_width": 10, **(scene or {})},
+            {
+                "use": "uniform",
+                "name": "scene",
+                "white_luminance": 100,
+                "width": 140,
+                "height": 120,
+                "wavelength_from": 545,
+                "wavelength_to": 555,
+                "bin_width": 10,
+                **(scene or {}),
+            },
             {"use": "irradiance"},
             {"use": "pixel", "rows": 20, "columns": 24},
             {"use": "mosaic"},
         ],
-    }  # fmt: skip
+    }
     document["stages"] += [{"use": name, **tables.get(name, {})} for name in stages]
     return document | ({"sweep": sweep} if sweep else {}) | ({"wanted": wanted} if wanted else {})
 
@@ -47,7 +61,9 @@ def even(**more):
 
 
 def rate_of_white(quantum_efficiency=0.5, pitch=5.4, fraction=0.741, f_number=4.0):
-    """Photocurrent of a white diffuser of 100 cd/m2 at 550 nm, electron/s, and its illuminance at the sensor (as of a bin), by hand."""
+    """Photocurrent of a white diffuser of 100 cd/m2 at 550 nm, electron/s, and its illuminance at the sensor (as of
+    a bin), by hand.
+    """
     irradiance = math.pi * 100 / spectra.luminance_of("550 nm") / (4 * f_number**2)
     photons = irradiance * (pitch * fraction * 1e-6) ** 2 * 550e-9 / (PLANCK * SPEED_OF_LIGHT)
     return quantum_efficiency * photons, irradiance * LUMINOUS_EFFICACY * spectra.luminous_efficiency((545.0, 555.0))[0]
@@ -58,9 +74,14 @@ def rate_of_white(quantum_efficiency=0.5, pitch=5.4, fraction=0.741, f_number=4.
 
 def test_dark_charge_follows_the_temperature_and_is_as_given_at_the_reference():
     document = pipeline(
-        "exposure", "dynamic_range", exposure=even(), scene={"reflectance": 0}, wanted=["expected_charge", "dark_charge"],
-        camera={"dark_current_density": 1e-9}, sweep={"temperature": [288.15, 298.15, 318.15]},
-    )  # fmt: skip
+        "exposure",
+        "dynamic_range",
+        exposure=even(),
+        scene={"reflectance": 0},
+        wanted=["expected_charge", "dark_charge"],
+        camera={"dark_current_density": 1e-9},
+        sweep={"temperature": [288.15, 298.15, 318.15]},
+    )
     tree = etendue.simulate(document)
     charge = tree["exposure"].expected_charge.values[:, 0, 0]
     at_reference = 1e-9 / 1.602176634e-19 * 5.4e-4**2 * 0.01
@@ -71,9 +92,15 @@ def test_dark_charge_follows_the_temperature_and_is_as_given_at_the_reference():
 
 def test_codes_above_black_scale_with_the_gain_until_the_converter_ends_before_the_well():
     document = pipeline(
-        "exposure", *READ_OUT, "linearise", "white", exposure=even(), camera={"read_noise": 0, "bits": 16, "black_level": 0},
-        sweep={"analogue_gain": [1, 2, 64]}, wanted=["raw", "charge", "white"],
-    )  # fmt: skip
+        "exposure",
+        *READ_OUT,
+        "linearise",
+        "white",
+        exposure=even(),
+        camera={"read_noise": 0, "bits": 16, "black_level": 0},
+        sweep={"analogue_gain": [1, 2, 64]},
+        wanted=["raw", "charge", "white"],
+    )
     tree = etendue.simulate(document)
     raw, charge = tree["adc"].raw.values.astype(float), tree["full_well"].charge.values
     step = 65535 / (1000 * (5.4 * 0.741) ** 2)
@@ -88,9 +115,16 @@ def test_codes_above_black_scale_with_the_gain_until_the_converter_ends_before_t
 
 def test_read_noise_behind_the_amplifier_shrinks_with_the_gain():
     document = pipeline(
-        "exposure", "shot_noise", "read_noise", exposure=even(), scene={"reflectance": 0, "width": 800, "height": 800},
-        camera={"read_noise": 3, "read_noise_after": 40}, pixel={"rows": 128}, sweep={"analogue_gain": [1, 10]}, wanted=["charge"],
-    )  # fmt: skip
+        "exposure",
+        "shot_noise",
+        "read_noise",
+        exposure=even(),
+        scene={"reflectance": 0, "width": 800, "height": 800},
+        camera={"read_noise": 3, "read_noise_after": 40},
+        pixel={"rows": 128},
+        sweep={"analogue_gain": [1, 10]},
+        wanted=["charge"],
+    )
     document["stages"][2] |= {"rows": 128, "columns": 128}
     noise = etendue.simulate(document)["read_noise"].charge.values.std(axis=(1, 2))
     # 5 standard errors of a deviation from 16384 pixels
@@ -100,20 +134,32 @@ def test_read_noise_behind_the_amplifier_shrinks_with_the_gain():
 @pytest.mark.parametrize("conversion_gain", [0, 0.1])  # the well at the top code, and at 40 per cent of the codes
 def test_a_frame_far_beyond_the_well_is_clipped_whatever_its_codes_say(conversion_gain):
     document = pipeline(
-        "exposure", *READ_OUT, "exposure_report", exposure=even(), camera={"read_noise": 5, "conversion_gain": conversion_gain},
-        sweep={"integration_time": [1e-3, 10]}, wanted=["clipped_fraction", "raw"],
-    )  # fmt: skip
+        "exposure",
+        *READ_OUT,
+        "exposure_report",
+        exposure=even(),
+        camera={"read_noise": 5, "conversion_gain": conversion_gain},
+        sweep={"integration_time": [1e-3, 10]},
+        wanted=["clipped_fraction", "raw"],
+    )
     tree = etendue.simulate(document)
     assert tree["exposure_report"].clipped_fraction.values.tolist() == [0, 1]
     assert np.any(tree["adc"].raw.values[1] < 4095)
 
 
 def test_more_light_than_the_sensor_holds_is_no_better_picture():
-    """A clipped pixel counts as an SNR of 0; the ratio grows with time before and is nowhere above that of a full well."""
+    """A clipped pixel counts as an SNR of 0; the ratio grows with time before and is nowhere above that of a full
+    well.
+    """
     document = pipeline(
-        "exposure", *READ_OUT, "exposure_report", exposure=even(), camera={"read_noise": 5},
-        sweep={"integration_time": [1e-4, 1e-3, 1e3]}, wanted=["clipped_fraction", "mean_snr", "expected_charge", "system_gain"],
-    )  # fmt: skip
+        "exposure",
+        *READ_OUT,
+        "exposure_report",
+        exposure=even(),
+        camera={"read_noise": 5},
+        sweep={"integration_time": [1e-4, 1e-3, 1e3]},
+        wanted=["clipped_fraction", "mean_snr", "expected_charge", "system_gain"],
+    )
     document["stages"].append({"use": "dynamic_range"})
     tree = etendue.simulate(document)
     report = tree["exposure_report"]
@@ -159,7 +205,9 @@ def test_a_speed_that_cannot_be_had_is_refused_before_anything_runs(camera, word
 
 
 def test_dynamic_range_is_that_of_the_gain_and_says_which():
-    document = pipeline("dynamic_range", camera={"read_noise": 2, "read_noise_after": 20, "bits": 14}, sweep={"analogue_gain": [1, 16]})
+    document = pipeline(
+        "dynamic_range", camera={"read_noise": 2, "read_noise_after": 20, "bits": 14}, sweep={"analogue_gain": [1, 16]}
+    )
     data = etendue.simulate(document)["dynamic_range"].to_dataset()
     well, step = 1000 * (5.4 * 0.741) ** 2, (2**14 - 1 - 64) / (1000 * (5.4 * 0.741) ** 2)
     np.testing.assert_allclose(data.system_gain, [step, 16 * step], rtol=1e-14)
@@ -179,7 +227,9 @@ def test_a_grey_card_has_the_ratio_of_hand_arithmetic_and_ten_at_the_stated_illu
     # the same card under that light: 10
     in_the_bin = LUMINOUS_EFFICACY * spectra.luminous_efficiency((545.0, 555.0))[0] / spectra.luminance_of("550 nm")
     dimmed = float(numbers.snr10_illuminance) / (math.pi * in_the_bin)
-    there = etendue.simulate(pipeline("exposure_numbers", camera=camera, scene={"white_luminance": dimmed}))["exposure_numbers"]
+    there = etendue.simulate(pipeline("exposure_numbers", camera=camera, scene={"white_luminance": dimmed}))[
+        "exposure_numbers"
+    ]
     np.testing.assert_allclose(there.snr_18, 20.0, rtol=1e-12)
     np.testing.assert_allclose(there.snr10_illuminance, numbers.snr10_illuminance, rtol=1e-12)
 
@@ -189,7 +239,9 @@ def test_a_grey_card_has_the_ratio_of_hand_arithmetic_and_ten_at_the_stated_illu
 
 @pytest.mark.parametrize(("black", "warned"), [(8, True), (11, False)])
 def test_a_pedestal_under_four_sigma_is_warned_of(black, warned):
-    document = pipeline("exposure", *READ_OUT, camera={"black_level": black, "conversion_gain": 0.25, "read_noise": 10.5})
+    document = pipeline(
+        "exposure", *READ_OUT, camera={"black_level": black, "conversion_gain": 0.25, "read_noise": 10.5}
+    )
     assert any("4 sigma" in text for text in make_plan(load(document), installed_stages()).warnings) == warned
 
 
@@ -198,10 +250,15 @@ def test_a_pedestal_under_four_sigma_is_warned_of(black, warned):
 
 def test_a_metered_exposure_reaches_its_target_whatever_the_f_number_and_white_follows():
     document = pipeline(
-        "meter", "exposure", "white", meter={"target": 0.4}, exposure=even(),
-        sweep={"f_number": [2.8, 8], "meter.ev_bias": [0, -1]}, wanted=["expected_charge", "integration_time", "white"],
+        "meter",
+        "exposure",
+        "white",
+        meter={"target": 0.4},
+        exposure=even(),
+        sweep={"f_number": [2.8, 8], "meter.ev_bias": [0, -1]},
+        wanted=["expected_charge", "integration_time", "white"],
         camera={"black_level": 0},
-    )  # fmt: skip
+    )
     tree = etendue.simulate(document)
     well = 1000 * (5.4 * 0.741) ** 2
     charge = tree["exposure"].expected_charge
@@ -214,26 +271,41 @@ def test_a_metered_exposure_reaches_its_target_whatever_the_f_number_and_white_f
 
 def test_metering_by_exposure_value_keeps_the_exposure_of_a_swept_f_number():
     document = pipeline(
-        "meter", "exposure", meter={"metering": "exposure_value", "exposure_value": 10}, exposure=even(), sweep={"f_number": [2, 4, 16]},
+        "meter",
+        "exposure",
+        meter={"metering": "exposure_value", "exposure_value": 10},
+        exposure=even(),
+        sweep={"f_number": [2, 4, 16]},
         wanted=["expected_charge", "integration_time"],
-    )  # fmt: skip
+    )
     tree = etendue.simulate(document)
     np.testing.assert_allclose(tree["meter"].integration_time, np.array([4, 16, 256]) / 1024, rtol=1e-15)
     charge = tree["exposure"].expected_charge.values[:, 0, 0]
     np.testing.assert_allclose(charge, charge[0], rtol=1e-12)
 
 
-CAMERA = ("exposure", *READ_OUT, "linearise", "white", "balance_mosaic", "demosaic_bilinear", "dynamic_range", "exposure_numbers")
+CAMERA = (
+    "exposure",
+    *READ_OUT,
+    "linearise",
+    "white",
+    "balance_mosaic",
+    "demosaic_bilinear",
+    "dynamic_range",
+    "exposure_numbers",
+)
 
 
 def arrays_of(tree):
-    """Every array by stage and variable, those of the metering itself aside, and what became of cells: what is found is not known
-    before, so that less may be left out."""
+    """Every array by stage and variable, those of the metering itself aside, and what became of cells: what is found is
+    not known before, so that less may be left out."""
     found = {}
     for node in tree.subtree:
         if node.path.strip("/").split("/")[0] not in ("", "ledger", "summary", "frames", "meter"):
             found |= {
-                f"{node.path}/{name}": array.values for name, array in node.to_dataset(inherit=False).data_vars.items() if name != "status"
+                f"{node.path}/{name}": array.values
+                for name, array in node.to_dataset(inherit=False).data_vars.items()
+                if name != "status"
             }
     return found
 
@@ -242,7 +314,9 @@ def arrays_of(tree):
 def test_metered_is_fixed_at_the_found_time_bit_for_bit_noise_included(noise):
     wanted = ["expected_charge", "shot_noise.charge", "raw", "rgb_camera", "white", "dr_emva", "snr_18"]
     camera = {"noise": noise, "read_noise": 3}
-    metered = etendue.simulate(pipeline("meter", *CAMERA, meter={"ev_bias": -0.3}, camera=camera, wanted=[*wanted, "integration_time"]))
+    metered = etendue.simulate(
+        pipeline("meter", *CAMERA, meter={"ev_bias": -0.3}, camera=camera, wanted=[*wanted, "integration_time"])
+    )
     time = float(metered["meter"].integration_time)
     assert time != 0.01
     fixed = etendue.simulate(pipeline(*CAMERA, camera=camera | {"integration_time": time}, wanted=wanted))
@@ -262,21 +336,28 @@ def test_a_given_swept_or_found_time_is_one_word_of_the_random_numbers():
 
 
 def test_what_nobody_takes_from_the_camera_any_more_is_no_axis():
-    with pytest.raises(RequestError, match="'meter' writes integration_time for every stage that takes it; leave the axis out, or 'meter'"):
+    with pytest.raises(
+        RequestError,
+        match="'meter' writes integration_time for every stage that takes it; leave the axis out, or 'meter'",
+    ):
         etendue.simulate(pipeline("meter", "exposure", sweep={"integration_time": [0.01, 0.02]}))
     plan = make_plan(load(pipeline("meter", "exposure", camera={"integration_time": 0.5})), installed_stages())
     assert "camera.integration_time is not used: 'meter' finds it" in plan.warnings
 
 
 def test_a_stage_in_front_of_the_metering_takes_the_time_of_the_camera():
-    document = pipeline("dynamic_range", "meter", "exposure", camera={"integration_time": 5.0, "dark_current_density": 1e-10})
+    document = pipeline(
+        "dynamic_range", "meter", "exposure", camera={"integration_time": 5.0, "dark_current_density": 1e-10}
+    )
     dark = etendue.simulate(document)["dynamic_range"].dark_charge
     np.testing.assert_allclose(dark, 1e-10 / 1.602176634e-19 * 5.4e-4**2 * 5.0, rtol=1e-12)
 
 
 def test_a_found_time_beyond_the_range_of_the_quantity_fails_its_cell(monkeypatch):
     document = pipeline("meter", "exposure", meter={"shortest": 1e-29, "longest": 1e-28}, wanted=["expected_charge"])
-    with pytest.raises(etendue.errors.EtendueError, match="integration_time = 1e-28, which 'meter' has found, is out of range"):
+    with pytest.raises(
+        etendue.errors.EtendueError, match="integration_time = 1e-28, which 'meter' has found, is out of range"
+    ):
         etendue.simulate(document)
 
 
@@ -286,11 +367,26 @@ def test_a_found_time_beyond_the_range_of_the_quantity_fails_its_cell(monkeypatc
 @pytest.fixture(scope="module")
 def series():
     document = pipeline(
-        "bracket", "exposure", *READ_OUT, "linearise", "exposure_report",
-        bracket={"repeats": 2, "brackets": [0, -3]}, exposure={"prnu": 0.05, "dark_nonuniformity": 0},
-        camera={"dsnu": 50, "read_noise": 4, "dark_current_density": 1e-9}, sweep={"f_number": [4, 8]},
-    )  # fmt: skip
-    return document | {"wanted": ["expected_charge", "integration_time", "shot_noise.charge", "raw", "mosaic_linear", "clipped_fraction"]}
+        "bracket",
+        "exposure",
+        *READ_OUT,
+        "linearise",
+        "exposure_report",
+        bracket={"repeats": 2, "brackets": [0, -3]},
+        exposure={"prnu": 0.05, "dark_nonuniformity": 0},
+        camera={"dsnu": 50, "read_noise": 4, "dark_current_density": 1e-9},
+        sweep={"f_number": [4, 8]},
+    )
+    return document | {
+        "wanted": [
+            "expected_charge",
+            "integration_time",
+            "shot_noise.charge",
+            "raw",
+            "mosaic_linear",
+            "clipped_fraction",
+        ]
+    }
 
 
 def test_frames_and_brackets_are_a_dimension_of_every_variable_behind_them(series):
@@ -335,13 +431,17 @@ def test_patterns_are_the_same_in_all_frames_and_shot_noise_is_new_in_each(serie
 
 
 def test_the_first_frame_of_a_series_is_no_other_light_than_a_single_exposure():
-    one = etendue.simulate(pipeline("exposure", exposure=even(), wanted=["expected_charge"]))["exposure"].expected_charge.values
+    one = etendue.simulate(pipeline("exposure", exposure=even(), wanted=["expected_charge"]))[
+        "exposure"
+    ].expected_charge.values
     many = etendue.simulate(pipeline("bracket", "exposure", exposure=even(), wanted=["expected_charge"]))
     assert np.array_equal(many["exposure"].expected_charge.values, np.stack([one, one]))
 
 
 def test_an_axis_of_a_time_that_is_spread_over_frames_has_a_name_of_its_own():
-    document = pipeline("bracket", "exposure", bracket={"repeats": 1, "brackets": [0, 1]}, sweep={"integration_time": [0.01, 0.02]})
+    document = pipeline(
+        "bracket", "exposure", bracket={"repeats": 1, "brackets": [0, 1]}, sweep={"integration_time": [0.01, 0.02]}
+    )
     tree = etendue.simulate(document)
     assert tree["exposure"].expected_charge.dims == ("camera_integration_time", "frame", "y", "x")
     np.testing.assert_array_equal(tree["bracket"].integration_time, [[0.01, 0.02], [0.02, 0.04]])
@@ -355,9 +455,13 @@ def test_the_shipped_measurement_returns_the_camera_of_its_file():
     dark = 1e-9 / 1.602176634e-19 * 5.4e-4**2
     patterns = math.hypot(3, 0.1 * dark * float(raw.camera_integration_time[found.pattern_level]))
     for estimate, truth in (
-        (found.gain, (4095 - 128) / well), (found.read_noise, 8), (found.dark_current, dark), (found.full_well, well),
-        (found.prnu, 0.01), (found.dsnu, patterns),
-    ):  # fmt: skip
+        (found.gain, (4095 - 128) / well),
+        (found.read_noise, 8),
+        (found.dark_current, dark),
+        (found.full_well, well),
+        (found.prnu, 0.01),
+        (found.dsnu, patterns),
+    ):
         # 4 standard errors: the coverage itself is measured over 200 sensors in benchmarks/emva.py
         assert abs(estimate.value - truth) < estimate.high - estimate.low, str(estimate)
         assert estimate.high - estimate.low < 0.2 * truth
@@ -368,12 +472,20 @@ def test_the_shipped_measurement_returns_the_camera_of_its_file():
 
 def test_row_and_column_patterns_stay_and_row_noise_does_not():
     document = pipeline(
-        "bracket", "exposure", "shot_noise", "line_pattern", scene={"reflectance": 0}, exposure=even(),
-        line_pattern={"row_pattern": 5, "column_pattern": 3, "row_noise": 2}, wanted=["charge"],
-    )  # fmt: skip
+        "bracket",
+        "exposure",
+        "shot_noise",
+        "line_pattern",
+        scene={"reflectance": 0},
+        exposure=even(),
+        line_pattern={"row_pattern": 5, "column_pattern": 3, "row_noise": 2},
+        wanted=["charge"],
+    )
     charge = etendue.simulate(document)["line_pattern"].charge.values  # dark, no shot noise: the pattern itself
     rows, columns = charge.mean(axis=2), charge.mean(axis=1)
-    np.testing.assert_allclose(charge, rows[:, :, None] + columns[:, None, :] - charge.mean(axis=(1, 2), keepdims=True), atol=1e-12)
+    np.testing.assert_allclose(
+        charge, rows[:, :, None] + columns[:, None, :] - charge.mean(axis=(1, 2), keepdims=True), atol=1e-12
+    )
     moved = rows[1] - rows[0]
     np.testing.assert_allclose(columns[1] - columns[0], moved.mean(), atol=1e-12)  # columns do not move
     assert 0.5 < moved.std() / (2 * math.sqrt(2)) < 1.6  # 20 rows: 3 standard errors
@@ -383,9 +495,15 @@ def test_row_and_column_patterns_stay_and_row_noise_does_not():
 def test_a_window_of_a_sensor_with_lines_and_defects_equals_the_crop():
     def run(**window):
         document = pipeline(
-            "defects", "exposure", "line_pattern", scene={"width": 700, "height": 700, "reflectance": 0.5}, exposure=even(),
-            defects={"hot": 0.05, "dead": 0.05}, line_pattern={"row_pattern": 5, "column_pattern": 3}, wanted=["charge", "defect_map"],
-        )  # fmt: skip
+            "defects",
+            "exposure",
+            "line_pattern",
+            scene={"width": 700, "height": 700, "reflectance": 0.5},
+            exposure=even(),
+            defects={"hot": 0.05, "dead": 0.05},
+            line_pattern={"row_pattern": 5, "column_pattern": 3},
+            wanted=["charge", "defect_map"],
+        )
         document["stages"][2] |= {"rows": 90, "columns": 100, **window}
         document["stages"][-1:-1] = [{"use": "shot_noise"}]
         document["camera"]["noise"] = "common"
@@ -396,17 +514,25 @@ def test_a_window_of_a_sensor_with_lines_and_defects_equals_the_crop():
     kinds = whole["defects"].defect_map.values[30:70, 50:83]
     assert np.array_equal(part["defects"].defect_map, kinds)
     assert {0, 1, 2} == set(np.unique(kinds))
-    np.testing.assert_allclose(part["exposure"].expected_charge, whole["exposure"].expected_charge[30:70, 50:83], rtol=1e-12)
+    np.testing.assert_allclose(
+        part["exposure"].expected_charge, whole["exposure"].expected_charge[30:70, 50:83], rtol=1e-12
+    )
 
 
 def test_hot_pixels_grow_with_time_and_dead_ones_stay_dark(tmp_path):
     file = tmp_path / "list.csv"
     file.write_text("row,column,kind\n4,5,hot\n7,8,dead\n9,9,stuck\n")
     document = pipeline(
-        "defects", "exposure", *READ_OUT, "stuck_pixels", exposure=even(), sweep={"integration_time": [0.01, 0.04]},
-        defects={"hot": 0, "dead": 0, "file": str(file), "hot_rate": 1e5}, stuck_pixels={"stuck": 0, "level": 0.5, "file": str(file)},
+        "defects",
+        "exposure",
+        *READ_OUT,
+        "stuck_pixels",
+        exposure=even(),
+        sweep={"integration_time": [0.01, 0.04]},
+        defects={"hot": 0, "dead": 0, "file": str(file), "hot_rate": 1e5},
+        stuck_pixels={"stuck": 0, "level": 0.5, "file": str(file)},
         wanted=["expected_charge", "raw", "defect_map", "stuck_map"],
-    )  # fmt: skip
+    )
     tree = etendue.simulate(document)
     charge = tree["exposure"].expected_charge.values
     assert np.all(charge[:, 7, 8] == 0)
@@ -418,7 +544,9 @@ def test_hot_pixels_grow_with_time_and_dead_ones_stay_dark(tmp_path):
 
 
 def test_the_share_of_defects_is_as_asked_and_belongs_to_the_serial():
-    document = pipeline("defects", scene={"width": 1100, "height": 1100}, defects={"hot": 0.04, "dead": 0.02}, wanted=["defect_map"])
+    document = pipeline(
+        "defects", scene={"width": 1100, "height": 1100}, defects={"hot": 0.04, "dead": 0.02}, wanted=["defect_map"]
+    )
     document["stages"][2] |= {"rows": 200, "columns": 200}
     kinds = etendue.simulate(document)["defects"].defect_map.values
     counts = np.bincount(kinds.ravel(), minlength=3)
@@ -432,11 +560,19 @@ def test_the_share_of_defects_is_as_asked_and_belongs_to_the_serial():
 
 
 def test_the_linear_scale_ends_where_the_well_is_full_when_that_comes_before_the_top_code():
-    """12 bits, 0.1 DN an electron: a well of 16011 electrons ends 1601 codes above black, and is 1 on the linear scale."""
+    """12 bits, 0.1 DN an electron: a well of 16011 electrons ends 1601 codes above black, and is 1 on the linear
+    scale.
+    """
     document = pipeline(
-        "exposure", "full_well", "adc", "linearise", "white", camera={"conversion_gain": 0.1, "integration_time": 100}, exposure=even(),
+        "exposure",
+        "full_well",
+        "adc",
+        "linearise",
+        "white",
+        camera={"conversion_gain": 0.1, "integration_time": 100},
+        exposure=even(),
         wanted=["mosaic_linear", "white"],
-    )  # fmt: skip
+    )
     document["stages"].insert(5, {"use": "shot_noise"})
     tree = etendue.simulate(document)
     well = 1000 * (5.4 * 0.741) ** 2

@@ -47,7 +47,9 @@ def bank_file(tmp_path_factory):
         return np.exp(-0.5 * (((y - 0.5 * h) / (1 + w + 0.5 * h**2)) ** 2 + (x / (1 + w)) ** 2)) * (1 + 0.05 * h * y)
 
     path = tmp_path_factory.mktemp("bank") / "bank.npz"
-    PsfBank(heights, wavelengths, [[spot(h, w) for w in wavelengths] for h in heights], 1.0, "made for a test").save(path)
+    PsfBank(heights, wavelengths, [[spot(h, w) for w in wavelengths] for h in heights], 1.0, "made for a test").save(
+        path
+    )
     return str(path)
 
 
@@ -106,7 +108,9 @@ def test_a_table_and_its_coefficients_give_the_same_picture(tmp_path):
     ideal = np.linspace(0, 110, 45)
     path = tmp_path / "table.csv"
     real = ideal * (1 - 0.04 * (ideal / 100) ** 2)
-    path.write_text("ideal_um,550\n" + "\n".join(f"{a!r},{b!r}" for a, b in zip(ideal.tolist(), real.tolist(), strict=True)))
+    path.write_text(
+        "ideal_um,550\n" + "\n".join(f"{a!r},{b!r}" for a, b in zip(ideal.tolist(), real.tolist(), strict=True))
+    )
     chart = {"chart": "slanted_edge"}
     by_table = light_of(pipeline({"use": "distortion", "table": str(path)}, **chart))
     by_terms = light_of(pipeline({"use": "distortion", "k1": -0.04, "reference_radius": 0.1}, **chart))
@@ -117,7 +121,10 @@ def test_a_table_and_its_coefficients_give_the_same_picture(tmp_path):
 
 
 def test_what_changes_nothing_is_left_out():
-    facts, grid = Facts(uniform=False), Grid.of({"wavelength": Bands((500.0, 600.0)), "y": Line(9, -4.0, 1.0), "x": Line(9, -4.0, 1.0)})
+    facts, grid = (
+        Facts(uniform=False),
+        Grid.of({"wavelength": Bands((500.0, 600.0)), "y": Line(9, -4.0, 1.0), "x": Line(9, -4.0, 1.0)}),
+    )
     assert Distortion().negligible(facts, grid) == (0.0, "it moves nothing")
     assert Distortion(k1=0.1).negligible(facts, grid) is None
     assert Distortion(k1=0.1).negligible(Facts(uniform=True), grid)[0] == 0
@@ -127,7 +134,9 @@ def test_what_changes_nothing_is_left_out():
 def grids(half=60.0, edges=(450.0, 550.0, 650.0), cells=False):
     n = int(2 * half) + 1
     return {
-        "irradiance": Grid.of({"wavelength": Bands(edges), "y": Line(n, -half, 1.0, cells=cells), "x": Line(n, -half, 1.0, cells=cells)})
+        "irradiance": Grid.of(
+            {"wavelength": Bands(edges), "y": Line(n, -half, 1.0, cells=cells), "x": Line(n, -half, 1.0, cells=cells)}
+        )
     }
 
 

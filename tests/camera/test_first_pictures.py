@@ -1,4 +1,6 @@
-"""The first pictures that a user sees are true: grey patches come out of the shipped cameras within CIEDE2000 3 of what they are."""
+"""The first pictures that a user sees are true: grey patches come out of the shipped cameras within CIEDE2000 3 of
+what they are.
+"""
 
 from pathlib import Path
 
@@ -18,12 +20,16 @@ STEPS = 8
 
 
 def grey_patches(width, height):
-    """(y, x, half height, half width) of the middles of the checker's grey patches and the wedge's steps, um from the centre."""
+    """(y, x, half height, half width) of the middles of the checker's grey patches and the wedge's steps, um from
+    the centre.
+    """
     regions = composite_regions(width, height)
     checker, wedge = regions["patches"], regions["wedge"]
     high, wide = (checker.bottom - checker.top) / PATCH_ROWS, (checker.right - checker.left) / PATCH_COLUMNS
     step = (wedge.right - wedge.left) / STEPS
-    patches = [(checker.bottom - high / 2, checker.left + (i + 0.5) * wide, high / 4, wide / 4) for i in range(PATCH_COLUMNS)]
+    patches = [
+        (checker.bottom - high / 2, checker.left + (i + 0.5) * wide, high / 4, wide / 4) for i in range(PATCH_COLUMNS)
+    ]
     middle, reach = (wedge.top + wedge.bottom) / 2, (wedge.bottom - wedge.top) / 4
     return patches + [(middle, wedge.left + (i + 0.5) * step, reach, step / 4) for i in range(STEPS)]
 
@@ -34,8 +40,12 @@ def mean_within(picture, y, x, place):
 
 
 def differences(name, **camera):
-    """CIEDE2000 of each grey patch that the frame holds: the picture beside the light of the scene under its own white."""
-    pipeline = etendue.Pipeline.read(PIPELINES / f"{name}.toml").sweep(**{axis: [value] for axis, value in camera.items()})
+    """CIEDE2000 of each grey patch that the frame holds: the picture beside the light of the scene under its own
+    white.
+    """
+    pipeline = etendue.Pipeline.read(PIPELINES / f"{name}.toml").sweep(
+        **{axis: [value] for axis, value in camera.items()}
+    )
     tree = pipeline.run(want=["scene", "encode", "pixel.photon_rate"], progress=False).tree
     scene = tree["scene"].dataset
     bounds = scene["wavelength_bounds"].values
@@ -44,14 +54,22 @@ def differences(name, **camera):
     shown = tree["encode"].dataset["rgb_display"].squeeze(drop=True)
     linear = srgb_decode(np.clip(shown.transpose("channel", "y", "x").values.astype(float), 0, 1))
     y, x = (own - own.mean() for own in (shown[f"{dim}_um"].values.ravel() for dim in ("y", "x")))
-    width, height = (abs(float(scene[dim][-1] - scene[dim][0])) * scene.sizes[dim] / (scene.sizes[dim] - 1) for dim in ("x", "y"))
+    width, height = (
+        abs(float(scene[dim][-1] - scene[dim][0])) * scene.sizes[dim] / (scene.sizes[dim] - 1) for dim in ("x", "y")
+    )
     to_xyz = matrices.RGB_TO_XYZ_SRGB
     found = []
     for place in grey_patches(width, height):
         true = mean_within(scene["radiance"].values, scene["y"].values, scene["x"].values, place)
         seen = mean_within(linear, y, x, place)
         if seen is not None:
-            found.append(float(delta_e_2000(lab(true @ matching / white[1], white / white[1]), lab(to_xyz @ seen, to_xyz @ np.ones(3)))))
+            found.append(
+                float(
+                    delta_e_2000(
+                        lab(true @ matching / white[1], white / white[1]), lab(to_xyz @ seen, to_xyz @ np.ones(3))
+                    )
+                )
+            )
     return found
 
 
@@ -67,10 +85,13 @@ def test_grey_is_grey_in_the_first_picture():
 @pytest.mark.parametrize(
     ("name", "camera"),
     [
-        ("smallest", {**SMALLEST, "f_number": 2.0}), ("raw_corrections", {}), ("burst", {"meter.ev_bias": 0.0}),
-        ("burst", {"meter.ev_bias": -1.0}), ("burst", {"meter.ev_bias": 1.0}),
+        ("smallest", {**SMALLEST, "f_number": 2.0}),
+        ("raw_corrections", {}),
+        ("burst", {"meter.ev_bias": 0.0}),
+        ("burst", {"meter.ev_bias": -1.0}),
+        ("burst", {"meter.ev_bias": 1.0}),
     ],
-)  # fmt: skip
+)
 def test_grey_is_grey_in_shipped_pictures(name, camera):
     found = differences(name, **camera)
     assert len(found) >= 13 and max(found) < SEEN

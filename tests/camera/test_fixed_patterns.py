@@ -1,4 +1,6 @@
-"""Fixed patterns are the sensor's: its serial, the pattern's own name and the absolute pixel say what they are, and nothing else."""
+"""Fixed patterns are the sensor's: its serial, the pattern's own name and the absolute pixel say what they are, and
+nothing else.
+"""
 
 import itertools
 import math
@@ -13,39 +15,71 @@ from etendue.contract.grid import Grid, Line
 
 SIDE = 384  # pixels: half of them, the hot ones, scatter a correlation by 0.0037, a fifth of what is allowed
 APART = 0.02
-ROUNDING = 1e-4  # of a pattern's rms: single precision holds a charge of 8000 electrons to 5e-4, of which 6 are the rms of a pattern
+# of a pattern's rms: single precision holds a charge of 8000 electrons to 5e-4, of which 6 are the rms of a pattern
+ROUNDING = 1e-4
 MAPS = ("hot or dead", "stuck", "stuck level")
 STAGES = ("defects", "leaking", "exposure", "shot_noise", "read_noise", "line_pattern", "adc", "stuck_pixels")
 SHOWN = {
-    "mosaic": "photocurrent", "defects": "photocurrent defect_map", "leaking": "expected_charge", "exposure": "expected_charge",
-    "shot_noise": "charge", "read_noise": "charge", "line_pattern": "charge", "stuck_pixels": "raw stuck_map",
-}  # fmt: skip
+    "mosaic": "photocurrent",
+    "defects": "photocurrent defect_map",
+    "leaking": "expected_charge",
+    "exposure": "expected_charge",
+    "shot_noise": "charge",
+    "read_noise": "charge",
+    "line_pattern": "charge",
+    "stuck_pixels": "raw stuck_map",
+}
 
 
 def document(side=SIDE, suffix="", window=None, front=(), **tables):
-    """A grey card on a sensor with every pattern: the stages that have one stand beside each other, under their names and a suffix."""
+    """A grey card on a sensor with every pattern: the stages that have one stand beside each other, under their
+    names and a suffix.
+    """
     named = {use: use + suffix for use in STAGES}
-    scene = {"width": side * 6, "height": side * 6, "spacing": 6, "wavelength_from": 545, "wavelength_to": 555, "bin_width": 10}
+    scene = {
+        "width": side * 6,
+        "height": side * 6,
+        "spacing": 6,
+        "wavelength_from": 545,
+        "wavelength_to": 555,
+        "bin_width": 10,
+    }
     camera = {
-        "peak_qe": [0.5], "sensitivity": "flat", "pattern": "mono", "pixel_pitch": 6, "read_noise": 0, "dsnu": 8,
-        "dark_current_density": 3e-8, "integration_time": 0.05, **tables.pop("camera", {}),
-    }  # fmt: skip
+        "peak_qe": [0.5],
+        "sensitivity": "flat",
+        "pattern": "mono",
+        "pixel_pitch": 6,
+        "read_noise": 0,
+        "dsnu": 8,
+        "dark_current_density": 3e-8,
+        "integration_time": 0.05,
+        **tables.pop("camera", {}),
+    }
     own = {
-        "defects": {"hot": 0.5, "dead": 0.2}, "leaking": {"use": "exposure", "prnu": 0, "dark_nonuniformity": 0.1},
-        "exposure": {"prnu": 0.05, "dark_nonuniformity": 0}, "line_pattern": {"row_pattern": 6, "column_pattern": 6},
+        "defects": {"hot": 0.5, "dead": 0.2},
+        "leaking": {"use": "exposure", "prnu": 0, "dark_nonuniformity": 0.1},
+        "exposure": {"prnu": 0.05, "dark_nonuniformity": 0},
+        "line_pattern": {"row_pattern": 6, "column_pattern": 6},
         "stuck_pixels": {"stuck": 0.5},
-    }  # fmt: skip
+    }
     beside = {use: {"from": {"photocurrent": "mosaic"}} for use in ("leaking", "exposure")}
     return {
-        "name": "patterns", "precision": "float64", "camera": camera,
+        "name": "patterns",
+        "precision": "float64",
+        "camera": camera,
         "stages": [
-            {"use": "uniform", "name": "scene", "white_luminance": 100, **scene}, {"use": "irradiance"},
-            {"use": "pixel", "rows": side, "columns": side, **(window or {})}, {"use": "mosaic"}, *front,
+            {"use": "uniform", "name": "scene", "white_luminance": 100, **scene},
+            {"use": "irradiance"},
+            {"use": "pixel", "rows": side, "columns": side, **(window or {})},
+            {"use": "mosaic"},
+            *front,
             *({"use": use, **own.get(use, {}), **beside.get(use, {}), "name": name} for use, name in named.items()),
         ],
-        "wanted": [f"{named.get(use, use)}.{variable}" for use, variables in SHOWN.items() for variable in variables.split()],
+        "wanted": [
+            f"{named.get(use, use)}.{variable}" for use, variables in SHOWN.items() for variable in variables.split()
+        ],
         **tables,
-    }  # fmt: skip
+    }
 
 
 def patterns_of(suffix="", **how):
@@ -91,7 +125,14 @@ def sensor():
 
 
 @pytest.mark.parametrize(
-    "change", [{"seed": 2}, {"precision": "float32"}, {"suffix": "_by_another_name"}, {"camera": {"noise": "common", "bits": 12}}], ids=str
+    "change",
+    [
+        {"seed": 2},
+        {"precision": "float32"},
+        {"suffix": "_by_another_name"},
+        {"camera": {"noise": "common", "bits": 12}},
+    ],
+    ids=str,
 )
 def test_a_sensor_has_one_pattern_whatever_is_drawn_asked_or_called(sensor, change):
     same(sensor, patterns_of(**change))
@@ -117,7 +158,13 @@ def test_a_sensor_keeps_its_patterns_from_frame_to_frame():
 
 def test_stages_that_ask_for_one_pattern_are_given_one():
     """Two exposures of one sensor: the pattern is the sensor's, and no stage's."""
-    twin = {"use": "exposure", "name": "twin", "prnu": 0.05, "dark_nonuniformity": 0, "from": {"photocurrent": "mosaic"}}
+    twin = {
+        "use": "exposure",
+        "name": "twin",
+        "prnu": 0.05,
+        "dark_nonuniformity": 0,
+        "from": {"photocurrent": "mosaic"},
+    }
     asked = document(side=64, front=(twin,))
     asked["wanted"] += ["twin.expected_charge"]
     tree = etendue.simulate(asked)
@@ -155,11 +202,16 @@ def test_names_kinds_and_serials_part_patterns_and_nothing_else_does(serials):
     def drawn(serial, name):
         one, down, along = (PatternRandom(serial.encode(), grid, "float64") for grid in (pixels, rows, columns))
         return {
-            "normal": one.normal(name), "uniform": one.uniform(name),
-            "row": down.row_normal(name), "column": along.column_normal(name),
-        }  # fmt: skip
+            "normal": one.normal(name),
+            "uniform": one.uniform(name),
+            "row": down.row_normal(name),
+            "column": along.column_normal(name),
+        }
 
-    first, second = (drawn(serial, name) for serial, name in zip(serials, ("a", "a" if serials[0] != serials[1] else "b"), strict=True))
+    first, second = (
+        drawn(serial, name)
+        for serial, name in zip(serials, ("a", "a" if serials[0] != serials[1] else "b"), strict=True)
+    )
     for how in first:
         assert correlation(first[how].ravel(), second[how].ravel()) < APART
         np.testing.assert_array_equal(first[how], drawn(serials[0], "a")[how])
@@ -171,8 +223,16 @@ def test_names_kinds_and_serials_part_patterns_and_nothing_else_does(serials):
 
 def test_what_joins_a_serial_and_a_name_is_in_neither():
     grid = Grid.of({"y": Line(256), "x": Line(256)})
-    assert correlation(PatternRandom(b"1|a", grid, "float32").normal("b"), PatternRandom(b"1", grid, "float32").normal("a|b")) < APART
-    assert correlation(PatternRandom(b"1", grid, "float32").normal("b"), PatternRandom(b"", grid, "float32").normal("1b")) < APART
+    assert (
+        correlation(
+            PatternRandom(b"1|a", grid, "float32").normal("b"), PatternRandom(b"1", grid, "float32").normal("a|b")
+        )
+        < APART
+    )
+    assert (
+        correlation(PatternRandom(b"1", grid, "float32").normal("b"), PatternRandom(b"", grid, "float32").normal("1b"))
+        < APART
+    )
 
 
 def test_a_pattern_of_larger_pixels_is_cut_like_any_other():

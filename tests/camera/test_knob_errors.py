@@ -1,7 +1,7 @@
 """What a setting of a knob adds to its stage's output, rms over the picture, is no more than the stage states.
 
-Against the reference setting, over scenes (noise, black and white patches, an edge, each as soft as chance has it), grids and parameters
-drawn at random.
+Against the reference setting, over scenes (noise, black and white patches, an edge, each as soft as chance has it),
+grids and parameters drawn at random.
 """
 
 import dataclasses
@@ -46,7 +46,9 @@ def scene(random, grid, softness=None):
     if kind == 2:
         y, x = np.mgrid[: shape[1], : shape[2]]
         turn = random.uniform(-0.4, 0.4)
-        light = np.broadcast_to(np.cos(turn) * x + np.sin(turn) * y > random.uniform(0.3, 0.7) * shape[2], shape).astype(float)
+        light = np.broadcast_to(
+            np.cos(turn) * x + np.sin(turn) * y > random.uniform(0.3, 0.7) * shape[2], shape
+        ).astype(float)
     width = random.uniform(0, 3) if softness is None else softness
     soft = gaussian_filter(light, (0, width, width), mode="mirror")
     return soft / soft.max()
@@ -54,7 +56,9 @@ def scene(random, grid, softness=None):
 
 def frequencies(grid):
     y, x = grid.line("y"), grid.line("x")
-    return sampling.frequencies(y.size, y.step, half=False)[:, None], sampling.frequencies(x.size, x.step, half=True)[None]
+    return sampling.frequencies(y.size, y.step, half=False)[:, None], sampling.frequencies(x.size, x.step, half=True)[
+        None
+    ]
 
 
 def filtered(light, transfer, grid):
@@ -69,7 +73,9 @@ def blurred(stage, light, grid):
 def done(stage, light, grid):
     known = coordinates_of({"light": grid})
     given = {"irradiance": light, "prepared": stage.prepare(known), **known}
-    return stage.run(**{name: given[name] for name in inspect.signature(type(stage).run).parameters if name != "self"})["irradiance"]
+    return stage.run(**{name: given[name] for name in inspect.signature(type(stage).run).parameters if name != "self"})[
+        "irradiance"
+    ]
 
 
 def stated(stage, facts, grids):
@@ -84,9 +90,12 @@ def share(found, reference, bound):
 def diffusion_nodes(random):
     grid, nodes = light_on(random, size=70), int(random.choice([64, 128, 256, 512]))
     stage = LOAD("diffusion")(
-        depletion_depth=float(10 ** random.uniform(-1.5, 1)), diffusion_depth=float(10 ** random.uniform(-0.5, 2)),
-        diffusion_length=float(10 ** random.uniform(0, 3)), back=str(random.choice(["absorbing", "reflecting"])), nodes=nodes,
-    )  # fmt: skip
+        depletion_depth=float(10 ** random.uniform(-1.5, 1)),
+        diffusion_depth=float(10 ** random.uniform(-0.5, 2)),
+        diffusion_length=float(10 ** random.uniform(0, 3)),
+        back=str(random.choice(["absorbing", "reflecting"])),
+        nodes=nodes,
+    )
     light = scene(random, grid)
     exact = blurred(dataclasses.replace(stage, nodes=0), light, grid)
     return share(blurred(stage, light, grid), exact, stated(stage, UNKNOWN, {"irradiance": grid}))
@@ -100,7 +109,9 @@ def lens_psf_nodes(random, folder):
     stage, light = LOAD("lens_psf")(file=str(path), nodes=int(random.choice([256, 1024, 4096]))), scene(random, grid)
     distinct, where = np.unique(np.hypot(*frequencies(grid)), return_inverse=True)
     exact = lens.radial_psf_otf(distinct, radius, psf)[where].reshape(np.hypot(*frequencies(grid)).shape)
-    return share(blurred(stage, light, grid), filtered(light, exact, grid), stated(stage, UNKNOWN, {"irradiance": grid}))
+    return share(
+        blurred(stage, light, grid), filtered(light, exact, grid), stated(stage, UNKNOWN, {"irradiance": grid})
+    )
 
 
 def distortion_spline(random):
@@ -121,7 +132,9 @@ def wavefront_samples(random):
         {"coma": float(random.uniform(0, 0.4)), "field_x": 2.0},
         {"aperture": "polygonal", "spherical": float(random.uniform(0, 0.5))},
     )[kind]
-    stage = LOAD("wavefront")(f_number=float(10 ** random.uniform(0.1, 1.2)), pupil_samples=int(random.choice([32, 64])), **odd)
+    stage = LOAD("wavefront")(
+        f_number=float(10 ** random.uniform(0.1, 1.2)), pupil_samples=int(random.choice([32, 64])), **odd
+    )
     light = scene(random, grid)
     exact = blurred(dataclasses.replace(stage, pupil_samples=256), light, grid)
     return share(blurred(stage, light, grid), exact, stated(stage, UNKNOWN, {"irradiance": grid}))
@@ -130,10 +143,16 @@ def wavefront_samples(random):
 def leaves_oversampling(random):
     spacing = float(10 ** random.uniform(-0.3, 0.5))
     stage = LOAD("dead_leaves")(
-        white_luminance=1000.0, width=32 * spacing, height=28 * spacing, spacing=spacing, smallest=float(spacing * random.uniform(1, 6)),
-        largest=20 * spacing, softness=float(random.choice([0.5, 1, 2])), seed=int(random.integers(100)),
+        white_luminance=1000.0,
+        width=32 * spacing,
+        height=28 * spacing,
+        spacing=spacing,
+        smallest=float(spacing * random.uniform(1, 6)),
+        largest=20 * spacing,
+        softness=float(random.choice([0.5, 1, 2])),
+        seed=int(random.integers(100)),
         oversampling=int(random.choice([1, 2, 4])),
-    )  # fmt: skip
+    )
     known = coordinates_of({"light": stage.describe()[1]["radiance"]})
 
     def painted(cells):
@@ -147,13 +166,18 @@ def leaves_oversampling(random):
 def crosstalk_kernels(random):
     edges, light = tuple(np.linspace(400.0, 700.0, 7)), scene(random, light_on(random, bands=1))[0]
     stage = LOAD("crosstalk")(
-        crosstalk="through_filter", peak_qe=QE, pixel_pitch=float(10 ** random.uniform(0, 1.4)),
-        beyond=float(random.choice([0.1, 0.03, 1e-2, 1e-3, 1e-5])), depletion_depth=float(10 ** random.uniform(-0.5, 0.5)),
-        diffusion_depth=float(10 ** random.uniform(0, 2)), diffusion_length=float(10 ** random.uniform(0.5, 3)),
-    )  # fmt: skip
+        crosstalk="through_filter",
+        peak_qe=QE,
+        pixel_pitch=float(10 ** random.uniform(0, 1.4)),
+        beyond=float(random.choice([0.1, 0.03, 1e-2, 1e-3, 1e-5])),
+        depletion_depth=float(10 ** random.uniform(-0.5, 0.5)),
+        diffusion_depth=float(10 ** random.uniform(0, 2)),
+        diffusion_length=float(10 ** random.uniform(0.5, 3)),
+    )
     photons, tables = electrons_per_irradiance(stage, edges), tables_of(stage, edges)
     found, exact = (
-        crosstalk.diffuse(light, channel_kernels(photons, tables, beyond), mask_of(stage.pattern), 0, 0) for beyond in (stage.beyond, 1e-14)
+        crosstalk.diffuse(light, channel_kernels(photons, tables, beyond), mask_of(stage.pattern), 0, 0)
+        for beyond in (stage.beyond, 1e-14)
     )
     return share(found, exact, stated(stage, {}, {"white_irradiance": Grid.of({"wavelength": Bands(edges)})}))
 
@@ -171,22 +195,30 @@ def wavelength_terms(random):
     planes, place = scene(random, grid), np.linspace(0, 1, len(edges) - 1)
     if random.integers(2):  # two colours, narrow or wide, in place of noise over wavelength
         width = random.uniform(0.05, 0.5)
-        planes = sum(planes[i : i + 1] * np.exp(-(((place - random.uniform()) / width) ** 2))[:, None, None] for i in range(2))
+        planes = sum(
+            planes[i : i + 1] * np.exp(-(((place - random.uniform()) / width) ** 2))[:, None, None] for i in range(2)
+        )
     aperture, transfer = stage.transfer(fy, fx, None, None), product.at(fy, fx)
     exact = np.einsum("cl,lyx->cyx", weights, filtered(planes, transfer * aperture, grid))
     frequency = np.linspace(0, 0.5 * math.hypot(1 / grid.line("y").step, 1 / grid.line("x").step), expansion.FITTED)
     basis = expansion.band_basis(weights, terms, product.along(frequency), expansion.importance(frequency))
-    own = expansion.coefficients(weights, basis, transfer.reshape(len(transfer), -1)).reshape(len(weights), terms, *transfer.shape[1:])
+    own = expansion.coefficients(weights, basis, transfer.reshape(len(transfer), -1)).reshape(
+        len(weights), terms, *transfer.shape[1:]
+    )
     gathered = sampling.transform(np.einsum("kl,lyx->kyx", basis, planes))
     found = sampling.planes_of((own * gathered * aperture).sum(axis=1), grid.line("y").size, grid.line("x").size)
     return share(found, exact, stage.segment_error(before, UNKNOWN, {"irradiance": grid}, "float64")[0])
 
 
 KNOBS = {
-    "diffusion.nodes": (diffusion_nodes, 4, 100), "lens_psf.nodes": (lens_psf_nodes, 6, 100), "distortion": (distortion_spline, 8, 200),
-    "wavefront.pupil_samples": (wavefront_samples, 3, 60), "dead_leaves.oversampling": (leaves_oversampling, 3, 60),
-    "crosstalk.beyond": (crosstalk_kernels, 8, 100), "pixel.wavelength_terms": (wavelength_terms, 8, 200),
-}  # fmt: skip
+    "diffusion.nodes": (diffusion_nodes, 4, 100),
+    "lens_psf.nodes": (lens_psf_nodes, 6, 100),
+    "distortion": (distortion_spline, 8, 200),
+    "wavefront.pupil_samples": (wavefront_samples, 3, 60),
+    "dead_leaves.oversampling": (leaves_oversampling, 3, 60),
+    "crosstalk.beyond": (crosstalk_kernels, 8, 100),
+    "pixel.wavelength_terms": (wavelength_terms, 8, 200),
+}
 
 
 def shares(name, seed, count, folder):

@@ -1,4 +1,6 @@
-"""Of stages whose blur changes over the frame, of restoration and of edges: what a setting adds is no more than the stage states."""
+"""Of stages whose blur changes over the frame, of restoration and of edges: what a setting adds is no more than the
+stage states.
+"""
 
 import dataclasses
 import math
@@ -32,9 +34,12 @@ def aberrations_settings(random):
     setting = [("heights", 3), ("bands", 1), ("pupil_samples", 32), ("accuracy", 0.1)][random.integers(4)]
     best = {"heights": 5, "bands": 2, "pupil_samples": 128, "accuracy": 0.05}
     stage = LOAD("aberrations")(
-        f_number=float(random.uniform(4, 12)), coma=float(random.uniform(0, 0.3)), astigmatism=float(random.uniform(0, 0.3)),
-        full_height=0.03, **best,
-    )  # fmt: skip
+        f_number=float(random.uniform(4, 12)),
+        coma=float(random.uniform(0, 0.3)),
+        astigmatism=float(random.uniform(0, 0.3)),
+        full_height=0.03,
+        **best,
+    )
     coarse = dataclasses.replace(stage, **dict([setting]))
     light = scene(random, grid)
     return share(done(coarse, light, grid), done(stage, light, grid), stated(coarse, UNKNOWN, {"irradiance": grid}))
@@ -47,19 +52,23 @@ def wiener_nodes(random):
     parts = (("lens", lens), ("pixel", pixel))
     transfers = [("pixel", Otf(parts, edges))]
     stage = LOAD("wiener")(
-        pixel_pitch=pitch, nodes=int(random.choice([16, 32, 64, 128])), noise_variance=float(10 ** random.uniform(-5, -3))
+        pixel_pitch=pitch,
+        nodes=int(random.choice([16, 32, 64, 128])),
+        noise_variance=float(10 ** random.uniform(-5, -3)),
     )
     picture = scene(random, light_on(random, bands=3, size=48))
     found, exact = (
-        one.restored(picture, System.of(transfers, 3, pitch, one.nodes))[0] for one in (stage, dataclasses.replace(stage, nodes=0))
+        one.restored(picture, System.of(transfers, 3, pitch, one.nodes))[0]
+        for one in (stage, dataclasses.replace(stage, nodes=0))
     )
     return share(found, exact, stated(stage, {}, {}))
 
 
 KNOBS = {
-    "lens_psf_field.tolerance": (field_tolerance, 2, 40), "aberrations": (aberrations_settings, 1, 12),
+    "lens_psf_field.tolerance": (field_tolerance, 2, 40),
+    "aberrations": (aberrations_settings, 1, 12),
     "wiener.nodes": (wiener_nodes, 4, 100),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", KNOBS)
@@ -77,14 +86,26 @@ def test_one_scene_in_a_hundred_may_add_more(name):
 
 
 @given(
-    time=st.floats(-9, 6), pitch=st.floats(-1, 3), density=st.floats(-13, -6), spread=st.floats(0, 1), light=st.floats(0, 1e9),
-)  # fmt: skip
-def test_a_dark_current_alike_in_all_pixels_lacks_no_more_of_the_variance_of_any_than_is_stated(time, pitch, density, spread, light):
-    """Of the variance with shot noise, whatever light there is beside the dark charge; the mean over many sensors is the same."""
+    time=st.floats(-9, 6),
+    pitch=st.floats(-1, 3),
+    density=st.floats(-13, -6),
+    spread=st.floats(0, 1),
+    light=st.floats(0, 1e9),
+)
+def test_a_dark_current_alike_in_all_pixels_lacks_no_more_of_the_variance_of_any_than_is_stated(
+    time, pitch, density, spread, light
+):
+    """Of the variance with shot noise, whatever light there is beside the dark charge; the mean over many sensors is
+    the same.
+    """
     stage = LOAD("exposure")(
-        integration_time=10**time, pixel_pitch=10**pitch, dark_current_density=10**density, dark_nonuniformity=spread, prnu=0.0,
+        integration_time=10**time,
+        pixel_pitch=10**pitch,
+        dark_current_density=10**density,
+        dark_nonuniformity=spread,
+        prnu=0.0,
         dark_pattern=False,
-    )  # fmt: skip
+    )
     exact = dataclasses.replace(stage, dark_pattern=True)
     none = np.zeros((1, 1))
     dark = float(exact.mean(none)["expected_charge"][0, 0])

@@ -1,4 +1,6 @@
-"""Absolute levels by hand arithmetic, and laws of the whole camera. In: small pipelines. Out: electrons, lux, colours."""
+"""Absolute levels by hand arithmetic, and laws of the whole camera. In: small pipelines. Out: electrons, lux,
+colours.
+"""
 
 import copy
 import math
@@ -21,8 +23,23 @@ def camera(*stages, chart="uniform", wanted=None, **tables):
     document = {
         "name": "test",
         "precision": "float64",
-        "camera": {"peak_qe": [0.4, 0.5, 0.3], "read_noise": 0, "dsnu": 0, "dark_current_density": 0, **tables.pop("camera", {})},
-        "stages": [{"use": chart, "name": "scene", "white_luminance": 100, "width": 64, "height": 48, **tables.pop("scene", {})}],
+        "camera": {
+            "peak_qe": [0.4, 0.5, 0.3],
+            "read_noise": 0,
+            "dsnu": 0,
+            "dark_current_density": 0,
+            **tables.pop("camera", {}),
+        },
+        "stages": [
+            {
+                "use": chart,
+                "name": "scene",
+                "white_luminance": 100,
+                "width": 64,
+                "height": 48,
+                **tables.pop("scene", {}),
+            }
+        ],
     }
     for name in ("irradiance", *stages):
         document["stages"].append({"use": name, **tables.get(name, {})})
@@ -33,7 +50,9 @@ def camera(*stages, chart="uniform", wanted=None, **tables):
 
 @pytest.mark.parametrize(("model", "lux"), [("aplanatic", math.pi * 100 / 64), ("flat_disc", math.pi * 100 / 65)])
 def test_a_white_surface_of_100_cd_per_m2_at_f4_gives_the_lux_of_the_closed_form(model, lux):
-    tree = etendue.simulate(camera(camera={"f_number": 4, "aperture_model": model}, scene={"width": 2, "height": 2, "bin_width": 1}))
+    tree = etendue.simulate(
+        camera(camera={"f_number": 4, "aperture_model": model}, scene={"width": 2, "height": 2, "bin_width": 1})
+    )
     data = tree["irradiance"].to_dataset()
     edges = np.append(data.wavelength_bounds.values[:, 0], data.wavelength_bounds.values[-1, 1])
     weight = LUMINOUS_EFFICACY * spectra.luminous_efficiency(tuple(edges)) * np.diff(edges)
@@ -46,12 +65,21 @@ def test_electrons_of_a_uniform_555_nm_scene_are_those_of_hand_arithmetic():
     time, pitch, fraction = 0.01, 5.4, 0.741
     tree = etendue.simulate(
         camera(
-            "pixel", "mosaic", "exposure",
-            scene={"wavelength_from": 550, "wavelength_to": 560, "bin_width": 10}, exposure={"prnu": 0, "dark_nonuniformity": 0},
-            camera={"illuminant": "555 nm", "sensitivity": "flat", "f_number": 4, "integration_time": time, "pixel_pitch": pitch,
-                    "aperture_fraction": fraction},
+            "pixel",
+            "mosaic",
+            "exposure",
+            scene={"wavelength_from": 550, "wavelength_to": 560, "bin_width": 10},
+            exposure={"prnu": 0, "dark_nonuniformity": 0},
+            camera={
+                "illuminant": "555 nm",
+                "sensitivity": "flat",
+                "f_number": 4,
+                "integration_time": time,
+                "pixel_pitch": pitch,
+                "aperture_fraction": fraction,
+            },
         )
-    )  # fmt: skip
+    )
     irradiance = math.pi * 100 / LUMINOUS_EFFICACY / (4 * 4**2)  # W m-2, all of it in the one bin; V is 1 at 555 nm
     photons = irradiance * (pitch * fraction * 1e-6) ** 2 * time * 555e-9 / (PLANCK * SPEED_OF_LIGHT)
     charge = tree["exposure"].expected_charge.values
@@ -63,10 +91,14 @@ def test_electrons_of_a_uniform_555_nm_scene_are_those_of_hand_arithmetic():
 
 def test_a_grey_surface_stays_grey_through_the_whole_camera():
     document = camera(
-        "pixel", *SENSOR, *COLOUR, scene={"reflectance": 0.5, "white_luminance": 2000}, shot_noise={"exact_below": "inf"},
-        exposure={"prnu": 0, "dark_nonuniformity": 0}, 
+        "pixel",
+        *SENSOR,
+        *COLOUR,
+        scene={"reflectance": 0.5, "white_luminance": 2000},
+        shot_noise={"exact_below": "inf"},
+        exposure={"prnu": 0, "dark_nonuniformity": 0},
         camera={"bits": 16, "full_well_density": 1e6, "integration_time": 0.2, "illuminant": "A"},
-    )  # fmt: skip
+    )
     tree = etendue.simulate(document)
     linear = tree["display"].rgb_linear.values.mean(axis=(1, 2))
     electrons = tree["exposure"].expected_charge.values.min()
@@ -79,15 +111,30 @@ def test_a_window_of_the_sensor_equals_the_crop_of_the_whole():
     stages = ("pixel", *SENSOR[:-1])
     noisy = {"read_noise": 0, "dsnu": 20, "dark_current_density": 1e-8}
     whole = etendue.simulate(
-        camera(*stages, scene={"width": 600, "height": 500}, pixel={"rows": 80, "columns": 90}, camera=noisy, wanted=["expected_charge"])
+        camera(
+            *stages,
+            scene={"width": 600, "height": 500},
+            pixel={"rows": 80, "columns": 90},
+            camera=noisy,
+            wanted=["expected_charge"],
+        )
     )
     part = etendue.simulate(
         camera(
-            *stages, scene={"width": 600, "height": 500},
-            pixel={"rows": 80, "columns": 90, "first_row": 30, "first_column": 50, "window_rows": 40, "window_columns": 33},
-            camera=noisy, wanted=["expected_charge"],
+            *stages,
+            scene={"width": 600, "height": 500},
+            pixel={
+                "rows": 80,
+                "columns": 90,
+                "first_row": 30,
+                "first_column": 50,
+                "window_rows": 40,
+                "window_columns": 33,
+            },
+            camera=noisy,
+            wanted=["expected_charge"],
         )
-    )  # fmt: skip
+    )
     crop = whole["exposure"].expected_charge.isel(y=slice(30, 70), x=slice(50, 83))
     assert np.array_equal(part["exposure"].y, crop.y)
     # fixed patterns bit for bit; the light of a uniform scene comes from another evaluation of the same spectrum
@@ -96,7 +143,11 @@ def test_a_window_of_the_sensor_equals_the_crop_of_the_whole():
 
 def test_the_fixed_pattern_is_the_same_in_every_cell_and_another_sensor_has_another():
     document = camera(
-        "pixel", *SENSOR[:-1], pixel={"rows": 6, "columns": 6}, exposure={"prnu": 0.05, "dark_nonuniformity": 0}, wanted=["expected_charge"]
+        "pixel",
+        *SENSOR[:-1],
+        pixel={"rows": 6, "columns": 6},
+        exposure={"prnu": 0.05, "dark_nonuniformity": 0},
+        wanted=["expected_charge"],
     )
     document["sweep"] = {"integration_time": [0.001, 0.004]}
     charge = etendue.simulate(document)["exposure"].expected_charge.values
@@ -133,14 +184,28 @@ def test_common_noise_moves_with_the_mean_and_independent_noise_does_not():
 def test_an_edge_behind_the_pixel_is_the_fourier_integral_of_optics_diffusion_and_aperture(spacing):
     pitch, fraction, number = 2.7, 0.741, 4.0
     document = {
-        "name": "edge", "precision": "float64",
+        "name": "edge",
+        "precision": "float64",
         "camera": {"peak_qe": [1, 1, 1], "f_number": number, "pixel_pitch": pitch, "aperture_fraction": fraction},
         "stages": [
-            {"use": "slanted_edge", "name": "scene", "white_luminance": 100, "width": 300, "height": 40, "angle": 0, "spacing": spacing,
-             "wavelength_from": 540, "wavelength_to": 560, "bin_width": 20},
-            {"use": "irradiance"}, {"use": "diffraction"}, {"use": "diffusion"}, {"use": "pixel", "rows": 4, "columns": 100},
+            {
+                "use": "slanted_edge",
+                "name": "scene",
+                "white_luminance": 100,
+                "width": 300,
+                "height": 40,
+                "angle": 0,
+                "spacing": spacing,
+                "wavelength_from": 540,
+                "wavelength_to": 560,
+                "bin_width": 20,
+            },
+            {"use": "irradiance"},
+            {"use": "diffraction"},
+            {"use": "diffusion"},
+            {"use": "pixel", "rows": 4, "columns": 100},
         ],
-    }  # fmt: skip
+    }
     rate = etendue.simulate(document)["pixel"].photon_rate.values[1, 2]
     x = (np.arange(100) - 49.5) * pitch
     # the exact profile: integrate the analytic transfer function of an edge (odd part) over frequency

@@ -1,4 +1,6 @@
-"""How much light arrives, where: T-numbers, focus, tables, rims, glare, split light. In: small pipelines. Out: ratios, lux."""
+"""How much light arrives, where: T-numbers, focus, tables, rims, glare, split light. In: small pipelines. Out:
+ratios, lux.
+"""
 
 import math
 
@@ -19,14 +21,25 @@ from etendue_camera.optics import focus
 def document(*stages, scene=None, chart="uniform", wanted=None, precision="float64", **camera):
     """A scene, its irradiance, and stages given by name or as tables."""
     made = {
-        "name": "light", "precision": precision, "camera": camera,
+        "name": "light",
+        "precision": precision,
+        "camera": camera,
         "stages": [
-            {"use": chart, "name": "scene", "white_luminance": 100, "width": 64, "height": 48, "bin_width": 100,
-             "wavelength_from": 400, "wavelength_to": 700, **(scene or {})},
+            {
+                "use": chart,
+                "name": "scene",
+                "white_luminance": 100,
+                "width": 64,
+                "height": 48,
+                "bin_width": 100,
+                "wavelength_from": 400,
+                "wavelength_to": 700,
+                **(scene or {}),
+            },
             {"use": "irradiance"},
             *({"use": s} if isinstance(s, str) else s for s in stages),
         ],
-    }  # fmt: skip
+    }
     return made | ({"wanted": wanted} if wanted else {})
 
 
@@ -50,14 +63,19 @@ def test_a_white_surface_of_100_cd_per_m2_at_f4_is_measured_in_lux():
     for model, lux in (("aplanatic", math.pi * 100 / 64), ("flat_disc", math.pi * 100 / 65)):
         tree = etendue.simulate(
             document(
-                "illuminance", scene={"wavelength_from": 380, "wavelength_to": 780, "bin_width": 10}, f_number=4,
-                aperture_model=model, illuminant="D65",
+                "illuminance",
+                scene={"wavelength_from": 380, "wavelength_to": 780, "bin_width": 10},
+                f_number=4,
+                aperture_model=model,
+                illuminant="D65",
             )
-        )  # fmt: skip
+        )
         # of the rendered wavelengths; products of means over bins of 10 nm: 8.2e-5 measured
         rendered = spectra.rendered_share("D65", 380, 780)
         np.testing.assert_allclose(tree["illuminance"].illuminance.values, lux * rendered, rtol=1e-4)
-        np.testing.assert_allclose(tree["illuminance"].illuminance_grey.values, 0.18 * tree["illuminance"].illuminance.values, rtol=1e-13)
+        np.testing.assert_allclose(
+            tree["illuminance"].illuminance_grey.values, 0.18 * tree["illuminance"].illuminance.values, rtol=1e-13
+        )
 
 
 def test_a_t_number_replaces_f_number_and_transmittance():
@@ -75,7 +93,16 @@ def test_a_t_number_replaces_f_number_and_transmittance():
         ({"t_number": 2, "f_number": 2.8}, "more light than it takes in"),
         ({"magnification": -0.5, "focus_distance": 500}, "give one of them"),
         ({"focus_distance": 5, "focal_length": 6.93}, "closer there is no real image"),
-        ({"f_number": 0.5, "magnification": -0.1, "pupil_magnification": 1e-3, "t_number": 0, "aperture_model": "aplanatic"}, None),
+        (
+            {
+                "f_number": 0.5,
+                "magnification": -0.1,
+                "pupil_magnification": 1e-3,
+                "t_number": 0,
+                "aperture_model": "aplanatic",
+            },
+            None,
+        ),
     ],
 )
 def test_a_camera_that_contradicts_itself_is_refused_before_anything_runs(camera, message):
@@ -90,14 +117,36 @@ def test_a_camera_that_contradicts_itself_is_refused_before_anything_runs(camera
 def test_every_stage_sees_the_magnification_of_the_focus():
     f, s = 25.0, 75.0
     m = float(focus.magnification_of(f, s))
-    stages = ({"use": "falloff", "model": "disc"}, {"use": "vignetting", "rim_radius": 8, "rim_distance": 9}, "diffraction")
+    stages = (
+        {"use": "falloff", "model": "disc"},
+        {"use": "vignetting", "rim_radius": 8, "rim_distance": 9},
+        "diffraction",
+    )
     scene = {"width": 3000, "height": 2000, "spacing": 20}
     wanted = ["irradiance", "lens_numbers", "etendue"]
     by_focus = etendue.simulate(
-        document(*stages, "lens_numbers", "pixel_etendue", scene=scene, wanted=wanted, focal_length=f, f_number=2, focus_distance=s)
+        document(
+            *stages,
+            "lens_numbers",
+            "pixel_etendue",
+            scene=scene,
+            wanted=wanted,
+            focal_length=f,
+            f_number=2,
+            focus_distance=s,
+        )
     )
     by_number = etendue.simulate(
-        document(*stages, "lens_numbers", "pixel_etendue", scene=scene, wanted=wanted, focal_length=f, f_number=2, magnification=m)
+        document(
+            *stages,
+            "lens_numbers",
+            "pixel_etendue",
+            scene=scene,
+            wanted=wanted,
+            focal_length=f,
+            f_number=2,
+            magnification=m,
+        )
     )
     for stage in ("irradiance", "falloff", "vignetting", "diffraction"):
         np.testing.assert_allclose(by_focus[stage].irradiance.values, by_number[stage].irradiance.values, rtol=1e-14)
@@ -116,21 +165,30 @@ def test_a_focus_at_unit_magnification_gives_a_quarter_of_the_light():
 def test_etendue_times_radiance_is_the_power_on_the_pixel():
     pixel = {"pixel_pitch": 3.0, "aperture_fraction": 0.5}
     for camera in ({"f_number": 1.4}, {"f_number": 8, "magnification": -0.7, "aperture_model": "flat_disc"}):
-        tree = etendue.simulate(document("pixel_etendue", wanted=["irradiance", "etendue", "radiance"], **camera, **pixel))
+        tree = etendue.simulate(
+            document("pixel_etendue", wanted=["irradiance", "etendue", "radiance"], **camera, **pixel)
+        )
         power = tree["irradiance"].irradiance.values * 1.5**2  # um2
         by_etendue = tree["scene"].radiance.values * tree["pixel_etendue"]["etendue"].values
         np.testing.assert_allclose(by_etendue, power, rtol=1e-14)
     tree = etendue.simulate(document("pixel_etendue", f_number=0.5, **pixel))
-    np.testing.assert_allclose(tree["pixel_etendue"].cone_half_angle.values, 90.0, rtol=1e-7)  # a half space; sin is flat there
+    np.testing.assert_allclose(
+        tree["pixel_etendue"].cone_half_angle.values, 90.0, rtol=1e-7
+    )  # a half space; sin is flat there
     np.testing.assert_allclose(tree["pixel_etendue"]["etendue"].values, math.pi * 1.5**2, rtol=1e-14)
 
 
 def test_fall_off_follows_the_exit_pupil():
     scene = {"width": 9000, "height": 6000, "spacing": 500}
     even, _ = light(scene=scene, f_number=2.0)
-    for model, law in (("cos4", lambda t: radiometry.cos4(t)), ("disc", lambda t: radiometry.disc_falloff(2.0, t, -0.2, 1.6))):
+    for model, law in (
+        ("cos4", lambda t: radiometry.cos4(t)),
+        ("disc", lambda t: radiometry.disc_falloff(2.0, t, -0.2, 1.6)),
+    ):
         stage = {"use": "falloff", "model": model}
-        found, data = light(stage, scene=scene, f_number=2.0, focal_length=5, magnification=-0.2, pupil_magnification=1.6)
+        found, data = light(
+            stage, scene=scene, f_number=2.0, focal_length=5, magnification=-0.2, pupil_magnification=1.6
+        )
         even, _ = light(scene=scene, f_number=2.0, focal_length=5, magnification=-0.2, pupil_magnification=1.6)
         tangent = radius(data) / 1e3 / (5 * 1.8)
         np.testing.assert_allclose(found / even, np.broadcast_to(law(tangent), found.shape), rtol=1e-13)
@@ -219,7 +277,9 @@ def test_a_sensor_made_for_the_lens_sees_it_everywhere_as_on_the_axis():
     # a linear profile that meets the lens at one of the samples
     place = np.isclose(height, height[6, 3])
     slope = math.degrees(math.atan(height[6, 3] / 4)) / height[6, 3]
-    matched, _ = light({"use": "angular_response", "power": 2, "exit_pupil_distance": 4, "microlens_shift": slope}, scene=scene)
+    matched, _ = light(
+        {"use": "angular_response", "power": 2, "exit_pupil_distance": 4, "microlens_shift": slope}, scene=scene
+    )
     assert (matched / even).min() > 0.99 > 0.8 > (off / even).min()
     np.testing.assert_allclose((matched / even)[:, place], 1.0, rtol=1e-13)
     telecentric, _ = light({"use": "angular_response", "power": 2, "exit_pupil_distance": "inf"}, scene=scene)
@@ -243,7 +303,10 @@ def test_a_response_measured_on_one_side_serves_both_and_one_on_both_sides_each(
         np.testing.assert_allclose(found / even, np.broadcast_to(np.interp(where, *rows), found.shape), rtol=1e-13)
 
 
-POINTS = {"chart": "points", "scene": {"pitch": 30, "spot_sigma": 2, "spacing": 1, "background": 0.0, "width": 96, "height": 64}}
+POINTS = {
+    "chart": "points",
+    "scene": {"pitch": 30, "spot_sigma": 2, "spacing": 1, "background": 0.0, "width": 96, "height": 64},
+}
 
 
 def test_glare_lifts_black_and_leaves_a_uniform_scene_alone():
@@ -251,7 +314,8 @@ def test_glare_lifts_black_and_leaves_a_uniform_scene_alone():
     veiled, _ = light({"use": "glare", "veil": 0.04}, **POINTS)
     dark = clean < 1e-9 * clean.max()
     level = veiled[:, dark[0]].mean(axis=1)
-    # the veil is the mean of the padded frame, whose mirrored surroundings hold as much light as the frame to some per cent
+    # the veil is the mean of the padded frame, whose mirrored surroundings hold as much light as the frame to some per
+    # cent
     np.testing.assert_allclose(level, 0.04 * clean.mean(axis=(1, 2)), rtol=0.2)
     # the points are Gaussian: what lies below 1e-9 of the peak is not yet 0
     np.testing.assert_allclose(veiled - 0.96 * clean, np.broadcast_to(level[:, None, None], clean.shape), rtol=1e-6)
@@ -288,7 +352,9 @@ def test_split_light_is_the_mean_of_its_copies():
 
 
 def test_split_light_with_dispersion_splits_each_band_by_its_own_distance(tmp_path):
-    table = written(tmp_path / "scale.csv", "wavelength_nm,scale\n400,0.5\n500,0.5\n500.001,1\n600,1\n600.001,1.5\n700,1.5\n")
+    table = written(
+        tmp_path / "scale.csv", "wavelength_nm,scale\n400,0.5\n500,0.5\n500.001,1\n600,1\n600.001,1.5\n700,1.5\n"
+    )
     split, _ = light({"use": "birefringent", "separation_x": "4 um", "dispersion": table}, **POINTS)
     clean, _ = light(**POINTS)
     inside = np.s_[4:-4, 6:-6]
@@ -303,10 +369,14 @@ def test_what_does_nothing_is_left_out():
     plan = plan_of(document(*stages, **POINTS))
     assert all(cell.left_out is not None and cell.left_out.bound == 0 for name in stages for cell in plan.of(name))
     # the camera's own pupils: nothing is assumed of the sensor
-    numbers = etendue.simulate(document("lens_numbers", focal_length=50, f_number=8, focus_distance=3000))["lens_numbers"]
+    numbers = etendue.simulate(document("lens_numbers", focal_length=50, f_number=8, focus_distance=3000))[
+        "lens_numbers"
+    ]
     near, far = focus.depth_of_field(50.0, 8.0, 0.005, 3000.0)
     np.testing.assert_allclose([numbers.near_limit, numbers.far_limit], [near, far], rtol=1e-14)
-    endless = etendue.simulate(document("lens_numbers", focal_length=5, f_number=8, focus_distance=3000))["lens_numbers"]
+    endless = etendue.simulate(document("lens_numbers", focal_length=5, f_number=8, focus_distance=3000))[
+        "lens_numbers"
+    ]
     assert math.isinf(float(endless.far_limit))
     assert float(endless.hyperfocal_distance) < 3000
 
@@ -315,7 +385,8 @@ def test_filters_follow_one_another_and_a_table_in_per_cent_is_refused(tmp_path)
     table = written(tmp_path / "t.csv", "wavelength_nm,transmission\n390,0.5\n710,0.5\n")
     one, _ = light({"use": "optical_filter", "table": table})
     both, data = light(
-        {"use": "optical_filter", "name": "first", "table": table}, {"use": "optical_filter", "name": "second", "cut_off": 550, "edge": 20}
+        {"use": "optical_filter", "name": "first", "table": table},
+        {"use": "optical_filter", "name": "second", "cut_off": 550, "edge": 20},
     )
     np.testing.assert_allclose((both / one)[:, 0, 0], 1 / (1 + np.exp((data.wavelength.values - 550) / 10)), rtol=1e-13)
     wrong = written(tmp_path / "percent.csv", "wavelength_nm,transmission\n390,50\n710,50\n")

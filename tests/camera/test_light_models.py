@@ -1,4 +1,6 @@
-"""The two light models in the whole engine: flux, sign, pixels, dark light beside highlights, the same bits however it is run."""
+"""The two light models in the whole engine: flux, sign, pixels, dark light beside highlights, the same bits however
+it is run.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +34,17 @@ def document(scene, *stages, camera=None, **more):
 def spot(spacing, size, light, **more):
     """One spot far smaller than a sample or a cell, in the middle of an odd frame."""
     return {
-        "use": "points", "light": light, "spacing": spacing, "width": size * spacing, "height": size * spacing, "pitch": 4 * size * spacing,
-        "spot_sigma": 0.1 * spacing, "softness": 0, "background": 0, **more,
-    }  # fmt: skip
+        "use": "points",
+        "light": light,
+        "spacing": spacing,
+        "width": size * spacing,
+        "height": size * spacing,
+        "pitch": 4 * size * spacing,
+        "spot_sigma": 0.1 * spacing,
+        "softness": 0,
+        "background": 0,
+        **more,
+    }
 
 
 @pytest.mark.parametrize("number", [1.4, 4.0, 22.0])
@@ -51,7 +61,9 @@ def test_a_point_in_cells_keeps_its_light_and_makes_no_other(number, spacing):
 
 @pytest.mark.parametrize(("spacing", "number"), [(1.0, 1.4), (0.55, 1.4), (2.64, 4.0), (5.3, 4.0), (1.0, 8.0)])
 def test_a_point_in_band_limited_light_falls_below_zero_by_no_more_than_is_said(spacing, number):
-    tree = etendue.simulate(document(spot(spacing, 61, "bandlimited"), {"use": "diffraction"}, camera={"f_number": number}))
+    tree = etendue.simulate(
+        document(spot(spacing, 61, "bandlimited"), {"use": "diffraction"}, camera={"f_number": number})
+    )
     behind = tree["diffraction"].irradiance.values[0]
     point, _ = undershoot(0.5 / spacing * 0.55 * number)
     assert point <= LARGEST_OF_A_POINT
@@ -95,13 +107,22 @@ def test_the_plan_says_how_far_light_falls_below_zero_and_what_to_do_and_is_sile
 @pytest.mark.parametrize(("light", "softness"), [("bandlimited", 2.0), ("cells", 0.0)])
 @pytest.mark.parametrize("contrast", [1e5, 1e8])
 @pytest.mark.parametrize("precision", ["auto", "float32"])
-def test_dark_light_beside_a_highlight_is_right_in_the_precision_that_the_plan_chooses(light, softness, contrast, precision):
+def test_dark_light_beside_a_highlight_is_right_in_the_precision_that_the_plan_chooses(
+    light, softness, contrast, precision
+):
     """A half plane behind a Gaussian lens: the integral of the normal distribution; in cells its mean over each."""
     spacing, sigma = 1.0, 2.0
     chart = {
-        "use": "slanted_edge", "angle": 0, "low": 1 / contrast, "high": 1.0, "softness": softness, "light": light, "spacing": spacing,
-        "width": 256, "height": 64,
-    }  # fmt: skip
+        "use": "slanted_edge",
+        "angle": 0,
+        "low": 1 / contrast,
+        "high": 1.0,
+        "softness": softness,
+        "light": light,
+        "spacing": spacing,
+        "width": 256,
+        "height": 64,
+    }
     tree = etendue.simulate(document(chart, {"use": "lens_gaussian", "sigma": sigma}, precision=precision))
     found = tree["lens_gaussian"].irradiance.values[0, 32]
     assert found.dtype == ("float64" if precision == "auto" else "float32")
@@ -131,7 +152,15 @@ def test_a_hard_edge_on_pixels_is_the_fourier_integral_of_optics_diffusion_and_a
     from etendue_camera.sensor import silicon
 
     spacing, fraction, number, count = 0.9, 0.741, 4.0, 40
-    chart = {"use": "slanted_edge", "angle": 0, "low": 0.1, "high": 0.9, "softness": 0, "light": "cells", "spacing": spacing}
+    chart = {
+        "use": "slanted_edge",
+        "angle": 0,
+        "low": 0.1,
+        "high": 0.9,
+        "softness": 0,
+        "light": "cells",
+        "spacing": spacing,
+    }
     tree = etendue.simulate(
         document(
             {**chart, "width": 324, "height": 36},
@@ -155,10 +184,19 @@ def test_a_hard_edge_on_pixels_is_the_fourier_integral_of_optics_diffusion_and_a
 
 
 def test_the_two_light_models_agree_on_pixels_where_the_grid_is_fine():
-    """A soft chart: its means differ from its samples by the curvature over a cell, here 4e-4, and that falls by four."""
+    """A soft chart: its means differ from its samples by the curvature over a cell, here 4e-4, and that falls by
+    four.
+    """
     errors = []
     for spacing in (0.5, 0.25):
-        chart = {"use": "slanted_edge", "angle": 7, "softness": 1.5 / spacing, "spacing": spacing, "width": 64, "height": 48}
+        chart = {
+            "use": "slanted_edge",
+            "angle": 7,
+            "softness": 1.5 / spacing,
+            "spacing": spacing,
+            "width": 64,
+            "height": 48,
+        }
         rates = [
             etendue.simulate(
                 document(
@@ -181,7 +219,10 @@ def test_uniform_light_is_the_same_in_both_models():
     rates = [
         etendue.simulate(
             document(
-                {"use": "uniform", "light": light, "width": 40, "height": 40}, {"use": "diffraction"}, {"use": "pixel"}, precision="float64"
+                {"use": "uniform", "light": light, "width": 40, "height": 40},
+                {"use": "diffraction"},
+                {"use": "pixel"},
+                precision="float64",
             )
         )["pixel"].photon_rate.values
         for light in ("bandlimited", "cells")
@@ -191,8 +232,19 @@ def test_uniform_light_is_the_same_in_both_models():
 
 def test_one_cell_for_one_pixel_without_optics_is_that_cell():
     """``sampling = "paper"``: the aperture lies inside its cell, whose light is the same all over."""
-    chart = {"use": "siemens_star", "light": "cells", "softness": 0, "spacing": 5.4, "width": 108, "height": 108, "radius": 50, "cycles": 6}
-    tree = etendue.simulate(document(chart, {"use": "pixel", "sampling": "paper"}, camera={"pixel_pitch": 5.4}, precision="float64"))
+    chart = {
+        "use": "siemens_star",
+        "light": "cells",
+        "softness": 0,
+        "spacing": 5.4,
+        "width": 108,
+        "height": 108,
+        "radius": 50,
+        "cycles": 6,
+    }
+    tree = etendue.simulate(
+        document(chart, {"use": "pixel", "sampling": "paper"}, camera={"pixel_pitch": 5.4}, precision="float64")
+    )
     light, rate = tree["irradiance"].irradiance.values[0], tree["pixel"].photon_rate.values[1]
     assert_allclose(rate / rate.max(), light / light.max(), rtol=0, atol=1e-13)
 
@@ -235,7 +287,10 @@ def test_a_resumed_archive_of_cells_equals_an_uninterrupted_one(tmp_path):
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     run(plan, whole)
     run(plan, broken)
-    for path in sorted((broken / "data.zarr" / "diffusion").rglob("c.*"))[:1] + sorted((broken / "data.zarr" / "pixel").rglob("c.*"))[:1]:
+    for path in (
+        sorted((broken / "data.zarr" / "diffusion").rglob("c.*"))[:1]
+        + sorted((broken / "data.zarr" / "pixel").rglob("c.*"))[:1]
+    ):
         path.unlink()
     assert 0 < run(plan, broken).computed < len(plan.cells)
     assert_same_archives(broken, whole)
@@ -264,7 +319,11 @@ def test_transfer_stages_keep_every_law_on_cells(name):
     from etendue.testing import check_stage
     from etendue.testing.bench import EDGES
 
-    needed = {"pixel": {"peak_qe": (0.4, 0.4, 0.4), "pixel_pitch": 4.0}, "lens_gaussian": {}, "diffraction": {"f_number": 2.8}}
+    needed = {
+        "pixel": {"peak_qe": (0.4, 0.4, 0.4), "pixel_pitch": 4.0},
+        "lens_gaussian": {},
+        "diffraction": {"f_number": 2.8},
+    }
     lines = {dim: Line(size, -0.5 * (size - 1) * 2.0, 2.0, cells=True) for dim, size in (("y", 9), ("x", 12))}
     grid = Grid.of({"wavelength": Bands(EDGES), **lines})
     assert check_stage(installed_stages().load(name)(**needed[name]), {"irradiance": grid}) == []
@@ -272,12 +331,24 @@ def test_transfer_stages_keep_every_law_on_cells(name):
 
 def test_the_pictures_of_a_point_on_black_show_a_point_and_no_noise():
     stages = [
-        {"use": "points", "name": "scene", "white_luminance": 100, "width": 101, "height": 101, "light": "cells", "pitch": 5000,
-         "background": 0, "bin_width": 100},
-        {"use": "irradiance"}, {"use": "diffraction"},
-    ]  # fmt: skip
+        {
+            "use": "points",
+            "name": "scene",
+            "white_luminance": 100,
+            "width": 101,
+            "height": 101,
+            "light": "cells",
+            "pitch": 5000,
+            "background": 0,
+            "bin_width": 100,
+        },
+        {"use": "irradiance"},
+        {"use": "diffraction"},
+    ]
     with np.errstate(all="raise", under="ignore"):
-        tree = etendue.simulate({"name": "point", "precision": "float64", "camera": {"peak_qe": [0.5]}, "stages": stages}, leave_out=False)
+        tree = etendue.simulate(
+            {"name": "point", "precision": "float64", "camera": {"peak_qe": [0.5]}, "stages": stages}, leave_out=False
+        )
     preview = tree["frames"].preview.values
     assert np.all(preview.max(axis=(1, 2, 3)) == 255)
     assert preview.mean() < 0.05 * 255  # of 101 x 101 cells a spot of a dozen is bright

@@ -1,4 +1,6 @@
-"""Exposure from a thousandth to a thousand times the right one: pictures brighten and end in white. In: small cameras."""
+"""Exposure from a thousandth to a thousand times the right one: pictures brighten and end in white. In: small
+cameras.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +16,14 @@ IDEAL, NOISY = ("ideal_mosaic",), ("exposure", "shot_noise", "full_well", "read_
 BALANCED = ("white", "balance_mosaic", {"use": "demosaic_bilinear", "name": "demosaic"})
 UNBALANCED = ({"use": "demosaic_bilinear", "name": "demosaic"}, "white")
 COLOUR = ("colour_fit", "camera_to_xyz", "balance", "display", "encode")
-SIDE = {"width": "280 um", "height": "280 um", "spacing": "1 um", "bin_width": 60, "wavelength_from": 400, "wavelength_to": 700}
+SIDE = {
+    "width": "280 um",
+    "height": "280 um",
+    "spacing": "1 um",
+    "bin_width": 60,
+    "wavelength_from": 400,
+    "wavelength_to": 700,
+}
 CHARTS = {
     "composite": {"use": "composite", "white_luminance": 250},
     "colours": {"use": "colorchecker", "white_luminance": 250},
@@ -29,10 +38,13 @@ def exposed(chart, *stages, wanted, factors=FACTORS, **camera):
     """A camera over exposures; time is the first dim of every variable."""
     entries = [{"use": s} if isinstance(s, str) else s for s in (*LIGHT, *stages)]
     document = {
-        "name": "exposed", "precision": "float64", "camera": {**CAMERA, **camera},
-        "stages": [{**CHARTS[chart], **SIDE, "name": "scene"}, *entries], "wanted": wanted,
+        "name": "exposed",
+        "precision": "float64",
+        "camera": {**CAMERA, **camera},
+        "stages": [{**CHARTS[chart], **SIDE, "name": "scene"}, *entries],
+        "wanted": wanted,
         "sweep": {"integration_time": [RIGHT * f for f in factors]},
-    }  # fmt: skip
+    }
     return etendue.simulate(document)
 
 
@@ -51,9 +63,13 @@ def test_the_balanced_mosaic_never_falls_when_the_exposure_rises(chart, brightne
 @pytest.mark.parametrize("brightness", ["scene", "camera"])
 @pytest.mark.parametrize("chart", ["grey", "white"])
 def test_an_even_neutral_scene_never_darkens_and_ends_in_white(chart, brightness, way):
-    picture = exposed(chart, *IDEAL, *way, *COLOUR, wanted=["rgb_display"], brightness=brightness)["encode"].rgb_display.values
+    picture = exposed(chart, *IDEAL, *way, *COLOUR, wanted=["rgb_display"], brightness=brightness)[
+        "encode"
+    ].rgb_display.values
     assert np.diff(picture, axis=0).min() >= -1e-13  # the same value over and over, but for roundings
-    assert_allclose(picture[-1], 1.0, atol=1e-3)  # the white of the balance is a spectrum, that of the display a chromaticity
+    assert_allclose(
+        picture[-1], 1.0, atol=1e-3
+    )  # the white of the balance is a spectrum, that of the display a chromaticity
     grey = picture[0].mean()
     if brightness == "camera":
         assert grey < 0.02  # a thousandth of the light
@@ -65,7 +81,9 @@ def test_an_even_neutral_scene_never_darkens_and_ends_in_white(chart, brightness
 @pytest.mark.parametrize("chart", ["composite", "colours"])
 def test_luma_does_not_fall_when_the_exposure_rises(chart, brightness):
     """Noise-free, bilinear, not sharpened: 0.01 at most, where one channel of a colour clips in front of the others."""
-    pictures = exposed(chart, *IDEAL, *BALANCED, *COLOUR, wanted=["rgb_display"], brightness=brightness)["encode"].rgb_display.values
+    pictures = exposed(chart, *IDEAL, *BALANCED, *COLOUR, wanted=["rgb_display"], brightness=brightness)[
+        "encode"
+    ].rgb_display.values
     encoded = luma(pictures)
     highest = np.maximum.accumulate(encoded, axis=0)
     assert (highest - encoded).max() <= 0.01
@@ -74,14 +92,25 @@ def test_luma_does_not_fall_when_the_exposure_rises(chart, brightness):
 @pytest.mark.parametrize("sensor", [IDEAL, NOISY], ids=["expected values", "noise"])
 @pytest.mark.parametrize("brightness", ["scene", "camera"])
 @pytest.mark.parametrize("way", [BALANCED, UNBALANCED], ids=["balanced mosaic", "own channels"])
-@pytest.mark.parametrize("conversion_gain", [0, 0.05, 2.0], ids=["well at the top code", "well below it", "well above it"])
+@pytest.mark.parametrize(
+    "conversion_gain", [0, 0.05, 2.0], ids=["well at the top code", "well below it", "well above it"]
+)
 def test_what_is_clipped_all_over_is_white(sensor, brightness, way, conversion_gain):
     tree = exposed(
-        "composite", *sensor, *way, *COLOUR, wanted=["xyz_scene", "rgb_linear", "white_xyz"], brightness=brightness, factors=[1e6],
-        conversion_gain=conversion_gain, illuminant="A",
-    )  # fmt: skip
+        "composite",
+        *sensor,
+        *way,
+        *COLOUR,
+        wanted=["xyz_scene", "rgb_linear", "white_xyz"],
+        brightness=brightness,
+        factors=[1e6],
+        conversion_gain=conversion_gain,
+        illuminant="A",
+    )
     white = tree["colour_fit"].white_xyz.values.reshape(-1, 3)[0]
-    assert_allclose(tree["camera_to_xyz"].xyz_scene.values[0], np.broadcast_to(white[:, None, None], (3, 48, 48)), rtol=1e-6)
+    assert_allclose(
+        tree["camera_to_xyz"].xyz_scene.values[0], np.broadcast_to(white[:, None, None], (3, 48, 48)), rtol=1e-6
+    )
     assert_allclose(tree["display"].rgb_linear.values[0], 1.0, atol=1e-3)
 
 
@@ -92,9 +121,13 @@ def test_shading_raises_the_level_of_clipping_by_its_smallest_gain():
     entries = [{"use": s} if isinstance(s, str) else s for s in ("irradiance", *stages)]
     scene = {**CHARTS["white"], **SIDE, "name": "scene", "centre_x": "3000 um", "centre_y": "2000 um"}
     document = {
-        "name": "corner", "precision": "float64", "camera": {**CAMERA, "focal_length": "4 mm"}, "stages": [scene, *entries],
-        "sweep": {"integration_time": [0.4 * RIGHT, 1e3 * RIGHT]}, "wanted": ["lens_shading", "balance_mosaic"],
-    }  # fmt: skip
+        "name": "corner",
+        "precision": "float64",
+        "camera": {**CAMERA, "focal_length": "4 mm"},
+        "stages": [scene, *entries],
+        "sweep": {"integration_time": [0.4 * RIGHT, 1e3 * RIGHT]},
+        "wanted": ["lens_shading", "balance_mosaic"],
+    }
     tree = etendue.simulate(document)
     level = tree["lens_shading"].clipping_level.values
     bright = tree["lens_shading"].mosaic_linear.values[1]
@@ -108,7 +141,13 @@ def test_shading_raises_the_level_of_clipping_by_its_smallest_gain():
 @pytest.mark.parametrize(("render_exposure", "time"), [(0.5, 0.3), (0.5, 0.7), (0.5, 3.0), (2.0, 0.3), (2.0, 3.0)])
 def test_display_white_is_the_scenes_white_over_its_exposure_or_what_clips(render_exposure, time):
     found = exposed(
-        "white", *IDEAL, *BALANCED, *COLOUR, wanted=["white", "white.white", "rgb_linear"], factors=[time], render_exposure=render_exposure
+        "white",
+        *IDEAL,
+        *BALANCED,
+        *COLOUR,
+        wanted=["white", "white.white", "rgb_linear"],
+        factors=[time],
+        render_exposure=render_exposure,
     )
     diffuse = found["white"].white.values[0] * render_exposure
     shown = min(diffuse.max() / render_exposure, 1.0)
@@ -126,7 +165,11 @@ def test_the_lowest_code_of_a_clipped_pixel_is_that_of_the_converter():
                 lowest = amplifier.lowest_clipped_code(well, gain, black, bits, sigma)
                 code = float(converter.digitise(np.array([well - 4 * sigma]), gain, black, bits)[0]) - black
                 assert code - 1 <= lowest <= code
-                assert lowest == code or (well - 4 * sigma) * gain + black + 0.5 - np.floor((well - 4 * sigma) * gain + black + 0.5) < 2**-8
+                assert (
+                    lowest == code
+                    or (well - 4 * sigma) * gain + black + 0.5 - np.floor((well - 4 * sigma) * gain + black + 0.5)
+                    < 2**-8
+                )
 
 
 @pytest.mark.parametrize(("white", "clipped"), [(0.0, 1.0), (np.nan, 1.0), (1.0, 0.0), (1.0, np.inf), (1.0, np.nan)])
@@ -141,6 +184,12 @@ def test_the_charge_of_a_full_well_is_drawn_bright():
     for factor in (0.5, 100.0):
         tree = exposed("composite", *NOISY, wanted=["charge"], factors=[factor])
         preview = tree["frames"].preview
-        seen.append([float(preview.sel(stage=s).mean()) for s in preview.stage.values if "full_well" in str(s) or "read_noise" in str(s)])
+        seen.append(
+            [
+                float(preview.sel(stage=s).mean())
+                for s in preview.stage.values
+                if "full_well" in str(s) or "read_noise" in str(s)
+            ]
+        )
     half, full = np.array(seen)
     assert half.size == 2 and (full > half).all()

@@ -29,7 +29,14 @@ def table(folder, *columns):
 
 
 def chart(path, **values):
-    words = {"width": 240.0, "height": 160.0, "spacing": 2.0, "wavelength_from": 400.0, "wavelength_to": 700.0, "bin_width": 50.0}
+    words = {
+        "width": 240.0,
+        "height": 160.0,
+        "spacing": 2.0,
+        "wavelength_from": 400.0,
+        "wavelength_to": 700.0,
+        "bin_width": 50.0,
+    }
     return PatchChart(reflectances=path, white_luminance=100.0, illuminant="D65", **{**words, **values})
 
 
@@ -39,13 +46,21 @@ def drawn(stage):
     grid = grids["radiance"]
     y, x = (np.array(grid.line(dim).values()) for dim in "yx")
     made = stage.run(y, x, stage.prepare({"out_wavelength_edges": EDGES}))
-    return made["radiance"] / made["white_radiance"][:, None, None], spectra.table_from_csv(stage.reflectances, EDGES, outside="hold")[1].T
+    return made["radiance"] / made["white_radiance"][:, None, None], spectra.table_from_csv(
+        stage.reflectances, EDGES, outside="hold"
+    )[1].T
 
 
 def middles(cube, rows, columns):
     """What stands in the middle of each place of a grid of patches, row by row: (rows * columns, wavelength)."""
     ny, nx = cube.shape[1:]
-    return np.array([cube[:, int((i + 0.5) * ny / rows), int((j + 0.5) * nx / columns)] for i in range(rows) for j in range(columns)])
+    return np.array(
+        [
+            cube[:, int((i + 0.5) * ny / rows), int((j + 0.5) * nx / columns)]
+            for i in range(rows)
+            for j in range(columns)
+        ]
+    )
 
 
 @settings(max_examples=20)
@@ -67,7 +82,9 @@ def test_patches_as_grey_as_their_background_leave_an_even_frame(tmp_path):
     assert_allclose(drawn(stage)[0], 0.3, atol=ROUNDING)
 
 
-@pytest.mark.parametrize(("frame", "layout"), [((240.0, 160.0), (4, 6)), ((160.0, 240.0), (6, 4)), ((960.0, 40.0), (1, 24))])
+@pytest.mark.parametrize(
+    ("frame", "layout"), [((240.0, 160.0), (4, 6)), ((160.0, 240.0), (6, 4)), ((960.0, 40.0), (1, 24))]
+)
 def test_patches_come_out_nearly_square(tmp_path, frame, layout):
     path = table(tmp_path, *[[0.1 + 0.03 * n] * 7 for n in range(24)])
     assert chart(path, width=frame[0], height=frame[1]).layout(24) == layout
@@ -78,7 +95,9 @@ def test_what_reflects_less_than_nothing_is_refused_by_name(tmp_path):
         chart(table(tmp_path, [0.1] * 7, [-0.1] * 7)).describe()
 
 
-@pytest.mark.parametrize("overrides", [{"scene.use": "patch_chart", "scene.reflectances": ""}, {"colour_fit.reflectances": ""}])
+@pytest.mark.parametrize(
+    "overrides", [{"scene.use": "patch_chart", "scene.reflectances": ""}, {"colour_fit.reflectances": ""}]
+)
 @pytest.mark.parametrize(("top", "refused"), [(90.0, True), (2.01, True), (2.0, False), (1.0, False)])
 def test_percents_are_refused_and_what_fluoresces_is_not(tmp_path, overrides, top, refused):
     """In the same words wherever reflectances are read."""
@@ -86,7 +105,9 @@ def test_percents_are_refused_and_what_fluoresces_is_not(tmp_path, overrides, to
     asked = {key: value or path for key, value in overrides.items()}
     pipeline = read_pipeline(Path(__file__).parents[2] / "pipelines" / "smallest.toml", asked)
     if refused:
-        with pytest.raises(RequestError, match=rf"p1 of .* reaches {top:g}: a reflectance is a share; divide percents by 100"):
+        with pytest.raises(
+            RequestError, match=rf"p1 of .* reaches {top:g}: a reflectance is a share; divide percents by 100"
+        ):
             make_plan(pipeline, installed_stages())
     else:
         make_plan(pipeline, installed_stages())

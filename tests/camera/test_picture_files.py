@@ -51,7 +51,9 @@ def test_a_png_of_16_bits_keeps_all_of_them(tmp_path, values, colour, channels):
 
 def test_a_png_of_16_bits_with_an_opaque_alpha_channel_is_the_one_without(tmp_path, values):
     opaque = np.concatenate([values, np.full((*SHAPE, 1), 65535, np.uint16)], axis=-1)
-    assert np.array_equal(read_picture(write_png(tmp_path / "a.png", *SHAPE, 16, 6, opaque.astype(">u2").tobytes())).values, values)
+    assert np.array_equal(
+        read_picture(write_png(tmp_path / "a.png", *SHAPE, 16, 6, opaque.astype(">u2").tobytes())).values, values
+    )
 
 
 def test_every_way_of_writing_the_same_picture_gives_the_same_values(tmp_path, values):
@@ -59,7 +61,12 @@ def test_every_way_of_writing_the_same_picture_gives_the_same_values(tmp_path, v
     few = (values // 8192 * 32).astype(np.uint8)
     picture = Image.fromarray(few)
     grey = picture.convert("L")
-    for name, options in (("a.png", {}), ("a.tif", {}), ("b.tif", {"compression": "tiff_lzw"}), ("c.tif", {"compression": "tiff_deflate"})):
+    for name, options in (
+        ("a.png", {}),
+        ("a.tif", {}),
+        ("b.tif", {"compression": "tiff_lzw"}),
+        ("c.tif", {"compression": "tiff_deflate"}),
+    ):
         picture.save(tmp_path / name, **options)
         assert np.array_equal(read_picture(str(tmp_path / name)).values, few), name
         grey.save(tmp_path / name, **options)
@@ -75,7 +82,9 @@ def test_every_way_of_writing_the_same_picture_gives_the_same_values(tmp_path, v
         assert np.array_equal(read_picture(str(tmp_path / name)).values[..., 0], 255 * np.asarray(two)), name
 
 
-@pytest.mark.parametrize("options", [{}, {"photometric": "minisblack"}, {"planarconfig": "separate"}, {"compression": "zlib"}])
+@pytest.mark.parametrize(
+    "options", [{}, {"photometric": "minisblack"}, {"planarconfig": "separate"}, {"compression": "zlib"}]
+)
 def test_a_tiff_keeps_its_depth(tmp_path, values, options):
     for kind, full in ((np.uint8, 255), (np.uint16, 65535), (np.uint32, 2**32 - 1), (np.float32, 1), (np.float64, 1)):
         grey = options.get("photometric") == "minisblack"
@@ -119,8 +128,14 @@ def wrong(folder):
 
     clear = np.dstack([rgb, np.array([[255] * 4] * 3 + [[0] * 4], np.uint8)])
     made["alpha"] = save("alpha.png", Image.fromarray(clear)), "4 transparent pixels"
-    made["alpha of a TIFF"] = tiff("alpha.tif", clear, photometric="rgb", extrasamples=["unassalpha"]), "4 transparent pixels"
-    made["a transparent colour"] = save("key.png", Image.fromarray(rgb), transparency=(99, 99, 99)), "16 transparent pixels"
+    made["alpha of a TIFF"] = (
+        tiff("alpha.tif", clear, photometric="rgb", extrasamples=["unassalpha"]),
+        "4 transparent pixels",
+    )
+    made["a transparent colour"] = (
+        save("key.png", Image.fromarray(rgb), transparency=(99, 99, 99)),
+        "16 transparent pixels",
+    )
     made["CMYK"] = save("cmyk.jpg", Image.fromarray(rgb).convert("CMYK")), "mode CMYK"
     made["CMYK TIFF"] = tiff("cmyk.tif", np.dstack([rgb, rgb[..., :1]]), photometric="separated"), "SEPARATED"
     made["signed"] = tiff("signed.tif", rgb.astype(np.int32), photometric="rgb"), "int32"
@@ -130,7 +145,10 @@ def wrong(folder):
         made[name] = tiff(f"{name}.tif", floats), "row 1, column 2"
     made["pages"] = tiff("pages.tif", np.stack([rgb, rgb]), photometric="rgb", metadata=None), "2 pictures"
     moving = [Image.fromarray(np.full((4, 4, 3), level, np.uint8)) for level in (9, 99)]
-    made["animated"] = save("moving.png", moving[0], save_all=True, append_images=moving[1:], duration=100), "2 pictures"
+    made["animated"] = (
+        save("moving.png", moving[0], save_all=True, append_images=moving[1:], duration=100),
+        "2 pictures",
+    )
     made["another kind"] = save("kind.bmp", Image.fromarray(rgb)), "BMP"
     (folder / "cut.png").write_bytes((folder / "alpha.png").read_bytes()[:60])
     made["cut off"] = "cut.png", "cut.png"
@@ -150,7 +168,9 @@ def test_what_cannot_be_read_as_it_is_is_refused_in_one_line(tmp_path):
 
 @pytest.mark.parametrize(("rows", "columns"), [(8000, 10000), (32768, 32768)])
 def test_a_picture_that_unfolds_is_refused_before_it_does(tmp_path, rows, columns, monkeypatch):
-    """80 million and 1 thousand million pixels of one colour, in files of some 10 and 100 kB: Pillow itself stops at 179 million."""
+    """80 million and 1 thousand million pixels of one colour, in files of some 10 and 100 kB: Pillow itself stops at
+    179 million.
+    """
     header = struct.pack(">IIBBBBB", columns, rows, 1, 0, 0, 0, 0)
     body = zlib.compress(bytes(rows * (1 + columns // 8)), 9)
     path = tmp_path / "bomb.png"
@@ -169,7 +189,11 @@ def test_a_profile_or_gamma_that_is_not_applied_is_said(tmp_path):
         ("srgb", chunk(b"sRGB", b"\0"), ""),
         ("plain", chunk(b"gAMA", struct.pack(">I", 45455)), ""),
         ("linear", chunk(b"gAMA", struct.pack(">I", 100000)), "gamma (1)"),
-        ("primaries", chunk(b"cHRM", struct.pack(">8I", 31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000)), "primaries (red at 0.68"),
+        (
+            "primaries",
+            chunk(b"cHRM", struct.pack(">8I", 31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000)),
+            "primaries (red at 0.68",
+        ),
         ("points", chunk(b"cICP", bytes([12, 13, 0, 1])), "Display P3, sRGB"),
         ("srgb points", chunk(b"cICP", bytes([1, 13, 0, 1])), ""),
         ("bright", chunk(b"cICP", bytes([9, 16, 0, 1])), "Rec. 2020, PQ"),
@@ -181,7 +205,9 @@ def test_a_profile_or_gamma_that_is_not_applied_is_said(tmp_path):
         assert (words in note) if words else not note, (name, note)
 
 
-@pytest.mark.parametrize(("space", "index", "said"), [(2, None, True), (65535, "R03", True), (1, "R98", False), (None, None, False)])
+@pytest.mark.parametrize(
+    ("space", "index", "said"), [(2, None, True), (65535, "R03", True), (1, "R98", False), (None, None, False)]
+)
 def test_adobe_rgb_of_a_camera_without_a_profile_is_said(tmp_path, space, index, said):
     """As DCF has it: by the colour space of EXIF, or by the interoperability index."""
     exif = Image.Exif()
@@ -214,7 +240,9 @@ def test_a_photograph_of_16_bits_has_the_reflectance_that_was_written(tmp_path):
     linear = np.linspace(0.0, 1.0, 3 * 16 * 16).reshape(3, 16, 16)
     encoded = np.round(65535 * srgb_encode(linear)).astype(np.uint16).transpose(1, 2, 0)
     path = write_png(tmp_path / "deep.png", 16, 16, 16, 2, encoded.astype(">u2").tobytes())
-    stage = installed_stages().load("photograph")(file=path, white_luminance=100.0, width=16.0, height=16.0, illuminant="D65")
+    stage = installed_stages().load("photograph")(
+        file=path, white_luminance=100.0, width=16.0, height=16.0, illuminant="D65"
+    )
     from etendue_camera.scene.stages.photograph import _linear_photograph
 
     found, _ = _linear_photograph(path, 16, 16)

@@ -1,4 +1,6 @@
-"""The pixel in the camera: contrast at any sampling, windows off centre, microlenses, densities, crosstalk as a stage."""
+"""The pixel in the camera: contrast at any sampling, windows off centre, microlenses, densities, crosstalk as a
+stage.
+"""
 
 import math
 import warnings
@@ -59,8 +61,15 @@ EDGE = {"width": 60, "height": 20, "spacing": 0.5, "wavelength_from": 540, "wave
 
 def rate(fraction=0.5, offset=(0.0, 0.0), chart="points", **more):
     """photon_rate of the green channel of a chart."""
-    quantities = {"aperture_fraction": fraction, "aperture_offset_y": offset[0], "aperture_offset_x": offset[1], **more.pop("camera", {})}
-    document = camera("pixel", chart=chart, scene={**EDGE, **more.pop("scene", {})}, pixel=more.pop("pixel", {}), camera=quantities)
+    quantities = {
+        "aperture_fraction": fraction,
+        "aperture_offset_y": offset[0],
+        "aperture_offset_x": offset[1],
+        **more.pop("camera", {}),
+    }
+    document = camera(
+        "pixel", chart=chart, scene={**EDGE, **more.pop("scene", {})}, pixel=more.pop("pixel", {}), camera=quantities
+    )
     return etendue.simulate(document)["pixel"].photon_rate.values[1]
 
 
@@ -82,11 +91,15 @@ def test_windows_off_centre_leave_a_uniform_scene_alone():
 
 def test_a_microlens_multiplies_the_light_of_pixel_and_white_alike():
     tree = {
-        gain: etendue.simulate(camera("pixel", *("mosaic", "white"), camera={"aperture_fraction": 0.5, "microlens_gain": gain}))
+        gain: etendue.simulate(
+            camera("pixel", *("mosaic", "white"), camera={"aperture_fraction": 0.5, "microlens_gain": gain})
+        )
         for gain in (1.0, 3.5)
     }
     for stage, variable in (("pixel", "photon_rate"), ("white", "white")):
-        np.testing.assert_allclose(tree[3.5][stage][variable].values, 3.5 * tree[1.0][stage][variable].values, rtol=1e-13)
+        np.testing.assert_allclose(
+            tree[3.5][stage][variable].values, 3.5 * tree[1.0][stage][variable].values, rtol=1e-13
+        )
 
 
 @pytest.mark.parametrize(
@@ -108,7 +121,11 @@ def test_impossible_pixels_are_refused_with_what_is_possible(values, says):
 def test_a_pixel_that_loses_charge_to_other_colours_says_so_unless_crosstalk_does_it():
     def said(**quantities):
         document = camera("diffusion", "pixel", "mosaic", "crosstalk", chart="points", scene=EDGE, camera=quantities)
-        return [text for text in make_plan(from_document(document), installed_stages()).warnings if "wandering charge" in text]
+        return [
+            text
+            for text in make_plan(from_document(document), installed_stages()).warnings
+            if "wandering charge" in text
+        ]
 
     assert said(pixel_pitch=1.5)
     assert not said(pixel_pitch=1.5, crosstalk="through_filter")
@@ -118,7 +135,9 @@ def test_a_pixel_that_loses_charge_to_other_colours_says_so_unless_crosstalk_doe
 
 def through_filter(chart="uniform", stages=(), **tables):
     quantities = {"crosstalk": "through_filter", **tables.pop("camera", {})}
-    return etendue.simulate(camera("diffusion", "pixel", "mosaic", "crosstalk", *stages, chart=chart, camera=quantities, **tables))
+    return etendue.simulate(
+        camera("diffusion", "pixel", "mosaic", "crosstalk", *stages, chart=chart, camera=quantities, **tables)
+    )
 
 
 def test_uniform_light_has_the_same_total_in_both_models_and_mixes_its_colours_in_one():
@@ -138,16 +157,25 @@ def test_uniform_light_has_the_same_total_in_both_models_and_mixes_its_colours_i
 
 @pytest.mark.parametrize("pattern", ["RGGB", "X-Trans"])
 def test_grey_stays_grey_behind_crosstalk(pattern):
-    """White, colour fit and picture hold the same mixture: noise-free, a grey surface is neutral to the reach of the kernels.
+    """White, colour fit and picture hold the same mixture: noise-free, a grey surface is neutral to the reach of the
+    kernels.
 
     Green pixels of X-Trans have different neighbours, which one white for all of them cannot know: half a per cent.
     """
-    noiseless = {"peak_qe": [0.5], "pattern": pattern, "pixel_pitch": 2.0, "illuminant": "A", "bits": 16, "integration_time": 0.05}
+    noiseless = {
+        "peak_qe": [0.5],
+        "pattern": pattern,
+        "pixel_pitch": 2.0,
+        "illuminant": "A",
+        "bits": 16,
+        "integration_time": 0.05,
+    }
     tree = through_filter(
         scene={"reflectance": 0.5, "white_luminance": 500, "width": 48, "height": 48},
         stages=("charge_fraction", "demosaic_any", "white", "colour_fit", "camera_to_xyz"),
-        camera=noiseless, charge_fraction={"reference_time": 0.05},
-    )  # fmt: skip
+        camera=noiseless,
+        charge_fraction={"reference_time": 0.05},
+    )
     xyz = tree["camera_to_xyz"].xyz_scene.values
     white = tree["colour_fit"].white_xyz.values
     middle = xyz[:, 8:-8, 8:-8].mean(axis=(1, 2))
@@ -156,7 +184,9 @@ def test_grey_stays_grey_behind_crosstalk(pattern):
 
 
 def test_what_filters_share_is_undone_at_the_price_of_noise():
-    """The mixture is invertible, so colours are as right as before; the matrix amplifies the more, the smaller the pixels are."""
+    """The mixture is invertible, so colours are as right as before; the matrix amplifies the more, the smaller the
+    pixels are.
+    """
 
     def fit(**quantities):
         found = etendue.simulate(camera("colour_fit", camera=quantities))["colour_fit"]
@@ -168,11 +198,21 @@ def test_what_filters_share_is_undone_at_the_price_of_noise():
 
 
 def test_behind_one_filter_both_models_agree_within_the_blur_of_a_pixel():
-    """A monochrome sensor, an edge: the models differ by how charge is spread inside the pixel it was made in, 0.4 per cent here."""
-    shared = {"pattern": "mono", "sensitivity_kind": "filter_transmittance", "peak_qe": [1.0], "pixel_pitch": 2.0, "aperture_fraction": 1.0}
+    """A monochrome sensor, an edge: the models differ by how charge is spread inside the pixel it was made in, 0.4
+    per cent here.
+    """
+    shared = {
+        "pattern": "mono",
+        "sensitivity_kind": "filter_transmittance",
+        "peak_qe": [1.0],
+        "pixel_pitch": 2.0,
+        "aperture_fraction": 1.0,
+    }
     scene = {**EDGE, "angle": 0, "height": 40, "width": 80}
     planes = [
-        through_filter("slanted_edge", scene=scene, camera={**shared, "crosstalk": name})["crosstalk"].photocurrent.values[10, 5:-5]
+        through_filter("slanted_edge", scene=scene, camera={**shared, "crosstalk": name})[
+            "crosstalk"
+        ].photocurrent.values[10, 5:-5]
         for name in ("per_plane", "through_filter")
     ]
     step = planes[0].max() - planes[0].min()
@@ -198,9 +238,17 @@ def planes_of(tree, variable):
 
 def swept(pixel, pitches):
     document = camera(
-        "diffusion", "pixel", "mosaic", "exposure", "pixel_numbers", scene={**EDGE, "width": 48, "height": 24},
-        chart="points", pixel=pixel, exposure={"prnu": 0, "dark_nonuniformity": 0}, wanted=["expected_charge", "photon_rate", "full_well"],
-    )  # fmt: skip
+        "diffusion",
+        "pixel",
+        "mosaic",
+        "exposure",
+        "pixel_numbers",
+        scene={**EDGE, "width": 48, "height": 24},
+        chart="points",
+        pixel=pixel,
+        exposure={"prnu": 0, "dark_nonuniformity": 0},
+        wanted=["expected_charge", "photon_rate", "full_well"],
+    )
     document["sweep"] = {"pixel_pitch": pitches}
     return document
 
@@ -221,16 +269,25 @@ def test_both_kinds_of_pitch_sweep_open_in_xarray_without_a_warning(tmp_path, pi
         found = {}
         for data in planes_of(tree, "photon_rate"):
             assert list(data.channel.values) == ["R", "G", "B"]
-            found |= {float(pitch): (data.sizes["y"], data.sizes["x"]) for pitch in np.atleast_1d(data.pixel_pitch.values)}
+            found |= {
+                float(pitch): (data.sizes["y"], data.sizes["x"]) for pitch in np.atleast_1d(data.pixel_pitch.values)
+            }
     assert found == shapes
 
 
 def test_densities_follow_a_swept_pitch():
     """Full well and dark charge grow with the area; so does the light of a uniform scene."""
     document = camera(
-        "pixel", "mosaic", "exposure", "pixel_numbers", "dynamic_range", exposure={"prnu": 0, "dark_nonuniformity": 0},
-        pixel={"rows": 2, "columns": 2}, camera={"dark_current_density": 1e-8}, wanted=["full_well", "dark_charge", "photon_rate"],
-    )  # fmt: skip
+        "pixel",
+        "mosaic",
+        "exposure",
+        "pixel_numbers",
+        "dynamic_range",
+        exposure={"prnu": 0, "dark_nonuniformity": 0},
+        pixel={"rows": 2, "columns": 2},
+        camera={"dark_current_density": 1e-8},
+        wanted=["full_well", "dark_charge", "photon_rate"],
+    )
     document["sweep"] = {"pixel_pitch": [2.0, 3.0, 5.0]}
     tree = etendue.simulate(document)
     area = np.array([4.0, 9.0, 25.0])
@@ -240,15 +297,25 @@ def test_densities_follow_a_swept_pitch():
     light = np.concatenate([d.values[..., 1, 0, 0].ravel() for d in planes_of(tree, "photon_rate")])
     np.testing.assert_allclose(light / light[0], area / area[0], rtol=1e-12)
     # 1e-8 A cm-2 x area x 10 ms over the elementary charge
-    np.testing.assert_allclose(tree["dynamic_range"].dark_charge.values, 1e-8 * area * 1e-8 * 0.01 / 1.602176634e-19, rtol=1e-12)
+    np.testing.assert_allclose(
+        tree["dynamic_range"].dark_charge.values, 1e-8 * area * 1e-8 * 0.01 / 1.602176634e-19, rtol=1e-12
+    )
 
 
 def test_the_whole_camera_runs_through_the_filters():
     tree = through_filter(
-        "composite", stages=("exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise", *COLOUR),
-        scene={"width": 200, "height": 160, "bin_width": 40, "white_luminance": 500, "wavelength_from": 380, "wavelength_to": 780},
+        "composite",
+        stages=("exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise", *COLOUR),
+        scene={
+            "width": 200,
+            "height": 160,
+            "bin_width": 40,
+            "white_luminance": 500,
+            "wavelength_from": 380,
+            "wavelength_to": 780,
+        },
         camera={"pixel_pitch": 2.0},
-    )  # fmt: skip
+    )
     assert np.isfinite(tree["encode"].rgb_display.values).all()
     assert list(tree["demosaic_bilinear"].rgb_camera.channel.values) == ["R", "G", "B"]
 
@@ -256,9 +323,14 @@ def test_the_whole_camera_runs_through_the_filters():
 def test_a_sensor_that_sees_beyond_the_light_says_so(tmp_path):
     def said(sensitivity, **scene):
         document = camera(
-            "pixel", chart="points", scene={**EDGE, **scene}, camera={"sensitivity": sensitivity, "peak_qe": [0.5], "illuminant": "E"}
+            "pixel",
+            chart="points",
+            scene={**EDGE, **scene},
+            camera={"sensitivity": sensitivity, "peak_qe": [0.5], "illuminant": "E"},
         )
-        return [text for text in make_plan(from_document(document), installed_stages()).warnings if "is left out" in text]
+        return [
+            text for text in make_plan(from_document(document), installed_stages()).warnings if "is left out" in text
+        ]
 
     def table(last):
         path = tmp_path / f"until_{last}.csv"

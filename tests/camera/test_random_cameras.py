@@ -1,4 +1,6 @@
-"""The probe of whole cameras: a few of them hold here, 200 in ``benchmarks/random_cameras.py``; and each of its laws can be broken."""
+"""The probe of whole cameras: a few of them hold here, 200 in ``benchmarks/random_cameras.py``; and each of its laws
+can be broken.
+"""
 
 import copy
 import sys
@@ -44,7 +46,12 @@ def test_the_ranges_that_are_drawn_from_are_those_declared():
     for name in camera.names():
         parameter = camera.declared(name)
         found = [one.camera[name] for one in drawn if name in one.camera]
-        numbers = [v for values in found for v in (values if isinstance(values, list) else [values]) if isinstance(v, int | float)]
+        numbers = [
+            v
+            for values in found
+            for v in (values if isinstance(values, list) else [values])
+            if isinstance(v, int | float)
+        ]
         assert all(parameter.allows(v) for v in numbers)
         if name in ("pixel_pitch", "f_number", "integration_time"):
             low, high = drawn_cameras.SPANS[name]
@@ -106,7 +113,9 @@ def test_a_pixel_is_white_only_where_all_of_its_support_is_clipped(tmp_path):
     for slot in ("adapt", "display"):
         camera_laws.of(made, slot)[{"adapt": "target", "display": "display"}[slot]] = "sRGB"
     lifted, matrix = np.zeros(TIMES), np.eye(3)
-    tree = Tree(ideal__mosaic_linear=mosaic, encode__rgb_display=display, adapt__cones_floored=lifted, fit__colour_matrix=matrix)
+    tree = Tree(
+        ideal__mosaic_linear=mosaic, encode__rgb_display=display, adapt__cones_floored=lifted, fit__colour_matrix=matrix
+    )
     assert not list(camera_laws.any_scene(made, tree))
     display[:, :, 30, 30] = 1 - 1e-5
     assert {one.law for one in camera_laws.any_scene(made, tree)} == {"white"}
@@ -119,7 +128,10 @@ def test_light_that_is_lost_or_bent_or_out_of_bounds_is_found():
     assert list(camera_laws.flux(wanted, Tree(irradiance__irradiance=plane, lens__irradiance=plane * (1 - 1e-5))))
     assert not list(camera_laws.linear({}, Tree(cfa__photocurrent=[plane, 10 * plane])))
     assert list(camera_laws.linear({}, Tree(cfa__photocurrent=[plane, 10.001 * plane])))
-    document = {"camera": {"bits": 8}, "stages": [{"use": "encode", "name": "encode"}, {"use": "adc", "name": "convert"}]}
+    document = {
+        "camera": {"bits": 8},
+        "stages": [{"use": "encode", "name": "encode"}, {"use": "adc", "name": "convert"}],
+    }
     fine = {"encode__rgb_display": np.ones((3, 2, 2)), "convert__raw": np.full((2, 2), 255, np.uint16)}
     assert not list(camera_laws.bounded(document, Tree(**fine)))
     for place, value in (("encode__rgb_display", 1.001), ("encode__rgb_display", np.nan), ("convert__raw", 256)):

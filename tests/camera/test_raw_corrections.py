@@ -1,4 +1,6 @@
-"""What happens to the mosaic in front of the demosaicer: white, balance, shading, defects. In: small cameras. Out: what each undoes."""
+"""What happens to the mosaic in front of the demosaicer: white, balance, shading, defects. In: small cameras. Out:
+what each undoes.
+"""
 
 import numpy as np
 import pytest
@@ -16,13 +18,30 @@ from etendue_camera.sensor import cfa
 CAMERA = {"peak_qe": [0.36, 0.44, 0.40], "integration_time": "4 ms", "illuminant": "A"}
 QUIET = {"prnu": 0.0, "dark_nonuniformity": 0.0}
 EDGE = {
-    "use": "slanted_edge", "name": "scene", "white_luminance": 300, "width": 200, "height": 200, "spacing": 1.0, "bin_width": 60,
-    "wavelength_from": 400, "wavelength_to": 700, "low": 0.1, "high": 0.9,
-}  # fmt: skip
+    "use": "slanted_edge",
+    "name": "scene",
+    "white_luminance": 300,
+    "width": 200,
+    "height": 200,
+    "spacing": 1.0,
+    "bin_width": 60,
+    "wavelength_from": 400,
+    "wavelength_to": 700,
+    "low": 0.1,
+    "high": 0.9,
+}
 FLAT = {
-    "use": "uniform", "name": "scene", "white_luminance": 300, "width": 5600, "height": 4200, "spacing": 35.0, "bin_width": 100,
-    "wavelength_from": 400, "wavelength_to": 700, "reflectance": 0.5,
-}  # fmt: skip
+    "use": "uniform",
+    "name": "scene",
+    "white_luminance": 300,
+    "width": 5600,
+    "height": 4200,
+    "spacing": 35.0,
+    "bin_width": 100,
+    "wavelength_from": 400,
+    "wavelength_to": 700,
+    "reflectance": 0.5,
+}
 
 
 def run(*stages, wanted, archive=None, **camera):
@@ -45,11 +64,24 @@ def values(tree, where):
 
 def edge_over_white(demosaic, balanced, illuminant="A"):
     """A grey slanted edge behind the demosaicer, over its white: red, green, blue of the middle of the frame."""
-    light = ("irradiance", "diffraction", {"use": "pixel", "rows": 64, "columns": 64}, "mosaic", "ideal_mosaic", "white")
+    light = (
+        "irradiance",
+        "diffraction",
+        {"use": "pixel", "rows": 64, "columns": 64},
+        "mosaic",
+        "ideal_mosaic",
+        "white",
+    )
     between = ("balance_mosaic",) if balanced else ()
     white = "balance_mosaic.white" if balanced else "white.white"
     tree = run(
-        EDGE, *light, *between, {"use": demosaic, "name": "demosaic"}, wanted=["rgb_camera", white], illuminant=illuminant, pixel_pitch=2.8
+        EDGE,
+        *light,
+        *between,
+        {"use": demosaic, "name": "demosaic"},
+        wanted=["rgb_camera", white],
+        illuminant=illuminant,
+        pixel_pitch=2.8,
     )
     return (values(tree, "demosaic.rgb_camera") / values(tree, white)[:, None, None])[:, 8:-8, 8:-8]
 
@@ -60,14 +92,16 @@ def test_demosaicers_that_keep_to_one_channel_do_not_care_where_the_balance_stan
 
 
 def test_a_colour_difference_invents_less_colour_on_a_grey_edge_of_a_balanced_mosaic():
-    """The channels of a grey edge differ by the white alone. Balanced, they are one plane, whatever the light; measured: 1.3 times
-    less colour under D65 and 2.1 under A, whose white is farther from grey."""
+    """The channels of a grey edge differ by the white alone. Balanced, they are one plane, whatever the light;
+    measured: 1.3 times less colour under D65 and 2.1 under A, whose white is farther from grey."""
     coloured = {}
     for illuminant in ("D65", "A"):
         for balanced in (False, True):
             rgb = edge_over_white("demosaic_colour_difference", balanced, illuminant)
             coloured[illuminant, balanced] = float(np.sqrt(np.mean((rgb - rgb.mean(axis=0)) ** 2)))
-    assert coloured["A", True] == pytest.approx(coloured["D65", True], rel=0.02)  # diffraction differs a little with the spectrum
+    assert coloured["A", True] == pytest.approx(
+        coloured["D65", True], rel=0.02
+    )  # diffraction differs a little with the spectrum
     assert coloured["D65", False] > 1.25 * coloured["D65", True]
     assert coloured["A", False] > 1.9 * coloured["A", True]
 
@@ -80,14 +114,24 @@ def test_highlights_are_white_behind_the_balance_and_white_is_equal_in_all_chann
     assert_array_equal(neutral["mosaic_linear"], np.ones((6, 6)))
     assert_array_equal(neutral["white"], [0.5, 0.5, 0.5])
     assert_allclose(neutral["balance_gains"], [5 / 3, 1.0, 2.5], rtol=4e-16)
-    kept = stage("balance_mosaic", highlights="keep").run(mosaic, white, 1.0, line, line, ["R", "G", "B"])["mosaic_linear"]
+    kept = stage("balance_mosaic", highlights="keep").run(mosaic, white, 1.0, line, line, ["R", "G", "B"])[
+        "mosaic_linear"
+    ]
     assert kept.max() == pytest.approx(2.5, rel=1e-15)
     with pytest.raises(ValueError, match="vanishing"):
         stage("balance_mosaic").run(mosaic, np.array([0.3, 0.5, 0.0]), 1.0, line, line, ["R", "G", "B"])
 
 
 def test_a_raw_file_has_the_white_of_its_own_numbers_and_not_that_of_the_balanced_mosaic(tmp_path):
-    sensor = ("irradiance", {"use": "pixel", "rows": 32, "columns": 32}, "mosaic", "exposure", "shot_noise", "adc", "linearise")
+    sensor = (
+        "irradiance",
+        {"use": "pixel", "rows": 32, "columns": 32},
+        "mosaic",
+        "exposure",
+        "shot_noise",
+        "adc",
+        "linearise",
+    )
     wanted = ["adc.raw", "white.white", "balance_mosaic.white", "colour_matrix"]
     run(EDGE, *sensor, "white", "balance_mosaic", "colour_fit", wanted=wanted, archive=tmp_path / "raw")
     shelf = Shelf(tmp_path / "raw")
@@ -100,10 +144,18 @@ def test_a_raw_file_has_the_white_of_its_own_numbers_and_not_that_of_the_balance
 def test_full_planes_follow_the_balance():
     """Plane by plane, bit for bit what the mosaic has at the sites of each."""
     tree = run(
-        EDGE, "irradiance", {"use": "pixel", "rows": 32, "columns": 32}, "mosaic", "ideal_mosaic", "white", "balance_mosaic", "no_mask",
-        {"use": "ideal_mosaic", "name": "every", "clip": False}, {"use": "balance_mosaic", "name": "planes", "from": {"white": "white"}},
+        EDGE,
+        "irradiance",
+        {"use": "pixel", "rows": 32, "columns": 32},
+        "mosaic",
+        "ideal_mosaic",
+        "white",
+        "balance_mosaic",
+        "no_mask",
+        {"use": "ideal_mosaic", "name": "every", "clip": False},
+        {"use": "balance_mosaic", "name": "planes", "from": {"white": "white"}},
         wanted=["planes.mosaic_linear", "balance_mosaic.mosaic_linear"],
-    )  # fmt: skip
+    )
     planes, mosaic = values(tree, "planes.mosaic_linear"), values(tree, "balance_mosaic.mosaic_linear")
     assert planes.shape == (3, 32, 32)
     assert_array_equal(planes[0, ::2, ::2], mosaic[::2, ::2])  # RGGB
@@ -121,7 +173,9 @@ def estimate(white, mosaic, **parameters):
 
 @pytest.mark.parametrize(("method", "degrees"), [("grey_world", 0.5), ("shades_of_grey", 0.5), ("white_patch", 1.5)])
 def test_on_a_grey_picture_every_method_finds_the_illuminants_white(method, degrees):
-    """To the noise of 256 cells' mean; the quantile of cells of 4 to 8 pixels a channel takes their own noise with it."""
+    """To the noise of 256 cells' mean; the quantile of cells of 4 to 8 pixels a channel takes their own noise with
+    it.
+    """
     sensor = (
         "irradiance",
         {"use": "pixel", "rows": 64, "columns": 64},
@@ -132,7 +186,15 @@ def test_on_a_grey_picture_every_method_finds_the_illuminants_white(method, degr
         "read_noise",
         "adc",
     )
-    tree = run(EDGE, *sensor, "linearise", "white", {"use": "white_estimate", "method": method}, wanted=["white_estimate"], pixel_pitch=2.8)
+    tree = run(
+        EDGE,
+        *sensor,
+        "linearise",
+        "white",
+        {"use": "white_estimate", "method": method},
+        wanted=["white_estimate"],
+        pixel_pitch=2.8,
+    )
     assert values(tree, "white_estimate.white_error") < degrees
     assert values(tree, "white_estimate.white_used") > 0.4
 
@@ -143,14 +205,18 @@ def test_the_true_white_passes_unchanged_and_a_preset_is_the_inverse_of_its_gain
     assert_array_equal(true["white"], white)
     assert true["white_error"] == 0
     preset = estimate(white, mosaic, method="preset", gains=(2.0, 1.0, 4.0))
-    assert_allclose(preset["white"] * [2.0, 1.0, 4.0], np.full(3, 1 / 1.75), rtol=1e-15)  # the sum of the true white is 1
+    assert_allclose(
+        preset["white"] * [2.0, 1.0, 4.0], np.full(3, 1 / 1.75), rtol=1e-15
+    )  # the sum of the true white is 1
     own = estimate(white, mosaic, method="preset", gains=tuple(1 / white))
     assert own["white_error"] < 1e-13
     assert_allclose(own["white"], white, rtol=1e-14)
 
 
 def test_the_error_of_a_white_is_its_angle_to_the_true_one_whatever_the_exposure():
-    grey = np.full((16, 16), 0.4)  # equal in all channels: under a coloured white this is a wrong guess of a known angle
+    grey = np.full(
+        (16, 16), 0.4
+    )  # equal in all channels: under a coloured white this is a wrong guess of a known angle
     white = np.array([0.6, 0.6, 0.3])
     angle = np.degrees(np.arccos(1.5 / np.sqrt(3 * 0.81)))
     for level in (0.05, 1.0, 2.0):
@@ -203,12 +269,19 @@ def test_a_cone_without_light_is_refused_or_floored_and_counted():
 
 WIDE = {"focal_length": "5 mm", "pixel_pitch": 70.0, "aperture_fraction": 0.9, "f_number": 2.8}
 RIM = {"rim_radius": 1.3, "rim_distance": 1.5}
-OPTICS = ("irradiance", {"use": "falloff", "model": "disc"}, {"use": "vignetting", **RIM}, {"use": "angular_response", "power": 1.5})
+OPTICS = (
+    "irradiance",
+    {"use": "falloff", "model": "disc"},
+    {"use": "vignetting", **RIM},
+    {"use": "angular_response", "power": 1.5},
+)
 SENSOR = ({"use": "pixel", "rows": 60, "columns": 80}, "mosaic", "ideal_mosaic")
 
 
 def test_even_light_behind_fall_off_rim_and_angular_response_is_even_again():
-    """Pixels are 70 um wide and see the mean of a curve: 6e-4 of it in the corner, where the rim makes it steep; 1e-4 inside."""
+    """Pixels are 70 um wide and see the mean of a curve: 6e-4 of it in the corner, where the rim makes it steep;
+    1e-4 inside.
+    """
     known = {"use": "lens_shading", "model": "disc", "power": 1.5, **RIM}
     tree = run(FLAT, *OPTICS, *SENSOR, known, wanted=["ideal_mosaic.mosaic_linear", "lens_shading"], **WIDE)
     before, after = values(tree, "ideal_mosaic.mosaic_linear"), values(tree, "lens_shading.mosaic_linear")
@@ -220,7 +293,9 @@ def test_even_light_behind_fall_off_rim_and_angular_response_is_even_again():
 
 def test_a_table_from_a_flat_field_of_the_camera_itself_corrects_it_as_well(tmp_path):
     """What a maker does: a frame of even light gives the table, and the next frames are flat by it."""
-    flat = run(FLAT, *OPTICS, *SENSOR, wanted=["ideal_mosaic.mosaic_linear"], **WIDE)["ideal_mosaic"].mosaic_linear.squeeze()
+    flat = run(FLAT, *OPTICS, *SENSOR, wanted=["ideal_mosaic.mosaic_linear"], **WIDE)[
+        "ideal_mosaic"
+    ].mosaic_linear.squeeze()
     y, x = 0.07 * (np.arange(60) - 29.5), 0.07 * (np.arange(80) - 39.5)
     shading.write_gains(tmp_path / "gains.csv", shading.calibrated(np.asarray(flat), cfa.parse("RGGB"), y, x))
     known = {"use": "lens_shading", "map": "table", "table": str(tmp_path / "gains.csv")}
@@ -232,18 +307,31 @@ def test_a_table_from_a_flat_field_of_the_camera_itself_corrects_it_as_well(tmp_
 
 def test_a_correction_of_no_strength_is_left_out_and_changes_no_bit():
     tree = run(
-        FLAT, *OPTICS, *SENSOR, {"use": "lens_shading", "strength": 0.0}, wanted=["ideal_mosaic.mosaic_linear", "lens_shading"], **WIDE
+        FLAT,
+        *OPTICS,
+        *SENSOR,
+        {"use": "lens_shading", "strength": 0.0},
+        wanted=["ideal_mosaic.mosaic_linear", "lens_shading"],
+        **WIDE,
     )
     assert_array_equal(tree["lens_shading"].mosaic_linear, tree["ideal_mosaic"].mosaic_linear)
     ledger = tree["ledger"].to_dataset()
-    assert "left_out" in {str(s) for s in np.asarray(ledger["status"].values[ledger["stage"].values == "lens_shading"]).tolist()}
+    assert "left_out" in {
+        str(s) for s in np.asarray(ledger["status"].values[ledger["stage"].values == "lens_shading"]).tolist()
+    }
 
 
 def test_the_plan_says_what_the_correction_costs_and_where_it_ends():
     def notes(**values):
-        stages = [FLAT, *({"use": s} if isinstance(s, str) else s for s in (*OPTICS, *SENSOR)), {"use": "lens_shading", **values}]
+        stages = [
+            FLAT,
+            *({"use": s} if isinstance(s, str) else s for s in (*OPTICS, *SENSOR)),
+            {"use": "lens_shading", **values},
+        ]
         document = {"name": "raw", "camera": {**CAMERA, **WIDE}, "stages": stages}
-        return [n for n in make_plan(from_document(document), installed_stages()).warnings if n.startswith("lens_shading")]
+        return [
+            n for n in make_plan(from_document(document), installed_stages()).warnings if n.startswith("lens_shading")
+        ]
 
     assert any("noise there grows as much" in n for n in notes())
     assert any("gains end at largest_gain = 1.5" in n for n in notes(largest_gain=1.5))
@@ -268,11 +356,27 @@ def test_black_is_left_alone_and_a_table_needs_the_patterns_channels(tmp_path):
 def sensor_with(*corrections, hot=0.004, dead=0.003, stuck=0.002, wanted):
     grey = {**FLAT, "width": 700, "height": 700, "spacing": 7.0}
     defective = {"use": "defects", "hot": hot, "dead": dead, "hot_rate": 3e6}
-    reading = ("shot_noise", "full_well", "read_noise", "adc", {"use": "stuck_pixels", "stuck": stuck}, "linearise", "join_defect_maps")
+    reading = (
+        "shot_noise",
+        "full_well",
+        "read_noise",
+        "adc",
+        {"use": "stuck_pixels", "stuck": stuck},
+        "linearise",
+        "join_defect_maps",
+    )
     return run(
-        grey, "irradiance", {"use": "pixel", "rows": 96, "columns": 96}, "mosaic", defective, {"use": "exposure", **QUIET}, *reading,
-        *corrections, wanted=["linearise.mosaic_linear", "join_defect_maps.defect_map", *wanted], pixel_pitch=7.0,
-    )  # fmt: skip
+        grey,
+        "irradiance",
+        {"use": "pixel", "rows": 96, "columns": 96},
+        "mosaic",
+        defective,
+        {"use": "exposure", **QUIET},
+        *reading,
+        *corrections,
+        wanted=["linearise.mosaic_linear", "join_defect_maps.defect_map", *wanted],
+        pixel_pitch=7.0,
+    )
 
 
 @pytest.mark.parametrize("by", ["map", "detection", "both"])
@@ -281,11 +385,17 @@ def test_a_flat_field_with_defects_is_as_even_as_its_noise_and_the_figures_are_t
     before, after = values(tree, "linearise.mosaic_linear"), values(tree, "correct_defects.mosaic_linear")
     known = values(tree, "join_defect_maps.defect_map") > 0
     figures = {
-        n: float(values(tree, f"correct_defects.{n}")) for n in ("defects_corrected", "defects_left", "defects_missed", "false_alarms")
+        n: float(values(tree, f"correct_defects.{n}"))
+        for n in ("defects_corrected", "defects_left", "defects_missed", "false_alarms")
     }
     changed = before != after
-    assert figures["defects_corrected"] + figures["defects_left"] >= np.count_nonzero(changed)  # a replacement may equal what it replaces
-    assert figures["defects_corrected"] + figures["defects_left"] == known.sum() - figures["defects_missed"] + figures["false_alarms"]
+    assert figures["defects_corrected"] + figures["defects_left"] >= np.count_nonzero(
+        changed
+    )  # a replacement may equal what it replaces
+    assert (
+        figures["defects_corrected"] + figures["defects_left"]
+        == known.sum() - figures["defects_missed"] + figures["false_alarms"]
+    )
     assert figures["defects_left"] == 0
     assert figures["defects_missed"] == 0 if by != "detection" else figures["defects_missed"] < 0.3 * known.sum()
     assert figures["false_alarms"] <= (0 if by == "map" else 3)
@@ -296,15 +406,22 @@ def test_a_flat_field_with_defects_is_as_even_as_its_noise_and_the_figures_are_t
 
 
 def test_without_a_map_defects_are_found_all_the_same_and_nobody_knows_what_is_missed():
-    tree = sensor_with("correct_found_defects", {"use": "correct_defects", "by": "detection", "from": {"mosaic_linear": "linearise"}},
-                       wanted=["correct_found_defects", "correct_defects"])  # fmt: skip
-    assert_array_equal(values(tree, "correct_found_defects.mosaic_linear"), values(tree, "correct_defects.mosaic_linear"))
+    tree = sensor_with(
+        "correct_found_defects",
+        {"use": "correct_defects", "by": "detection", "from": {"mosaic_linear": "linearise"}},
+        wanted=["correct_found_defects", "correct_defects"],
+    )
+    assert_array_equal(
+        values(tree, "correct_found_defects.mosaic_linear"), values(tree, "correct_defects.mosaic_linear")
+    )
     assert np.isnan(values(tree, "correct_found_defects.defects_missed"))
     assert np.isnan(values(tree, "correct_found_defects.false_alarms"))
 
 
 def test_a_sensor_without_defects_keeps_every_bit():
-    tree = sensor_with({"use": "correct_defects", "by": "map"}, hot=0.0, dead=0.0, stuck=0.0, wanted=["correct_defects"])
+    tree = sensor_with(
+        {"use": "correct_defects", "by": "map"}, hot=0.0, dead=0.0, stuck=0.0, wanted=["correct_defects"]
+    )
     assert values(tree, "correct_defects.defects_corrected") == 0
     assert_array_equal(tree["correct_defects"].mosaic_linear, tree["linearise"].mosaic_linear)
 

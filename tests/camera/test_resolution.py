@@ -1,4 +1,6 @@
-"""What a run resolves: the analytic probe against closed forms, the edge probe against the analytic one, and what limits."""
+"""What a run resolves: the analytic probe against closed forms, the edge probe against the analytic one, and what
+limits.
+"""
 
 from __future__ import annotations
 
@@ -47,23 +49,32 @@ def pixel(pitch=5.4, **parameters):
 # -- analytic -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("case", next(g for g in json.loads(REFERENCE.read_text())["groups"] if g["name"] == "system_mtf_x")["cases"])
+@pytest.mark.parametrize(
+    "case", next(g for g in json.loads(REFERENCE.read_text())["groups"] if g["name"] == "system_mtf_x")["cases"]
+)
 def test_lens_diffusion_and_pixel_are_the_product_of_the_reference(case, monkeypatch):
     """60-digit values, signed: within 1e-14 times the condition, and 2e-15 of what three factors round."""
     given = {name: float(text) for name, text in case["in"].items()}
     monkeypatch.setattr(silicon, "absorption", lambda wavelength: np.full(np.shape(wavelength), given["alpha_per_um"]))
     diode = Diffusion(
-        depletion_depth=given["Ld_um"], diffusion_depth=given["L_um"], diffusion_length=given["Ln_um"], nodes=0,
-    )  # fmt: skip
+        depletion_depth=given["Ld_um"],
+        diffusion_depth=given["L_um"],
+        diffusion_length=given["Ln_um"],
+        nodes=0,
+    )
     edges = (1e3 * given["lam_um"] - 0.5, 1e3 * given["lam_um"] + 0.5)
     aperture = pixel(given["w_um"], aperture_fraction=1.0)
     otf = transfers(Diffraction(f_number=given["N"]), diode, aperture, edges=edges)[-1][1]
     wanted = float(case["out"])
-    assert_allclose(otf(np.array([given["f_cyc_per_um"]]))[0, 0], wanted, rtol=1e-14 * max(1, case.get("cond", 1)), atol=2e-15)
+    assert_allclose(
+        otf(np.array([given["f_cyc_per_um"]]))[0, 0], wanted, rtol=1e-14 * max(1, case.get("cond", 1)), atol=2e-15
+    )
 
 
 def test_a_lens_alone_resolves_what_its_closed_forms_say():
-    """Sparrow 0.947155 and Rayleigh 1.219670 lambda N; the contrast of a circular aperture is one half at 0.403973 of its cut-off."""
+    """Sparrow 0.947155 and Rayleigh 1.219670 lambda N; the contrast of a circular aperture is one half at 0.403973
+    of its cut-off.
+    """
     found = figures(Diffraction(f_number=4.0), cut_off_contrast=1e-6, highest=1.0, rendering=False)
     unit = 0.55 * 4.0
     assert_allclose(found["sparrow"], 0.947155 * unit, rtol=1e-4)  # the spline and the last millionth of contrast
@@ -74,7 +85,9 @@ def test_a_lens_alone_resolves_what_its_closed_forms_say():
 
 
 def test_the_kernel_of_two_points_sees_the_sign_of_a_reversed_contrast():
-    """Large pixels behind a fast lens: the transfer function is negative behind their zero, which contrast does not say."""
+    """Large pixels behind a fast lens: the transfer function is negative behind their zero, which contrast does not
+    say.
+    """
     stages = (Diffraction(f_number=2.0), pixel(4.0, aperture_fraction=1.0))
     found = figures(*stages, highest=1.0)["rayleigh"][1]
     otf = transfers(*stages)[1][1]
@@ -123,8 +136,13 @@ def test_a_camera_that_nothing_limits_below_nyquist_is_still_at_nyquist():
 )
 def test_the_factor_that_limits_is_the_one_whose_removal_gains_most(f_number, pitch, fraction, factor):
     found = figures(
-        Diffraction(f_number=f_number), Diffusion(), pixel(pitch, aperture_fraction=fraction), edges=WHITE, pixel_pitch=pitch, highest=8.0,
-    )  # fmt: skip
+        Diffraction(f_number=f_number),
+        Diffusion(),
+        pixel(pitch, aperture_fraction=fraction),
+        edges=WHITE,
+        pixel_pitch=pitch,
+        highest=8.0,
+    )
     assert FACTORS[int(found["limiting_factor"])] == factor
     assert found["resolution_gain"].min() >= 1.0
 
@@ -145,28 +163,57 @@ def test_gains_are_quotients_of_mtf50():
 def document(tail=(), sweep=None, scene=None, camera=None, rows=96, columns=128, middle=(), **more):
     """A slanted edge with a margin, up to the pixels, and what follows."""
     return {
-        "name": "edge", "precision": "float64", "seed": 5,
+        "name": "edge",
+        "precision": "float64",
+        "seed": 5,
         "camera": {"peak_qe": list(QE), "pixel_pitch": 4.0, "f_number": 4.0, "focal_length": 50, **(camera or {})},
         "stages": [
-            {"use": "slanted_edge", "name": "scene", "white_luminance": 2e4, "width": 776.0, "height": 648.0, "spacing": 2.0,
-             "wavelength_from": 400.0, "wavelength_to": 700.0, "bin_width": 100.0, **(scene or {})},
-            {"use": "irradiance"}, *middle, {"use": "diffraction", "name": "lens"}, {"use": "diffusion"},
-            {"use": "pixel", "rows": rows, "columns": columns}, *({"use": use} if isinstance(use, str) else use for use in tail),
+            {
+                "use": "slanted_edge",
+                "name": "scene",
+                "white_luminance": 2e4,
+                "width": 776.0,
+                "height": 648.0,
+                "spacing": 2.0,
+                "wavelength_from": 400.0,
+                "wavelength_to": 700.0,
+                "bin_width": 100.0,
+                **(scene or {}),
+            },
+            {"use": "irradiance"},
+            *middle,
+            {"use": "diffraction", "name": "lens"},
+            {"use": "diffusion"},
+            {"use": "pixel", "rows": rows, "columns": columns},
+            *({"use": use} if isinstance(use, str) else use for use in tail),
         ],
-        **({"sweep": sweep} if sweep else {}), **more,
-    }  # fmt: skip
+        **({"sweep": sweep} if sweep else {}),
+        **more,
+    }
 
 
 BRIGHT = {"full_well_density": 1e9, "bits": 16}  # Poisson noise of 1e10 electrons is 1e-5 of them
 READ_OUT = ("mosaic", "exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise")
-COLOUR = ("white", "balance_mosaic", {"use": "demosaic_bilinear", "name": "demosaic"}, "colour_fit", "camera_to_xyz", "display", "encode")
+COLOUR = (
+    "white",
+    "balance_mosaic",
+    {"use": "demosaic_bilinear", "name": "demosaic"},
+    "colour_fit",
+    "camera_to_xyz",
+    "display",
+    "encode",
+)
 
 
 def test_resolution_is_chosen_by_stage_and_axes():
     tree = etendue.simulate(document(("resolution",), {"f_number": [2.8, 11]}))
     found = tree["resolution"].mtf50
     assert found.dims == ("f_number", "stage")
-    assert found.sel(stage="lens", f_number=2.8) > found.sel(stage="pixel", f_number=2.8) > found.sel(stage="pixel", f_number=11)
+    assert (
+        found.sel(stage="lens", f_number=2.8)
+        > found.sel(stage="pixel", f_number=2.8)
+        > found.sel(stage="pixel", f_number=11)
+    )
     assert list(tree["resolution"].factor.values) == list(FACTORS)
 
 
@@ -176,12 +223,16 @@ def test_a_warp_ends_the_analytic_curve():
     warped = etendue.simulate(document(("resolution",), middle=({"use": "falloff"}, warp)))["resolution"].to_dataset()
     assert np.isnan(warped.mtf50).all()
     assert np.isnan(warped.resolution_gain).all()
-    assert not np.isnan(etendue.simulate(document(("resolution",), middle=({"use": "falloff"},)))["resolution"].mtf50).any()
+    assert not np.isnan(
+        etendue.simulate(document(("resolution",), middle=({"use": "falloff"},)))["resolution"].mtf50
+    ).any()
 
 
 @pytest.mark.parametrize("angle", [2.0, 5.0, 10.0, 40.0, -85.0])
 def test_a_measured_edge_is_the_analytic_one_before_the_mosaic(angle):
-    """0.5 % is the bound for 200 x 400 pixels; 0.15 % of it on these few. `benchmarks/limits_map.py` has the larger frame."""
+    """0.5 % is the bound for 200 x 400 pixels; 0.15 % of it on these few. `benchmarks/limits_map.py` has the larger
+    frame.
+    """
     found = etendue.simulate(document(("edge_resolution",), scene={"angle": angle}))["edge_resolution"].to_dataset()
     assert list(found.stage.values) == ["irradiance", "lens", "diffusion", "pixel"]
     assert (abs(found.edge_difference / found.edge_analytic) < 1.5e-3).all()
@@ -192,24 +243,39 @@ def test_a_measured_edge_is_the_analytic_one_before_the_mosaic(angle):
 
 
 def test_behind_the_mosaic_edges_are_measured_in_every_colour_state_and_nothing_is_analytic():
-    """Without noise and patterns; display values are decoded first: a grey edge resolves the same in linear and encoded values."""
+    """Without noise and patterns; display values are decoded first: a grey edge resolves the same in linear and
+    encoded values.
+    """
     light = {"white_luminance": 1e10}
     chain = [{"use": "exposure", "prnu": 0, "dark_nonuniformity": 0} if use == "exposure" else use for use in READ_OUT]
     doc = document((*chain, *COLOUR, "edge_resolution"), camera={"integration_time": 0.001, **BRIGHT}, scene=light)
     found = etendue.simulate(doc)["edge_resolution"].to_dataset()
     assert list(found.stage.values) == [
-        "irradiance", "lens", "diffusion", "pixel", "linearise", "balance_mosaic", "demosaic", "camera_to_xyz", "display", "encode",
-    ]  # fmt: skip
+        "irradiance",
+        "lens",
+        "diffusion",
+        "pixel",
+        "linearise",
+        "balance_mosaic",
+        "demosaic",
+        "camera_to_xyz",
+        "display",
+        "encode",
+    ]
     behind = found.isel(stage=slice(4, None))
     assert np.isnan(behind.edge_analytic).all()
     assert np.isfinite(behind.edge_mtf50).all()
-    assert_allclose(behind.edge_mtf50.sel(stage="linearise"), found.edge_mtf50.sel(stage="pixel"), rtol=2e-4)  # one colour's sites
+    assert_allclose(
+        behind.edge_mtf50.sel(stage="linearise"), found.edge_mtf50.sel(stage="pixel"), rtol=2e-4
+    )  # one colour's sites
     assert_allclose(behind.edge_mtf50.sel(stage="encode"), behind.edge_mtf50.sel(stage="display"), rtol=1e-3)
     assert EVERY_FACTOR[int(found.limiting_factor)] != "noise"
     assert float(found.resolution_gain.sel(factor="demosaic")) > 1.1  # bilinear
 
 
-@pytest.mark.parametrize(("encoding", "encode"), [("sRGB", srgb_encode), ("BT.709", bt709_encode), ("power", lambda v: v**0.45)])
+@pytest.mark.parametrize(
+    ("encoding", "encode"), [("sRGB", srgb_encode), ("BT.709", bt709_encode), ("power", lambda v: v**0.45)]
+)
 def test_display_values_are_decoded_by_their_own_curve_and_no_other(encoding, encode):
     linear = np.linspace(-0.1, 1.1, 240).reshape(3, 8, 10)
     encoded = encode(np.clip(linear, 0, 1))
@@ -222,7 +288,9 @@ def test_display_values_are_decoded_by_their_own_curve_and_no_other(encoding, en
 
 def test_noise_limits_where_the_interval_is_wide_and_the_interval_holds_the_truth():
     """A hundred times less light."""
-    doc = document((*READ_OUT, *COLOUR, "edge_resolution"), {"integration_time": [2e-5, 2e-3]}, camera={"full_well_density": 4000})
+    doc = document(
+        (*READ_OUT, *COLOUR, "edge_resolution"), {"integration_time": [2e-5, 2e-3]}, camera={"full_well_density": 4000}
+    )
     found = etendue.simulate(doc)["edge_resolution"].to_dataset()
     assert EVERY_FACTOR[int(found.limiting_factor[0])] == "noise"
     assert EVERY_FACTOR[int(found.limiting_factor[1])] != "noise"
@@ -230,7 +298,9 @@ def test_noise_limits_where_the_interval_is_wide_and_the_interval_holds_the_trut
     mosaic = sharp.sel(stage="linearise")
     assert mosaic.edge_mtf50_low < sharp.sel(stage="pixel").edge_analytic < mosaic.edge_mtf50_high
     width = found.edge_mtf50_high - found.edge_mtf50_low
-    assert width.sel(stage="linearise")[1] < width.sel(stage="linearise")[0] or np.isnan(width.sel(stage="linearise")[0])
+    assert width.sel(stage="linearise")[1] < width.sel(stage="linearise")[0] or np.isnan(
+        width.sel(stage="linearise")[0]
+    )
 
 
 def test_a_region_in_um_holds_the_edge_that_is_found_in_the_whole():
@@ -254,10 +324,14 @@ LONG = {**MEDIUM, "integration_time": 4e-3}  # the pixels of the bright field ar
 
 
 @pytest.mark.parametrize(
-    "frame", [{"centre_x": -2000.0}, {"centre_x": 2000.0}, {"centre_y": -2000.0}, {"centre_y": 2000.0}], ids=lambda f: str(*f.items())
+    "frame",
+    [{"centre_x": -2000.0}, {"centre_x": 2000.0}, {"centre_y": -2000.0}, {"centre_y": 2000.0}],
+    ids=lambda f: str(*f.items()),
 )
 def test_a_region_beside_the_frame_on_any_side_shows_no_edge(frame):
-    """Nothing of it counts from the far side: in light and in the mosaic, whose clipped pixels it does not see either."""
+    """Nothing of it counts from the far side: in light and in the mosaic, whose clipped pixels it does not see
+    either.
+    """
     region = {"use": "edge_resolution", "region_height": 300.0, "region_width": 400.0, **frame}
     found = edge_figures(document((*READ_OUT, region), camera=LONG))
     assert (found.edge_flags == FLAGS["no_edge"]).all()
@@ -273,23 +347,35 @@ def test_a_region_that_reaches_over_the_frame_is_what_of_it_is_inside():
 
 
 def test_a_pixel_is_the_cameras_also_in_front_of_it():
-    """The light stands on a grid of 2 um, half a pixel: cycles per pixel are cycles per um times the pitch, at every stage."""
+    """The light stands on a grid of 2 um, half a pixel: cycles per pixel are cycles per um times the pitch, at every
+    stage.
+    """
     found = edge_figures(document(("edge_resolution",)))
     assert_allclose(found.edge_mtf50_cycles, found.edge_mtf50 * 4.0, rtol=1e-14)
     assert (np.diff(found.edge_aliasing) < 0).all()  # the same Nyquist, and a lower curve at each stage
     assert found.edge_aliasing[1] > 0.01  # above the Nyquist frequency of the light's own grid there is nothing of it
-    sharp = edge_figures(document(("edge_resolution",), camera={"pixel_pitch": 8.0, "f_number": 2.0}, rows=64, columns=72))
+    sharp = edge_figures(
+        document(("edge_resolution",), camera={"pixel_pitch": 8.0, "f_number": 2.0}, rows=64, columns=72)
+    )
     above = sharp.edge_mtf50 > 0.5 / 8.0
     assert above.any()
     assert ((sharp.edge_flags & FLAGS["above_nyquist"] > 0) == above).all()
 
 
 def test_effective_resolution_of_an_edge_ends_at_nyquist_in_all_three_units():
-    """8 um: 62.5 line pairs/mm, half a cycle per pixel, one line width per pixel of 64 rows; below it, the measured figure."""
-    sharp = edge_figures(document(("edge_resolution",), camera={"pixel_pitch": 8.0, "f_number": 2.0}, rows=64, columns=72))
+    """8 um: 62.5 line pairs/mm, half a cycle per pixel, one line width per pixel of 64 rows; below it, the measured
+    figure.
+    """
+    sharp = edge_figures(
+        document(("edge_resolution",), camera={"pixel_pitch": 8.0, "f_number": 2.0}, rows=64, columns=72)
+    )
     lens = sharp.sel(stage="lens")
     assert lens.edge_mtf50 > 0.0625
-    assert_allclose([lens.edge_effective_lp_mm, lens.edge_effective_cycles, lens.edge_effective_line_widths], [62.5, 0.5, 64], rtol=1e-14)
+    assert_allclose(
+        [lens.edge_effective_lp_mm, lens.edge_effective_cycles, lens.edge_effective_line_widths],
+        [62.5, 0.5, 64],
+        rtol=1e-14,
+    )
     found = edge_figures(document(ALL, camera=MEDIUM))
     per_um = np.minimum(found.edge_mtf50, 0.125)
     assert (per_um < 0.125).all()
@@ -299,7 +385,9 @@ def test_effective_resolution_of_an_edge_ends_at_nyquist_in_all_three_units():
 
 
 def test_what_is_clipped_in_the_mosaic_is_flagged_in_every_picture_made_of_it():
-    """Behind it values are mixed, and nothing of them shows that they stand at the end of a scale. What limits is not known."""
+    """Behind it values are mixed, and nothing of them shows that they stand at the end of a scale. What limits is
+    not known.
+    """
     found = edge_figures(document(ALL, {"integration_time": [1e-3, 4e-3]}, camera=MEDIUM))
     clipped = (found.edge_flags & FLAGS["clipped"]) > 0
     assert not clipped.isel(integration_time=0).any()
@@ -319,7 +407,9 @@ def test_of_a_series_that_exposure_is_looked_at_whose_edge_is_measured():
 
 
 def test_what_limits_is_not_said_where_the_gain_of_the_lens_is_not_known():
-    """Behind a warp there is no transfer function: demosaicing is the largest gain that is known, and not for that the limit."""
+    """Behind a warp there is no transfer function: demosaicing is the largest gain that is known, and not for that
+    the limit.
+    """
     warp = {"use": "distortion", "k1": 0.01}
     found = edge_figures(document(ALL, middle=(warp,), camera=MEDIUM))
     assert np.isnan(found.resolution_gain.sel(factor="lens"))
@@ -369,6 +459,8 @@ def test_half_a_region_is_refused():
 
 def test_every_scheduler_measures_the_same_bits():
     doc = document((*READ_OUT, *COLOUR, "edge_resolution"), {"f_number": [2.8, 8], "integration_time": [1e-3, 2e-3]})
-    first, second = (etendue.simulate(doc, scheduler=name)["edge_resolution"].to_dataset() for name in ("serial", "threads"))
+    first, second = (
+        etendue.simulate(doc, scheduler=name)["edge_resolution"].to_dataset() for name in ("serial", "threads")
+    )
     for name in first.data_vars:
         assert_same_bits(first[name].values, second[name].values, name)

@@ -1,4 +1,6 @@
-"""Whole curves of resolution: closed forms, products, the figures that are read from them, and where they stand in a sweep."""
+"""Whole curves of resolution: closed forms, products, the figures that are read from them, and where they stand in a
+sweep.
+"""
 
 import math
 
@@ -41,7 +43,9 @@ def test_of_one_wavelength_the_camera_is_the_product_of_its_factors(angle):
 
 
 def test_the_figures_stand_on_the_curves():
-    """At the Nyquist frequency they are equal; half contrast lies where a spline through the samples says, to its own error."""
+    """At the Nyquist frequency they are equal; half contrast lies where a spline through the samples says, to its
+    own error.
+    """
     found = figures(Diffraction(f_number=5.6), Diffusion(), pixel(5.4), edges=WHITE, pixel_pitch=5.4)
     assert_allclose(found["mtf"][:, NYQUIST], found["mtf_nyquist"], rtol=1e-12)
     assert_allclose(found["frequency_lp_mm"][NYQUIST], found["nyquist_lp_mm"], rtol=1e-15)
@@ -52,7 +56,9 @@ def test_the_figures_stand_on_the_curves():
 
 @pytest.mark.parametrize(("f_number", "bound"), [(1.4, 1e-3), (5.6, 1e-3), (32.0, 3.2e-2)])
 def test_a_straight_line_between_samples_errs_by_what_is_stated(f_number, bound):
-    """Pixels of 1.5 um: the cut-off of f/5.6 lies at 0.49 cycles/pixel; of f/32 all contrast is in the first six samples."""
+    """Pixels of 1.5 um: the cut-off of f/5.6 lies at 0.49 cycles/pixel; of f/32 all contrast is in the first six
+    samples.
+    """
     own = figures(Diffraction(f_number=f_number), pixel(1.5), pixel_pitch=1.5)["mtf"][-1]
     middle = figures(Diffraction(f_number=f_number), pixel(1.5), pixel_pitch=3.0)["mtf"][-1]  # at half the frequencies
     assert abs(middle[1::2] - 0.5 * (own[: NYQUIST + 1][:-1] + own[1 : NYQUIST + 1])).max() < bound
@@ -65,12 +71,16 @@ def test_a_camera_whose_contrast_ends_early_has_noughts_behind_it():
     assert (found["mtf"][:, 4:] < 1e-15).all()
 
 
-@pytest.mark.parametrize(("sigma", "tail", "finer", "bound"), [(3.0, 0.0, 8.0, 2e-5), (3.0, 0.1, 8.0, 2e-4), (12.0, 0.0, 8.0, 2e-3)])
+@pytest.mark.parametrize(
+    ("sigma", "tail", "finer", "bound"), [(3.0, 0.0, 8.0, 2e-5), (3.0, 0.1, 8.0, 2e-4), (12.0, 0.0, 8.0, 2e-3)]
+)
 def test_a_measured_response_is_carried_to_the_camera_s_frequencies(sigma, tail, finer, bound):
     """Against the same edge asked at 6401 frequencies; of light on a grid eight times as fine as the pixels."""
     y, x = np.mgrid[:200, :300] - np.array([99.5, 149.5])[:, None, None]
     away = x * math.cos(0.1) - y * math.sin(0.1)
-    step = (1 - tail) * 0.5 * (1 + special.erf(away / sigma / math.sqrt(2))) + tail * (0.5 + np.arctan(away / 20) / math.pi)
+    step = (1 - tail) * 0.5 * (1 + special.erf(away / sigma / math.sqrt(2))) + tail * (
+        0.5 + np.arctan(away / 20) / math.pi
+    )
     edge, fine = slanted_edge(0.1 + 0.8 * step), slanted_edge(0.1 + 0.8 * step, samples=6401)
     found = curves.of_edge(edge.frequency, edge.sfr, finer)
     assert_allclose(found, np.interp(curves.PER_PIXEL / finer, fine.frequency, fine.sfr), atol=bound)
@@ -84,7 +94,9 @@ def test_beyond_what_a_coarse_picture_sees_nothing_is_said():
 
 
 def test_a_measured_edge_has_the_curve_of_the_transfer_functions():
-    """Below the Nyquist frequency within what the stage states of its figures, before the mosaic; and MTF50 lies on it."""
+    """Below the Nyquist frequency within what the stage states of its figures, before the mosaic; and MTF50 lies on
+    it.
+    """
     found = etendue.simulate(document(("edge_resolution",)))["edge_resolution"].to_dataset()
     assert found.esfr.dims == ("stage", "frequency")
     below = found.sel(frequency=slice(0, 0.5))
@@ -117,7 +129,9 @@ def test_over_pixel_pitches_cycles_a_pixel_are_shared_and_cycles_a_mm_stand_besi
             assert_identical(tree[stage].to_dataset().load(), held[stage].to_dataset())
     mtf = held["resolution"].mtf
     assert mtf.frequency_lp_mm.dims == ("pixel_pitch", "frequency")
-    assert_allclose(mtf.frequency_lp_mm * mtf.pixel_pitch * 1e-3, np.broadcast_to(mtf.frequency, (2, curves.SAMPLES)), rtol=1e-12)
+    assert_allclose(
+        mtf.frequency_lp_mm * mtf.pixel_pitch * 1e-3, np.broadcast_to(mtf.frequency, (2, curves.SAMPLES)), rtol=1e-12
+    )
     assert_allclose(mtf.nyquist_lp_mm, [250.0, 125.0], rtol=1e-12)
     assert (mtf.frequency.units, mtf.frequency_lp_mm.units) == ("cycles/pixel", "cycles/mm")
     lens = mtf.sel(stage="lens").isel(frequency=slice(0, None, 2)).sel(pixel_pitch=4.0)  # the same places in cycles/mm

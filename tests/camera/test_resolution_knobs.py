@@ -23,8 +23,12 @@ def camera(random):
         LOAD("diffraction")(f_number=number, obstruction=float(random.uniform(0.1, 0.6))),
         LOAD("lens_gaussian")(sigma=float(10 ** random.uniform(-0.5, 0.7))),
     )[random.integers(3)]
-    charge = LOAD("diffusion")(depletion_depth=float(10 ** random.uniform(-1, 1)), diffusion_depth=float(10 ** random.uniform(0, 1.5)))
-    pixel = LOAD("pixel")(pixel_pitch=pitch, aperture_fraction=float(random.uniform(0.2, 1)), peak_qe=(0.36, 0.44, 0.40))
+    charge = LOAD("diffusion")(
+        depletion_depth=float(10 ** random.uniform(-1, 1)), diffusion_depth=float(10 ** random.uniform(0, 1.5))
+    )
+    pixel = LOAD("pixel")(
+        pixel_pitch=pitch, aperture_fraction=float(random.uniform(0.2, 1)), peak_qe=(0.36, 0.44, 0.40)
+    )
     parts = (("lens", lens), ("diffusion", charge), ("pixel", pixel))
     return [(name, Otf(parts[: i + 1], edges)) for i, (name, _) in enumerate(parts)], weights_of(pixel, edges), pitch
 
@@ -61,7 +65,9 @@ def test_the_figures_err_by_no_more_than_their_settings_state():
 @pytest.mark.long
 def test_the_figures_of_one_camera_in_a_hundred_may_err_by_more():
     """The bound is fitted: a curve that only just falls to a level moves its crossing by more."""
-    every = [(nodes, solved, points) for nodes in (64, 128, 512, 4096) for solved in (False, True) for points in (48, 160)]
+    every = [
+        (nodes, solved, points) for nodes in (64, 128, 512, 4096) for solved in (False, True) for points in (48, 160)
+    ]
     shares = held(5, 60, every)
     assert np.mean(shares > 1) <= 0.01
     assert np.quantile(shares, 0.9) > 1 / 30  # nor is it far from the truth where that is worst

@@ -134,7 +134,8 @@ def test_the_picture_is_multiplied_by_the_response_and_its_mean_is_kept():
     plane, _ = waves(rows, columns, 5, 11)
     given = np.broadcast_to(plane[:rows, :columns], (3, rows, columns))
     direct = [
-        scipy.fft.irfft2(scipy.fft.rfft2(sampling.pad(one)) * g, s=plane.shape)[:rows, :columns] for one, g in zip(given, gain, strict=True)
+        scipy.fft.irfft2(scipy.fft.rfft2(sampling.pad(one)) * g, s=plane.shape)[:rows, :columns]
+        for one, g in zip(given, gain, strict=True)
     ]
     assert_allclose(stage.run(given, transfers)["rgb_camera"], direct, rtol=0, atol=1e-14)
     assert_allclose(gain[:, 0, 0], 1.0, rtol=1e-15)  # weights that sum to 1
@@ -165,11 +166,17 @@ def test_at_the_nyquist_frequency_half_is_folded_and_at_most_half_comes_back(f_n
 def test_the_price_in_noise_is_what_white_noise_pays():
     pitch, transfers = 4.0, light_of(2.8, 4.0)
     noise = 0.3 + 1e-3 * np.random.default_rng(1).standard_normal((3, 240, 240))
-    for stage in (Wiener(pixel_pitch=pitch), Sharpen(pixel_pitch=pitch), Unsharp(pixel_pitch=pitch),
-                  RichardsonLucy(pixel_pitch=pitch, stop=0.0, iterations=6)):  # fmt: skip
+    for stage in (
+        Wiener(pixel_pitch=pitch),
+        Sharpen(pixel_pitch=pitch),
+        Unsharp(pixel_pitch=pitch),
+        RichardsonLucy(pixel_pitch=pitch, stop=0.0, iterations=6),
+    ):
         found = stage.run(noise, transfers, ASKED)
         assert found["noise_gain"] > 1.1
-        assert_allclose(found["rgb_camera"][1].std() / noise[1].std(), found["noise_gain"], rtol=0.02)  # 57600 draws: 0.6 %
+        assert_allclose(
+            found["rgb_camera"][1].std() / noise[1].std(), found["noise_gain"], rtol=0.02
+        )  # 57600 draws: 0.6 %
 
 
 def test_the_gain_in_mtf50_is_that_of_the_green_curves():
@@ -191,12 +198,16 @@ def test_the_gain_in_mtf50_is_that_of_the_green_curves():
         transfer = green(transfers, f, pitch)[0]
         return 1 - (1 - transfer) * (1 - transfer**2) ** 2 - 0.5
 
-    assert_allclose(lucy.run(picture(), transfers, ASKED)["mtf50_gain"], brentq(deconvolved, before, 0.5) / before, rtol=1e-6)
+    assert_allclose(
+        lucy.run(picture(), transfers, ASKED)["mtf50_gain"], brentq(deconvolved, before, 0.5) / before, rtol=1e-6
+    )
 
 
 def test_less_noise_buys_more_resolution():
     transfers = light_of(8.0, 4.0)
-    figures = [Wiener(pixel_pitch=4.0, noise_variance=v).run(picture(), transfers, ASKED) for v in (1e-2, 1e-3, 1e-4, 1e-5)]
+    figures = [
+        Wiener(pixel_pitch=4.0, noise_variance=v).run(picture(), transfers, ASKED) for v in (1e-2, 1e-3, 1e-4, 1e-5)
+    ]
     assert np.all(np.diff([f["mtf50_gain"] for f in figures]) > 0)
     assert np.all(np.diff([f["noise_gain"] for f in figures]) > 0)
 
@@ -207,7 +218,9 @@ def test_less_noise_buys_more_resolution():
 def test_richardson_lucy_ends_at_the_noise_of_the_camera():
     transfers, planes = light_of(4.0, 4.0), np.clip(picture(60, 60), 0.01, None)
     quiet, loud = (
-        RichardsonLucy(pixel_pitch=4.0, iterations=400, read_noise=noise, start="mean").restored(planes, System.of(transfers, 3, 4.0))
+        RichardsonLucy(pixel_pitch=4.0, iterations=400, read_noise=noise, start="mean").restored(
+            planes, System.of(transfers, 3, 4.0)
+        )
         for noise in (400.0, 800.0)
     )
     assert np.all(quiet[2] < 400) and np.all(loud[2] < quiet[2])
@@ -215,7 +228,8 @@ def test_richardson_lucy_ends_at_the_noise_of_the_camera():
     shot, floor = one.noise_model()
     model = deconvolution.apply(loud[0], loud[1])
     residual = (planes - model).std(axis=(1, 2))
-    # the end between two iterations is where a straight line reaches it; beyond the frame the estimate is continued otherwise
+    # the end between two iterations is where a straight line reaches it; beyond the frame the estimate is continued
+    # otherwise
     assert_allclose(residual, 0.7 * np.sqrt(shot * planes.mean(axis=(1, 2)) + floor), rtol=0.03)
     untouched = RichardsonLucy(pixel_pitch=4.0, read_noise=8000.0).restored(planes, System.of(transfers, 3, 4.0))
     assert_allclose(untouched[0], planes, rtol=0, atol=1e-15)  # a pedestal, put on and taken away
@@ -239,16 +253,33 @@ def test_figures_change_no_bit_of_the_picture_and_come_as_asked_for(kind, dtype)
 
 
 CAMERA = {
-    "name": "restoring", "seed": 3,
+    "name": "restoring",
+    "seed": 3,
     "camera": {"peak_qe": list(QE), "pixel_pitch": 4.0, "f_number": 5.6},
     "stages": [
-        {"use": "slanted_edge", "name": "scene", "white_luminance": 1000, "width": 200, "height": 200, "wavelength_from": 500,
-         "wavelength_to": 620, "bin_width": 40},
-        {"use": "irradiance"}, {"use": "diffraction"}, {"use": "pixel", "rows": 40, "columns": 40}, {"use": "mosaic"},
-        {"use": "exposure"}, {"use": "shot_noise"}, {"use": "read_noise"}, {"use": "adc"}, {"use": "linearise"},
-        {"use": "demosaic_bilinear", "name": "demosaic"}, {"use": "sharpen"},
+        {
+            "use": "slanted_edge",
+            "name": "scene",
+            "white_luminance": 1000,
+            "width": 200,
+            "height": 200,
+            "wavelength_from": 500,
+            "wavelength_to": 620,
+            "bin_width": 40,
+        },
+        {"use": "irradiance"},
+        {"use": "diffraction"},
+        {"use": "pixel", "rows": 40, "columns": 40},
+        {"use": "mosaic"},
+        {"use": "exposure"},
+        {"use": "shot_noise"},
+        {"use": "read_noise"},
+        {"use": "adc"},
+        {"use": "linearise"},
+        {"use": "demosaic_bilinear", "name": "demosaic"},
+        {"use": "sharpen"},
     ],
-}  # fmt: skip
+}
 WITH_FIGURES = ["sharpen", "unsharp", "wiener", "richardson_lucy"]
 PLAIN = [*WITH_FIGURES, "denoise"]
 FIGURES = ["restored.rgb_camera", "mtf50_gain", "noise_gain"]
@@ -267,7 +298,9 @@ def test_restorations_can_be_swapped_in_a_pipeline_and_the_figures_are_those_of_
     gain = found.mtf50_gain.sel(restored="sharpen")
     assert gain.dims == ("f_number",) and np.all(gain > 1.05)
     assert np.all(found.noise_gain.sel(f_number=5.6) > 1)
-    assert found.noise_gain.sel(restored="sharpen").values == pytest.approx(2.2405, abs=1e-4)  # of 0.15, whatever the lens
+    assert found.noise_gain.sel(restored="sharpen").values == pytest.approx(
+        2.2405, abs=1e-4
+    )  # of 0.15, whatever the lens
 
 
 def test_a_figure_that_one_of_the_alternatives_does_not_have_is_not_there():
@@ -290,7 +323,9 @@ def test_asked_for_later_figures_are_added_to_an_archive_without_touching_what_i
     before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in own}
     plain = make_plan(from_document(document), installed_stages())
     asked = make_plan(from_document({**document, "wanted": ["sharpen.rgb_camera", "mtf50_gain"]}), installed_stages())
-    assert {c.ref: (c.key, c.seed) for c in asked.cells.values()} == {c.ref: (c.key, c.seed) for c in plain.cells.values()}
+    assert {c.ref: (c.key, c.seed) for c in asked.cells.values()} == {
+        c.ref: (c.key, c.seed) for c in plain.cells.values()
+    }
     etendue.simulate(document, archive=folder, want=["sharpen.rgb_camera", "mtf50_gain"])
     assert float(xr.open_datatree(folder / "data.zarr", engine="zarr")["sharpen"].mtf50_gain) > 1
     after = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in before}
@@ -321,14 +356,19 @@ def test_where_a_pixel_sees_beside_its_middle_the_edge_is_put_back_in_its_place(
     options = {"noise_variance": 1e-5} if "wiener" in use else {"stop": 0.0}
     document = {
         **CAMERA,
-        "camera": CAMERA["camera"] | {"f_number": 16.0, "aperture_fraction": 0.36, "integration_time": 1e-3},  # nothing folds
+        "camera": CAMERA["camera"]
+        | {"f_number": 16.0, "aperture_fraction": 0.36, "integration_time": 1e-3},  # nothing folds
         "stages": [*CAMERA["stages"][:4], *PLANES, {"use": use, "name": "restored", **options}],
         "sweep": {"aperture_offset_x": [0.0, 0.2]},
     }
     found = etendue.simulate(document, want=["no_demosaicing.rgb_camera", "restored.rgb_camera"])
-    (still, moved), (right, back) = ([place(one) for one in found[name].rgb_camera.values] for name in ("no_demosaicing", "restored"))
+    (still, moved), (right, back) = (
+        [place(one) for one in found[name].rgb_camera.values] for name in ("no_demosaicing", "restored")
+    )
     assert moved == pytest.approx(still - 0.2, abs=1e-3)  # the measure errs by 3e-4
-    within = 1e-3 if "wiener" in use else 0.03  # at a hard edge Richardson-Lucy is not linear, and ten iterations are not the end
+    within = (
+        1e-3 if "wiener" in use else 0.03
+    )  # at a hard edge Richardson-Lucy is not linear, and ten iterations are not the end
     assert back == pytest.approx(right, abs=within)
     assert right == pytest.approx(still, abs=within)
 
@@ -354,7 +394,11 @@ def test_behind_a_blur_without_a_transfer_function_no_figure_rests_on_the_rest_o
 @pytest.mark.parametrize("use", ["wiener", "richardson_lucy"])
 def test_a_plan_says_that_a_blur_is_unknown_to_the_restoration(use):
     def warnings(lens):
-        return [text for text in make_plan(from_document(behind(lens, use)), installed_stages()).warnings if text.startswith("restored: ")]
+        return [
+            text
+            for text in make_plan(from_document(behind(lens, use)), installed_stages()).warnings
+            if text.startswith("restored: ")
+        ]
 
     (text,) = warnings("aberrations")
     assert "what aberrations does to light is no transfer function" in text
@@ -387,17 +431,40 @@ def test_the_example_of_a_stage_that_looks_at_the_camera_gives_a_transfer_functi
 def test_the_noise_that_restoration_reckons_with_is_that_of_the_camera(read_noise):
     quantities = {"read_noise": read_noise, "dsnu": 5.0, "pixel_pitch": 4.0, "full_well_density": 500.0, "bits": 10}
     document = {
-        "name": "flat", "seed": 1, "precision": "float64",
-        "camera": {**quantities, "peak_qe": [0.4], "pattern": "mono", "sensitivity_kind": "filter_transmittance", "integration_time": 0.002,
-                   "dark_current_density": 0.0},
+        "name": "flat",
+        "seed": 1,
+        "precision": "float64",
+        "camera": {
+            **quantities,
+            "peak_qe": [0.4],
+            "pattern": "mono",
+            "sensitivity_kind": "filter_transmittance",
+            "integration_time": 0.002,
+            "dark_current_density": 0.0,
+        },
         "stages": [
-            {"use": "uniform", "name": "scene", "white_luminance": 1000, "width": 600, "height": 600, "spacing": 4.0,
-             "wavelength_from": 500, "wavelength_to": 600, "bin_width": 50},
-            {"use": "irradiance"}, {"use": "pixel", "rows": 150, "columns": 150}, {"use": "mosaic"},
-            {"use": "exposure", "prnu": 0.0, "dark_nonuniformity": 0.0}, {"use": "shot_noise"}, {"use": "full_well"},
-            {"use": "read_noise"}, {"use": "adc"}, {"use": "linearise"},
+            {
+                "use": "uniform",
+                "name": "scene",
+                "white_luminance": 1000,
+                "width": 600,
+                "height": 600,
+                "spacing": 4.0,
+                "wavelength_from": 500,
+                "wavelength_to": 600,
+                "bin_width": 50,
+            },
+            {"use": "irradiance"},
+            {"use": "pixel", "rows": 150, "columns": 150},
+            {"use": "mosaic"},
+            {"use": "exposure", "prnu": 0.0, "dark_nonuniformity": 0.0},
+            {"use": "shot_noise"},
+            {"use": "full_well"},
+            {"use": "read_noise"},
+            {"use": "adc"},
+            {"use": "linearise"},
         ],
-    }  # fmt: skip
+    }
     plane = etendue.simulate(document)["linearise"].mosaic_linear.values
     assert 0.05 < plane.mean() < 0.9
     shot, floor = KnownNoise(**quantities).noise_model()

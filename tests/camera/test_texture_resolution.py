@@ -18,15 +18,37 @@ STAR = {"radius": 370.0}
 def document(chart, tail, f_number=8.0, scene=None, camera=None, rows=144):
     """A chart under equal-energy light, which is what the analytic curve is weighted with."""
     return {
-        "name": "texture", "precision": "float64", "seed": 5,
-        "camera": {"peak_qe": list(QE), "pixel_pitch": 4.0, "f_number": f_number, "focal_length": 50, "illuminant": "E", **(camera or {})},
+        "name": "texture",
+        "precision": "float64",
+        "seed": 5,
+        "camera": {
+            "peak_qe": list(QE),
+            "pixel_pitch": 4.0,
+            "f_number": f_number,
+            "focal_length": 50,
+            "illuminant": "E",
+            **(camera or {}),
+        },
         "stages": [
-            {"use": chart, "name": "scene", "white_luminance": 2e4, "width": 776.0, "height": 776.0, "spacing": 2.0,
-             "wavelength_from": 400.0, "wavelength_to": 700.0, "bin_width": 100.0, **(scene or {})},
-            {"use": "irradiance"}, {"use": "diffraction", "name": "lens"}, {"use": "diffusion"},
-            {"use": "pixel", "rows": rows, "columns": rows}, *({"use": use} if isinstance(use, str) else use for use in tail),
+            {
+                "use": chart,
+                "name": "scene",
+                "white_luminance": 2e4,
+                "width": 776.0,
+                "height": 776.0,
+                "spacing": 2.0,
+                "wavelength_from": 400.0,
+                "wavelength_to": 700.0,
+                "bin_width": 100.0,
+                **(scene or {}),
+            },
+            {"use": "irradiance"},
+            {"use": "diffraction", "name": "lens"},
+            {"use": "diffusion"},
+            {"use": "pixel", "rows": rows, "columns": rows},
+            *({"use": use} if isinstance(use, str) else use for use in tail),
         ],
-    }  # fmt: skip
+    }
 
 
 def analytic(tree):
@@ -40,7 +62,9 @@ def angles(rendering):
 @pytest.mark.parametrize("f_number", [4.0, 8.0, 16.0])
 def test_a_star_resolves_what_lens_diffusion_and_pixel_do(f_number):
     """1 %: 36 cycles and the mean over directions of contrast for that of frequencies."""
-    tree = etendue.simulate(document("siemens_star", ({"use": "star_resolution", **STAR}, *angles(True)), f_number, STAR))
+    tree = etendue.simulate(
+        document("siemens_star", ({"use": "star_resolution", **STAR}, *angles(True)), f_number, STAR)
+    )
     found = tree["star_resolution"].to_dataset()
     assert list(found.stage.values) == ["irradiance", "lens", "diffusion", "pixel"]
     assert_allclose(found.star_mtf50[1:], analytic(tree), rtol=0.01)
@@ -82,7 +106,11 @@ def test_behind_the_mosaic_the_star_is_measured_in_every_colour_state():
     """Bilinear: softer than the pixels; display values are decoded first."""
     camera = {"full_well_density": 1e9, "bits": 16, "integration_time": 0.001}
     doc = document(
-        "siemens_star", (*READ_OUT, *COLOUR, {"use": "star_resolution", **STAR}), 11.0, {**STAR, "white_luminance": 1e10}, camera
+        "siemens_star",
+        (*READ_OUT, *COLOUR, {"use": "star_resolution", **STAR}),
+        11.0,
+        {**STAR, "white_luminance": 1e10},
+        camera,
     )
     found = etendue.simulate(doc)["star_resolution"].to_dataset().star_mtf50
     assert np.isnan(found.sel(stage="linearise"))

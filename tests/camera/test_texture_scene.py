@@ -29,7 +29,9 @@ def test_a_finer_grid_shows_the_same_leaves():
 def test_the_seed_is_the_charts_and_the_window_moves_with_the_frame():
     assert_array_equal(drawn(), drawn())
     assert np.abs(drawn() - drawn(seed=2)).max() > 0.1
-    assert_allclose(drawn(centre_y=1.0, centre_x=-2.0), drawn(), atol=2e-6)  # positions of 2 mm round in float32 painting
+    assert_allclose(
+        drawn(centre_y=1.0, centre_x=-2.0), drawn(), atol=2e-6
+    )  # positions of 2 mm round in float32 painting
 
 
 def test_levels_are_kept():

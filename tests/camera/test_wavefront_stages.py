@@ -17,7 +17,11 @@ from etendue_camera.optics.stages.wavefront import Wavefront
 BANDS = np.array([450.0, 550.0, 650.0])
 FY = sampling.frequencies(40, 0.5, half=False)[:, None]
 FX = sampling.frequencies(48, 0.5, half=True)[None, :]
-GRID = {"irradiance": Grid.of({"wavelength": Bands((400.0, 500.0, 600.0, 700.0)), "y": Line(40, 0.0, 0.5), "x": Line(48, 0.0, 0.5)})}
+GRID = {
+    "irradiance": Grid.of(
+        {"wavelength": Bands((400.0, 500.0, 600.0, 700.0)), "y": Line(40, 0.0, 0.5), "x": Line(48, 0.0, 0.5)}
+    )
+}
 
 
 def transfer(stage, fy=FY, fx=FX):
@@ -37,7 +41,10 @@ def test_diffraction_ends_at_the_marginal_rays_of_the_model_that_sets_the_light(
     camera = {"f_number": f_number, "magnification": magnification}
     flat = Diffraction(**camera, aperture_model="flat_disc")
     sine = math.sin(math.atan(0.5 / (f_number * (1 - magnification))))
-    for stage, cutoff in ((flat, 2 * sine / 0.45), (Diffraction(**camera), 1 / (0.45 * f_number * (1 - magnification)))):
+    for stage, cutoff in (
+        (flat, 2 * sine / 0.45),
+        (Diffraction(**camera), 1 / (0.45 * f_number * (1 - magnification))),
+    ):
         inside, outside = transfer(stage, np.zeros((1, 1)), cutoff * np.array([[1 - 1e-9, 1 + 1e-9]]))[0, 0]
         assert inside > 0.0 and outside == 0.0
     assert np.array_equal(transfer(Wavefront(**camera, aperture_model="flat_disc")), transfer(flat))
@@ -46,17 +53,23 @@ def test_diffraction_ends_at_the_marginal_rays_of_the_model_that_sets_the_light(
 
 
 def test_field_aberrations_change_nothing_on_the_axis():
-    assert np.array_equal(transfer(Wavefront(coma=0.5, astigmatism=0.3, field_curvature=0.2, distortion=1.0)), transfer(Diffraction()))
+    assert np.array_equal(
+        transfer(Wavefront(coma=0.5, astigmatism=0.3, field_curvature=0.2, distortion=1.0)), transfer(Diffraction())
+    )
 
 
 @pytest.mark.parametrize(
     "values",
     [
-        {"defocus": 0.01}, {"defocus": 0.2}, {"spherical": 0.5, "aperture": "annular", "obstruction": 0.3},
-        {"coma": 0.4, "field_x": 3.0}, {"aperture": "polygonal", "blades": 5, "coma": 0.3, "field_y": 2.0},
-        {"aperture": "polygonal", "rounding": 0.5}, {"zernike": (0.0, 0.2, -0.1, 0.05, 0.02, 0.0, 0.03)},
+        {"defocus": 0.01},
+        {"defocus": 0.2},
+        {"spherical": 0.5, "aperture": "annular", "obstruction": 0.3},
+        {"coma": 0.4, "field_x": 3.0},
+        {"aperture": "polygonal", "blades": 5, "coma": 0.3, "field_y": 2.0},
+        {"aperture": "polygonal", "rounding": 0.5},
+        {"zernike": (0.0, 0.2, -0.1, 0.05, 0.02, 0.0, 0.03)},
     ],
-)  # fmt: skip
+)
 def test_transfer_functions_are_one_at_zero_hermitian_and_at_most_one(values):
     stage = Wavefront(**values)
     steps = np.linspace(-0.7, 0.7, 29)
@@ -119,15 +132,21 @@ def test_an_object_out_of_focus_is_a_defocus_in_mm():
 
 def test_a_small_defocus_is_that_of_hopkins_with_the_cosine_of_the_cone():
     found = transfer(Wavefront(defocus=0.01))
-    exact = imaging.radial_otf(np.minimum(np.hypot(FY, FX) * 0.55 * 2.8, 1.0), lambda s: 10 * (1 - np.sqrt(1 - s / 31.36)), 0.55)
+    exact = imaging.radial_otf(
+        np.minimum(np.hypot(FY, FX) * 0.55 * 2.8, 1.0), lambda s: 10 * (1 - np.sqrt(1 - s / 31.36)), 0.55
+    )
     assert_allclose(found[1], exact, rtol=0, atol=3e-6)  # the table's stated error
 
 
 def test_turning_field_and_aperture_turns_the_spot():
     values = {"aperture": "polygonal", "blades": 5, "coma": 0.4, "astigmatism": 0.2}
-    along_x = transfer(Wavefront(**values, field_x=3.0, rotation=20.0), np.array([[0.1], [0.3]]), np.array([[0.05, 0.2]]))
+    along_x = transfer(
+        Wavefront(**values, field_x=3.0, rotation=20.0), np.array([[0.1], [0.3]]), np.array([[0.05, 0.2]])
+    )
     # a quarter turn takes +x to +y, and +y to -x
-    along_y = transfer(Wavefront(**values, field_y=3.0, rotation=110.0), np.array([[0.05], [0.2]]), np.array([[-0.1, -0.3]]))
+    along_y = transfer(
+        Wavefront(**values, field_y=3.0, rotation=110.0), np.array([[0.05], [0.2]]), np.array([[-0.1, -0.3]])
+    )
     assert_allclose(along_y, np.swapaxes(along_x, 1, 2), rtol=0, atol=1e-5)  # the polygon's table
 
 
@@ -160,7 +179,9 @@ def test_aberrations_over_the_field_are_locally_those_of_one_wavefront():
     local = Wavefront(**values, field_y=2.0, field_x=1.5)
     fy = sampling.frequencies(size, step, half=False)[:, None]
     fx = sampling.frequencies(size, step, half=True)[None, :]
-    exact = sampling.planes_of(sampling.transform(light) * local.transfer(fy, fx, bands[:, None, None] * 1e-3), size, size)
+    exact = sampling.planes_of(
+        sampling.transform(light) * local.transfer(fy, fx, bands[:, None, None] * 1e-3), size, size
+    )
     # the accuracy asked for; measured 2 %
     assert np.abs(found - exact).max() < 0.1 * exact.max()
     # and it is not the spot of a perfect lens

@@ -1,4 +1,6 @@
-"""A window of wavelengths shows its part of the light, and tables end by rule. In: small pipelines. Out: radiance, photocurrent, notes."""
+"""A window of wavelengths shows its part of the light, and tables end by rule. In: small pipelines. Out: radiance,
+photocurrent, notes.
+"""
 
 import math
 from pathlib import Path
@@ -25,9 +27,11 @@ def document(low, high, *stages, step=10.0, scene=None, camera=None, **tables):
     start = {"use": "uniform", "name": "scene", "white_luminance": 100.0, "width": 32.0, "height": 32.0, "spacing": 2.0}
     start |= {"wavelength_from": low, "wavelength_to": high, "bin_width": step, **(scene or {})}
     return {
-        "name": "window", "precision": "float64", "camera": {"peak_qe": [0.4, 0.5, 0.3], **(camera or {})},
+        "name": "window",
+        "precision": "float64",
+        "camera": {"peak_qe": [0.4, 0.5, 0.3], **(camera or {})},
         "stages": [start, *({"use": use, **tables.get(use, {})} for use in stages)],
-    }  # fmt: skip
+    }
 
 
 def notes(*asked, **tables):
@@ -64,13 +68,17 @@ SOURCES = {
 
 @pytest.mark.parametrize("use", SOURCES)
 def test_two_windows_of_light_add_up_to_the_whole(use, picture):
-    """Radiance by bin the same to rounding; the charge, a sum over bands behind one transform for each, to 1e-13 of the largest."""
+    """Radiance by bin the same to rounding; the charge, a sum over bands behind one transform for each, to 1e-13 of
+    the largest.
+    """
     own = dict(SOURCES[use])
     tables = {"scene": {"use": use}, "camera": {"illuminant": own.pop("illuminant", "D65")}}
     tables["scene"] |= own | ({"file": picture} if use == "photograph" else {})
     blue, green, both = (ran("scene.radiance", *w, **tables).values for w in ((400, 500), (500, 600), (400, 600)))
     assert_allclose(np.concatenate([blue, green]), both, rtol=1e-12)
-    blue, green, both = (ran("mosaic.photocurrent", *w, *SENSOR, **tables).values for w in ((400, 500), (500, 600), (400, 600)))
+    blue, green, both = (
+        ran("mosaic.photocurrent", *w, *SENSOR, **tables).values for w in ((400, 500), (500, 600), (400, 600))
+    )
     assert_allclose(blue + green, both, atol=1e-13 * both.max())
 
 
@@ -79,13 +87,18 @@ def test_a_cube_at_a_stated_level_is_the_same_whichever_bands_it_has(tmp_path):
         edges = np.arange(low, high + 1.0, 10.0)
         bounds = np.stack([edges[:-1], edges[1:]], axis=1)
         data = xarray.Dataset(
-            {"radiance": (("wavelength", "y", "x"), np.ones((len(bounds), 4, 4))), "wavelength_bounds": (("wavelength", "bounds"), bounds)},
+            {
+                "radiance": (("wavelength", "y", "x"), np.ones((len(bounds), 4, 4))),
+                "wavelength_bounds": (("wavelength", "bounds"), bounds),
+            },
             {"wavelength": bounds.mean(axis=1), "y": np.arange(4.0), "x": np.arange(4.0)},
         )
         path = tmp_path / f"{low}.zarr"
         data.to_zarr(path, consolidated=False)
         cube = {"use": "radiance_cube", "name": "scene", "file": str(path), "white_luminance": 100.0}
-        tree = etendue.simulate({"name": "cube", "camera": {"illuminant": "A"}, "stages": [cube], "wanted": ["scene.white_radiance"]})
+        tree = etendue.simulate(
+            {"name": "cube", "camera": {"illuminant": "A"}, "stages": [cube], "wanted": ["scene.white_radiance"]}
+        )
         return tree["scene"].white_radiance.values
 
     assert_allclose(white(450, 500), white(440, 520)[1:6], rtol=1e-12)
@@ -94,7 +107,9 @@ def test_a_cube_at_a_stated_level_is_the_same_whichever_bands_it_has(tmp_path):
 def test_two_windows_of_the_smallest_camera_add_up():
     def photocurrent(low, high):
         window = {"scene__wavelength_from": low, "scene__wavelength_to": high}
-        tree = etendue.simulate(SMALLEST, want=["photocurrent"], f_number=2.8, pixel_pitch=5.4, leave_out=False, **window)
+        tree = etendue.simulate(
+            SMALLEST, want=["photocurrent"], f_number=2.8, pixel_pitch=5.4, leave_out=False, **window
+        )
         return tree["mosaic"].photocurrent.values
 
     whole = photocurrent(400, 700)
@@ -113,10 +128,16 @@ def test_the_luminance_of_a_whole_light_is_the_one_asked_for(name):
 
 
 def test_luminance_is_that_of_exact_sums_over_the_rows():
-    """Fractions for tables (S and V linear between rows, S held beyond), 40 digits for Planck: `mpmath.quad` on every nm."""
+    """Fractions for tables (S and V linear between rows, S held beyond), 40 digits for Planck: `mpmath.quad` on
+    every nm.
+    """
     for name, exact in (("D65", 7217323.319291201), ("A", 7369440.724526171), ("FL11", 999739.6632606183)):
         assert_allclose(spectra.luminance_of(name), exact, rtol=1e-15)
-    for name, exact in (("1000 K", 17881019.9178710931), ("3200 K", 7271073.68401123587), ("1e5 K", 7690530.92057867271)):
+    for name, exact in (
+        ("1000 K", 17881019.9178710931),
+        ("3200 K", 7271073.68401123587),
+        ("1e5 K", 7690530.92057867271),
+    ):
         assert_allclose(spectra.luminance_of(name), exact, rtol=3e-15)
 
 
@@ -136,9 +157,16 @@ def test_a_light_that_no_eye_sees_has_a_radiance_and_no_luminance():
         notes(840, 860, camera=infrared)
     level = {"white_luminance": 0.0, "radiance": 0.5}
     rate = ran(
-        "mosaic.photocurrent", 840, 860, "irradiance", "pixel", "mosaic", step=20.0, scene=level,
+        "mosaic.photocurrent",
+        840,
+        860,
+        "irradiance",
+        "pixel",
+        "mosaic",
+        step=20.0,
+        scene=level,
         camera=infrared | {"f_number": 4.0, "pixel_pitch": 5.0, "aperture_fraction": 1.0},
-    )  # fmt: skip
+    )
     photons = math.pi * 0.5 / (4 * 4**2) * 25e-12 * 850e-9 / (PLANCK * SPEED_OF_LIGHT)
     assert_allclose(rate.values, photons, rtol=1e-12)
     with pytest.raises(RequestError, match="one of them gives the level"):
@@ -148,7 +176,9 @@ def test_a_light_that_no_eye_sees_has_a_radiance_and_no_luminance():
 
 
 def test_a_light_whose_luminance_nobody_measured_is_refused_and_a_little_of_it_is_noted():
-    with pytest.raises(RequestError, match=r"tabulated from 350 to 560 nm; with its end values held 55 % of its luminance"):
+    with pytest.raises(
+        RequestError, match=r"tabulated from 350 to 560 nm; with its end values held 55 % of its luminance"
+    ):
         notes(400, 500, camera={"illuminant": "ISO 7589 Sensitometric Printer"})
     said = notes(400, 690, camera={"illuminant": "ISO 7589 Studio Tungsten"})
     assert any("end values hold, which makes up 0.19 % of its luminance" in text for text in said)
@@ -166,16 +196,26 @@ def table(tmp_path, name, header, rows):
 def test_red_patches_have_the_charge_of_a_sum_by_hand_over_the_rows_of_the_sensitivity(tmp_path):
     """Rows every 10 nm stand for half a step around them: bins to 705 nm are full with a table to 700.
 
-    By hand: everything linear to 1 nm, trapezoids, end values held. Products of means over bins of 10 nm miss that by 0.3 % in the
-    steepest patch; a lost half bin by 4 to 8 %.
+    By hand: everything linear to 1 nm, trapezoids, end values held. Products of means over bins of 10 nm miss that by
+    0.3 % in the steepest patch; a lost half bin by 4 to 8 %.
     """
     rows = np.arange(400.0, 701.0, 10.0)
-    curves = np.stack([
-        0.02 + np.exp(-(((rows - 610) / 50) ** 2)), np.exp(-(((rows - 535) / 45) ** 2)), np.exp(-(((rows - 460) / 30) ** 2)),
-    ])  # fmt: skip
+    curves = np.stack(
+        [
+            0.02 + np.exp(-(((rows - 610) / 50) ** 2)),
+            np.exp(-(((rows - 535) / 45) ** 2)),
+            np.exp(-(((rows - 460) / 30) ** 2)),
+        ]
+    )
     curves[0, rows > 620] = np.maximum(curves[0, rows > 620], 0.6)  # no filter cuts the infrared
     path = table(tmp_path, "camera.csv", "wavelength_nm,R,G,B", np.column_stack([rows, curves.T]))
-    camera = {"sensitivity": path, "peak_qe": [1.0, 1.0, 1.0], "pixel_pitch": 4.0, "aperture_fraction": 1.0, "f_number": 4.0}
+    camera = {
+        "sensitivity": path,
+        "peak_qe": [1.0, 1.0, 1.0],
+        "pixel_pitch": 4.0,
+        "aperture_fraction": 1.0,
+        "f_number": 4.0,
+    }
     chart = {"use": "colorchecker", "width": 240.0, "height": 160.0, "spacing": 2.0, "light": "cells", "softness": 0.0}
     rate = ran("pixel.photon_rate", 395, 705, "irradiance", "pixel", scene=chart, camera=camera).values[0]
     fine = np.arange(395.0, 706.0)
@@ -200,7 +240,10 @@ def test_a_sensitivity_that_ends_in_the_light_is_noted_with_what_hangs_on_it(tmp
     ended = [(w, *(3 * [1.0 if 450 < w < 650 else 0.0])) for w in rows]
     path = table(tmp_path, "ended.csv", "wavelength_nm,R,G,B", ended)
     assert not any("rows from" in text for text in notes(380, 780, *stages, camera={"sensitivity": path}))
-    assert any("'Sigma SDMerill (NPL)' has rows from 400" in text for text in notes(380, 780, *stages, camera={"sensitivity": sigma}))
+    assert any(
+        "'Sigma SDMerill (NPL)' has rows from 400" in text
+        for text in notes(380, 780, *stages, camera={"sensitivity": sigma})
+    )
 
 
 def test_a_filter_covers_half_a_step_beyond_its_rows_and_is_noted_farther_out(tmp_path):
@@ -226,7 +269,10 @@ def test_reflectances_hold_their_end_values_and_are_noted(tmp_path):
         for path in (short, long)
     ]
     assert_allclose(*matrices, rtol=1e-12)
-    assert any("end values hold" in text for text in notes(380, 780, "irradiance", "colour_fit", colour_fit={"reflectances": short}))
+    assert any(
+        "end values hold" in text
+        for text in notes(380, 780, "irradiance", "colour_fit", colour_fit={"reflectances": short})
+    )
     assert not notes(380, 780, "irradiance", "colour_fit", colour_fit={"reflectances": long})
 
 
@@ -241,7 +287,10 @@ def test_a_scale_that_does_not_cover_the_light_is_refused(tmp_path):
 def test_columns_by_wavelength_that_do_not_cover_the_light_are_noted(tmp_path):
     path = table(tmp_path, "falloff.csv", "height_mm,450,550,650", [(0, 1, 1, 1), (4, 0.5, 0.6, 0.7)])
     stages, falloff = ("irradiance", "falloff"), {"model": "table", "table": path}
-    assert any("has 450 to 650 nm; beyond them the nearest column" in text for text in notes(400, 780, *stages, falloff=falloff))
+    assert any(
+        "has 450 to 650 nm; beyond them the nearest column" in text
+        for text in notes(400, 780, *stages, falloff=falloff)
+    )
     assert not notes(440, 660, *stages, falloff=falloff)
 
 
@@ -249,5 +298,6 @@ def test_reflectances_of_the_library_are_noted_where_light_is_infrared():
     chart = {"use": "colorchecker"}
     assert not notes(380, 780, scene=chart)
     assert any(
-        "ColorChecker has rows from 380 to 730 nm" in text for text in notes(380, 1000, scene=chart, camera={"illuminant": "3200 K"})
+        "ColorChecker has rows from 380 to 730 nm" in text
+        for text in notes(380, 1000, scene=chart, camera={"illuminant": "3200 K"})
     )

@@ -97,17 +97,26 @@ def imported(arguments, cwd):
     return int(code), set(modules)
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["run", "--help"], ["plan", "--help"], ["--version"]], ids=" ".join)
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["-h"], ["run", "--help"], ["plan", "--help"], ["--version"]], ids=" ".join
+)
 def test_help_costs_no_import_of_arrays_or_drawing(arguments, tmp_path):
     code, modules = imported(arguments, tmp_path)
     assert code == 0
-    hooks = {"pluggy"} if arguments[0] in ("-h", "--help") else set()  # which say what commands others bring, without importing them
-    assert not modules & {"numpy", "scipy", "xarray", "dask", "zarr", "colour", "matplotlib", "rich", "pluggy", "PIL"} - hooks
+    hooks = (
+        {"pluggy"} if arguments[0] in ("-h", "--help") else set()
+    )  # which say what commands others bring, without importing them
+    assert (
+        not modules
+        & {"numpy", "scipy", "xarray", "dask", "zarr", "colour", "matplotlib", "rich", "pluggy", "PIL"} - hooks
+    )
     assert not [name for name in modules if name.startswith(("etendue_camera.cli", "etendue_lab.cli"))]
 
 
 def test_planning_imports_no_scheduler_no_archive_and_no_colour_science(file, tmp_path):
-    etendue("plan", file, cwd=tmp_path)  # of a scene that is planned for the first time, what it holds must be looked at
+    etendue(
+        "plan", file, cwd=tmp_path
+    )  # of a scene that is planned for the first time, what it holds must be looked at
     code, modules = imported(["plan", file], tmp_path)
     assert code == 0
     assert "etendue.plan.planner" in modules
@@ -119,7 +128,17 @@ def test_a_run_with_nothing_to_do_imports_no_scheduler_and_nothing_of_kernels(fi
     code, modules = imported(["run", file, "--archive", "kept"], tmp_path)
     assert code == 0
     assert "etendue.archive.keeper" in modules
-    assert not modules & {"dask", "colour", "xarray", "pandas", "matplotlib", "PIL", "scipy.fft", "scipy.special", "scipy.ndimage"}
+    assert not modules & {
+        "dask",
+        "colour",
+        "xarray",
+        "pandas",
+        "matplotlib",
+        "PIL",
+        "scipy.fft",
+        "scipy.special",
+        "scipy.ndimage",
+    }
 
 
 # -- documents --------------------------------------------------------------------------------------------
@@ -203,8 +222,11 @@ def test_sweep_adds_or_replaces_an_axis(file, inside):
     texts = ["f_number=1.4,2,2.8", "blur.sigma=0.5 um, 1 um", "focal_length=[5, '7 mm']"]
     document = planned(inside, file, *(part for text in texts for part in ("--sweep", text)))
     assert values(document) == {
-        "f_number": [1.4, 2.0, 2.8], "pixel_pitch": [3.0, 5.0], "blur.sigma": [0.5, 1.0], "focal_length": [5.0, 7.0],
-    }  # fmt: skip
+        "f_number": [1.4, 2.0, 2.8],
+        "pixel_pitch": [3.0, 5.0],
+        "blur.sigma": [0.5, 1.0],
+        "focal_length": [5.0, 7.0],
+    }
     document = planned(inside, file, "--sweep", "f_number={ from = 2, to = 8, steps = 3, spacing = 'log' }")
     assert values(document)["f_number"] == [2.0, 4.0, 8.0]
 
@@ -245,7 +267,7 @@ def test_tolerance_decides_what_is_left_out_and_nothing_left_out_forbids_it(file
         (["--tolerance", "all"], "expected a number of at least 0 and below 1"),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_a_wrong_option_is_a_fault_like_one_in_the_file(file, inside, options, fragment):
     code, out, err = inside("plan", file, *options)
     assert (code, out) == (2, "")
@@ -285,15 +307,26 @@ def test_stdout_carries_results_and_stderr_notes_and_no_progress_where_it_is_no_
 
 
 def test_progress_is_drawn_on_a_terminal_and_not_when_asked_to_be_quiet(file, tmp_path):
-    whole = ("--set", "pixel.rows=8", "--set", "pixel.columns=8", "--sweep", "pixel_pitch=4,5")  # of a cropped scene there is a note
+    whole = (
+        "--set",
+        "pixel.rows=8",
+        "--set",
+        "pixel.columns=8",
+        "--sweep",
+        "pixel_pitch=4,5",
+    )  # of a cropped scene there is a note
 
     def drawn(*options):
         """What arrives on stderr when that is a terminal."""
         ours, theirs = pty.openpty()
         child = subprocess.Popen(
             [sys.executable, "-m", "etendue", "run", file, "--archive", f"a{len(options)}", *whole, *options],
-            cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=theirs, env={**os.environ, "TERM": "xterm"},
-        )  # fmt: skip
+            cwd=tmp_path,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=theirs,
+            env={**os.environ, "TERM": "xterm"},
+        )
         os.close(theirs)
         seen = b""
         while True:
@@ -353,15 +386,38 @@ def test_a_wide_table_goes_on_below_itself_with_every_column(width, monkeypatch,
 def test_a_stage_of_several_sizes_is_shown_once(capsys):
     """A sensor of one area has as many sizes of frames as pitches."""
     sizes = [20, 24, 30, 40]
-    variables = [{"group": f"pixel/{n}x{n}", "variable": "photon_rate", "dims": {"pixel_pitch": 1, "channel": 3, "y": n, "x": n},
-                  "units": "electron/s"} for n in sizes]  # fmt: skip
+    variables = [
+        {
+            "group": f"pixel/{n}x{n}",
+            "variable": "photon_rate",
+            "dims": {"pixel_pitch": 1, "channel": 3, "y": n, "x": n},
+            "units": "electron/s",
+        }
+        for n in sizes
+    ]
     stage = {"name": "pixel", "variables": variables, "cells": {"done": 4}, "planned": 4, "finished": 4}
-    print_archive({
-        "archive": "a", "pipeline": "p", "bytes": 1, "runs": 1, "running": False, "began": "", "planned": 4, "finished": 4, "rate": None,
-        "partial": None, "axes": {"pixel_pitch": [1.0, 2.0, 3.0, 4.0]}, "stages": [stage], "store": "a/data.zarr",
-    })  # fmt: skip
+    print_archive(
+        {
+            "archive": "a",
+            "pipeline": "p",
+            "bytes": 1,
+            "runs": 1,
+            "running": False,
+            "began": "",
+            "planned": 4,
+            "finished": 4,
+            "rate": None,
+            "partial": None,
+            "axes": {"pixel_pitch": [1.0, 2.0, 3.0, 4.0]},
+            "stages": [stage],
+            "store": "a/data.zarr",
+        }
+    )
     lines = [line.split() for line in capsys.readouterr().out.splitlines() if "done" in line or "photon_rate" in line]
-    assert lines == [["pixel", "(4", "sizes)", "4", "done", "pitch"], ["photon_rate", "channel=3", "y=20..40", "x=20..40", "[electron/s]"]]
+    assert lines == [
+        ["pixel", "(4", "sizes)", "4", "done", "pitch"],
+        ["photon_rate", "channel=3", "y=20..40", "x=20..40", "[electron/s]"],
+    ]
 
 
 def test_short_names_of_axes_are_unique():
@@ -375,10 +431,15 @@ def test_short_names_of_axes_are_unique():
 
 
 def test_every_stage_has_its_line_under_what_it_is_for(inside):
-    """Scenes first, resolution last, in the order in which light passes; every installed stage once, with its first sentence."""
+    """Scenes first, resolution last, in the order in which light passes; every installed stage once, with its first
+    sentence.
+    """
     code, out, _ = inside("stages")
     assert code == 0
-    places = [out.index(f"\n{role} ") for role in ("scene", "lens", "pixel", "shot noise", "demosaicing", "display encoding", "resolution")]
+    places = [
+        out.index(f"\n{role} ")
+        for role in ("scene", "lens", "pixel", "shot noise", "demosaicing", "display encoding", "resolution")
+    ]
     assert places == sorted(places)
     documents = strict(inside("stages", "--json")[1])
     for document in documents:
@@ -421,7 +482,13 @@ def test_show_says_what_is_in_an_archive(file, inside):
     inside("run", file, "--json")
     code, out, err = inside("show", "small")
     assert (code, err) == (0, "")
-    for text in ("pipeline small", "axis f_number", "photon_rate", "4 done", "xarray.open_datatree('small/data.zarr', engine='zarr')"):
+    for text in (
+        "pipeline small",
+        "axis f_number",
+        "photon_rate",
+        "4 done",
+        "xarray.open_datatree('small/data.zarr', engine='zarr')",
+    ):
         assert text in out
     document = strict(inside("show", "small", "--json")[1])
     assert document["axes"] == {"f_number": [2.0, 4.0], "pixel_pitch": [3.0, 5.0]}
@@ -449,6 +516,8 @@ def test_what_is_asked_for_is_kept_whatever_the_file_keeps(file, inside):
 @pytest.mark.parametrize("words", [("--help",), ("plan", "--help")])
 def test_help_that_finds_no_room_says_so_in_one_line(words):
     with open("/dev/full", "w") as full:
-        done = subprocess.run([sys.executable, "-m", "etendue", *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, "-m", "etendue", *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
     assert done.returncode == 5
     assert done.stderr.count("\n") == 1 and "No space left" in done.stderr

@@ -1,4 +1,6 @@
-"""``etendue export``: pictures of an archive as files that other programs open, and what is refused before any is written."""
+"""``etendue export``: pictures of an archive as files that other programs open, and what is refused before any is
+written.
+"""
 
 import json
 import os
@@ -105,7 +107,17 @@ def test_every_cell_of_a_sweep_becomes_a_file_that_says_where_it_stands(archive,
 def test_libraw_reads_the_archives_numbers_levels_white_and_exposure(pitch, shape, archive, run, tmp_path):
     """Shapes differ with the pitch: each cell is found in the group of its shape."""
     rawpy = pytest.importorskip("rawpy")
-    code, out, err = run(archive, "--dng", "--at", "f_number=4", "--at", f"pixel_pitch={pitch * 1000} nm", "--output", "one.dng", "--json")
+    code, out, err = run(
+        archive,
+        "--dng",
+        "--at",
+        "f_number=4",
+        "--at",
+        f"pixel_pitch={pitch * 1000} nm",
+        "--output",
+        "one.dng",
+        "--json",
+    )
     assert code == 0, err
     assert json.loads(out) == {"files": ["one.dng"], "skipped": []}
     at = {"f_number": 4.0, "pixel_pitch": pitch}
@@ -122,10 +134,14 @@ def test_libraw_reads_the_archives_numbers_levels_white_and_exposure(pitch, shap
         assert raw.other.iso_speed == 200
 
 
-@pytest.mark.parametrize(("well_stage", "level"), [('[[stages]]\nuse = "full_well"\n', 64 + 2 * 0.1 * 2000 * (3 * 0.741) ** 2), ("", 4095)])
+@pytest.mark.parametrize(
+    ("well_stage", "level"), [('[[stages]]\nuse = "full_well"\n', 64 + 2 * 0.1 * 2000 * (3 * 0.741) ** 2), ("", 4095)]
+)
 def test_the_white_level_is_the_full_well_where_it_ends_below_the_top_code(well_stage, level, run, tmp_path):
     text = PIPELINE.partition("[sweep]")[0].replace("iso = 200", "iso = 200\nconversion_gain = 0.1\npixel_pitch = 3")
-    etendue.simulate(text.replace('[[stages]]\nuse = "adc"', well_stage + '[[stages]]\nuse = "adc"'), archive=tmp_path / "low")
+    etendue.simulate(
+        text.replace('[[stages]]\nuse = "adc"', well_stage + '[[stages]]\nuse = "adc"'), archive=tmp_path / "low"
+    )
     code, _, err = run(tmp_path / "low", "--dng", "--output", "one.dng")
     assert code == 0, err
     with tifffile.TiffFile(tmp_path / "one.dng") as file:
@@ -143,9 +159,12 @@ def test_libraw_develops_grey_patches_grey_and_colours_in_their_hue(archive, run
         y, x = 8 + 16 * row, 8 + 16 * column
         pixels = rgb[y - 3 : y + 4, x - 3 : x + 4]
         patch[number] = pixels.mean(axis=(0, 1))
-        noise[number] = pixels.std(axis=(0, 1)).max() / np.sqrt(49 / 4)  # of red and blue every fourth pixel is measured
+        noise[number] = pixels.std(axis=(0, 1)).max() / np.sqrt(
+            49 / 4
+        )  # of red and blue every fourth pixel is measured
     for number in (19, 20, 21, 22):  # neutral 8 to 3.5; the white one is next to clipping
-        # patches that are not quite grey, and the largest of three differences of noise, each of sqrt(2) times one channel's
+        # patches that are not quite grey, and the largest of three differences of noise, each of sqrt(2) times one
+        # channel's
         assert np.ptp(patch[number]) < 0.03 * patch[number].mean() + 3 * np.sqrt(2) * noise[number], number
     assert patch[14].argmax() == 0  # red
     assert patch[13].argmax() == 1  # green
@@ -175,7 +194,18 @@ def test_two_exports_are_the_same_files(archive, run, tmp_path):
 
 def test_tiff_holds_raw_numbers_and_pictures(archive, run, tmp_path):
     code, _, err = run(
-        archive, "--tiff", "--variable", "raw", "--variable", "rgb_display", "--at", "f_number=4", "--at", "pixel_pitch=4", "--output", "t"
+        archive,
+        "--tiff",
+        "--variable",
+        "raw",
+        "--variable",
+        "rgb_display",
+        "--at",
+        "f_number=4",
+        "--at",
+        "pixel_pitch=4",
+        "--output",
+        "t",
     )
     assert code == 0, err
     at = {"f_number": 4.0, "pixel_pitch": 4.0}
@@ -242,7 +272,9 @@ def test_what_is_finished_of_a_run_that_goes_on_is_written_out(archive, run, tmp
     with open(archive / "lock") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert run(archive, "--dng", "--output", "during")[0] == 0
-    before, during = ({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("before", "during"))
+    before, during = (
+        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("before", "during")
+    )
     assert before == during and before
 
 
@@ -255,12 +287,18 @@ def test_colour_filters_without_a_white_are_refused_with_the_stage_that_gives_on
     assert run("bare", "--tiff")[0] == 0
 
 
-@pytest.mark.parametrize(("pattern", "shape"), [("X-Trans", (6, 6)), ("quad-GRBG", (4, 4)), ("mono", None), ("RGBW", None)])
+@pytest.mark.parametrize(
+    ("pattern", "shape"), [("X-Trans", (6, 6)), ("quad-GRBG", (4, 4)), ("mono", None), ("RGBW", None)]
+)
 def test_other_masks_go_out_as_they_are_or_are_refused(pattern, shape, tmp_path, run):
-    text = PIPELINE[: PIPELINE.index("[sweep]")].replace("[camera]", f'[camera]\npattern = "{pattern}"\npixel_pitch = "4 um"')
+    text = PIPELINE[: PIPELINE.index("[sweep]")].replace(
+        "[camera]", f'[camera]\npattern = "{pattern}"\npixel_pitch = "4 um"'
+    )
     if pattern in ("mono", "RGBW"):  # no colour from these
         text = text[: text.index('[[stages]]\nuse = "linearise"')].replace("[0.36, 0.44, 0.40]", "[0.6]")
-        text = text.replace("[camera]", '[camera]\nsensitivity_kind = "filter_transmittance"')  # a clear pixel needs no column
+        text = text.replace(
+            "[camera]", '[camera]\nsensitivity_kind = "filter_transmittance"'
+        )  # a clear pixel needs no column
     text = text.replace("demosaic_bilinear", "demosaic_any")
     etendue.simulate(text, archive=tmp_path / "mask")
     code, _, err = run("mask", "--dng", "--output", "one.dng")

@@ -1,4 +1,6 @@
-"""Signals before, during and behind a run: one line, the right code, nothing left behind. Few of the instants that the benchmark tries."""
+"""Signals before, during and behind a run: one line, the right code, nothing left behind. Few of the instants that
+the benchmark tries.
+"""
 
 from __future__ import annotations
 
@@ -34,15 +36,28 @@ sys.meta_path.insert(0, Slowly())
 @pytest.mark.long
 def test_a_signal_while_anything_is_imported_is_answered_in_one_line(tmp_path):
     """The first heavy import, that of numpy, and that of what runs the batches: each is stopped in its middle."""
-    for number, (name, sent) in enumerate((("click", signal.SIGINT), ("numpy", signal.SIGTERM), ("dask", signal.SIGINT))):
+    for number, (name, sent) in enumerate(
+        (("click", signal.SIGINT), ("numpy", signal.SIGTERM), ("dask", signal.SIGINT))
+    ):
         place = tmp_path / str(number)
         place.mkdir()
         (place / "sitecustomize.py").write_text(SLOW_IMPORTS.format(names=(name,)))
         process = subprocess.Popen(
-            [sys.executable, "-m", "etendue", "run", str(HERE / "pipelines" / "smallest.toml"), "--archive", str(place / "a")],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment(PYTHONPATH=str(place)),
+            [
+                sys.executable,
+                "-m",
+                "etendue",
+                "run",
+                str(HERE / "pipelines" / "smallest.toml"),
+                "--archive",
+                str(place / "a"),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment(PYTHONPATH=str(place)),
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        )  # fmt: skip
+        )
         for line in process.stderr:
             if line == f"importing {name}\n":
                 break
@@ -62,7 +77,8 @@ def test_a_run_interrupted_at_some_instants_leaves_nothing_and_is_mended(tmp_pat
     sys.modules["signals_driver"] = driver
     spec.loader.exec_module(driver)
     (tmp_path / "lamp.toml").write_text(
-        '[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = "100 nm"\n'
+        '[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = '
+        '"100 nm"\n'
         '[[stages]]\nuse = "irradiance"\n'
     )
     for ended in driver.measure(tmp_path / "lamp.toml", 1, "threads", 5, 1, tmp_path):
@@ -74,17 +90,24 @@ def test_a_run_interrupted_at_some_instants_leaves_nothing_and_is_mended(tmp_pat
 def test_a_stage_that_hangs_in_a_thread_does_not_hold_ctrl_c_up(tmp_path):
     from tests.cli.test_plugins import MODULE, install_twice
 
-    source = "import time\n" + MODULE.replace('return {"irr', "print('asleep', flush=True); time.sleep(600); return {\"irr")
+    source = "import time\n" + MODULE.replace(
+        'return {"irr', "print('asleep', flush=True); time.sleep(600); return {\"irr"
+    )
     install_twice(tmp_path / "site", source)
     (tmp_path / "file.toml").write_text(
-        'name = "a"\n[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = "100 nm"\n'
+        'name = "a"\n[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 '
+        'um"\nbin_width = "100 nm"\n'
         '[[stages]]\nuse = "irradiance"\n[[stages]]\nuse = "twice"\n'
     )
     process = subprocess.Popen(
-        [sys.executable, "-m", "etendue", "run", "file.toml", "--quiet"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, env=environment(PYTHONPATH=str(tmp_path / "site")),
+        [sys.executable, "-m", "etendue", "run", "file.toml", "--quiet"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(PYTHONPATH=str(tmp_path / "site")),
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
+    )
     assert process.stderr.readline() == "asleep\n"
     process.send_signal(signal.SIGINT)
     out, said = process.communicate(timeout=60)  # a tenth of what the stage sleeps

@@ -55,13 +55,18 @@ def install_twice(folder, source=MODULE, name="twice", kind="Twice", distributio
 @pytest.fixture
 def etendue(tmp_path):
     def call(*arguments):
-        return process(*arguments, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path / "plugins"), "COLUMNS": "200"})
+        return process(
+            *arguments, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path / "plugins"), "COLUMNS": "200"}
+        )
 
     return call
 
 
 def pipeline(folder, *uses):
-    text = '[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = "100 nm"\n'
+    text = (
+        '[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = '
+        '"100 nm"\n'
+    )
     (folder / "file.toml").write_text(text + "".join(f'[[stages]]\nuse = "{use}"\n' for use in ("irradiance", *uses)))
     return "file.toml"
 
@@ -69,12 +74,17 @@ def pipeline(folder, *uses):
 BROKEN = {
     "raises": ("raise RuntimeError('no driver')", "RuntimeError: no driver"),
     "has_no_class": ("x = 1", "has no attribute 'Twice'"),
-    "has_no_declaration": (MODULE.replace("wavelength y x [W m-2 nm-1]", "wavelength y x"), "cannot read the declaration"),
+    "has_no_declaration": (
+        MODULE.replace("wavelength y x [W m-2 nm-1]", "wavelength y x"),
+        "cannot read the declaration",
+    ),
     "takes_anything": (MODULE.replace("self, irradiance", "self, **anything"), "name every input"),
     "asks_for_more": (MODULE.replace("self, irradiance", "self, irradiance, radiance"), "asks for radiance"),
     "is_no_stage": ("Twice = 3", "is not a valid stage"),
     "takes_what_nobody_brings": (
-        MODULE.replace("import Stage", "import Stage, quantity").replace("    reads", "    own: float = quantity('f_numbre')\n    reads"),
+        MODULE.replace("import Stage", "import Stage, quantity").replace(
+            "    reads", "    own: float = quantity('f_numbre')\n    reads"
+        ),
         "no camera quantity 'f_numbre'; did you mean 'f_number'?",
     ),
     "exits": ("import sys; sys.exit(7)", "SystemExit"),
@@ -129,14 +139,22 @@ def test_a_broken_manifest_fails_only_what_uses_it_and_is_noted(etendue, tmp_pat
 def test_a_role_that_nobody_declares_works_and_is_noted(etendue, tmp_path):
     install_twice(tmp_path / "plugins", MODULE.replace("    reads", "    role = 'loudness'\n    reads"))
     assert etendue("plan", pipeline(tmp_path, "twice")).returncode == 0
-    assert "note: no distribution says what the role 'loudness' of twice is: etendue_roles()" in etendue("stages").stdout
+    assert (
+        "note: no distribution says what the role 'loudness' of twice is: etendue_roles()" in etendue("stages").stdout
+    )
 
 
 def test_a_distribution_of_the_form_of_earlier_versions_is_told_what_to_write(etendue, tmp_path):
     install(tmp_path / "plugins", "twice-light", "twice_light", MODULE, group="etendue.stages")
     for done in (etendue("plan", pipeline(tmp_path, "twice")), etendue("stages"), etendue("stages", "twice")):
         (line,) = done.stderr.splitlines()
-        for text in ("twice-light 1.0", "'etendue.stages'", "[project.entry-points.etendue]", "'twice_light'", "etendue_stages()"):
+        for text in (
+            "twice-light 1.0",
+            "'etendue.stages'",
+            "[project.entry-points.etendue]",
+            "'twice_light'",
+            "etendue_stages()",
+        ):
             assert text in line
 
 
@@ -180,9 +198,15 @@ def test_the_same_distribution_found_twice_is_no_clash(tmp_path):
     """A folder that stands twice on the path, as with an editable installation beside its own sources."""
     install_twice(tmp_path / "plugins")
     done = subprocess.run(
-        [sys.executable, "-m", "etendue", "plan", pipeline(tmp_path, "twice")], cwd=tmp_path, capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "plugins"), str(tmp_path / "plugins" / ".." / "plugins")])},
-    )  # fmt: skip
+        [sys.executable, "-m", "etendue", "plan", pipeline(tmp_path, "twice")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(tmp_path / "plugins"), str(tmp_path / "plugins" / ".." / "plugins")]),
+        },
+    )
     assert done.returncode == 0, done.stderr
 
 

@@ -27,7 +27,12 @@ def test_what_is_shown_holds_no_control_character_and_is_bounded(text):
     assert len(shown) <= LONGEST
 
 
-@given(st.text(st.characters(exclude_categories=["C", "Zl", "Zp"], exclude_characters="/\u061c\u200e\u200f"), max_size=LONGEST_LINE))
+@given(
+    st.text(
+        st.characters(exclude_categories=["C", "Zl", "Zp"], exclude_characters="/\u061c\u200e\u200f"),
+        max_size=LONGEST_LINE,
+    )
+)
 def test_ordinary_text_of_any_language_stays_as_it_is(text):
     assert printable(text) == text == plain(text)
 
@@ -43,7 +48,15 @@ def test_folders_of_this_machine_are_not_shown_and_nothing_else_is_taken_for_one
     elsewhere = "/usr/share/x.dat"  # below no folder of packages, wherever this project lies
     assert without_folders(f"cannot read '{tmp_path}/data/a.csv': no") == "cannot read 'data/a.csv': no"
     assert without_folders(f"in {elsewhere}:3") == "in x.dat:3"
-    for text in ("W m-2 nm-1/sr", "electron/s", "https://example.org/a/b", "tcp://host:1/x/y", "1/2/3", "a/b/c.py", "/nowhere/at/all"):
+    for text in (
+        "W m-2 nm-1/sr",
+        "electron/s",
+        "https://example.org/a/b",
+        "tcp://host:1/x/y",
+        "1/2/3",
+        "a/b/c.py",
+        "/nowhere/at/all",
+    ):
         assert without_folders(text) == text
 
 
@@ -54,11 +67,17 @@ def test_an_exception_is_told_with_its_place_and_its_words_last():
         lines = told(error).split("\n")
     assert lines[-1] == "KeyError: 'missing'"
     assert "test_telling.py:" in lines[0] and os.getcwd() not in lines[0]
-    assert said(PermissionError(13, "Permission denied", f"{sys.prefix}/secret")) == "PermissionError: Permission denied: secret"
+    assert (
+        said(PermissionError(13, "Permission denied", f"{sys.prefix}/secret"))
+        == "PermissionError: Permission denied: secret"
+    )
 
 
 def test_foreign_code_breaks_off_as_a_plugin_error_and_refuses_as_it_is():
-    with pytest.raises(PluginError, match=r"Mine.grid broke off: test_telling.py:\d+, SystemExit: 3"), foreign("Mine.grid"):
+    with (
+        pytest.raises(PluginError, match=r"Mine.grid broke off: test_telling.py:\d+, SystemExit: 3"),
+        foreign("Mine.grid"),
+    ):
         raise SystemExit(3)
     for own in (ValueError("too small"), ArchiveError("damaged")):
         with pytest.raises(type(own), match=str(own)), foreign("Mine.grid"):

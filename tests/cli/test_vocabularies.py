@@ -1,7 +1,8 @@
-"""What a distribution brings looks like what is built in: in the lists, in the archive, on the contact sheet, in a comparison.
+"""What a distribution brings looks like what is built in: in the lists, in the archive, on the contact sheet, in a
+comparison.
 
-``tests/plugins/halation`` is a whole distribution with a stage of a new role and a variable, a camera quantity, a sensor and two tables
-of its own.
+``tests/plugins/halation`` is a whole distribution with a stage of a new role and a variable, a camera quantity, a
+sensor and two tables of its own.
 """
 
 import json
@@ -46,8 +47,8 @@ rows = 40
 columns = 40
 """ + "".join(
     f'[[stages]]\nuse = "{use}"\n'
-    for use in """mosaic exposure shot_noise read_noise adc linearise white balance_mosaic demosaic_bilinear colour_fit camera_to_xyz
-    balance display encode""".split()
+    for use in """mosaic exposure shot_noise read_noise adc linearise white balance_mosaic demosaic_bilinear colour_fit
+    camera_to_xyz balance display encode""".split()
 )
 
 
@@ -140,9 +141,9 @@ def test_a_section_of_its_own_stands_in_the_report_and_a_broken_one_says_why(arc
     assert (own["title"], own["origin"], own["why"]) == ("Light that comes back", f"{FROM} 1.0", "")
     text, table, picture = own["blocks"]
     assert text == {"paragraph": "<b>Read as text</b>: of the light behind the lens some comes back from the base."}
-    assert [row[0] for row in table["table"]["rows"]] == ["least", "most"] and 0 < table["table"]["rows"][0][1] <= table["table"]["rows"][
+    assert [row[0] for row in table["table"]["rows"]] == ["least", "most"] and 0 < table["table"]["rows"][0][
         1
-    ][1]
+    ] <= table["table"]["rows"][1][1]
     assert picture["picture"].startswith("data:image/png;base64,") and picture["alt"] == "where it comes back"
     assert "nothing came back" in broken["why"] and not broken["blocks"]
     assert "block 1 cannot be read; expected a list of {'paragraph': text}" in wrong["why"]
@@ -157,7 +158,9 @@ def test_compare_ranks_the_alternatives_of_a_role_of_ones_own(place):
 
 
 def test_a_table_is_the_same_by_its_name_and_by_its_path(place, archive):
-    """Keys are made of what is in it, and the record of a run holds a copy: nothing is computed twice, and the record is the same."""
+    """Keys are made of what is in it, and the record of a run holds a copy: nothing is computed twice, and the
+    record is the same.
+    """
     tables = {"camera.illuminant": "lamp.csv", "camera.sensitivity": "film.csv"}
     paths = [word for name, file in tables.items() for word in ("--set", f"{name}={SITE / 'halation' / file}")]
     again = told(place, "run", "film.toml", "--sweep", "film_base=200,400", "--archive", "a", *paths)
@@ -173,7 +176,9 @@ def test_a_module_of_stages_finds_its_own_quantity_when_it_is_imported_alone(pla
 
 
 def test_a_manifest_that_needs_its_own_quantity_to_be_imported_is_told_so(tmp_path):
-    source = "from etendue.api import quantity\nwide = quantity('film_base')\n" + hook("quantities", {"film_base": {"default": 1.0}})
+    source = "from etendue.api import quantity\nwide = quantity('film_base')\n" + hook(
+        "quantities", {"film_base": {"default": 1.0}}
+    )
     install(tmp_path / "site", "my-film", "my_film", source)
     (note,) = etendue(tmp_path, "stages", site=tmp_path / "site").stderr.splitlines()
     assert "my-film 1.0" in note and "in a manifest that is a module of its own" in note

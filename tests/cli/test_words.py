@@ -1,4 +1,6 @@
-"""A camera quantity has two names, ``f_number`` and ``camera.f_number``: wherever one of them works the other does, and means the same."""
+"""A camera quantity has two names, ``f_number`` and ``camera.f_number``: wherever one of them works the other does,
+and means the same.
+"""
 
 import json
 from dataclasses import replace
@@ -80,11 +82,15 @@ def test_of_two_overrides_that_mean_one_thing_the_last_counts():
     assert parse_pipeline(HEAD, overrides={"camera.f_number": 2, "f_number": 4}).shared == {"f_number": 4}
 
 
-@pytest.mark.parametrize("axis", ["camera.f_number = [2, 4]", '"camera.f_number" = [2, 4]', "camera = { f_number = [2, 4] }"])
+@pytest.mark.parametrize(
+    "axis", ["camera.f_number = [2, 4]", '"camera.f_number" = [2, 4]', "camera = { f_number = [2, 4] }"]
+)
 def test_an_axis_of_a_file_has_both_names(axis):
     written = parse_pipeline(f"{HEAD}[sweep]\n{axis}\n")
     assert (dict(written.sweep), keys(written)) == ({"f_number": [2, 4]}, keys(parse_pipeline(SWEPT)))
-    assert dict(parse_pipeline(f"{HEAD}[sweep]\n{axis}\n", overrides={"sweep.f_number": [8]}).sweep) == {"f_number": [8]}
+    assert dict(parse_pipeline(f"{HEAD}[sweep]\n{axis}\n", overrides={"sweep.f_number": [8]}).sweep) == {
+        "f_number": [8]
+    }
     assert dict(parse_pipeline(f"{HEAD}[sweep]\n{axis}\n", overrides={"f_number": 8}).sweep) == {}
 
 
@@ -148,7 +154,10 @@ def test_values_along_an_axis_are_chosen_under_both_names(archive, inside, words
 
 def test_a_value_along_an_axis_of_a_stage_is_chosen_by_its_parameter_in_python():
     show = etendue.simulate(HEAD, scene__white_luminance=[100, 200], f_number=2).etendue.show
-    one, other = (show("light.irradiance", **{name: 200})._repr_png_() for name in ("scene_white_luminance", "scene__white_luminance"))
+    one, other = (
+        show("light.irradiance", **{name: 200})._repr_png_()
+        for name in ("scene_white_luminance", "scene__white_luminance")
+    )
     assert one == other != show("light.irradiance", scene__white_luminance=100)._repr_png_()
     with pytest.raises(RequestError, match="given twice"):
         show("light.irradiance", scene_white_luminance=200, scene__white_luminance=100)
@@ -174,7 +183,9 @@ def test_whatever_a_pipeline_may_be_is_simulated_with_other_values(tmp_path, fro
     file = tmp_path / "grey.toml"
     sources = [file, HEAD, grey().document(), grey(), read_pipeline(file), from_document(grey().document())]
     for number, source in enumerate(sources):
-        tree = etendue.simulate(source, **{f"{front}f_number": [2, 4]}, scene__white_luminance=50, seed=3, want=["light.irradiance"])
+        tree = etendue.simulate(
+            source, **{f"{front}f_number": [2, 4]}, scene__white_luminance=50, seed=3, want=["light.irradiance"]
+        )
         assert tree["light/irradiance"].sizes["f_number"] == 2 and "lens_numbers" not in tree, source
         whole = etendue.simulate(source, **{f"{front}f_number": 4}, archive=tmp_path / f"{number}", scheduler="serial")
         half = tree["light/irradiance"].sel(f_number=4)

@@ -17,7 +17,9 @@ from etendue.errors import ArchiveError, RequestError
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     scene = s.uniform(name="scene", white_luminance="300 cd m-2", width="48 um", height="48 um", bin_width="100 nm")
-    made = etendue.Pipeline(scene, s.irradiance(), s.pixel(), s.mosaic(), s.exposure(), s.shot_noise(), s.adc(), name="grey")
+    made = etendue.Pipeline(
+        scene, s.irradiance(), s.pixel(), s.mosaic(), s.exposure(), s.shot_noise(), s.adc(), name="grey"
+    )
     made = made.camera(peak_qe=[0.36, 0.44, 0.40], pixel_pitch="6 um", focal_length="7 mm").sweep(f_number=[2, 4])
     place = tmp_path_factory.mktemp("archives") / "grey"
     made.run(place, progress=False)
@@ -49,7 +51,10 @@ def test_documents_are_those_that_the_commands_print(archive, folder):
 
 def test_what_is_damaged_is_named(archive, folder, tmp_path):
     shutil.copytree(folder, tmp_path / "copy")
-    file = max((tmp_path / "copy" / "data.zarr" / "adc").rglob("c/**/*"), key=lambda path: path.is_file() and path.stat().st_size)
+    file = max(
+        (tmp_path / "copy" / "data.zarr" / "adc").rglob("c/**/*"),
+        key=lambda path: path.is_file() and path.stat().st_size,
+    )
     data = bytearray(file.read_bytes())
     data[3] ^= 1
     file.write_bytes(data)

@@ -61,18 +61,28 @@ def test_no_call_changes_what_it_is_called_on():
     made = grey()
     before = made.document()
     more = (
-        made.camera(f_number=2).sweep(f_number=[2, 4]).add(s.diffraction()).stage("uniform", width="40 um").want("irradiance").set(seed=3)
+        made.camera(f_number=2)
+        .sweep(f_number=[2, 4])
+        .add(s.diffraction())
+        .stage("uniform", width="40 um")
+        .want("irradiance")
+        .set(seed=3)
     )
     assert made.document() == before != more.document()
-    assert more.remove("diffraction").insert("falloff", s.diffraction()).swap("falloff", s.diffraction()).document()["stages"][3] == {
-        "use": "diffraction", "name": "falloff",
-    }  # fmt: skip
+    assert more.remove("diffraction").insert("falloff", s.diffraction()).swap("falloff", s.diffraction()).document()[
+        "stages"
+    ][3] == {
+        "use": "diffraction",
+        "name": "falloff",
+    }
 
 
 def test_every_installed_stage_has_its_own_signature_and_help():
     for name in dir(s):
         own = inspect.signature(getattr(s, name)).parameters
-        declared = {n: found for n, found in parameters_of(installed_stages().load(name)).items() if not found[0].shared}
+        declared = {
+            n: found for n, found in parameters_of(installed_stages().load(name)).items() if not found[0].shared
+        }
         assert set(own) == {*declared, "name", "reads_from"}
         assert {n for n, p in own.items() if p.default is inspect.Parameter.empty} == {
             n for n, (_, _, d) in declared.items() if d is MISSING

@@ -29,7 +29,10 @@ def tree():
 REFUSED = {
     "a camera quantity": (lambda p, t: p.camera(f_numbr=3).plan(), "camera.f_numbr: unknown camera quantity"),
     "an axis": (lambda p, t: p.sweep(f_numbr=[2, 3]).run(), "sweep.f_numbr: there is nothing named"),
-    "a stage itself": (lambda p, t: p.swap("irradiance", Irradiance()), "stage 2: expected a placed stage, got Irradiance("),
+    "a stage itself": (
+        lambda p, t: p.swap("irradiance", Irradiance()),
+        "stage 2: expected a placed stage, got Irradiance(",
+    ),
     "one variable": (lambda p, t: etendue.simulate(p, want="foo"), "no stage of this pipeline writes 'foo'"),
     "one variable to run": (lambda p, t: p.run(want="foo"), "no stage of this pipeline writes 'foo'"),
     "a parameter of a stage": (lambda p, t: s.uniform(lumen=3), "uniform.lumen: there is no such parameter"),
@@ -80,7 +83,10 @@ def test_a_fault_of_a_plugin_keeps_all_of_its_traceback():
         ("mend it: etendue verify ARCHIVE --repair", "mend it: etendue verify ARCHIVE --repair"),
         ("both: --archive b --want x.y --want z", "both: archive='b' want=['x.y', 'z']"),
         ("remove them with --prune", "remove them with etendue run --prune"),
-        ("write over it with --force, or elsewhere with --output", "write over it with force=True, or elsewhere with output="),
+        (
+            "write over it with --force, or elsewhere with --output",
+            "write over it with force=True, or elsewhere with output=",
+        ),
     ],
 )
 def test_options_become_arguments_and_commands_stay(option, argument):

@@ -1,4 +1,6 @@
-"""What is public can be sent to another process: by pickle, by cloudpickle from a script or notebook, on Dask's workers."""
+"""What is public can be sent to another process: by pickle, by cloudpickle from a script or notebook, on Dask's
+workers.
+"""
 
 import copy
 import pickle
@@ -63,7 +65,9 @@ if __name__ == "__main__":
 
 def run_as_a_script(tmp_path, text):
     (tmp_path / "script.py").write_text(text)
-    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+    )
     assert done.returncode == 0, done.stderr[-2000:]
 
 
@@ -73,11 +77,20 @@ def public(tmp_path_factory):
     pipeline = etendue.Pipeline(scene, s.irradiance(), s.falloff(), name="grey").sweep(f_number=[2, 4])
     outcome = pipeline.run(tmp_path_factory.mktemp("sent") / "archive", progress=False)
     things = {
-        "etendue": etendue, "stages": s, "a stage": s.falloff, "a placed stage": scene, "span": etendue.span(1, 2, 3),
-        "pipeline": pipeline, "plan": pipeline.plan(), "read": pipeline.written(), "outcome": outcome,
-        "outcome in memory": pipeline.run(progress=False), "archive": etendue.Archive(outcome.archive), "tree": outcome.tree,
+        "etendue": etendue,
+        "stages": s,
+        "a stage": s.falloff,
+        "a placed stage": scene,
+        "span": etendue.span(1, 2, 3),
+        "pipeline": pipeline,
+        "plan": pipeline.plan(),
+        "read": pipeline.written(),
+        "outcome": outcome,
+        "outcome in memory": pipeline.run(progress=False),
+        "archive": etendue.Archive(outcome.archive),
+        "tree": outcome.tree,
         **{name: getattr(etendue, name) for name in etendue.__all__},
-    }  # fmt: skip
+    }
     assert set(etendue.__all__) <= {*things}
     return things
 
@@ -90,7 +103,9 @@ def test_public_objects_go_to_another_process_and_come_back(public, by):
         if name not in ("archive", "tree") and "outcome" not in name:
             assert again == one or repr(again) == repr(one), name
     for name in ("outcome", "outcome in memory"):
-        mine, theirs = (found.tree["falloff/irradiance"].values for found in (public[name], pickle.loads(by.dumps(public[name]))))
+        mine, theirs = (
+            found.tree["falloff/irradiance"].values for found in (public[name], pickle.loads(by.dumps(public[name])))
+        )
         np.testing.assert_array_equal(mine, theirs)
 
 

@@ -7,7 +7,23 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Haloed, Line, Noisy, Sampled, Source, Stage, Transfer, param, quantity
+from etendue.api import (
+    RGB,
+    Banded,
+    Bands,
+    Bounded,
+    Facts,
+    Grid,
+    Haloed,
+    Line,
+    Noisy,
+    Sampled,
+    Source,
+    Stage,
+    Transfer,
+    param,
+    quantity,
+)
 from etendue_camera.mosaic.bilinear import bilinear
 from etendue_camera.sensor.cfa import shifted_bayer
 

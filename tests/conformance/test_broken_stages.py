@@ -36,8 +36,16 @@ BROKEN = [
     (broken.ClipsNothing, "test_the_declaration_is_well_formed", "shrug"),
     (broken.NoValue, "test_it_is_a_value", "not hashable"),
     (broken.BareParameter, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "without param"),
-    (broken.DefaultOutOfRange, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "default is refused"),
-    (broken.SettingOutOfRange, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "own setting 1 is refused"),
+    (
+        broken.DefaultOutOfRange,
+        "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range",
+        "default is refused",
+    ),
+    (
+        broken.SettingOutOfRange,
+        "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range",
+        "own setting 1 is refused",
+    ),
     (broken.BackwardLadder, "test_a_finer_setting_states_no_larger_error", "cheaper 8"),
     (broken.OtherUnit, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "in mm"),
     (broken.OtherUnitOfAVariable, "test_the_declaration_is_well_formed", "writes charge in DN, which is in electron"),
@@ -62,7 +70,11 @@ BROKEN = [
         "test_a_window_of_the_whole_is_read_where_it_stands",
         "from row 1, column 0 on, of even colours, is .* masks",
     ),
-    (broken.BlindInPart, "test_a_window_of_the_whole_is_read_where_it_stands", "from row 0, column 1 on, of even colours, is .* masks"),
+    (
+        broken.BlindInPart,
+        "test_a_window_of_the_whole_is_read_where_it_stands",
+        "from row 0, column 1 on, of even colours, is .* masks",
+    ),
     (
         broken.BandedFromItsWindow,
         "test_a_window_of_the_whole_is_read_where_it_stands",
@@ -116,7 +128,9 @@ def test_what_is_no_coordinate_is_one_finding_in_words():
 
 
 def test_a_dim_of_a_fixed_size_is_taken_from_who_makes_it_or_is_said():
-    """`NumbersForLabels` makes none that is a coordinate, so that it is asked for; with it the stage keeps every law."""
+    """`NumbersForLabels` makes none that is a coordinate, so that it is asked for; with it the stage keeps every
+    law.
+    """
     assert "coordinates = {'polariser'" in str(check_stage(broken.ReadsFour())[0])
     angles = {"polariser": Labels((0.0, 45.0, 90.0, 135.0), "deg")}
     assert check_stage(broken.ReadsFour(), coordinates=angles) == []

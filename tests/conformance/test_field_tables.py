@@ -34,4 +34,6 @@ class TestWithDispersion(StageConformance):
     def _instance(self, tmp_path):
         path = tmp_path / "scale.csv"
         path.write_text("wavelength_nm,scale\n400,1.1\n700,0.9\n")
-        self.stage = installed_stages().load("birefringent")(separation_y=2.0, separation_x=3.0, rotation=10.0, dispersion=str(path))
+        self.stage = installed_stages().load("birefringent")(
+            separation_y=2.0, separation_x=3.0, rotation=10.0, dispersion=str(path)
+        )

@@ -1,4 +1,6 @@
-"""Every installed stage, from whichever distribution, keeps what it declares; each where it is ordinary and where it is not."""
+"""Every installed stage, from whichever distribution, keeps what it declares; each where it is ordinary and where it
+is not.
+"""
 
 import pytest
 
@@ -52,7 +54,14 @@ VARIANTS = {
         {"defocus": 0.02},
         {"f_number": 16.0, "aperture": "polygonal", "blades": 5, "rounding": 0.3},
         {"aperture": "annular", "obstruction": 0.3, "zernike": (0.0, 0.3, 0.0, 0.02, 0.05, 0.0, 0.04), "f_number": 5.6},
-        {"coma": 0.5, "astigmatism": 0.3, "field_y": 2.0, "field_x": 1.0, "focus_distance": 500.0, "object_distance": 450.0},
+        {
+            "coma": 0.5,
+            "astigmatism": 0.3,
+            "field_y": 2.0,
+            "field_x": 1.0,
+            "focus_distance": 500.0,
+            "object_distance": 450.0,
+        },
         {"aperture": "polygonal", "rotation": 10.0, "spherical": 0.4, "coma": 0.2, "field_x": 3.0, "pupil_samples": 64},
     ],
     "aberrations": [
@@ -69,7 +78,11 @@ VARIANTS = {
         },
     ],
     "lens_gaussian": [{"sigma": 0.0}, {"sigma": 30.0}],
-    "lens_psf_field": [{"weights": "image"}, {"method": "eigen", "centre": "centroid"}, {"method": "tiles", "tolerance": 0.05}],
+    "lens_psf_field": [
+        {"weights": "image"},
+        {"method": "eigen", "centre": "centroid"},
+        {"method": "tiles", "tolerance": 0.05},
+    ],
     "distortion": [
         {"k1": -0.02, "reference_radius": 0.01},
         {"k1": 0.1, "k2": -0.01, "reference_radius": 0.01, "lateral_colour": 0.01, "order": 3},
@@ -77,7 +90,10 @@ VARIANTS = {
     ],
     "lens_psf": [{"nodes": 256}],
     "optical_filter": [{"cut_off": float("inf")}, {"cut_off": 550.0, "edge": 0.5}],
-    "vignetting": [{"rim_radius": 1.3, "rim_distance": 500.0}, {"rim_radius": 1.3, "rim_distance": 80.0, "magnification": -0.01}],
+    "vignetting": [
+        {"rim_radius": 1.3, "rim_distance": 500.0},
+        {"rim_radius": 1.3, "rim_distance": 80.0, "magnification": -0.01},
+    ],
     "angular_response": [
         {"power": 2.0, "focal_length": 0.02},
         {"power": 1.5, "exit_pupil_distance": float("inf"), "microlens_shift": -900.0},
@@ -90,11 +106,26 @@ VARIANTS = {
     "birefringent": [{"separation_y": 2.0, "separation_x": 2.0}, {"separation_x": 3.7, "rotation": 30.0}],
     "pixel_etendue": [{"f_number": 0.5}, {"aperture_model": "flat_disc", "magnification": -2.0}],
     "illuminance": [{"grey": 1.0}],
-    "diffusion": [{"back": "reflecting"}, {"diffusion_length": float("inf")}, {"depletion_depth": 0.1, "diffusion_depth": 1000.0}],
+    "diffusion": [
+        {"back": "reflecting"},
+        {"diffusion_length": float("inf")},
+        {"depletion_depth": 0.1, "diffusion_depth": 1000.0},
+    ],
     "crosstalk": [
         {"crosstalk": "through_filter"},
-        {"crosstalk": "through_filter", "pattern": "X-Trans", "pixel_pitch": 1.1, "peak_qe": (0.4,), "back": "reflecting"},
-        {"crosstalk": "through_filter", "pattern": "WG/BW", "sensitivity_kind": "filter_transmittance", "diffusion_depth": float("inf")},
+        {
+            "crosstalk": "through_filter",
+            "pattern": "X-Trans",
+            "pixel_pitch": 1.1,
+            "peak_qe": (0.4,),
+            "back": "reflecting",
+        },
+        {
+            "crosstalk": "through_filter",
+            "pattern": "WG/BW",
+            "sensitivity_kind": "filter_transmittance",
+            "diffusion_depth": float("inf"),
+        },
     ],
     "pixel": [
         {"aperture_offset_y": 0.1, "aperture_offset_x": -0.12, "microlens_gain": 1.5},
@@ -109,10 +140,17 @@ VARIANTS = {
     "meter": [{"metering": "highlight", "ev_bias": -1.0}, {"metering": "centre"}, {"metering": "exposure_value"}],
     "defects": [{"hot": 0.0, "dead": 0.0}, {"hot": 0.5, "dead": 0.4}],
     "stuck_pixels": [{"stuck": 0.0}, {"stuck": 0.5, "level": 1.0}],
-    "line_pattern": [{"row_pattern": 3.0, "column_pattern": 2.0, "row_noise": 1.0, "column_noise": 1.0}, {"noise": "common"}],
+    "line_pattern": [
+        {"row_pattern": 3.0, "column_pattern": 2.0, "row_noise": 1.0, "column_noise": 1.0},
+        {"noise": "common"},
+    ],
     "shot_noise": [{"exact_below": float("inf")}, {"noise": "common"}],
     "full_well": [{"full_well_density": 1e7}, {"full_well_density": 1.0}],
-    "read_noise": [{"read_noise": 0.0, "dsnu": 0.0}, {"noise": "common"}, {"iso": 800.0, "base_iso": 100.0, "read_noise_after": 20.0}],
+    "read_noise": [
+        {"read_noise": 0.0, "dsnu": 0.0},
+        {"noise": "common"},
+        {"iso": 800.0, "base_iso": 100.0, "read_noise_after": 20.0},
+    ],
     "adc": [{"bits": 1, "black_level": 0}, {"bits": 16, "conversion_gain": 3.0}, {"analogue_gain": 16.0}],
     "linearise": [{"black_level": 0}, {"bits": 8, "black_level": 254}],
     "charge_fraction": [{"reference_time": 100.0}],
@@ -128,13 +166,27 @@ VARIANTS = {
     "demosaic_colour_difference": [{"pattern": "GBRG"}],
     "demosaic_directional": [{"pattern": "GRBG"}, {"pattern": "BGGR", "floor": 0.1}],
     "demosaic_residual": [{"pattern": "GRBG"}],
-    "demosaic_any": [{"pattern": "X-Trans"}, {"pattern": "quad-RGGB"}, {"pattern": "RGBW"}, {"pattern": "RCCC"}, {"pattern": "mono"}],
+    "demosaic_any": [
+        {"pattern": "X-Trans"},
+        {"pattern": "quad-RGGB"},
+        {"pattern": "RGBW"},
+        {"pattern": "RCCC"},
+        {"pattern": "mono"},
+    ],
     "sharpen": [{"strength": 0.0}, {"strength": 4.0}],
     "sharpen_mosaic": [{"strength": 0.0}, {"strength": 4.0, "planes": "mixed"}, {"pattern": "X-Trans"}],
     "unsharp": [{"amount": 0.0}, {"amount": 10.0, "radius": 5.0}, {"threshold": 0.05}, {"radius": 0.01}],
-    "denoise": [{"strength": 0.0}, {"strength": 5.0, "radius": 4}, {"read_noise": 0.0, "dsnu": 0.0, "full_well_density": 1e5}],
+    "denoise": [
+        {"strength": 0.0},
+        {"strength": 5.0, "radius": 4},
+        {"read_noise": 0.0, "dsnu": 0.0, "full_well_density": 1e5},
+    ],
     "wiener": [{"nodes": 64}, {"exponent": 0.0, "noise_variance": 1e-12}, {"largest_gain": 1.0, "aliasing": "ignored"}],
-    "richardson_lucy": [{"nodes": 64, "stop": 0.0}, {"iterations": 40, "stop": 0.0}, {"total_variation": 0.01, "start": "mean"}],
+    "richardson_lucy": [
+        {"nodes": 64, "stop": 0.0},
+        {"iterations": 40, "stop": 0.0},
+        {"total_variation": 0.01, "start": "mean"},
+    ],
     "exposure_numbers": [{"temperature": 400.0}, {"analogue_gain": 4.0}],
     "white": [
         {"crosstalk": "through_filter", "pattern": "X-Trans"},
@@ -150,7 +202,11 @@ VARIANTS = {
         {"method": "preset", "gains": (2.1, 1.0, 1.6), "floor": 0.1},
     ],
     "balance_mosaic": [{"highlights": "keep"}, {"pattern": "X-Trans"}, {"brightness": "camera"}],
-    "lens_shading": [{"strength": 0.0}, {"focal_length": 0.03, "model": "disc"}, {"focal_length": 0.02, "largest_gain": 1.5, "power": 1.0}],
+    "lens_shading": [
+        {"strength": 0.0},
+        {"focal_length": 0.03, "model": "disc"},
+        {"focal_length": 0.02, "largest_gain": 1.5, "power": 1.0},
+    ],
     "correct_defects": [{"by": "map"}, {"by": "detection"}, {"pattern": "X-Trans", "threshold": 1.0, "contrast": 0.0}],
     "correct_found_defects": [{"threshold": 1.0}, {"pattern": "mono", "prnu": 0.0, "read_noise": 0.0}],
     "colour_fit": [
@@ -171,13 +227,24 @@ VARIANTS = {
     "to_xyz": [{"matrix": "eq16_as_printed"}, {"matrix": "sRGB"}, {"matrix": "Display P3"}],
     "decode": [{"encoding": "BT.709"}, {"encoding": "power"}, {"encoding": "power", "exponent": 5.0}],
     "encode": [{"encoding": "BT.709"}, {"encoding": "power"}, {"encoding": "power", "exponent": 5.0}],
-    "dynamic_range": [{"read_noise": 0.0, "dsnu": 0.0, "dark_current_density": 0.0}, {"integration_time": 1e6}, {"dark_doubling": 6.0}],
-    "lens_numbers": [{"f_number": 0.5}, {"magnification": -1.0}, {"focus_distance": 2000.0, "pupil_magnification": 0.4}],
+    "dynamic_range": [
+        {"read_noise": 0.0, "dsnu": 0.0, "dark_current_density": 0.0},
+        {"integration_time": 1e6},
+        {"dark_doubling": 6.0},
+    ],
+    "lens_numbers": [
+        {"f_number": 0.5},
+        {"magnification": -1.0},
+        {"focus_distance": 2000.0, "pupil_magnification": 0.4},
+    ],
     "resolution": [{"highest": 0.01}, {"nodes": 16}, {"angle": 37.0}, {"rendering": True, "pixel_pitch": 0.5}],
     "star_resolution": [{"cycles": 8, "radius": 8.0, "contrast": 0.8}, {"encoding": "power", "pattern": "mono"}],
     "leaves_resolution": [{"encoding": "power", "pattern": "mono"}],
     "detail_information": [{"pattern": "mono"}, {"contrast_ratio": 1e6, "object_size": 0.5}],
-    "edge_resolution": [{"region_height": 5.0, "region_width": 5.0}, {"encoding": "power", "tails": False, "pattern": "mono"}],
+    "edge_resolution": [
+        {"region_height": 5.0, "region_width": 5.0},
+        {"encoding": "power", "tails": False, "pattern": "mono"},
+    ],
 }
 CASES = [
     pytest.param(name, variant, id=f"{name}-{'-'.join(f'{k}={v}' for k, v in variant.items())}")
@@ -197,7 +264,9 @@ class TestInstalled(StageConformance):
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "variant"), CASES)
 class TestVariants(StageConformance):
-    """Without the laws of stability: the command holds them at every end of every range (``tests/studies/test_stability.py``)."""
+    """Without the laws of stability: the command holds them at every end of every range
+    (``tests/studies/test_stability.py``).
+    """
 
     vars().update(dict.fromkeys(law for law in vars(ExtremeLaws) if law.startswith("test_")))
 
@@ -207,7 +276,9 @@ class TestVariants(StageConformance):
         self.stage = kind(**{**ordinary(kind), **variant})
 
 
-@pytest.mark.parametrize("name", [n for n in installed_stages().names() if installed_stages().installed(n).distribution == "etendue"])
+@pytest.mark.parametrize(
+    "name", [n for n in installed_stages().names() if installed_stages().installed(n).distribution == "etendue"]
+)
 def test_every_built_in_stage_says_how_wrong_it_is_and_what_its_parameters_mean(name):
     kind = installed_stages().load(name)
     assert hasattr(kind, "error")

@@ -10,9 +10,14 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 STEPS = [
-    "first_picture.md", "tutorials/phone.md", "tutorials/demosaicer.md", "tutorials/archive.md", "tutorials/lecture.md", "own_data.md",
+    "first_picture.md",
+    "tutorials/phone.md",
+    "tutorials/demosaicer.md",
+    "tutorials/archive.md",
+    "tutorials/lecture.md",
+    "own_data.md",
     "not_a_camera.md",
-]  # fmt: skip
+]
 
 _BLOCK = re.compile(r"^```(bash|python|toml|csv|xml)\n(.*?)^```", flags=re.S | re.M)
 _LINE = re.compile(r"`(etendue [^`]+)`")

@@ -1,4 +1,6 @@
-"""The documents lead where they say, on a code host and on the site alike; what the site makes covers what is installed."""
+"""The documents lead where they say, on a code host and on the site alike; what the site makes covers what is
+installed.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,11 @@ def test_every_page_stands_in_a_list_of_pages():
         for block in re.findall(r"^```{toctree}\n(.*?)^```", path.read_text(), flags=re.S | re.M):
             names = [line for line in block.splitlines() if line and not line.startswith(":")]
             globbed = ":glob:" in block
-            listed |= {found for name in names for found in (path.parent.glob(f"{name}.md") if globbed else [path.parent / f"{name}.md"])}
+            listed |= {
+                found
+                for name in names
+                for found in (path.parent.glob(f"{name}.md") if globbed else [path.parent / f"{name}.md"])
+            }
     assert set(PAGES) - {found.resolve() for found in listed} == {DOCS / "index.md"}
 
 
@@ -103,7 +109,10 @@ def test_a_picture_is_taken_behind_a_stage_that_stands_in_a_camera_and_behind_on
     assert behind[behind.index("denoise") - 1] == "demosaic_residual"
     kinds = [p for p in swapped.stages if p.use in ("demosaic_nearest", "mosaic")]
     seen = gallery._seen(swapped, "smallest", kinds, {"demosaic_nearest": "rgb_camera", "mosaic": "photocurrent"})
-    assert {name: picture.pixels.shape for name, picture in seen.items()} == {"demosaic_nearest": (96, 128, 3), "mosaic": (96, 128, 3)}
+    assert {name: picture.pixels.shape for name, picture in seen.items()} == {
+        "demosaic_nearest": (96, 128, 3),
+        "mosaic": (96, 128, 3),
+    }
     red, green, blue = (seen["mosaic"].pixels[..., n] > 0 for n in range(3))
     assert not (red & green).any() and not (red & blue).any() and green.mean() >= red.mean()
     seen["mosaic"].save(tmp_path / "mosaic.png")
@@ -113,16 +122,35 @@ def test_a_picture_is_taken_behind_a_stage_that_stands_in_a_camera_and_behind_on
 
 
 def test_words_for_who_comes_from_elsewhere_are_words_of_ours():
-    """What stands as code in the right column is a stage, variable, quantity, parameter, key of a file, command or pipeline."""
+    """What stands as code in the right column is a stage, variable, quantity, parameter, key of a file, command or
+    pipeline.
+    """
     registry = installed_stages()
     kinds = {name: registry.load(name) for name in registry.names()}
-    known = {*kinds, *camera.names(), *(p for kind in kinds.values() for p in parameters_of(kind)), "seed", "keep", "file"}
+    known = {
+        *kinds,
+        *camera.names(),
+        *(p for kind in kinds.values() for p in parameters_of(kind)),
+        "seed",
+        "keep",
+        "file",
+    }
     known |= {d.variable for kind in kinds.values() for of in (reads_of, writes_of) for d in of(kind).values()}
-    known |= {choice for kind in kinds.values() for p, _, _ in parameters_of(kind).values() for choice in p.choices or ()}
-    rows = [line for line in (DOCS / "coming_from.md").read_text().splitlines() if line.startswith("| ") and "---" not in line]
+    known |= {
+        choice for kind in kinds.values() for p, _, _ in parameters_of(kind).values() for choice in p.choices or ()
+    }
+    rows = [
+        line
+        for line in (DOCS / "coming_from.md").read_text().splitlines()
+        if line.startswith("| ") and "---" not in line
+    ]
     assert len(rows) > 40
     words = [word for row in rows for word in re.findall(r"`([^`]+)`", row.split(" | ")[1])]
-    assert {word for word in words if re.fullmatch(r"[a-z]\w*", word)} - known - {"threads", "processes", "distributed"} == set()
+    assert {word for word in words if re.fullmatch(r"[a-z]\w*", word)} - known - {
+        "threads",
+        "processes",
+        "distributed",
+    } == set()
     assert {word.split()[1] for word in words if word.startswith("etendue ")} <= set(main.list_commands(None))
     assert all((ROOT / word).exists() for word in words if word.startswith("pipelines/"))
 
@@ -131,7 +159,9 @@ def test_the_citation_names_this_version():
     text = (ROOT / "CITATION.cff").read_text()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert (
-        text.startswith("cff-version: 1.2.0\n") and f'version: "{project["version"]}"' in text and f"license: {project['license']}" in text
+        text.startswith("cff-version: 1.2.0\n")
+        and f'version: "{project["version"]}"' in text
+        and f"license: {project['license']}" in text
     )
 
 
@@ -149,7 +179,9 @@ def test_every_value_of_a_packaged_sensor_stands_on_a_page_with_its_source(makin
 
 
 def link(status, info="", uri="https://a.b/c"):
-    return json.dumps({"filename": "made/sensors.md", "lineno": 7, "status": status, "code": 0, "uri": uri, "info": info})
+    return json.dumps(
+        {"filename": "made/sensors.md", "lineno": 7, "status": status, "code": 0, "uri": uri, "info": info}
+    )
 
 
 @pytest.mark.parametrize(
@@ -163,7 +195,11 @@ def link(status, info="", uri="https://a.b/c"):
         ),
         ([link("working"), link("broken", "Failed to resolve: NameResolutionError")], "2 links tried, 1 broken", 1),
         ([link("redirected", "https://d.e/")], "https://a.b/c leads to https://d.e/", 0),
-        ([link("timeout"), link("broken", "Max retries exceeded: NameResolutionError")], "none of 2 links could be reached", 3),
+        (
+            [link("timeout"), link("broken", "Max retries exceeded: NameResolutionError")],
+            "none of 2 links could be reached",
+            3,
+        ),
         ([link("broken", "404 Client Error: Not Found")], "1 links tried, 1 broken", 1),
         ([link("unchecked")], "0 links tried, 0 broken", 0),
     ],

@@ -1,4 +1,6 @@
-"""What the pages say to type is there, and does what they say; those that are followed step by step are followed here."""
+"""What the pages say to type is there, and does what they say; those that are followed step by step are followed
+here.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ def test_an_option_that_is_not_there_is_found():
 
 
 def brought(folder: Path, name: str) -> Path:
-    """A distribution that lies in a folder, as ``pip install -e`` leaves it: its sources and its metadata on one path."""
+    """A distribution that lies in a folder, as ``pip install -e`` leaves it: its sources and its metadata on one
+    path.
+    """
     sources = folder / name / "src"
     name = Path(name).name
     metadata = sources / f"{name.replace('-', '_')}-0.1.0.dist-info"
@@ -73,11 +77,15 @@ class Reader:
             done = process(*words[1:], cwd=self.folder, env=environment)
         else:
             script = "import pytest, sys; sys.exit(pytest.main(sys.argv[1:]))"
-            done = process(*words[1:], "-n", "0", "-p", "no:cacheprovider", code=script, cwd=self.folder, env=environment)
+            done = process(
+                *words[1:], "-n", "0", "-p", "no:cacheprovider", code=script, cwd=self.folder, env=environment
+            )
         assert done.returncode == code, f"{' '.join(words)}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
     def puts(self, language: str, text: str) -> None:
-        """Tables as files; TOML at the end of the one pipeline; a module in the place of the plugin's; lines of a class above ``run``."""
+        """Tables as files; TOML at the end of the one pipeline; a module in the place of the plugin's; lines of a
+        class above ``run``.
+        """
         stage = next(self.folder.glob("*/src/*/stages.py"), None)
         if language in ("csv", "xml"):
             (self.folder / file_of(text)).write_text(text)
@@ -116,12 +124,20 @@ def test_the_first_picture_is_there_after_the_commands_that_lead_to_it(tmp_path)
 @pytest.mark.long
 @pytest.mark.parametrize("page", STEPS)
 def test_a_page_is_followed_to_its_end(tmp_path, page):
-    if page not in ("first_picture.md", "tutorials/demosaicer.md", "tutorials/archive.md"):  # in the folder of the repository
+    if page not in (
+        "first_picture.md",
+        "tutorials/demosaicer.md",
+        "tutorials/archive.md",
+    ):  # in the folder of the repository
         shutil.copytree(ROOT / "pipelines", tmp_path / "pipelines")
     if page == "not_a_camera.md":
         shutil.copytree(ROOT / "plugins" / "etendue-array", tmp_path / "plugins" / "etendue-array")
     Reader(tmp_path).follows(page)
-    pictures = {"first_picture.md": "first_map.png", "tutorials/phone.md": "defocused.png", "tutorials/lecture.md": "stops.png"}
+    pictures = {
+        "first_picture.md": "first_map.png",
+        "tutorials/phone.md": "defocused.png",
+        "tutorials/lecture.md": "stops.png",
+    }
     assert page not in pictures or (tmp_path / pictures[page]).exists()
 
 

@@ -14,11 +14,18 @@ PLAIN = [(256, 4, 6), (257, 4, 4), (258, 3, 16), (259, 3, 1), (262, 3, 1), (277,
 def test_samples_and_tags_of_every_type_are_read_back_by_tifffile():
     samples = np.arange(24, dtype=np.uint16).reshape(4, 6) * 2731
     tags = [
-        *PLAIN, (271, container.ASCII, "maker"), (33421, container.SHORT, (2, 2)), (50706, container.BYTE, (1, 4, 0, 0)),
-        (50714, container.RATIONAL, (513, 2)), (50721, container.SRATIONAL, (-1, 3, 5, 7, 9, 11)), (50829, container.LONG, (0, 0, 4, 6)),
-    ]  # fmt: skip
+        *PLAIN,
+        (271, container.ASCII, "maker"),
+        (33421, container.SHORT, (2, 2)),
+        (50706, container.BYTE, (1, 4, 0, 0)),
+        (50714, container.RATIONAL, (513, 2)),
+        (50721, container.SRATIONAL, (-1, 3, 5, 7, 9, 11)),
+        (50829, container.LONG, (0, 0, 4, 6)),
+    ]
     file = io.BytesIO()
-    container.write_picture(file, samples.tobytes(), tags, [(34855, container.SHORT, 400), (33434, container.RATIONAL, (1, 250))])
+    container.write_picture(
+        file, samples.tobytes(), tags, [(34855, container.SHORT, 400), (33434, container.RATIONAL, (1, 250))]
+    )
     file.seek(0)
     with tifffile.TiffFile(file) as tiff:
         page = tiff.pages[0]

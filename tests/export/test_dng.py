@@ -22,7 +22,9 @@ def frame(mask="RGGB", shape=(64, 96), **changes):
     level = 0.5 if parsed is None else 0.5 * WHITE[cfa.channel_index(parsed, *shape)]
     raw = np.rint(64 + level * (4095 - 64) + rng.normal(0, 3, shape)).astype(np.uint16)
     known = {"camera_white": WHITE, "balanced_to_xyz": MATRIX} if mask else {}
-    made = dng.RawFrame(raw=raw, mask=parsed and parsed.rows, black=64, white_level=4095, illuminant="D65", model="test", **known)
+    made = dng.RawFrame(
+        raw=raw, mask=parsed and parsed.rows, black=64, white_level=4095, illuminant="D65", model="test", **known
+    )
     return replace(made, **changes)
 
 
@@ -85,12 +87,16 @@ def test_the_colour_matrix_and_the_neutral_say_the_same_white():
     to_camera, forward = dng.colour_matrices(WHITE, MATRIX)
     white_xyz = MATRIX.sum(axis=1)
     assert_allclose(to_camera @ white_xyz, WHITE / WHITE.max(), rtol=1e-13)
-    assert_allclose(forward.sum(axis=1), dng.D50_XYZ, rtol=1e-13)  # "a vector of ones to D50", as the specification asks
+    assert_allclose(
+        forward.sum(axis=1), dng.D50_XYZ, rtol=1e-13
+    )  # "a vector of ones to D50", as the specification asks
     assert_allclose(np.linalg.inv(to_camera) @ np.diag(WHITE / WHITE.max()), MATRIX, atol=1e-14)
 
 
 def test_the_matrix_takes_any_camera_signal_to_its_xyz():
-    """What a reader computes from the file is what the pipeline computed: camera over white, times the fitted matrix."""
+    """What a reader computes from the file is what the pipeline computed: camera over white, times the fitted
+    matrix.
+    """
     to_camera, _ = dng.colour_matrices(WHITE, MATRIX)
     camera = np.random.default_rng(2).uniform(0, 1, (20, 3))
     assert_allclose(np.linalg.solve(to_camera, (camera / WHITE.max()).T).T, (camera / WHITE) @ MATRIX.T, rtol=1e-12)

@@ -40,7 +40,9 @@ def test_the_profile_is_the_same_every_time_and_is_read():
     assert "sRGB" in ImageCms.getProfileName(ImageCms.ImageCmsProfile(io.BytesIO(tiff.srgb_profile())))
 
 
-@pytest.mark.parametrize("picture", [np.zeros((2, 4, 4)), np.zeros(4), np.full((4, 4), np.nan), np.zeros((4, 4), np.uint32)])
+@pytest.mark.parametrize(
+    "picture", [np.zeros((2, 4, 4)), np.zeros(4), np.full((4, 4), np.nan), np.zeros((4, 4), np.uint32)]
+)
 def test_what_is_no_picture_is_refused(picture):
     with pytest.raises(ValueError, match="picture"):
         tiff.codes(picture)

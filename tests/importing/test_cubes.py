@@ -1,4 +1,6 @@
-"""Cubes written by each format's own library are read as what they are, and reach a picture; what is wrong is said in one line."""
+"""Cubes written by each format's own library are read as what they are, and reach a picture; what is wrong is said
+in one line.
+"""
 
 import re
 from pathlib import Path
@@ -40,7 +42,9 @@ def hdf5(path):
 
 def envi(path):
     reader = pytest.importorskip("spectral.io.envi")
-    reader.save_image(str(path), np.moveaxis(LIGHT, 0, 2), metadata={"wavelength": WAVE / 1e3, "wavelength units": "micrometers"})
+    reader.save_image(
+        str(path), np.moveaxis(LIGHT, 0, 2), metadata={"wavelength": WAVE / 1e3, "wavelength units": "micrometers"}
+    )
 
 
 def openexr(path):
@@ -56,8 +60,14 @@ def tiff(path):
 
 
 FORMATS = {
-    "cube.npy": npy, "cube.npz": npz, "cube.mat": mat, "cube.h5": hdf5, "cube.hdr": envi, "cube.exr": openexr, "cube.tif": tiff,
-}  # fmt: skip
+    "cube.npy": npy,
+    "cube.npz": npz,
+    "cube.mat": mat,
+    "cube.h5": hdf5,
+    "cube.hdr": envi,
+    "cube.exr": openexr,
+    "cube.tif": tiff,
+}
 SAID = {"cube.npz", "cube.mat", "cube.h5", "cube.hdr", "cube.exr"}  # whose wavelengths stand in the file
 
 
@@ -90,10 +100,13 @@ def test_a_cube_reaches_a_picture_with_its_own_light(tmp_path, name):
     assert done.exit_code == 0, done.output
     tree = etendue.simulate(
         {"stages": [{"use": "radiance_cube", "name": "scene", "file": str(tmp_path / "scene.zarr")}]},
-        want=["radiance", "white_radiance"], f_number=4,
-    )  # fmt: skip
+        want=["radiance", "white_radiance"],
+        f_number=4,
+    )
     np.testing.assert_array_equal(tree["scene/radiance"].values, LIGHT)
-    np.testing.assert_allclose(tree["scene/white_radiance"].values, LIGHT[:, 1:4, 2:5].mean(axis=(1, 2)), rtol=1e-6)  # float32
+    np.testing.assert_allclose(
+        tree["scene/white_radiance"].values, LIGHT[:, 1:4, 2:5].mean(axis=(1, 2)), rtol=1e-6
+    )  # float32
 
 
 def test_photons_of_isetcam_are_the_radiance_that_carries_them(tmp_path):
@@ -104,7 +117,9 @@ def test_photons_of_isetcam_are_the_radiance_that_carries_them(tmp_path):
     light = {"data": {"photons": photons[:, 0, 0].astype(float)}}
     scipy.io.savemat(tmp_path / "scene.mat", {"scene": {"data": last, "spectrum": {"wave": WAVE}, "illuminant": light}})
     basis = np.linalg.qr(np.random.default_rng(1).normal(size=(4, 4)))[0]
-    scipy.io.savemat(tmp_path / "basis.mat", {"mcCOEF": last["photons"] @ basis, "basis": {"basis": basis, "wave": WAVE}})
+    scipy.io.savemat(
+        tmp_path / "basis.mat", {"mcCOEF": last["photons"] @ basis, "basis": {"basis": basis, "wave": WAVE}}
+    )
     for name in ("scene", "basis"):
         cube, unit = as_light(read_cube(tmp_path / f"{name}.mat"), name)
         assert unit == "W m-2 sr-1 nm-1"
@@ -118,7 +133,17 @@ def test_bands_are_sorted_and_whole_numbers_are_shares_of_their_largest(tmp_path
 
     tifffile.imwrite(tmp_path / "a.tif", np.round(LIGHT * 65535).astype(np.uint16), photometric="minisblack")
     done = CliRunner().invoke(
-        main, ["import", str(tmp_path / "a.tif"), "-o", str(tmp_path / "a.zarr"), "--level", "relative", "--wavelengths", "600,550,500,450"]
+        main,
+        [
+            "import",
+            str(tmp_path / "a.tif"),
+            "-o",
+            str(tmp_path / "a.zarr"),
+            "--level",
+            "relative",
+            "--wavelengths",
+            "600,550,500,450",
+        ],
     )
     assert done.exit_code == 0 and "white_luminance" in done.output, done.output
     import xarray
@@ -129,14 +154,22 @@ def test_bands_are_sorted_and_whole_numbers_are_shares_of_their_largest(tmp_path
 
 
 def importing(path, *words):
-    return CliRunner().invoke(main, ["import", str(path / "a.npy"), "-o", str(path / "a.zarr"), "--wavelengths", "450:600:50", *words])
+    return CliRunner().invoke(
+        main, ["import", str(path / "a.npy"), "-o", str(path / "a.zarr"), "--wavelengths", "450:600:50", *words]
+    )
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--level", "relative"), ("reflectance, ", "1 = white", "size not known", "12 x 10 um", 'spacing = "2 um"', "white_luminance = ")),
-        (("--level", "radiance", "--spacing", "3"), ("spectral radiance, ", "18 x 15 um (width x height)", "--white-at", "# white_lum")),
+        (
+            ("--level", "relative"),
+            ("reflectance, ", "1 = white", "size not known", "12 x 10 um", 'spacing = "2 um"', "white_luminance = "),
+        ),
+        (
+            ("--level", "radiance", "--spacing", "3"),
+            ("spectral radiance, ", "18 x 15 um (width x height)", "--white-at", "# white_lum"),
+        ),
         (("--level", "relative", "--scale", "4000"), ("note: 1 is white, and values go up to ", "--white-at")),
     ],
 )
@@ -184,11 +217,27 @@ def test_axes_that_are_named_are_put_in_order():
         (lambda p: np.save(p / "a.npy", LIGHT[0]), (), "expected numbers by three axes"),
         (lambda p: np.save(p / "a.npy", LIGHT), (), "does not say its wavelengths: --wavelengths"),
         (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:50"), "does not say its level: --level"),
-        (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:75", "--level", "radiance"), "3 wavelengths for 4 bands"),
-        (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:40", "--level", "radiance"), "expected FIRST:LAST:STEP"),
-        (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:50", "--level", "radance"), "did you mean 'radiance'?"),
+        (
+            lambda p: np.save(p / "a.npy", LIGHT),
+            ("--wavelengths", "450:600:75", "--level", "radiance"),
+            "3 wavelengths for 4 bands",
+        ),
+        (
+            lambda p: np.save(p / "a.npy", LIGHT),
+            ("--wavelengths", "450:600:40", "--level", "radiance"),
+            "expected FIRST:LAST:STEP",
+        ),
+        (
+            lambda p: np.save(p / "a.npy", LIGHT),
+            ("--wavelengths", "450:600:50", "--level", "radance"),
+            "did you mean 'radiance'?",
+        ),
         (lambda p: np.save(p / "a.npy", LIGHT), ("--axes", "yx"), "expected the letters w, y and x"),
-        (lambda p: np.save(p / "a.npy", LIGHT - 1), ("--wavelengths", "450:600:50", "--level", "radiance"), "that are no light, the first"),
+        (
+            lambda p: np.save(p / "a.npy", LIGHT - 1),
+            ("--wavelengths", "450:600:50", "--level", "radiance"),
+            "that are no light, the first",
+        ),
         (
             lambda p: np.save(p / "a.npy", LIGHT),
             ("--wavelengths", "450:600:50", "--level", "radiance", "--white-at", "0,0"),
@@ -237,7 +286,12 @@ def test_every_format_has_a_reader_and_stands_in_the_documents_and_the_help(endi
 
 def test_the_table_of_formats_names_none_that_is_not_read():
     table = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
-    named = [word for line in table.splitlines() if line.startswith("| `.") for word in re.findall(r"`(\.\w+)`", line.split("|")[1])]
+    named = [
+        word
+        for line in table.splitlines()
+        if line.startswith("| `.")
+        for word in re.findall(r"`(\.\w+)`", line.split("|")[1])
+    ]
     assert set(named) == set(formats.FORMATS)
 
 
@@ -245,7 +299,9 @@ def test_numbers_that_a_header_reaches_through_a_link_out_of_its_folder_are_not_
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "secret").write_bytes(bytes(96))
     (tmp_path / "here").mkdir()
-    header = "ENVI\nsamples = 2\nlines = 3\nbands = 4\ndata type = 4\ninterleave = bsq\nbyte order = 0\nheader offset = 0\n"
+    header = (
+        "ENVI\nsamples = 2\nlines = 3\nbands = 4\ndata type = 4\ninterleave = bsq\nbyte order = 0\nheader offset = 0\n"
+    )
     (tmp_path / "here" / "cube.hdr").write_text(header)
     (tmp_path / "here" / "cube.img").symlink_to(tmp_path / "elsewhere" / "secret")
     with pytest.raises(RequestError, match="leads out of the folder"):

@@ -1,4 +1,6 @@
-"""One small archive with everything that a page shows: two axes, light, a mosaic, display values, figures by stage, hostile texts."""
+"""One small archive with everything that a page shows: two axes, light, a mosaic, display values, figures by stage,
+hostile texts.
+"""
 
 import base64
 import json
@@ -90,4 +92,6 @@ def unpacked(document, place):
 
 
 def embedded_document(html):
-    return json.loads(re.search(r'<script type="application/json" id="document">(.*?)</script>', html, re.DOTALL).group(1))
+    return json.loads(
+        re.search(r'<script type="application/json" id="document">(.*?)</script>', html, re.DOTALL).group(1)
+    )

@@ -1,4 +1,6 @@
-"""Report and live page in a real browser: nothing is asked of a network, nothing breaks, and what is clicked does what it says."""
+"""Report and live page in a real browser: nothing is asked of a network, nothing breaks, and what is clicked does
+what it says.
+"""
 
 import json
 import os
@@ -30,7 +32,9 @@ def expect(locator):
 
 @pytest.fixture(scope="module")
 def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pip install playwright"
+    )
     if not os.access(CHROMIUM, os.X_OK):
         pytest.skip(f"no browser: {CHROMIUM} is not there (apt-get install chromium, or set ETENDUE_CHROMIUM)")
     with playwright.sync_playwright() as started:
@@ -58,14 +62,17 @@ PIXEL = """([x, y]) => {
 CONTRAST = """() => {  // the least ratio of any text to what is behind it, as WCAG 2 defines it
   const linear = (v) => (v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4);
   const read = (text) => text.match(/[\\d.]+/g).map(Number);
-  const luminance = (text) => { const [r, g, b] = read(text).map(linear); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+  const luminance = (text) => { const [r, g, b] = read(text).map(linear);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
   const own = (node) => [...node.childNodes].some((child) => child.nodeType === 3 && child.textContent.trim());
   const found = [];
-  for (const node of document.querySelectorAll('p, dt, dd, h1, h2, h3, a, span, td, th, button, summary, code, li, strong')) {
+  const kinds = 'p, dt, dd, h1, h2, h3, a, span, td, th, button, summary, code, li, strong';
+  for (const node of document.querySelectorAll(kinds)) {
     if (!node.offsetParent || !own(node)) continue;
     let under = node;
     while (under && read(getComputedStyle(under).backgroundColor)[3] === 0) under = under.parentElement;
-    const a = luminance(getComputedStyle(node).color), b = luminance(getComputedStyle(under || document.body).backgroundColor);
+    const a = luminance(getComputedStyle(node).color),
+      b = luminance(getComputedStyle(under || document.body).backgroundColor);
     found.push([(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), node.textContent.slice(0, 40)]);
   }
   return found.sort((p, q) => p[0] - q[0])[0]; }"""
@@ -80,7 +87,10 @@ class Watched:
         self.page.set_default_timeout(WAIT)
         self.asked, self.complaints = [], []
         self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.on("console", lambda message: self.complaints.append(message.text) if message.type in ("error", "warning") else None)
+        self.page.on(
+            "console",
+            lambda message: self.complaints.append(message.text) if message.type in ("error", "warning") else None,
+        )
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.goto(url)
         self.page.wait_for_selector("#page[data-ready=yes]")
@@ -148,9 +158,11 @@ def test_a_report_asks_no_network_for_anything_and_complains_of_nothing(opened, 
 
 FIRST = """() => {  // what stands on the first screen, and how low it reaches
   const bottom = (which) => document.querySelector(which).getBoundingClientRect().bottom;
-  return { reach: Math.max(...['#cell .tile.large', '#front svg', '#cell .wrong', '#cell .limits', '#cell .kept'].map(bottom)),
+  return {
+    reach: Math.max(...['#cell .tile.large', '#front svg', '#cell .wrong', '#cell .limits', '#cell .kept'].map(bottom)),
     open: [...document.querySelectorAll('dl.big dt')].map((one) => one.textContent),
-    tables: document.querySelectorAll('#subjects details[open]').length, title: document.querySelector('#cell h2').textContent }; }"""
+    tables: document.querySelectorAll('#subjects details[open]').length,
+    title: document.querySelector('#cell h2').textContent }; }"""
 
 
 def test_the_first_screen_holds_picture_front_limit_figures_and_error(browser, file):
@@ -164,18 +176,22 @@ def test_the_first_screen_holds_picture_front_limit_figures_and_error(browser, f
 
 
 def test_beside_the_choice_stands_what_was_swept_and_where_its_axis_ends(browser, file, deep):
-    """f/8, f/2, f/4 and 2 and 8 ms: an end is the least or the most, wherever it stands; of three values the middle is none."""
+    """f/8, f/2, f/4 and 2 and 8 ms: an end is the least or the most, wherever it stands; of three values the middle
+    is none.
+    """
     for page, others in ((file, ["2 ms to 8 ms"]), (deep[1], ["2 ms to 8 ms", "3 µm to 6 µm"])):
         tab = Watched(browser, page.as_uri())
         said, title = tab.page.inner_text("#cell .swept"), tab.page.inner_text("#cell h2")
         axis = tab.page.locator("#front .axes text").all_text_contents()
         tab.context.close()
         assert "f-number f/2 to f/8" in said and all(own in said for own in others)
-        ends = [end for end in ("f/2", "f/8", "2 ms", "8 ms", "3 µm", "6 µm") if re.search(rf"{re.escape(end)}(,|$)", title)]
+        ends = [
+            end for end in ("f/2", "f/8", "2 ms", "8 ms", "3 µm", "6 µm") if re.search(rf"{re.escape(end)}(,|$)", title)
+        ]
         told = said.partition(".")[2]
-        assert [end for end in ("f/2", "f/8", "2 ms", "8 ms", "3 µm", "6 µm") if end in told] == ends and bool(ends) == (
-            "try beyond" in told
-        )
+        assert [end for end in ("f/2", "f/8", "2 ms", "8 ms", "3 µm", "6 µm") if end in told] == ends and bool(
+            ends
+        ) == ("try beyond" in told)
         assert any("mean SNR" in text for text in axis)
 
 
@@ -192,7 +208,8 @@ def test_a_long_name_makes_no_page_wider_than_a_telephone(browser, file):
     tab = Watched(browser, file.as_uri())
     tab.page.set_viewport_size({"width": 390, "height": 844})
     tab.page.evaluate(
-        "document.querySelectorAll('select').forEach((s) => { s.options[0].textContent = 'frequency of half contrast '.repeat(4); })"
+        "document.querySelectorAll('select').forEach((s) => { s.options[0].textContent = 'frequency of half contrast "
+        "'.repeat(4); })"
     )
     tab.scroll_through()
     assert tab.page.evaluate("document.documentElement.scrollWidth") == 390
@@ -204,7 +221,9 @@ def test_a_dot_of_the_front_goes_there_and_back(opened):
     chosen = page.locator(".slider output").all_text_contents()
     opened.slide("f_number", 2 if not chosen[0].endswith("8") else 0)
     expect(page.locator("#cell .moved button")).to_have_count(1)
-    expect(page.locator("#cell .wrong h3")).to_have_text("How far the choice may be wrong")  # it does not move with the sliders
+    expect(page.locator("#cell .wrong h3")).to_have_text(
+        "How far the choice may be wrong"
+    )  # it does not move with the sliders
     page.click("#cell .moved button")
     expect(page.locator("#cell .moved button")).to_have_count(0)
     expect(page.locator("#cell .wrong h3")).to_have_text("How far it may be wrong")
@@ -309,7 +328,8 @@ integration_time = ["2 ms", "4 ms", "8 ms"]
 full_well_density = ["100 electron um-2", "2000 electron um-2"]
 """
 COLOUR = """([place, x, y]) => {  // what a map has painted at a share of one of its boxes
-  const host = document.querySelector(place), canvas = host.querySelector('canvas'), k = canvas.width / canvas.clientWidth;
+  const host = document.querySelector(place), canvas = host.querySelector('canvas');
+  const k = canvas.width / canvas.clientWidth;
   return [...canvas.getContext('2d').getImageData(Math.round(x * k), Math.round(y * k), 1, 1).data]; }"""
 
 
@@ -340,7 +360,8 @@ def panelled(browser, deep):
 
 def boxes(page, which):
     return page.evaluate(
-        "(which) => [...document.querySelectorAll(which)].map((r) => ['x', 'y', 'width', 'height'].map((n) => Number(r.getAttribute(n))))",
+        "(which) => [...document.querySelectorAll(which)].map((r) => ['x', 'y', 'width', 'height'].map((n) => "
+        "Number(r.getAttribute(n))))",
         which,
     )
 
@@ -356,7 +377,9 @@ def test_further_axes_are_panels_that_a_click_and_the_keyboard_move_between(pane
         panelled.slide("integration_time", place)
         page.wait_for_timeout(150)
         x, y, width, height = boxes(page, "#panels .panel.now")[0]
-        page.locator("#panels svg").click(position={"x": x + width / 6, "y": y + height * 0.75})  # the first column, the lowest row
+        page.locator("#panels svg").click(
+            position={"x": x + width / 6, "y": y + height * 0.75}
+        )  # the first column, the lowest row
         expect(page.locator("input[data-axis=f_number]")).to_have_value("0")
         expect(page.locator("input[data-axis=pixel_pitch]")).to_have_value("0")
         assert time.input_value() == str(place)
@@ -380,7 +403,9 @@ def test_a_value_has_one_colour_in_the_map_and_in_every_panel(panelled, deep):
     small = page.evaluate(COLOUR, ["#panels", x + width * (5 / 6 + 0.08), y + height * 0.12])
     np.testing.assert_allclose(small, same, atol=3)  # 256 steps of the colours
     texts = page.locator("#panels .numbers text").all_text_contents()
-    assert sorted(map(float, texts)) == pytest.approx(sorted(snr.values.ravel().tolist()), rel=5e-3)  # every cell once, three digits
+    assert sorted(map(float, texts)) == pytest.approx(
+        sorted(snr.values.ravel().tolist()), rel=5e-3
+    )  # every cell once, three digits
 
 
 # ---- the live page
@@ -404,7 +429,11 @@ def test_the_viewer_shows_the_store_s_pixels(viewer, archive):
     at = [0.38 * box["width"], 0.53 * box["height"]]  # beside the crosshair, in the same pixel or the next
     seen = page.evaluate(PIXEL, at)
     whole = stored(archive, "encode", "rgb_display", f_number=4.0, integration_time=0.008)
-    near = np.round(np.clip(whole[:, max(0, row - 1) : row + 2, max(0, column - 1) : column + 2], 0, 1) * 255).reshape(3, -1).T.tolist()
+    near = (
+        np.round(np.clip(whole[:, max(0, row - 1) : row + 2, max(0, column - 1) : column + 2], 0, 1) * 255)
+        .reshape(3, -1)
+        .T.tolist()
+    )
     assert seen[:3] in near  # nearest neighbour: a colour that a pixel has, none between two
     assert viewer.complaints == []
 
@@ -448,9 +477,12 @@ def test_the_viewer_asks_its_own_server_alone(viewer, live):
 # ---- in a notebook
 
 HOLDER = """async ([source, html]) => {  // a notebook's part: a model with a channel, and a place for the widget
-  const file = URL.createObjectURL(new Blob([source], { type: 'text/javascript' })), widget = (await import(file)).default, heard = [];
-  window.hear = (answer, bytes) => heard.forEach((one) => one(answer, bytes.map((b) => new DataView(Uint8Array.from(b).buffer))));
-  const values = { html, height: 800 }, model = { get: (name) => values[name], on: (_, one) => heard.push(one), off: () => {} };
+  const file = URL.createObjectURL(new Blob([source], { type: 'text/javascript' }));
+  const widget = (await import(file)).default, heard = [];
+  window.hear = (answer, bytes) => heard.forEach(
+    (one) => one(answer, bytes.map((b) => new DataView(Uint8Array.from(b).buffer))));
+  const values = { html, height: 800 }, model = { get: (name) => values[name],
+    on: (_, one) => heard.push(one), off: () => {} };
   model.send = (asked) => window.kernel(asked);
   widget.render({ model, el: document.body }); }"""
 

@@ -24,12 +24,18 @@ def made(archive):
 def test_every_figure_is_the_store_s_with_its_axes_ascending(archive, made):
     tree = xarray.open_datatree(archive / "data.zarr", engine="zarr")
     assert [axis["values"] for axis in made["axes"]] == [[2.0, 4.0, 8.0], [0.002, 0.008]]
-    assert {"white", "colour_matrix", "mean_snr", "airy_diameter", "white_radiance"} <= {one["variable"] for one in made["figures"]}
+    assert {"white", "colour_matrix", "mean_snr", "airy_diameter", "white_radiance"} <= {
+        one["variable"] for one in made["figures"]
+    }
     for one in made["figures"]:
         stored = tree[one["stage"]].dataset
         array = stored[one["variable"]]
-        whole = array.sortby([dim for dim in one["axes"]]).transpose(*one["axes"], *(dim["name"] for dim in one["dims"]))
-        np.testing.assert_array_equal(unpacked(made, one["data"]).reshape(whole.shape), whole.to_numpy().astype(np.float32))
+        whole = array.sortby([dim for dim in one["axes"]]).transpose(
+            *one["axes"], *(dim["name"] for dim in one["dims"])
+        )
+        np.testing.assert_array_equal(
+            unpacked(made, one["data"]).reshape(whole.shape), whole.to_numpy().astype(np.float32)
+        )
         for dim in one["dims"]:
             first = dim["coordinates"][0]
             values = first["labels"] if "labels" in first else unpacked(made, first["data"]).tolist()
@@ -43,7 +49,9 @@ def test_the_rows_of_cells_are_the_ledger(archive, made):
         column = cells["columns"][name]
         words = np.array(column["words"], dtype=object)[unpacked(made, column)]
         assert words.tolist() == ledger[name].to_numpy().tolist()
-    np.testing.assert_array_equal(unpacked(made, cells["columns"]["error"]), ledger["error"].to_numpy().astype(np.float32))
+    np.testing.assert_array_equal(
+        unpacked(made, cells["columns"]["error"]), ledger["error"].to_numpy().astype(np.float32)
+    )
     places = unpacked(made, cells["at"]["f_number"])
     values = np.append(made["axes"][0]["values"], np.nan)[places]
     np.testing.assert_array_equal(values, ledger["at_f_number"].to_numpy())
@@ -86,11 +94,18 @@ def test_a_picture_of_display_values_is_the_contact_sheet_s(archive):
 
 
 def test_light_is_seen_as_the_camera_s_display_sees_it(archive):
-    """A neutral patch under the pipeline's light is neutral in no stage of the light, but every stage shows it in one hue."""
+    """A neutral patch under the pipeline's light is neutral in no stage of the light, but every stage shows it in
+    one hue.
+    """
     opened = Opened(archive)
-    scene, light = (picture(opened, stage, variable, {}) for stage, variable in (("scene", "radiance"), ("irradiance", "irradiance")))
+    scene, light = (
+        picture(opened, stage, variable, {})
+        for stage, variable in (("scene", "radiance"), ("irradiance", "irradiance"))
+    )
     share = [one.linear / one.linear.sum(axis=0) for one in (scene, light)]
-    np.testing.assert_allclose(share[0], share[1], rtol=2e-5, atol=2e-6)  # irradiance is radiance times a constant; float32
+    np.testing.assert_allclose(
+        share[0], share[1], rtol=2e-5, atol=2e-6
+    )  # irradiance is radiance times a constant; float32
 
 
 def test_a_mosaic_is_seen_through_its_filters(archive):
@@ -101,10 +116,14 @@ def test_a_mosaic_is_seen_through_its_filters(archive):
     assert [one.filter_at(0, 0), one.filter_at(0, 1), one.filter_at(1, 1)] == ["R", "G", "B"]
     for number, letter in enumerate("RGB"):
         assert not shown[number][letters != letter].any()
-        np.testing.assert_array_equal(shown[number][letters == letter], np.maximum(one.array.astype(np.float32) - 64, 0)[letters == letter])
+        np.testing.assert_array_equal(
+            shown[number][letters == letter], np.maximum(one.array.astype(np.float32) - 64, 0)[letters == letter]
+        )
 
 
-@pytest.mark.parametrize("sizes", [[], [1], [5], [64], [1000], [10, 10, 10], [3, 2, 2], [2] * 7, [10, 1660], [1, 7, 1, 9]])
+@pytest.mark.parametrize(
+    "sizes", [[], [1], [5], [64], [1000], [10, 10, 10], [3, 2, 2], [2] * 7, [10, 1660], [1, 7, 1, 9]]
+)
 def test_chosen_cells_hold_corners_and_the_start(sizes):
     start = [size // 2 for size in sizes]
     found = chosen(sizes, start)
@@ -123,8 +142,15 @@ def test_pictures_keep_to_their_budget_and_say_what_is_left_out(archive):
     large, small = shots(opened, start), shots(opened, start, budget=1000)
     assert [one["stage"] for one in large["strip"]] == [stage for stage, _ in pictured(opened)]
     assert set(map(tuple, large["series"][0]["sizes"].values())) == {(18, 12)}
-    assert len(large["series"][0]["pictures"]) == 6 and large["series"][0]["how"] == "without loss" and not large["left_out"]
-    assert sum(len(one["pictures"]) for one in small["series"]) < sum(len(one["pictures"]) for one in large["series"]) and small["left_out"]
+    assert (
+        len(large["series"][0]["pictures"]) == 6
+        and large["series"][0]["how"] == "without loss"
+        and not large["left_out"]
+    )
+    assert (
+        sum(len(one["pictures"]) for one in small["series"]) < sum(len(one["pictures"]) for one in large["series"])
+        and small["left_out"]
+    )
 
 
 def test_what_is_damaged_is_named_and_not_shown(archive, tmp_path):

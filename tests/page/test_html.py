@@ -1,4 +1,6 @@
-"""The page is one file: its own script and style alone may run, no text of an archive is markup, and it asks nobody for anything."""
+"""The page is one file: its own script and style alone may run, no text of an archive is markup, and it asks nobody
+for anything.
+"""
 
 import base64
 import hashlib
@@ -28,7 +30,10 @@ def digest(text):
 def test_only_its_own_script_and_style_may_run(html):
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', html).group(1)
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
-    script, style = re.findall(r"<script>(.*?)</script>", html, re.DOTALL), re.findall(r"<style>(.*?)</style>", html, re.DOTALL)
+    script, style = (
+        re.findall(r"<script>(.*?)</script>", html, re.DOTALL),
+        re.findall(r"<style>(.*?)</style>", html, re.DOTALL),
+    )
     assert len(script) == len(style) == 1
     assert rules["script-src"] == f"'{digest(script[0])}'" and rules["style-src"] == f"'{digest(style[0])}'"
     assert rules["default-src"] == rules["connect-src"] == rules["base-uri"] == rules["form-action"] == "'none'"
@@ -51,7 +56,9 @@ def test_a_hostile_name_is_escaped_in_the_title():
 
 
 def test_it_names_no_address_of_the_network(html):
-    addresses = set(re.findall(r"(?:https?:)?//[a-z0-9-]+\.[a-z]{2,}[^\s'\"]*", html.replace("http://www.w3.org/2000/svg", "")))
+    addresses = set(
+        re.findall(r"(?:https?:)?//[a-z0-9-]+\.[a-z]{2,}[^\s'\"]*", html.replace("http://www.w3.org/2000/svg", ""))
+    )
     assert not addresses
 
 

@@ -24,7 +24,9 @@ def test_answers_are_the_server_s(archive):
     assert channel.sent == [({"number": 7, "said": extra["X-Picture"]}, [body])]
 
 
-@pytest.mark.parametrize("asked", [{"number": 1, "what": "journal"}, {"number": 1, "what": "picture", "words": {"stage": "../.."}}])
+@pytest.mark.parametrize(
+    "asked", [{"number": 1, "what": "journal"}, {"number": 1, "what": "picture", "words": {"stage": "../.."}}]
+)
 def test_what_is_not_there_is_said_so(archive, asked):
     channel = Channel()
     answer(Live(archive), channel, asked)

@@ -1,4 +1,6 @@
-"""How a page opens: the camera to build lies on the front of detail against noise and gives up least; no figure stands twice."""
+"""How a page opens: the camera to build lies on the front of detail against noise and gives up least; no figure
+stands twice.
+"""
 
 import itertools
 
@@ -23,13 +25,21 @@ def figure(variable, values, axes=("f_number", "t", "p"), stage="numbers", units
 def drawn(seed=1, units=""):
     """A camera's figures over three axes, drawn at random: detail, its double in other words, noise, clipping."""
     rng = np.random.default_rng(seed)
-    detail, snr, clipped = rng.uniform(20, 200, (3, 3)), rng.uniform(1, 100, (3, 2, 3)), rng.choice([0, 0, 0.2], (3, 2, 3))
+    detail, snr, clipped = (
+        rng.uniform(20, 200, (3, 3)),
+        rng.uniform(1, 100, (3, 2, 3)),
+        rng.choice([0, 0, 0.2], (3, 2, 3)),
+    )
     return [
-        figure("mtf50_lp_mm", detail, ("f_number", "p")), figure("effective_lp_mm", detail, ("f_number", "p")),
-        figure("mean_snr", snr, units=units), figure("clipped_fraction", clipped),
-        figure("fit_condition", rng.uniform(1, 2, 3), ("p",)), figure("plate_scale", rng.uniform(1, 2, 3), ("p",)),
-        figure("fit_residual", rng.uniform(0, 1, (3, 2, 3))), figure("gamut_clipped", rng.uniform(0, 1, (3, 2, 3))),
-    ]  # fmt: skip
+        figure("mtf50_lp_mm", detail, ("f_number", "p")),
+        figure("effective_lp_mm", detail, ("f_number", "p")),
+        figure("mean_snr", snr, units=units),
+        figure("clipped_fraction", clipped),
+        figure("fit_condition", rng.uniform(1, 2, 3), ("p",)),
+        figure("plate_scale", rng.uniform(1, 2, 3), ("p",)),
+        figure("fit_residual", rng.uniform(0, 1, (3, 2, 3))),
+        figure("gamut_clipped", rng.uniform(0, 1, (3, 2, 3))),
+    ]
 
 
 def opened(figures, axes=AXES):
@@ -62,19 +72,30 @@ def test_the_front_is_of_detail_against_noise_and_of_what_a_sweep_moves_instead(
     assert opened(figures[4:6])["front"] is None  # nobody says which way is better
     alone = [figure(one.variable, one.values.flat[0], ()) for one in figures]
     assert opened(alone, ())["front"] is None and opened(alone, ())["place"] == {}
-    assert opened([], ()) == {"front": None, "place": {}, "limits": [], "open": [], "subjects": [], "error": opened(alone, ())["error"]}
+    assert opened([], ()) == {
+        "front": None,
+        "place": {},
+        "limits": [],
+        "open": [],
+        "subjects": [],
+        "error": opened(alone, ())["error"],
+    }
 
 
 def test_the_choice_does_not_ask_for_the_unit():
     plain = opened(drawn())["front"]["place"]
     longer = [figure(f.variable, f.values * (1e3 if "lp_mm" in f.variable else 1), f.axes) for f in drawn()]
     assert opened(longer)["front"]["place"] == plain
-    decibels = [figure(f.variable, 20 * np.log10(f.values), units="dB") if f.variable == "mean_snr" else f for f in drawn()]
+    decibels = [
+        figure(f.variable, 20 * np.log10(f.values), units="dB") if f.variable == "mean_snr" else f for f in drawn()
+    ]
     assert opened(decibels)["front"]["place"] == plain
 
 
 def test_where_every_camera_clips_the_best_of_them_is_chosen():
-    figures = [figure("clipped_fraction", np.ones((3, 2, 3))) if f.variable == "clipped_fraction" else f for f in drawn()]
+    figures = [
+        figure("clipped_fraction", np.ones((3, 2, 3))) if f.variable == "clipped_fraction" else f for f in drawn()
+    ]
     made = opened(figures)["front"]
     assert made["burnt"] == made["cells"] == 18 and made["place"]
 
@@ -89,7 +110,12 @@ def checked(made, figures):
 
 def test_at_most_eight_figures_stand_open_none_twice_and_every_one_in_its_fold():
     seen = checked(opened(drawn()), drawn())
-    assert seen == {"effective_lp_mm", "mean_snr", "clipped_fraction", "fit_residual"}  # no condition, no plate scale, no MTF50 again
+    assert seen == {
+        "effective_lp_mm",
+        "mean_snr",
+        "clipped_fraction",
+        "fit_residual",
+    }  # no condition, no plate scale, no MTF50 again
     unknown = [figure(f"own_{n}", np.full(3, float(n)), ("p",)) for n in range(20)]
     assert len(checked(opened(unknown), unknown)) == MOST_OPEN
     twice = [figure("mean_snr", np.ones((3, 2, 3)), stage="one"), figure("mean_snr", np.ones((3, 2, 3)), stage="two")]

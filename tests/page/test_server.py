@@ -50,7 +50,14 @@ def test_it_listens_on_this_machine_alone(server):
 
 
 def test_without_its_token_there_is_nothing(server):
-    wrong = ["/", f"/{server.token}", f"/{server.token[:-1]}/", f"/{'x' * len(server.token)}/", "//etc/passwd", f"/../{server.token}/"]
+    wrong = [
+        "/",
+        f"/{server.token}",
+        f"/{server.token[:-1]}/",
+        f"/{'x' * len(server.token)}/",
+        "//etc/passwd",
+        f"/../{server.token}/",
+    ]
     assert {asked(server, path)[0] for path in wrong} == {404}
 
 
@@ -61,7 +68,12 @@ def test_below_its_token_there_are_its_answers_and_no_files(server):
 
 def test_another_host_or_site_is_refused(server):
     state = f"/{server.token}/state"
-    for host in ("evil.example", f"evil.example:{server.server_port}", "127.0.0.1", f"127.0.0.1:{server.server_port}.evil.example"):
+    for host in (
+        "evil.example",
+        f"evil.example:{server.server_port}",
+        "127.0.0.1",
+        f"127.0.0.1:{server.server_port}.evil.example",
+    ):
         assert asked(server, state, Host=host)[0] == 403
     assert asked(server, state, Host=f"localhost:{server.server_port}")[0] == 200
     assert asked(server, state, **{"Sec-Fetch-Site": "cross-site"})[0] == 403
@@ -76,12 +88,15 @@ def test_it_can_be_looked_at_and_nothing_else(server, method):
 def test_answers_are_kept_by_nobody_and_framed_by_nobody(server):
     headers, _ = found(server, "")
     assert (
-        headers["Cache-Control"] == "no-store" and headers["X-Frame-Options"] == "DENY" and headers["X-Content-Type-Options"] == "nosniff"
+        headers["Cache-Control"] == "no-store"
+        and headers["X-Frame-Options"] == "DENY"
+        and headers["X-Content-Type-Options"] == "nosniff"
     )
 
 
 @pytest.mark.parametrize(
-    "words", [{"at": "f_number:9"}, {"at": "nothing:0"}, {"at": "f_number:-1"}, {"stage": "../x"}, {"variable": "status"}]
+    "words",
+    [{"at": "f_number:9"}, {"at": "nothing:0"}, {"at": "f_number:-1"}, {"stage": "../x"}, {"variable": "status"}],
 )
 def test_what_is_not_there_is_said_so(server, words):
     asked_for = {"stage": "encode", "variable": "rgb_display", "at": AT, **words}
@@ -109,7 +124,10 @@ def test_the_probe_gives_every_stage_s_own_value(archive, server):
         stored = stored_of(archive, stage, variable)
         assert row["values"] == stored[..., row["row"], row["column"]].ravel().tolist()
     pixel, scene = rows["adc", "raw"], rows["scene", "radiance"]
-    assert (pixel["column"], pixel["row"]) == (round(-31 / 6 + 8.5), round(13 / 6 + 5.5))  # 18 x 12 pixels of 6 um about the axis
+    assert (pixel["column"], pixel["row"]) == (
+        round(-31 / 6 + 8.5),
+        round(13 / 6 + 5.5),
+    )  # 18 x 12 pixels of 6 um about the axis
     assert (scene["column"], scene["row"]) == (round(-31 / 2 + 29.5), round(13 / 2 + 19.5))
 
 
@@ -128,7 +146,10 @@ def test_a_histogram_counts_every_pixel_that_is_seen(archive, server):
     assert sum(sum(one["counts"]) for one in told["channels"]) == region.size and told["ceiling"] == 4095
     red = next(one for one in told["channels"] if one["name"] == "R")
     own = region[::2, ::2].astype(float)
-    assert (red["mean"], red["deviation"]) == (pytest.approx(own.mean(), rel=1e-12), pytest.approx(own.std(), rel=1e-12))
+    assert (red["mean"], red["deviation"]) == (
+        pytest.approx(own.mean(), rel=1e-12),
+        pytest.approx(own.std(), rel=1e-12),
+    )
 
 
 def stored_of(archive, stage, variable):

@@ -25,7 +25,9 @@ def test_a_cast_over_the_whole_picture_is_no_zipper_but_its_size_in_false_colour
     reference = _lab(seed)
     cast = reference + np.array([0, shift, 0.5 * shift])[:, None, None]
     assert artefacts.zipper(cast, reference) == 0
-    assert_allclose(artefacts.false_colour(cast, reference), abs(shift) * np.sqrt(1.25), atol=1e-11)  # a weighted mean of one value
+    assert_allclose(
+        artefacts.false_colour(cast, reference), abs(shift) * np.sqrt(1.25), atol=1e-11
+    )  # a weighted mean of one value
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -34,18 +36,23 @@ def test_artefacts_turn_and_mirror_with_the_pictures(seed):
     for turn in (lambda p: np.rot90(p, axes=(1, 2)), lambda p: p[:, ::-1], lambda p: p[:, :, ::-1]):
         assert artefacts.zipper(turn(picture), turn(reference)) == artefacts.zipper(picture, reference)
         # the order of the sums changes
-        assert_allclose(artefacts.false_colour(turn(picture), turn(reference)), artefacts.false_colour(picture, reference), rtol=1e-12)
+        assert_allclose(
+            artefacts.false_colour(turn(picture), turn(reference)),
+            artefacts.false_colour(picture, reference),
+            rtol=1e-12,
+        )
 
 
 def test_a_saw_tooth_along_an_edge_counts_its_pixels():
-    # vertical edge between columns 5 and 6; every second pixel of column 6 is 10 darker: its most similar neighbour (the
-    # reference is constant there) has no zipper, so the change of smallest size decides: for the odd pixels all
+    # vertical edge between columns 5 and 6; every second pixel of column 6 is 10 darker: its most similar neighbour
+    # (the reference is constant there) has no zipper, so the change of smallest size decides: for the odd pixels all
     # neighbours in the light half but two columns on are unchanged
     reference = np.zeros((3, 8, 12))
     reference[0, :, 6:] = 80
     picture = reference.copy()
     picture[0, ::2, 6] -= 10
-    # a changed pixel differs by 10 from its unchanged neighbours; its like neighbours are two rows away, no neighbours at all
+    # a changed pixel differs by 10 from its unchanged neighbours; its like neighbours are two rows away, no neighbours
+    # at all
     assert artefacts.zipper(picture, reference) == 4 / (8 * 12)
     assert artefacts.zipper(picture, reference, threshold=10) == 0
 

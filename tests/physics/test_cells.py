@@ -25,7 +25,9 @@ def silicon_at_650(fy, fx):
 
 
 def lopsided(wavelength, number):
-    """Two spots of unequal strength, apart by a fraction of a cell: a complex transfer function of light that is nowhere negative."""
+    """Two spots of unequal strength, apart by a fraction of a cell: a complex transfer function of light that is
+    nowhere negative.
+    """
     own = airy(wavelength, number)
     return lambda fy, fx: own(fy, fx) * (0.7 + 0.3 * np.exp(-2j * np.pi * (0.8 * fy - 1.3 * fx)))
 
@@ -48,9 +50,13 @@ def point(ny, nx):
 
 
 BLURS = {
-    "airy": airy(0.55, 2.8), "lopsided": lopsided(0.55, 2.8), "silicon": silicon_at_650, "gaussian": gaussian(0.8),
-    "narrow gaussian": gaussian(0.1), "nothing": nothing,
-}  # fmt: skip
+    "airy": airy(0.55, 2.8),
+    "lopsided": lopsided(0.55, 2.8),
+    "silicon": silicon_at_650,
+    "gaussian": gaussian(0.8),
+    "narrow gaussian": gaussian(0.1),
+    "nothing": nothing,
+}
 
 
 @pytest.mark.parametrize("number", [1.4, 2.8, 4.0, 11.0, 64.0])
@@ -73,7 +79,9 @@ def test_flux_is_kept_and_light_stays_light_behind_every_blur(name, ny, nx, spac
 
 
 def test_what_a_point_leaves_in_each_cell_is_the_energy_of_the_airy_pattern_averaged_over_the_cell_it_comes_from():
-    """Reference: cells cut into n x n, each a point that gives its neighbours ``pixel_airy``; the error falls as 1/n^2."""
+    """Reference: cells cut into n x n, each a point that gives its neighbours ``pixel_airy``; the error falls as
+    1/n^2.
+    """
     spacing, number, wavelength, parts = 2.0, 2.8, 0.55, (6, 12, 24)
     sums = []
     for n in parts:
@@ -81,7 +89,11 @@ def test_what_a_point_leaves_in_each_cell_is_the_energy_of_the_airy_pattern_aver
         away = np.arange(-n + 1, n)
         row = [
             [
-                (tent[:, None] * tent * pixel_airy(i * n + away[:, None], j * n + away, spacing / n, wavelength, number)).sum()
+                (
+                    tent[:, None]
+                    * tent
+                    * pixel_airy(i * n + away[:, None], j * n + away, spacing / n, wavelength, number)
+                ).sum()
                 for j in range(3)
             ]
             for i in range(3)
@@ -89,14 +101,19 @@ def test_what_a_point_leaves_in_each_cell_is_the_energy_of_the_airy_pattern_aver
         sums.append(np.array(row))
     reference = sums[2] + (sums[2] - sums[1]) / 3
     assert np.abs(sums[1] - sums[0]).max() / np.abs(sums[2] - sums[1]).max() > 3.5  # the order of the reference
-    # the padded plane is periodic: all its images together add the tails beyond 600 cells, 2/(pi v) of the energy over 360,000 cells
+    # the padded plane is periodic: all its images together add the tails beyond 600 cells, 2/(pi v) of the energy over
+    # 360,000 cells
     found = means(airy(wavelength, number), point(600, 600), spacing)[300:303, 300:303]
     assert_allclose(found, reference, rtol=0, atol=3e-6)
 
 
-@pytest.mark.parametrize(("pitch", "wavelength", "number"), [(5.4, 0.55, 2.8), (1.12, 0.65, 1.8), (2.64, 0.55, 4.0), (5.4, 0.55, 22.0)])
+@pytest.mark.parametrize(
+    ("pitch", "wavelength", "number"), [(5.4, 0.55, 2.8), (1.12, 0.65, 1.8), (2.64, 0.55, 4.0), (5.4, 0.55, 22.0)]
+)
 def test_pixels_hold_the_exact_energy_of_an_airy_pattern(pitch, wavelength, number):
-    """The source is one small cell; smeared over it, a pixel's energy changes by the cell's variance times its curvature."""
+    """The source is one small cell; smeared over it, a pixel's energy changes by the cell's variance times its
+    curvature.
+    """
     parts, frame = 21, 25
     spacing, size = pitch / parts, frame * parts
     axis = cells.Axis(size, spacing)
@@ -111,7 +128,8 @@ def test_pixels_hold_the_exact_energy_of_an_airy_pattern(pitch, wavelength, numb
     def exact(row, column, down=0, across=0):
         """A pixel cut into parts, moved by whole parts."""
         rows, columns = (
-            slice(first := reach - parts // 2 + where, first + parts) for where in (row * parts + down, column * parts + across)
+            slice(first := reach - parts // 2 + where, first + parts)
+            for where in (row * parts + down, column * parts + across)
         )
         return fine[rows, columns].sum()
 
@@ -146,7 +164,9 @@ def test_a_pixel_of_the_paper_converges_to_its_exact_energy_in_the_second_order(
 
 @pytest.mark.parametrize("spacing", [0.5, 2.0, 7.0])
 def test_a_hard_edge_behind_a_gaussian_lens_is_the_exact_integral_over_cells(spacing):
-    """Bars of half the period; the integral of the normal distribution, twice: once for the edge, once over the cell."""
+    """Bars of half the period; the integral of the normal distribution, twice: once for the edge, once over the
+    cell.
+    """
     from scipy.special import ndtr
 
     sigma, count = 0.8, 48
@@ -184,7 +204,9 @@ def test_without_optics_a_pixel_is_the_exact_area_of_its_cells():
     y, x = cells.Axis(20, 1.5), cells.Axis(21, 1.5)
     reach = cells.reach_of(nothing, 1.5)
     at = np.array([4.0, 7.3, 19.8]), np.array([0.1, 12.5])
-    found = cell_pixels.evaluated([nothing], [reach], np.ones((1, 1)), np.fft.rfft2(plane)[None], y, x, at, (4.2, 0.6))[0]
+    found = cell_pixels.evaluated([nothing], [reach], np.ones((1, 1)), np.fft.rfft2(plane)[None], y, x, at, (4.2, 0.6))[
+        0
+    ]
     fine = np.repeat(np.repeat(plane, 10, axis=0), 10, axis=1)  # tenths of a cell, periodic
     for i, v in enumerate(at[0]):
         for j, u in enumerate(at[1]):
@@ -194,7 +216,11 @@ def test_without_optics_a_pixel_is_the_exact_area_of_its_cells():
             assert_allclose(found[i, j], part.mean(), rtol=1e-12)
 
 
-@given(st.lists(st.floats(-50, 50), min_size=1, max_size=5), st.one_of(st.just(0.0), st.floats(1e-3, 9)), st.integers(10, 30))
+@given(
+    st.lists(st.floats(-50, 50), min_size=1, max_size=5),
+    st.one_of(st.just(0.0), st.floats(1e-3, 9)),
+    st.integers(10, 30),
+)
 def test_overlaps_are_shares(centres, width, size):
     shares = cells.overlaps(np.array(centres), width, size)
     assert shares.min() >= 0
@@ -218,7 +244,9 @@ def test_a_complex_transfer_function_moves_light_to_its_side():
 
 
 def test_the_two_light_models_meet_in_the_second_order_of_the_spacing():
-    """A smooth plane behind a lens: the means differ from the samples by spacing^2 times the curvature over 24, twice."""
+    """A smooth plane behind a lens: the means differ from the samples by spacing^2 times the curvature over 24,
+    twice.
+    """
     errors = []
     for count in (32, 64, 128):
         step = 96.0 / count

@@ -50,7 +50,12 @@ def test_each_site_of_a_quad_bayer_cell_is_four_pixels_of_the_bayer_cell():
 
 
 def test_a_mask_is_the_same_however_often_its_cell_is_written_and_whatever_its_case():
-    assert cfa.parse("RG/GB/RG/GB") == cfa.parse("rggb") == cfa.parse("rgrg/gbgb") == cfa.parse_rows("# cell\nR, G\nG, B\n")
+    assert (
+        cfa.parse("RG/GB/RG/GB")
+        == cfa.parse("rggb")
+        == cfa.parse("rgrg/gbgb")
+        == cfa.parse_rows("# cell\nR, G\nG, B\n")
+    )
     assert cfa.parse("RG/GB").bayer == "RGGB"
     assert cfa.parse("WW/WW") == cfa.parse("MONO")
     assert cfa.parse("X-Trans").bayer is None

@@ -37,7 +37,9 @@ def spots(y, x, low, high, softness):
 
 
 def whole(y, x, low, high, softness):
-    return composite.composite(y, x, 80.0, 60.0, Drawn(softness, low=low, high=high), highest_frequency=0.5, cycles=12).grey
+    return composite.composite(
+        y, x, 80.0, 60.0, Drawn(softness, low=low, high=high), highest_frequency=0.5, cycles=12
+    ).grey
 
 
 CHARTS = [edge, star, plate, wedge, spots]
@@ -111,7 +113,10 @@ def test_derivative_along_the_normal_is_the_gaussian(angle):
 
     def value(at):
         return np.array(
-            [charts.slanted_edge([p * normal[0]], [p * normal[1]], angle, Drawn(softness, low=0.2, high=0.9))[0, 0] for p in at]
+            [
+                charts.slanted_edge([p * normal[0]], [p * normal[1]], angle, Drawn(softness, low=0.2, high=0.9))[0, 0]
+                for p in at
+            ]
         )
 
     slope = (value(distance + step) - value(distance - step)) / (2 * step)
@@ -185,7 +190,10 @@ def test_star_repeats_after_one_period_of_angle():
     radius, cycles = 10.0, 12
     angles = 0.3 + 2 * np.pi * np.arange(cycles) / cycles
     value = [
-        charts.siemens_star([radius * np.sin(a)], [radius * np.cos(a)], cycles, 20.0, Drawn(0.5, low=0.1, high=0.9))[0, 0] for a in angles
+        charts.siemens_star([radius * np.sin(a)], [radius * np.cos(a)], cycles, 20.0, Drawn(0.5, low=0.1, high=0.9))[
+            0, 0
+        ]
+        for a in angles
     ]
     assert_allclose(value, value[0], rtol=1e-13)
 
@@ -354,7 +362,9 @@ def test_each_edge_window_holds_one_edge_and_nothing_else(angle):
     for name in ("edge_vertical", "edge_horizontal"):
         top, bottom, left, right = regions[name]
         y, x = np.linspace(top, bottom, 40), np.linspace(left, right, 41)
-        value = composite.composite(y, x, width, height, Drawn(softness, low=0.1, high=0.7), highest_frequency=0.2, angle_deg=angle).grey
+        value = composite.composite(
+            y, x, width, height, Drawn(softness, low=0.1, high=0.7), highest_frequency=0.2, angle_deg=angle
+        ).grey
         if name == "edge_vertical":  # light outside on the left: the edge chart with its levels swapped
             expected = 0.8 - charts.slanted_edge(y - centre, x, angle, Drawn(softness, low=0.1, high=0.7), -half)
         else:  # the same edge after a quarter turn, which takes (y, x) to (x, -y)
@@ -476,7 +486,9 @@ def in_parts(paint, y, x, cell, parts=40):
 CELL_Y, CELL_X = (np.arange(21) - 10) * 1.7, (np.arange(24) - 11.5) * 1.7
 
 
-@given(angle=st.floats(-89.0, 89.0), offset=st.floats(-10.0, 10.0), softness=st.sampled_from([0.0, 0.0, 0.05, 0.6, 3.0]))
+@given(
+    angle=st.floats(-89.0, 89.0), offset=st.floats(-10.0, 10.0), softness=st.sampled_from([0.0, 0.0, 0.05, 0.6, 3.0])
+)
 @settings(max_examples=60, deadline=None)
 def test_the_mean_of_a_slanted_edge_over_cells_is_the_area_of_its_half_plane(angle, offset, softness):
     found = charts.slanted_edge(CELL_Y, CELL_X, angle, Drawn(softness, 1.7), offset)
@@ -493,7 +505,9 @@ def test_cells_side_by_side_hold_what_the_large_cell_holds(angle, softness):
     y, x = np.arange(-6, 7) * 0.9, np.arange(-7, 8) * 0.9
     large = charts.slanted_edge(y, x, angle, Drawn(softness, 0.9), 0.2)
     within = np.array([-0.3, 0.0, 0.3])
-    small = charts.slanted_edge((y[:, None] + within).ravel(), (x[:, None] + within).ravel(), angle, Drawn(softness, 0.3), 0.2)
+    small = charts.slanted_edge(
+        (y[:, None] + within).ravel(), (x[:, None] + within).ravel(), angle, Drawn(softness, 0.3), 0.2
+    )
     assert_allclose(small.reshape(y.size, 3, x.size, 3).mean(axis=(1, 3)), large, rtol=0, atol=1e-9)
 
 
@@ -504,8 +518,9 @@ def test_an_edge_along_the_columns_covers_its_share_of_the_cells_it_cuts():
 
 @pytest.mark.parametrize("softness", [0.0, 0.8])
 @pytest.mark.parametrize(
-    "name", ["siemens_star", "zone_plate", "step_wedge", "patches", "points", "squares"],
-)  # fmt: skip
+    "name",
+    ["siemens_star", "zone_plate", "step_wedge", "patches", "points", "squares"],
+)
 def test_means_over_cells_are_those_of_many_points(name, softness):
     cell = 1.7
     paints = {

@@ -165,7 +165,9 @@ def test_a_kept_white_is_exact_and_costs_residual(seed):
 
 @pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-12, 1e-9])
 def test_channels_that_are_alike_to_rounding_make_no_matrix_of_it(apart):
-    """Three filters that see the same: what distinguishes them is rounding, and a matrix of 1/rounding would draw it in colours."""
+    """Three filters that see the same: what distinguishes them is rounding, and a matrix of 1/rounding would draw it
+    in colours.
+    """
     rng = np.random.default_rng(5)
     samples = rng.uniform(0.1, 1, (24, 1)) * np.ones(3) + apart * rng.normal(size=(24, 3))
     targets = samples @ rng.normal(size=(3, 3))
@@ -190,7 +192,9 @@ def test_constants_cannot_be_written():
 
 
 def test_a_ridge_trades_residual_for_a_smaller_matrix_and_keeps_the_white():
-    """Nearly equal channels: the free elements shrink steadily, the error grows steadily, white stays exact to rounding."""
+    """Nearly equal channels: the free elements shrink steadily, the error grows steadily, white stays exact to
+    rounding.
+    """
     rng = np.random.default_rng(4)
     base = rng.uniform(0.1, 1, (24, 1))
     samples = base + 0.02 * rng.normal(size=(24, 3))

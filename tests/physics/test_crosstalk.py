@@ -77,7 +77,9 @@ def test_a_window_off_centre_gives_more_to_the_side_it_lies_on(pitch, light, y, 
 
 @pytest.mark.parametrize("pitch", [1.1, 2.8, 5.4])
 def test_a_kernel_is_the_pixel_integral_of_the_transfer_function(pitch):
-    """Own pixel and two neighbours, by quadrature over frequency of D x window x pixel: nothing of the kernel's own making."""
+    """Own pixel and two neighbours, by quadrature over frequency of D x window x pixel: nothing of the kernel's own
+    making.
+    """
     light = 0.741 * pitch
     floor = photodiode.collection_mtf(np.inf, *PAPER)
     nodes, weights = np.polynomial.legendre.leggauss(20)
@@ -88,13 +90,17 @@ def test_a_kernel_is_the_pixel_integral_of_the_transfer_function(pitch):
     kernel, _ = kernel_of(PAPER, pitch, 0.741)
     r = kernel.shape[0] // 2
     for down, right in ((0, 0), (0, 1), (1, 1)):
-        along = [2 * np.sinc(f * light) * np.sinc(f * pitch) * np.cos(2 * np.pi * f * n * pitch) * w for n in (down, right)]
+        along = [
+            2 * np.sinc(f * light) * np.sinc(f * pitch) * np.cos(2 * np.pi * f * n * pitch) * w for n in (down, right)
+        ]
         direct = pitch**2 * along[0] @ moved @ along[1] + (floor if down == right == 0 else 0.0)
         # beyond 40 cycles a pixel the integrand is below 1/f^3
         assert_allclose(kernel[r + down, r + right], direct, atol=2e-5)
 
 
-@pytest.mark.parametrize(("pitch", "leaves", "from_window"), [(1.1, 0.42, 0.410), (2.8, 0.33, 0.314), (5.4, 0.25, 0.220)])
+@pytest.mark.parametrize(
+    ("pitch", "leaves", "from_window"), [(1.1, 0.42, 0.410), (2.8, 0.33, 0.314), (5.4, 0.25, 0.220)]
+)
 def test_at_650_nm_as_much_charge_leaves_its_pixel_as_the_contract_says(pitch, leaves, from_window):
     """42, 33 and 25 per cent from a pixel that is lit over its whole width; less from one lit in its middle."""
     whole, _ = kernel_of(PAPER, pitch)
@@ -104,7 +110,11 @@ def test_at_650_nm_as_much_charge_leaves_its_pixel_as_the_contract_says(pitch, l
 
 
 def test_without_diffusion_every_charge_stays_and_large_pixels_lose_what_their_edge_loses():
-    for still in ((REDDISH, 1.8, 0.0, 50.0, "absorbing"), (REDDISH, 1e4, 10.0, 50.0, "absorbing"), (1e3, 1.8, 10.0, 50.0, "absorbing")):
+    for still in (
+        (REDDISH, 1.8, 0.0, 50.0, "absorbing"),
+        (REDDISH, 1e4, 10.0, 50.0, "absorbing"),
+        (1e3, 1.8, 10.0, 50.0, "absorbing"),
+    ):
         kernel, _ = kernel_of(still, 2.8)
         assert_allclose(kernel.max(), 1.0, rtol=1e-14)
     left = [1 - kernel_of(PAPER, pitch)[0].max() for pitch in (200.0, 400.0, 800.0)]
@@ -126,7 +136,12 @@ def test_a_cut_kernel_spreads_what_it_cuts_and_says_how_much():
 
 def kernels_for(mask, pitch=2.0, reach=12):
     """Another photodiode for each channel, so that nothing holds by their being equal."""
-    return np.stack([kernel_of((0.2 * (i + 1), 1.0, 5.0, 50.0, "absorbing"), pitch, 0.9, reach)[0] for i in range(len(mask.channels))])
+    return np.stack(
+        [
+            kernel_of((0.2 * (i + 1), 1.0, 5.0, 50.0, "absorbing"), pitch, 0.9, reach)[0]
+            for i in range(len(mask.channels))
+        ]
+    )
 
 
 @given(mask=masks, row=st.integers(0, 6), column=st.integers(0, 6), seed=seeds)
@@ -151,16 +166,24 @@ def test_light_through_red_filters_only_is_found_in_green_and_blue_neighbours_as
     r = kernels.shape[1] // 2
     size = 6 * r
     mosaic = np.zeros((size, size))
-    mosaic[2 * r : 4 * r : 2, 2 * r : 4 * r : 2] = np.random.default_rng(3).uniform(1.0, 2.0, (r, r))  # red pixels, away from the border
+    mosaic[2 * r : 4 * r : 2, 2 * r : 4 * r : 2] = np.random.default_rng(3).uniform(
+        1.0, 2.0, (r, r)
+    )  # red pixels, away from the border
     spread = crosstalk.diffuse(mosaic, kernels, mask)
     assert_allclose(spread.sum(), mosaic.sum(), rtol=1e-12)
     down, right = np.mgrid[-r : r + 1, -r : r + 1]
     index = cfa.channel_index(mask, size, size)
-    for channel, places in ((0, (down % 2 == 0) & (right % 2 == 0)), (1, (down + right) % 2 == 1), (2, (down % 2 == 1) & (right % 2 == 1))):
+    for channel, places in (
+        (0, (down % 2 == 0) & (right % 2 == 0)),
+        (1, (down + right) % 2 == 1),
+        (2, (down % 2 == 1) & (right % 2 == 1)),
+    ):
         assert_allclose(spread[index == channel].sum(), mosaic.sum() * kernels[0][places].sum(), rtol=1e-12)
 
 
-@given(mask=masks, shape=st.tuples(st.integers(6, 30), st.integers(6, 30)), row=st.integers(0, 6), column=st.integers(0, 6))
+@given(
+    mask=masks, shape=st.tuples(st.integers(6, 30), st.integers(6, 30)), row=st.integers(0, 6), column=st.integers(0, 6)
+)
 @settings(deadline=None, max_examples=40)
 def test_uniform_light_of_each_colour_comes_out_the_same_up_to_the_border(mask, shape, row, column):
     kernels = kernels_for(mask)
@@ -197,7 +220,9 @@ def test_a_window_sees_what_the_whole_sensor_sees_inside_its_border(mask, row, s
 
 
 def test_behind_one_filter_the_kernel_tends_to_diffusion_of_the_light_as_pixels_shrink():
-    """A kernel knows of a pixel only how much light it had: it blurs by two windows more, which vanish with the pitch squared."""
+    """A kernel knows of a pixel only how much light it had: it blurs by two windows more, which vanish with the
+    pitch squared.
+    """
     f = np.array([0.02, 0.05, 0.1])
     exact = photodiode.collection_mtf(f, *PAPER)
     errors = []
@@ -214,7 +239,9 @@ def test_float32_is_kept_and_close():
     mosaic = np.random.default_rng(5).uniform(0.0, 1.0, (60, 70)).astype(np.float32)
     spread = crosstalk.diffuse(mosaic, kernels_for(mask), mask)
     assert spread.dtype == np.float32
-    assert_allclose(spread, crosstalk.diffuse(mosaic.astype(float), kernels_for(mask), mask), atol=1e-6)  # of the transforms
+    assert_allclose(
+        spread, crosstalk.diffuse(mosaic.astype(float), kernels_for(mask), mask), atol=1e-6
+    )  # of the transforms
 
 
 @settings(max_examples=20)
@@ -232,5 +259,7 @@ def test_transfer_functions_between_channels_are_the_transformed_kernels(mask, o
     away = np.arange(between.shape[-1]) - between.shape[-1] // 2
     waves = [np.exp(-2j * np.pi * np.outer(away, f)) for f in (fy, fx)]
     assert_allclose(found, np.einsum("csij,im,jn->csmn", between, *waves, optimize=True), rtol=0, atol=1e-12)
-    still = crosstalk_planes.channel_transfer(parts[:, 0], parts[:, 1:], *along, mask, np.zeros(1), np.zeros(1))[..., 0, 0]
+    still = crosstalk_planes.channel_transfer(parts[:, 0], parts[:, 1:], *along, mask, np.zeros(1), np.zeros(1))[
+        ..., 0, 0
+    ]
     assert_allclose(still, crosstalk.mixing(kernel, mask), rtol=0, atol=1e-12)

@@ -63,7 +63,9 @@ def test_finer_painting_comes_nearer_in_the_second_order():
 def test_a_window_shows_the_crop_of_the_whole():
     chart = leaves(*CHART)
     whole = dead_leaves(Y, Y, chart, 1.0)
-    assert_allclose(dead_leaves(Y[40:90], Y[100:200], chart, 1.0), whole[40:90, 100:200], atol=2e-6)  # painted in float32
+    assert_allclose(
+        dead_leaves(Y[40:90], Y[100:200], chart, 1.0), whole[40:90, 100:200], atol=2e-6
+    )  # painted in float32
 
 
 def test_the_same_seed_draws_the_same_leaves_and_another_others():
@@ -123,7 +125,9 @@ def test_the_original_does_not_explain_noise_and_the_power_takes_it_for_contrast
     assert cross.coherence[-1] < 0.2
     kept = texture_response(noisy, original, known=gaussian(0.7), method="power")
     taken = texture_response(noisy, original, known=gaussian(0.7), method="power", noise=0.03)
-    flat = texture_response(noisy, original, known=gaussian(0.7), method="power", noise=0.5 + rng.normal(0, 0.03, (128, 128)))
+    flat = texture_response(
+        noisy, original, known=gaussian(0.7), method="power", noise=0.5 + rng.normal(0, 0.03, (128, 128))
+    )
     last = cross.frequency > 0.4
     truth = gaussian(0.9)(cross.frequency[last])
     assert kept.sfr[last].mean() > 1.4 * truth.mean()

@@ -99,7 +99,10 @@ def test_at_zeros_of_the_transfer_function_nothing_is_amplified():
     assert dead.any() and np.all(gain[dead] < 1e-10)
     assert np.abs(gain).max() <= 0.5 / math.sqrt(1e-3)
     restored = scipy.fft.irfft2(spectrum * blur * gain, s=padded.shape)
-    assert np.square(restored - padded).mean() < np.square(scipy.fft.irfft2(spectrum * blur, s=padded.shape) - padded).mean()
+    assert (
+        np.square(restored - padded).mean()
+        < np.square(scipy.fft.irfft2(spectrum * blur, s=padded.shape) - padded).mean()
+    )
 
 
 def test_no_other_gain_errs_less_for_the_assumed_powers():
@@ -144,7 +147,9 @@ def test_a_border_does_not_see_the_other_one():
     planes = np.zeros(shape)
     planes[:, :8] = 1.0
     gain = deconvolution.wiener_gain(gaussian(shape, 0.7), 1e-2)
-    assert np.abs(deconvolution.apply(planes, gain)[:, -8:]).max() < 1e-4  # the filter's tail after 190 pixels, not an edge of 1
+    assert (
+        np.abs(deconvolution.apply(planes, gain)[:, -8:]).max() < 1e-4
+    )  # the filter's tail after 190 pixels, not an edge of 1
 
 
 @given(largest=st.floats(1e-3, 1e3), seed=seeds)
@@ -172,7 +177,9 @@ def test_float32_is_kept_with_its_stated_error():
 def test_the_exact_cases_are_held():
     for case in extra("richardson_lucy_1d"):
         data, kernel = (np.array([case[name]], dtype=float) for name in ("y", "h"))
-        got, done = deconvolution.richardson_lucy_periodic(data, scipy.fft.rfft2(kernel / kernel.sum()), case["iterations"])
+        got, done = deconvolution.richardson_lucy_periodic(
+            data, scipy.fft.rfft2(kernel / kernel.sum()), case["iterations"]
+        )
         assert done == case["iterations"]
         assert_allclose(got[0], [float(v) for v in case["out"]], rtol=0, atol=1e-14)
 
@@ -221,7 +228,9 @@ def test_likelihood_never_falls(shape, seed):
 
 
 def test_a_kernel_with_negative_parts_stays_bounded():
-    """A camera's transfer function ends at the Nyquist frequency above 0: its kernel rings, and beside a bright point Hx is negative."""
+    """A camera's transfer function ends at the Nyquist frequency above 0: its kernel rings, and beside a bright
+    point Hx is negative.
+    """
     n = 64
     fy, fx = scipy.fft.fftfreq(n), scipy.fft.rfftfreq(n)
     transfer = np.sinc(0.75 * fy)[:, None] * np.sinc(0.75 * fx)
@@ -229,7 +238,9 @@ def test_a_kernel_with_negative_parts_stays_bounded():
     data[20:40, 20:40], data[10, 50] = 1.0, 1.0
     got, _ = deconvolution.richardson_lucy_periodic(data, transfer, 200)
     assert np.all(np.isfinite(got)) and np.all(got >= 0)
-    assert got.max() < 1.5  # the inverse makes 1.18 of a lit pixel, squared mean of 1/sinc over the band, and more of corners
+    assert (
+        got.max() < 1.5
+    )  # the inverse makes 1.18 of a lit pixel, squared mean of 1/sinc over the band, and more of corners
     assert_allclose(got.sum(), data.sum(), rtol=1e-12)
 
 
@@ -243,10 +254,16 @@ def test_small_contrasts_are_multiplied_by_the_stated_response(iterations, start
     for cy, cx in ((0, 1), (5, 9), (24, 24)):
         wave = np.cos(2 * np.pi * (cy * y + cx * x) / n)
         whole = [math.floor(iterations), math.ceil(iterations)]
-        both = [deconvolution.richardson_lucy_periodic(1 + contrast * wave, transfer, k, start=start)[0] - 1 for k in whole]
+        both = [
+            deconvolution.richardson_lucy_periodic(1 + contrast * wave, transfer, k, start=start)[0] - 1 for k in whole
+        ]
         got = 0.5 * (both[0] + both[1])
-        response = deconvolution.richardson_lucy_response(np.exp(-2 * (np.pi * 0.6 / n) ** 2 * (cy**2 + cx**2)), iterations, start)
-        assert_allclose(got / contrast, response * wave, rtol=0, atol=2e-3)  # second order in the contrast, which iterations gather
+        response = deconvolution.richardson_lucy_response(
+            np.exp(-2 * (np.pi * 0.6 / n) ** 2 * (cy**2 + cx**2)), iterations, start
+        )
+        assert_allclose(
+            got / contrast, response * wave, rtol=0, atol=2e-3
+        )  # second order in the contrast, which iterations gather
 
 
 def test_the_response_tends_to_the_inverse_and_starts_as_the_matched_filter():
@@ -269,7 +286,9 @@ def test_the_price_in_noise_of_richardson_lucy_is_that_of_its_response():
     got, _ = deconvolution.richardson_lucy(1 + 1e-4 * noise, transfer[None], iterations)
     twice = np.full(transfer.shape, 2.0)
     twice[:, [0, -1]] = 1.0
-    predicted = restoration_gain.response_noise_gain(deconvolution.richardson_lucy_response(transfer, iterations), twice)
+    predicted = restoration_gain.response_noise_gain(
+        deconvolution.richardson_lucy_response(transfer, iterations), twice
+    )
     assert predicted > 1.2
     assert_allclose(got.std() / 1e-4, predicted, rtol=0.02)  # 40000 draws, correlated: 0.8 %
 
@@ -302,7 +321,9 @@ def test_total_variation_flattens_noise_and_keeps_an_edge():
     transfer = gaussian(shape, 0.7)
     truth = np.where(np.arange(60) < 30, 0.2, 0.8) * np.ones((40, 1))
     data = deconvolution.apply(truth, transfer) + 0.02 * np.random.default_rng(1).standard_normal(shape)
-    plain, smooth = (deconvolution.richardson_lucy(data[None], transfer, 20, variation)[0][0] for variation in (0.0, 0.01))
+    plain, smooth = (
+        deconvolution.richardson_lucy(data[None], transfer, 20, variation)[0][0] for variation in (0.0, 0.01)
+    )
     flat = np.s_[5:-5, 5:24]
     assert smooth[flat].std() < 0.5 * plain[flat].std()
     blurred, sharp = ((plane[:, 30] - plane[:, 29]).mean() for plane in (data, smooth))
@@ -360,7 +381,8 @@ def test_arguments_that_make_no_sense_are_refused():
 def test_the_signal_spectrum_passes_smoothly_through_the_exponent_at_which_its_integral_is_a_logarithm(step):
     f = np.array([0.0, 0.01, 0.3])
     here, there = (deconvolution.signal_spectrum(0.0, f, 2.0 + s) for s in (0.0, step))
-    # the logarithm of the spectrum has a slope of at most ln(256) by the exponent, and of its area as much; then rounding
+    # the logarithm of the spectrum has a slope of at most ln(256) by the exponent, and of its area as much; then
+    # rounding
     assert_allclose(np.log(there / here), 0, atol=2 * math.log(256) * abs(step) + 1e-13)
 
 
@@ -381,4 +403,6 @@ def test_a_picture_far_below_its_pedestal_keeps_its_digits_in_single_precision()
     exact, _ = deconvolution.richardson_lucy(picture, transfer, 10, pedestal=1e4)
     found, _ = deconvolution.richardson_lucy(picture.astype(np.float32), transfer, 10, pedestal=1e4)
     assert found.dtype == np.float32
-    assert_allclose(found, exact, rtol=0, atol=3e-7)  # the input and the result are rounded; with 1e4 added in float32 it was 5e-4
+    assert_allclose(
+        found, exact, rtol=0, atol=3e-7
+    )  # the input and the result are rounded; with 1e4 added in float32 it was 5e-4

@@ -1,4 +1,6 @@
-"""Defective pixels found and replaced. In: ramps, edges and flat fields with defects put in. Out: what they were before."""
+"""Defective pixels found and replaced. In: ramps, edges and flat fields with defects put in. Out: what they were
+before.
+"""
 
 import numpy as np
 import pytest
@@ -37,7 +39,12 @@ def test_isolated_defects_on_a_linear_ramp_are_undone_exactly_for_every_mask(nam
     assert_allclose(found, truth, atol=2e-15)  # means of up to eight lines, of numbers below 1.2
 
 
-@given(name=st.sampled_from(NAMES), slope_y=slopes, slope_x=slopes, shape=st.sampled_from([(40, 42), (7, 30), (1, 30), (30, 1), (3, 3)]))
+@given(
+    name=st.sampled_from(NAMES),
+    slope_y=slopes,
+    slope_x=slopes,
+    shape=st.sampled_from([(40, 42), (7, 30), (1, 30), (30, 1), (3, 3)]),
+)
 @settings(max_examples=60, deadline=None)
 def test_a_ramp_has_no_defects_not_even_at_its_border(name, slope_y, slope_x, shape):
     assert not defect_correction.outliers(ramp(shape, slope_y, slope_x), cfa.parse(name), **QUIET, contrast=0.0).any()
@@ -96,11 +103,16 @@ def test_a_defect_takes_no_part_in_anothers_repair():
 @settings(max_examples=20, deadline=None)
 def test_a_window_that_starts_elsewhere_keeps_the_sensors_mask(row, column, seed):
     mask = cfa.parse("X-Trans")
-    shifted = cfa.parse("/".join(("".join(mask.rows[(row + y) % 6][(column + x) % 6] for x in range(6))) for y in range(6)))
+    shifted = cfa.parse(
+        "/".join(("".join(mask.rows[(row + y) % 6][(column + x) % 6] for x in range(6))) for y in range(6))
+    )
     frame = np.random.default_rng(seed).uniform(size=(24, 25))
     places = defect_correction.outliers(frame, mask, 0.0, np.inf, 0.0, 1.0, 0.0, row, column)
     assert_array_equal(places, defect_correction.outliers(frame, shifted, 0.0, np.inf, 0.0, 1.0, 0.0))
-    one, other = defect_correction.replaced(frame, places, mask, row, column), defect_correction.replaced(frame, places, shifted)
+    one, other = (
+        defect_correction.replaced(frame, places, mask, row, column),
+        defect_correction.replaced(frame, places, shifted),
+    )
     assert_array_equal(one[0], other[0])
 
 

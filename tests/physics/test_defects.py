@@ -37,7 +37,9 @@ def test_a_list_stands_at_absolute_pixels(tmp_path):
     assert_array_equal(defects.listed_map(entries, np.arange(2.0, 5.0), np.arange(3.0, 6.0)), whole[2:5, 3:6])
 
 
-@pytest.mark.parametrize("text", ["y,x,kind\n1,2,hot\n", "row,column,kind\n1,2,warm\n", "row,column,kind\n1.5,2,hot\n", ""])
+@pytest.mark.parametrize(
+    "text", ["y,x,kind\n1,2,hot\n", "row,column,kind\n1,2,warm\n", "row,column,kind\n1.5,2,hot\n", ""]
+)
 def test_a_list_that_cannot_be_read_says_what_it_should_hold(tmp_path, text):
     file = tmp_path / "defects.csv"
     file.write_text(text)

@@ -43,11 +43,20 @@ def as_described(raw, pattern, floor):
     return np.stack(planes)
 
 
-@given(pattern=patterns, rows=st.integers(2, 17), columns=st.integers(2, 17), seed=seeds, floor=st.sampled_from([1e-9, FLOOR, 0.1]))
+@given(
+    pattern=patterns,
+    rows=st.integers(2, 17),
+    columns=st.integers(2, 17),
+    seed=seeds,
+    floor=st.sampled_from([1e-9, FLOOR, 0.1]),
+)
 def test_it_is_what_its_description_says_at_every_pixel_and_size(pattern, rows, columns, seed, floor):
     raw = noise((rows, columns), seed)
-    # weights round where both directions are nearly without difference: in frames of a few pixels that are their own mirror image
-    assert_allclose(directional(raw, pattern, floor), as_described(raw, pattern, floor), rtol=0, atol=2e-14 + 1e-15 * 1e-3 / floor)
+    # weights round where both directions are nearly without difference: in frames of a few pixels that are their own
+    # mirror image
+    assert_allclose(
+        directional(raw, pattern, floor), as_described(raw, pattern, floor), rtol=0, atol=2e-14 + 1e-15 * 1e-3 / floor
+    )
 
 
 @given(pattern=patterns, seed=seeds, exponent=st.integers(-12, 12))
@@ -79,7 +88,9 @@ def test_a_floor_above_all_differences_gives_rows_and_columns_equal_parts():
 
 @given(pattern=patterns, length=st.integers(2, 12), seed=seeds, upright=st.booleans())
 def test_a_line_is_the_row_of_a_picture_that_has_nothing_else_to_say(pattern, length, seed, upright):
-    """Many copies of a line agree along columns only where all is grey; along rows they hold the line's own estimate."""
+    """Many copies of a line agree along columns only where all is grey; along rows they hold the line's own
+    estimate.
+    """
     raw = noise((1, length), seed)
     planes = directional(raw.T.copy() if upright else raw, pattern)
     planes = planes.swapaxes(1, 2) if upright else planes
@@ -96,7 +107,10 @@ def test_single_precision_is_kept_and_close_even_where_greens_differ_on_flat_gro
     rng = np.random.default_rng(4)
     for floor in (1e-3, 1e-2):
         cell = np.tile([[0.9, 0.2], [0.3, 0.8]], (30, 30))  # two greens that differ by a tenth
-        for raw, bound in ((rng.uniform(0, 1, (60, 61)), 4e-7), (cell + 1e-5 * rng.standard_normal((60, 60)), 4e-7 + 5e-9 / floor)):
+        for raw, bound in (
+            (rng.uniform(0, 1, (60, 61)), 4e-7),
+            (cell + 1e-5 * rng.standard_normal((60, 60)), 4e-7 + 5e-9 / floor),
+        ):
             single = directional(raw.astype(np.float32), "GRBG", floor)
             assert single.dtype == np.float32
             # the stage states this: roundings add up to dissimilarity, which counts against the floor

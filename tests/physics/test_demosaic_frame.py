@@ -40,7 +40,9 @@ def test_tiles_are_even_and_no_larger_than_asked(rows, columns, width):
         assert -(-size // share) <= -(-size // width)
 
 
-@given(seed=st.integers(0, 2**32 - 1), reach=st.sampled_from([2, 4, 6]), rows=st.integers(2, 9), columns=st.integers(2, 9))
+@given(
+    seed=st.integers(0, 2**32 - 1), reach=st.sampled_from([2, 4, 6]), rows=st.integers(2, 9), columns=st.integers(2, 9)
+)
 def test_quarter_planes_hold_one_site_in_the_tile_and_one_pixel_around_it(seed, reach, rows, columns):
     framed = np.random.default_rng(seed).uniform(size=(rows + 2 * reach, columns + 2 * reach))
     for place in np.ndindex(2, 2):

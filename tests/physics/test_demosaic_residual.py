@@ -36,7 +36,9 @@ def noise(shape, seed):
 
 @lru_cache
 def discs(seed, shape=(160, 170), colours=1.0):
-    """Dead leaves: discs of power-law sizes that cover one another, each with a grating; `colours` is their saturation."""
+    """Dead leaves: discs of power-law sizes that cover one another, each with a grating; `colours` is their
+    saturation.
+    """
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: shape[0], : shape[1]]
     planes = np.zeros((3, *shape))
@@ -74,7 +76,9 @@ def test_frames_of_all_sizes_are_filled_and_measured_samples_untouched(pattern, 
 def test_mirrored_and_transposed_scenes_give_mirrored_and_transposed_pictures(pattern, shape, seed):
     raw = noise(shape, seed)
     planes = residual(raw, pattern)
-    assert_allclose(residual(raw.T, TRANSPOSED[pattern]), planes.swapaxes(1, 2), rtol=0, atol=1e-12)  # some 1e3 roundings, amplified
+    assert_allclose(
+        residual(raw.T, TRANSPOSED[pattern]), planes.swapaxes(1, 2), rtol=0, atol=1e-12
+    )  # some 1e3 roundings, amplified
     below = FLIPPED_ROWS[pattern] if shape[0] % 2 == 0 else pattern
     beside = FLIPPED_COLUMNS[pattern] if shape[1] % 2 == 0 else pattern
     assert_array_equal(residual(raw[::-1], below), planes[:, ::-1])
@@ -184,7 +188,9 @@ def test_integers_and_half_precision_are_taken():
     assert_array_equal(residual(raw, "RGGB"), residual(raw.astype(float), "RGGB"))
     half = (raw / 255).astype(np.float16)
     assert residual(half, "RGGB").dtype == np.float16
-    assert_allclose(residual(half, "RGGB"), residual(half.astype(float), "RGGB"), rtol=1e-3, atol=1e-4)  # half precision has 11 bits
+    assert_allclose(
+        residual(half, "RGGB"), residual(half.astype(float), "RGGB"), rtol=1e-3, atol=1e-4
+    )  # half precision has 11 bits
 
 
 def test_what_is_no_bayer_mosaic_is_refused():
@@ -227,7 +233,9 @@ def dark_corner(ratio, angle, place, blur, n=72):
 
 @pytest.mark.parametrize("ratio", [5, 20, 50])
 def test_no_light_wanders_into_a_dark_corner_as_colour(ratio):
-    """R/B and G/B are bilinear's to 0.45 % x ratio four pixels inside, 0.1 % x ratio from five on: so much of the white beside."""
+    """R/B and G/B are bilinear's to 0.45 % x ratio four pixels inside, 0.1 % x ratio from five on: so much of the
+    white beside.
+    """
     worst = {4: 0.0, 5: 0.0}
     for angle, place in itertools.product((0, 5, 20), ((0, 0), (0.5, 0.25), (1, 0), (0, 1.5))):
         for blur in (0.5, 0.7):
@@ -241,7 +249,9 @@ def test_no_light_wanders_into_a_dark_corner_as_colour(ratio):
 
 
 def test_the_smooth_estimator_knows_its_error():
-    """A slow signal in white noise: the estimate beats the samples threefold, and its expected error is that of the truth."""
+    """A slow signal in white noise: the estimate beats the samples threefold, and its expected error is that of the
+    truth.
+    """
     rng = np.random.default_rng(2)
     signal = 0.05 * np.sin(2 * np.pi * np.arange(400) / 60) + np.zeros((300, 1))
     rough = signal + rng.normal(0.0, 0.1, signal.shape)

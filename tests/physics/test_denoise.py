@@ -51,7 +51,8 @@ def test_on_flat_ground_noise_falls_and_more_so_in_larger_windows(radius):
     sigma = 0.05
     flat = 0.5 + sigma * np.random.default_rng(radius).standard_normal((200, 200))
     left = denoise(flat, 0.0, sigma**2, radius)[20:-20, 20:-20].std() / sigma
-    # a window's own variance is above the noise's half of the time, by about sqrt(2/n) of it: that much is taken for picture
+    # a window's own variance is above the noise's half of the time, by about sqrt(2/n) of it: that much is taken for
+    # picture
     pixels = (2 * radius + 1) ** 2
     assert left < 1.1 / math.sqrt(pixels) + 0.45 * math.sqrt(2 / pixels)
 
@@ -69,7 +70,8 @@ def test_an_edge_far_above_the_noise_stays():
     edge = np.where(np.arange(40) < 20, 0.2, 0.8) * np.ones((30, 1))
     sigma = 0.005
     got = denoise(edge, 0.0, sigma**2, 2)
-    # in windows that hold the edge a share of noise over variance goes to the mean: (0.005 / 0.3)^2 at a half, more at a fifth
+    # in windows that hold the edge a share of noise over variance goes to the mean: (0.005 / 0.3)^2 at a half, more at
+    # a fifth
     assert np.abs(got - edge).max() < 0.6 * (sigma**2 / (0.6**2 * 0.2 * 0.8))
 
 
@@ -90,7 +92,9 @@ def test_a_faint_variation_on_a_bright_ground_is_seen_in_both_precisions():
     planes = np.random.default_rng(3).uniform(0, 1, (2, 40, 50))
     single = denoise(planes.astype(np.float32), 1e-3, 1e-4, 2)
     assert single.dtype == np.float32
-    assert np.abs(single - denoise(planes, 1e-3, 1e-4, 2)).max() < 5e-7  # the input's own rounding, 6e-8, through a ratio of variances
+    assert (
+        np.abs(single - denoise(planes, 1e-3, 1e-4, 2)).max() < 5e-7
+    )  # the input's own rounding, 6e-8, through a ratio of variances
 
 
 def test_input_is_not_written_and_nonsense_is_refused():

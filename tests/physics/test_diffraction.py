@@ -53,7 +53,10 @@ def test_energy_on_a_pixel_matches_the_reference():
 
 
 def test_resolution_numbers_match_the_reference():
-    airy = {key: [float(v) for v in value] if isinstance(value, list) else float(value) for key, value in extra("airy").items()}
+    airy = {
+        key: [float(v) for v in value] if isinstance(value, list) else float(value)
+        for key, value in extra("airy").items()
+    }
     rtol = 1e-15  # constants of 18 digits
     assert_allclose(AIRY_DIAMETER, airy["first_dark_ring_diameter_in_lamN"], rtol=rtol)
     assert_allclose(RAYLEIGH, airy["zeros_of_pattern_in_lamN(radius)"][0], rtol=rtol)

@@ -26,7 +26,9 @@ def noise(seed, snr, shape=(120, 160)):
     return np.random.default_rng(seed).normal(0, 0.6 / snr, shape)
 
 
-@pytest.mark.parametrize(("angle", "snr"), [(5, 10), *(pytest.param(*at, marks=pytest.mark.long) for at in ((2, 100), (40, 30)))])
+@pytest.mark.parametrize(
+    ("angle", "snr"), [(5, 10), *(pytest.param(*at, marks=pytest.mark.long) for at in ((2, 100), (40, 30)))]
+)
 def test_the_truth_lies_in_the_interval_as_often_as_it_says(angle, snr):
     """Of 50 pictures with an interval of 95 %, 42 to 50: a binomial leaves that once in 100 times where 92 % hold.
 
@@ -43,7 +45,9 @@ def test_the_truth_lies_in_the_interval_as_often_as_it_says(angle, snr):
 
 def test_the_width_of_the_interval_follows_the_noise():
     clean = picture()
-    widths = [np.mean([_width(edge_resolution(clean + noise(s, snr), draws=200)) for s in range(6)]) for snr in (20, 40, 80)]
+    widths = [
+        np.mean([_width(edge_resolution(clean + noise(s, snr), draws=200)) for s in range(6)]) for snr in (20, 40, 80)
+    ]
     assert_allclose(widths[0] / widths[1], 2, rtol=0.25)  # six draws of each
     assert_allclose(widths[1] / widths[2], 2, rtol=0.25)
 
@@ -137,7 +141,9 @@ def test_the_edge_is_found_among_others_and_measured_alone(angle):
     assert noisy.mtf50 == pytest.approx(TRUE, rel=0.15)
 
 
-@pytest.mark.parametrize("image", [np.ones((80, 80)), np.kron(np.indices((8, 8)).sum(0) % 2, np.ones((10, 10)))], ids=["even", "board"])
+@pytest.mark.parametrize(
+    "image", [np.ones((80, 80)), np.kron(np.indices((8, 8)).sum(0) % 2, np.ones((10, 10)))], ids=["even", "board"]
+)
 def test_where_there_is_no_free_slanted_edge_none_is_found(image):
     with pytest.raises(ValueError, match="no edge that can be measured"):
         find_edge(image)

@@ -20,7 +20,9 @@ def test_dark_current_is_as_given_at_its_reference_temperature(reference, doubli
 @given(temperature=KELVIN, reference=KELVIN)
 def test_there_and_back_is_no_change_and_warmer_is_more(temperature, reference):
     there = amplifier.dark_current_factor(temperature, reference)
-    assert_allclose(there * amplifier.dark_current_factor(reference, temperature), 1.0, rtol=1e-13)  # exponents of up to 30
+    assert_allclose(
+        there * amplifier.dark_current_factor(reference, temperature), 1.0, rtol=1e-13
+    )  # exponents of up to 30
     assert (there > 1) == (temperature > reference) or temperature == reference
 
 
@@ -36,7 +38,11 @@ def test_the_activation_energy_is_half_the_band_gap():
         (1 / (temperature - step) - 1 / (temperature + step)) / amplifier.BOLTZMANN_EV
     )
     slope = -7.021e-4 * temperature * (temperature + 2 * 1108) / (temperature + 1108) ** 2
-    expected = 0.5 * amplifier.silicon_band_gap(temperature) - 0.5 * temperature * slope + 1.5 * amplifier.BOLTZMANN_EV * temperature
+    expected = (
+        0.5 * amplifier.silicon_band_gap(temperature)
+        - 0.5 * temperature * slope
+        + 1.5 * amplifier.BOLTZMANN_EV * temperature
+    )
     assert_allclose(energy, expected, rtol=1e-6)
     # data sheets say "doubles every 6 to 10 K"
     assert 8 < math.log(2) / math.log(amplifier.dark_current_factor(298.65, 297.65)) < 9

@@ -33,10 +33,15 @@ def measured():
 @pytest.mark.parametrize(
     ("name", "truth"),
     [
-        ("gain", GAIN), ("read_noise", READ), ("dark_current", DARK), ("full_well", WELL), ("prnu", PRNU), ("dsnu", DSNU),
+        ("gain", GAIN),
+        ("read_noise", READ),
+        ("dark_current", DARK),
+        ("full_well", WELL),
+        ("prnu", PRNU),
+        ("dsnu", DSNU),
         ("absolute_sensitivity", 0.5 + math.sqrt(0.25 + READ**2 + 1 / (12 * GAIN**2))),
     ],
-)  # fmt: skip
+)
 def test_what_was_put_in_comes_out_within_its_interval(measured, name, truth):
     assert not any(m.hidden for m in measured)
     estimates = [getattr(m, name) for m in measured]
@@ -50,7 +55,10 @@ def test_what_was_put_in_comes_out_within_its_interval(measured, name, truth):
 def test_a_larger_frame_has_narrower_intervals_as_the_root_of_its_pixels(measured):
     big = emva.measure(TIMES, sensor(1, RATE, (96, 128)), sensor(1, 0.0, (96, 128)))
     for name in ("gain", "prnu", "read_noise"):
-        wide = [np.mean([getattr(m, name).high - getattr(m, name).low for m in measured]), getattr(big, name).high - getattr(big, name).low]
+        wide = [
+            np.mean([getattr(m, name).high - getattr(m, name).low for m in measured]),
+            getattr(big, name).high - getattr(big, name).low,
+        ]
         # the width of a 64-block jackknife scatters by 1 / sqrt(2 x 63) = 9 %: 4 of them
         assert_allclose(wide[1] / wide[0], 0.5, rtol=0.36)
 
@@ -85,7 +93,9 @@ def test_photons_give_the_quantum_efficiency():
 
 def test_frames_that_never_saturate_say_nothing_of_saturation_and_hold_the_rest():
     found = emva.measure(TIMES, sensor(5, RATE / 4), sensor(5, 0.0))
-    assert np.isnan([found.full_well.value, found.saturation_capacity.value, found.dynamic_range.value, found.snr_max.value]).all()
+    assert np.isnan(
+        [found.full_well.value, found.saturation_capacity.value, found.dynamic_range.value, found.snr_max.value]
+    ).all()
     assert found.gain.low < GAIN < found.gain.high
     assert found.prnu.low < PRNU < found.prnu.high
 
@@ -102,7 +112,9 @@ def test_more_frames_a_level_serve_the_patterns():
     stacks = [sensor(7, r, frames=8) for r in (RATE, 0.0)]
     few = emva.measure(TIMES, [s[:2] for s in stacks[0]], [s[:2] for s in stacks[1]])
     many = emva.measure(
-        TIMES, [s if i == 5 else s[:2] for i, s in enumerate(stacks[0])], [s if i == 5 else s[:2] for i, s in enumerate(stacks[1])]
+        TIMES,
+        [s if i == 5 else s[:2] for i, s in enumerate(stacks[0])],
+        [s if i == 5 else s[:2] for i, s in enumerate(stacks[1])],
     )
     assert many.pattern_level == 5
     assert many.dsnu.high - many.dsnu.low < few.dsnu.high - few.dsnu.low

@@ -25,7 +25,9 @@ GROUPS = {
     "snr_db": lambda c: dynamic_range.snr_db(c["Ne"], dark(c), c["sr_e"], c["sdsnu_e"], c["prnu"]),
     "emva_snr": lambda c: dynamic_range.emva_snr(c["mu_p"], c["eta"], c["K_DN_per_e"], c["sigma_d_e"]),
     "emva_mu_p_min": lambda c: dynamic_range.emva_smallest_photons(c["eta"], c["K_DN_per_e"], c["sigma_d_e"]),
-    "emva_mu_p_min_approx": lambda c: dynamic_range.emva_smallest_photons_approx(c["eta"], c["K_DN_per_e"], c["sigma_d_e"]),
+    "emva_mu_p_min_approx": lambda c: dynamic_range.emva_smallest_photons_approx(
+        c["eta"], c["K_DN_per_e"], c["sigma_d_e"]
+    ),
 }
 
 

@@ -70,9 +70,14 @@ def test_full_rank_and_tiles_on_the_same_grid_are_the_same():
         tiles = blur.prepare(pictures, y, x, [0.5, 0.6], "tiles", 1e-2, count=5, weights=weights)
         terms = [expansion(np.tensordot(tiles.kernels, row, axes=(2, 0)), 0.0, 10**6) for row in tiles.mix]
         eigen = blur.Prepared(
-            blur.replace(tiles.choice, method="eigen"), tiles.shape, weights, tiles.mix, tiles.kernels[:0],
-            tuple(b for b, _, _ in terms), tuple(c for _, c, _ in terms),
-        )  # fmt: skip
+            blur.replace(tiles.choice, method="eigen"),
+            tiles.shape,
+            weights,
+            tiles.mix,
+            tiles.kernels[:0],
+            tuple(b for b, _, _ in terms),
+            tuple(c for _, c, _ in terms),
+        )
         # a Gram matrix in double precision knows directions down to 1e-8 of the largest
         np.testing.assert_allclose(blur.apply(planes, eigen), blur.apply(planes, tiles), atol=1e-7)
 
@@ -148,7 +153,9 @@ def kernels_of(prepared):
     """The kernel of every sample, as the prepared method mixes it: (Y, X, size, size)."""
     hats = [hats_of(n, g) for n, g in zip(prepared.shape, prepared.choice.grid, strict=True)]
     if prepared.choice.method == "tiles":
-        return np.einsum("yi,xj,ijab->yxab", *hats, np.tensordot(prepared.kernels, prepared.mix[0], axes=(2, 0)), optimize=True)
+        return np.einsum(
+            "yi,xj,ijab->yxab", *hats, np.tensordot(prepared.kernels, prepared.mix[0], axes=(2, 0)), optimize=True
+        )
     shares = np.einsum("yi,xj,kij->yxk", *hats, prepared.coefficients[0], optimize=True)
     return prepared.bases[0][0] + np.tensordot(shares, prepared.bases[0][1:], axes=1)
 
@@ -166,7 +173,8 @@ def test_the_error_stays_within_the_tolerance_for_the_scene_that_hurts_most(stre
     exact = np.tensordot(sampler.kernels(yy.ravel(), xx.ravel()), [0.5, 0.5], axes=(1, 0)).reshape(60, 50, size, size)
     room = (size - found.choice.size) // 2
     apart = exact - np.pad(kernels_of(found), ((0, 0), (0, 0), (room, room), (room, room)))
-    # for one sample of the result the worst scene is bright where the difference of the kernels that reach it is positive
+    # for one sample of the result the worst scene is bright where the difference of the kernels that reach it is
+    # positive
     worst = np.zeros((2, 60 + size, 50 + size))
     for i in range(size):
         for j in range(size):
@@ -249,6 +257,8 @@ def test_planes_of_another_shape_are_refused():
 
 @pytest.mark.parametrize("size", [9, 301, 945, 947, 3203])
 def test_kernels_that_are_too_large_are_known_before_one_is_made(size):
-    """The first finer grid of a frame of 40 x 60 has 3 x 5 nodes; small frames have a kernel for every sample, and nothing between them."""
+    """The first finer grid of a frame of 40 x 60 has 3 x 5 nodes; small frames have a kernel for every sample, and
+    nothing between them.
+    """
     assert blur.kernels_fit(size, 5, 40, 60) == (3 * 5 * 5 * 8 * size**2 <= 512 << 20)
     assert blur.kernels_fit(size, 5, 1, 1) and blur.kernels_fit(size, 5, 2, 3)

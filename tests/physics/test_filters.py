@@ -1,4 +1,6 @@
-"""Laws of filters: a cut that falls, and the birefringent filter that makes four copies of the light, wherever it is turned."""
+"""Laws of filters: a cut that falls, and the birefringent filter that makes four copies of the light, wherever it is
+turned.
+"""
 
 import numpy as np
 import pytest
@@ -40,7 +42,9 @@ def test_it_is_the_transform_of_four_equal_spots(dy, dx, rotation):
 def test_two_spots_leave_the_other_direction_alone():
     f = np.linspace(0.0, 0.5, 11)
     assert np.all(four_spot_otf(f[:, None], np.zeros((1, 1)), 0.0, 5.0) == 1.0)
-    assert_allclose(four_spot_otf(f[:, None], np.zeros((1, 1)), 0.0, 5.0, np.pi / 2)[:, 0], np.cos(np.pi * 5 * f), atol=1e-14)
+    assert_allclose(
+        four_spot_otf(f[:, None], np.zeros((1, 1)), 0.0, 5.0, np.pi / 2)[:, 0], np.cos(np.pi * 5 * f), atol=1e-14
+    )
 
 
 @pytest.mark.parametrize("pitch", [1.1, 5.4])
@@ -63,7 +67,9 @@ def test_a_smooth_cut_falls_from_one_to_zero_through_one_half_even_where_it_is_s
         assert cut[350] == 0.5
         assert np.all(np.diff(cut) <= 0) and np.all((cut >= 0) & (cut <= 1))
         assert_allclose(cut + smooth_cut(1300.0 - wavelength, 650.0, edge), 1.0, rtol=1e-15)
-    assert_allclose(smooth_cut(np.array([642.5, 657.5]), 650.0, 15.0), [1 / (1 + np.exp(-1)), 1 / (1 + np.exp(1))], rtol=1e-15)
+    assert_allclose(
+        smooth_cut(np.array([642.5, 657.5]), 650.0, 15.0), [1 / (1 + np.exp(-1)), 1 / (1 + np.exp(1))], rtol=1e-15
+    )
     assert np.all(smooth_cut(wavelength, np.inf, 15.0) == 1.0)
     with pytest.raises(ValueError, match="edge is 0"):
         smooth_cut(wavelength, 650.0, 0.0)

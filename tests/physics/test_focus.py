@@ -101,13 +101,17 @@ def test_from_the_hyperfocal_distance_on_infinity_is_sharp(f, number, circle):
     h = hyperfocal(f, number, circle)
     near, far = depth_of_field(f, number, circle, h)
     assert far == np.inf
-    assert_allclose(near, h / 2 if circle < f / number else f, rtol=1e-13 * (1 + number * circle / abs(f - number * circle) * 10))
+    assert_allclose(
+        near, h / 2 if circle < f / number else f, rtol=1e-13 * (1 + number * circle / abs(f - number * circle) * 10)
+    )
     assert depth_of_field(f, number, circle, f + (h - f) * (1 - 1e-6))[1] < np.inf
     near, far = depth_of_field(f, number, circle)
     assert far == np.inf
     # at infinity the near limit is f^2/(N c), one focal length short of the hyperfocal distance
     if circle < f / number:
-        assert_allclose(near, h - f, rtol=1e-13 * (1 + f * h / (h - f) ** 2 + number * circle / abs(f - number * circle) * 10))
+        assert_allclose(
+            near, h - f, rtol=1e-13 * (1 + f * h / (h - f) ** 2 + number * circle / abs(f - number * circle) * 10)
+        )
     assert_allclose(blur_diameter(f, number, h, np.inf), circle, rtol=1e-12 * (1 + f / (h - f)))
 
 

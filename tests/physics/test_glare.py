@@ -14,8 +14,8 @@ powers = floats(2.05, 10.0)
 
 @pytest.mark.parametrize("power", [2.5, 3.0, 3.7, 5.0, 8.0])
 def test_the_transfer_function_is_the_hankel_transform_of_the_tail(power):
-    # integral of j0(k r) psf(r) 2 pi r dr over a core, in r = r0 sinh-spaced panels; the rest is an alternating series that
-    # k r = 2000 leaves below its first term
+    # integral of j0(k r) psf(r) 2 pi r dr over a core, in r = r0 sinh-spaced panels; the rest is an alternating series
+    # that k r = 2000 leaves below its first term
     r0, nodes, weights = 1.7, *np.polynomial.legendre.leggauss(20)
     for frequency in (0.01, 0.05, 0.2):
         k = 2 * np.pi * frequency

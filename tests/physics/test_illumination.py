@@ -11,7 +11,9 @@ from numpy.testing import assert_allclose
 from etendue_camera.field.illumination import chief_ray_angle, cosine_response, overlap_of_discs, table_at, vignetting
 
 radii = floats(-3.0, 4.0)  # decades
-CHORDS = (lambda nodes, weights: (0.5 * (nodes + 1), weights))(*np.polynomial.legendre.leggauss(400))  # on [0, 1], weights twice
+CHORDS = (lambda nodes, weights: (0.5 * (nodes + 1), weights))(
+    *np.polynomial.legendre.leggauss(400)
+)  # on [0, 1], weights twice
 
 
 def test_equal_discs_overlap_as_the_transfer_function_of_a_circle():
@@ -24,7 +26,8 @@ def test_equal_discs_overlap_as_the_transfer_function_of_a_circle():
 def test_the_overlap_is_the_integral_over_chords(decade, u):
     rim = 10.0**decade
     shift = abs(rim - 1) + u * 2 * min(1.0, rim)
-    # chords across the line of centres, Gauss-Legendre in the angle of the smaller circle: a square-root edge stays inside it
+    # chords across the line of centres, Gauss-Legendre in the angle of the smaller circle: a square-root edge stays
+    # inside it
     small = min(1.0, rim)
     large = max(1.0, rim)
     crossing = (shift * shift + small**2 - large**2) / (2 * shift) if shift > 0 else -small
@@ -66,7 +69,11 @@ def test_overlap_keeps_its_digits_where_the_discs_nearly_part():
         e = 2.0 - shift
         # two segments of half angle t with 1 - cos t = e/2: area 2 (t - sin t cos t) = (4/3) t^3 (1 - t^2/5)
         t2 = e * (1 + e / 12)
-        assert_allclose(overlap_of_discs(1.0, 1.0, shift), 4 / 3 * t2**1.5 * (1 - t2 / 5) / np.pi, rtol=1e-7 if gap > 1e-5 else 1e-12)
+        assert_allclose(
+            overlap_of_discs(1.0, 1.0, shift),
+            4 / 3 * t2**1.5 * (1 - t2 / 5) / np.pi,
+            rtol=1e-7 if gap > 1e-5 else 1e-12,
+        )
 
 
 def test_a_shift_far_below_the_radii_takes_what_the_first_order_says():

@@ -27,12 +27,16 @@ def test_white_noise_and_full_contrast_have_shannons_capacity(quanta, ratio):
     variance = inf.signal_variance(ratio)
     expected = 0.5 * math.log2(1 + variance * quanta)
     assert inf.capacity(np.full((1, 1), quanta), SQUARE, variance) == pytest.approx(expected, rel=1e-12, abs=1e-15)
-    assert inf.capacity_along(lambda f: np.full(f.shape, quanta), variance) == pytest.approx(expected, rel=1e-12, abs=1e-15)
+    assert inf.capacity_along(lambda f: np.full(f.shape, quanta), variance) == pytest.approx(
+        expected, rel=1e-12, abs=1e-15
+    )
 
 
 @pytest.mark.parametrize("snr", [0.1, 10.0, 1e4])
 def test_a_gaussian_blur_has_the_dilogarithm_of_its_power(snr):
-    """All of its contrast lies inside the square: pi / (2 a ln 2) times -Li2(-A), of A exp(-a f^2), from polar coordinates."""
+    """All of its contrast lies inside the square: pi / (2 a ln 2) times -Li2(-A), of A exp(-a f^2), from polar
+    coordinates.
+    """
     a = 4 * (math.pi * 1.5) ** 2
     found = inf.capacity(snr * np.exp(-a * (FY**2 + FX**2)), SQUARE, 1.0)
     outside = 1e-3 if snr * math.exp(-a / 4) > 1e-6 else 1e-9
@@ -40,7 +44,9 @@ def test_a_gaussian_blur_has_the_dilogarithm_of_its_power(snr):
 
 
 def test_a_square_pixel_costs_two_times_the_mean_of_log_sinc():
-    """At high signal: 0.5 log2(SNR) + 2 (1 - ln pi) / ln 2, since the mean of ln sinc over the Nyquist interval is 1 - ln pi."""
+    """At high signal: 0.5 log2(SNR) + 2 (1 - ln pi) / ln 2, since the mean of ln sinc over the Nyquist interval is 1
+    - ln pi.
+    """
     snr = 1e12
     found = inf.capacity(snr * (np.sinc(FY) * np.sinc(FX)) ** 2, SQUARE, 1.0)
     assert found == pytest.approx(0.5 * math.log2(snr) + 2 * (1 - math.log(math.pi)) / math.log(2), rel=1e-9)
@@ -93,7 +99,9 @@ def test_the_ideal_observer_sees_a_rectangle_as_its_area_over_the_noise():
     f = 0.5 * np.polynomial.legendre.leggauss(200)[0]
     inside = [float(0.5 * np.polynomial.legendre.leggauss(200)[1] @ (n * np.sinc(n * f) ** 2)) for n in (8, 6)]
     square = inf.nyquist_square(64)
-    found = inf.ideal_observer(np.full((1, 1), 100.0), inf.rectangle_object(square.fy[:, None], square.fx, 8.0, 6.0), square)
+    found = inf.ideal_observer(
+        np.full((1, 1), 100.0), inf.rectangle_object(square.fy[:, None], square.fx, 8.0, 6.0), square
+    )
     assert found == pytest.approx(math.sqrt(100 * 48 * inside[0] * inside[1]), rel=1e-9)
 
 
@@ -130,7 +138,9 @@ def test_large_blocks_show_the_power_itself():
     h, sites, variance = answers(np.random.default_rng(7))
     at = np.fft.fftfreq(256)[::32]
     power = nps.carried_power(nps.spectra(h, sites, at, at), variance)
-    small, large = (nps.expected_periodogram(h, variance, block)[..., :: block // 8, :: block // 8] for block in (128, 256))
+    small, large = (
+        nps.expected_periodogram(h, variance, block)[..., :: block // 8, :: block // 8] for block in (128, 256)
+    )
     np.testing.assert_allclose(2 * large - small, power, atol=2 * 8**2 / (128 * 256) * np.abs(power).max())
 
 

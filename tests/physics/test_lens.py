@@ -7,7 +7,13 @@ from hypothesis.strategies import floats, integers
 from numpy.testing import assert_allclose
 
 from etendue_camera.optics.diffraction import airy_psf_density, circular_otf
-from etendue_camera.optics.lens import gaussian_otf, gaussian_sigma_from_fwhm, mean_square_radius, psf_image_otf, radial_psf_otf
+from etendue_camera.optics.lens import (
+    gaussian_otf,
+    gaussian_sigma_from_fwhm,
+    mean_square_radius,
+    psf_image_otf,
+    radial_psf_otf,
+)
 
 
 def gaussian_table(sigma, count, reach=8.0):
@@ -58,7 +64,9 @@ def test_tabulated_gaussian_gives_the_gaussian_transfer_function():
 def test_halving_the_table_step_quarters_the_error():
     sigma, frequency = 1.3, np.linspace(0.0, 0.3, 20)
     expected = np.exp(-2.0 * (np.pi * sigma * frequency) ** 2)
-    errors = [np.max(np.abs(radial_psf_otf(frequency, *gaussian_table(sigma, count)) - expected)) for count in (101, 201, 401)]
+    errors = [
+        np.max(np.abs(radial_psf_otf(frequency, *gaussian_table(sigma, count)) - expected)) for count in (101, 201, 401)
+    ]
     assert_allclose(np.array(errors[:-1]) / errors[1:], 4.0, rtol=0.02)  # second order, steps of 0.08 sigma
 
 

@@ -53,7 +53,9 @@ def test_the_charge_at_an_snr_has_that_snr(snr, variance):
 
 
 def test_one_at_snr_1_is_the_threshold_of_emva():
-    assert_allclose(metering.charge_at_snr(1.0, 25.0 + 1 / 12), dynamic_range.emva_smallest_photons(1.0, 1.0, 5.0), rtol=1e-15)
+    assert_allclose(
+        metering.charge_at_snr(1.0, 25.0 + 1 / 12), dynamic_range.emva_smallest_photons(1.0, 1.0, 5.0), rtol=1e-15
+    )
 
 
 def test_a_grey_card_has_018_of_the_white():

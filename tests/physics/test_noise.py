@@ -96,7 +96,11 @@ def test_uniforms_of_a_sensor_are_uniform_and_a_window_is_the_crop():
     assert whole.dtype == np.float64
     assert whole.min() >= 0
     assert whole.max() < 1
-    for value in (whole, whole * 2**24 % 1, whole * 2**44 % 1):  # as even between steps of 24 bits, and of 44, as over all
+    for value in (
+        whole,
+        whole * 2**24 % 1,
+        whole * 2**44 % 1,
+    ):  # as even between steps of 24 bits, and of 44, as over all
         # 5 standard errors of a mean and of a variance of 30 000 uniforms
         assert abs(value.mean() - 0.5) < 5 / math.sqrt(12 * whole.size)
         assert abs(value.var() - 1 / 12) < 5 / math.sqrt(180 * whole.size)
@@ -157,7 +161,9 @@ def test_empty_and_single_frames_are_frames():
 
 @pytest.mark.parametrize("mean", [1e17, 1e19, 1e30])
 def test_means_beyond_what_counts_hold_have_the_spread_of_a_poisson_law(mean):
-    """A standard deviation of sqrt(mean), of 40,000 draws to 5 sigma: 1.8 %; float64 rounds 1e30 by 1e14, a tenth of it."""
+    """A standard deviation of sqrt(mean), of 40,000 draws to 5 sigma: 1.8 %; float64 rounds 1e30 by 1e14, a tenth of
+    it.
+    """
     drawn = noise.poisson(np.full(40_000, mean), np.random.default_rng(1))
     assert (drawn - mean).std() == pytest.approx(np.sqrt(mean), rel=0.018)
     with pytest.raises(ValueError, match="mean goes from"):  # every draw exact: beyond numpy's own sampler
@@ -239,7 +245,11 @@ def test_a_renamed_generator_draws_what_a_new_one_does(used):
     generator = random.philox(b"seed 1")
     generator.random(used, dtype=np.float32)  # odd numbers leave half a word behind, others a part of a block
     again = random.renamed(generator, b"seed 2")
-    for draw in (lambda rng: rng.random(7, dtype=np.float32), lambda rng: rng.standard_normal(9), lambda rng: rng.poisson(40.0, 11)):
+    for draw in (
+        lambda rng: rng.random(7, dtype=np.float32),
+        lambda rng: rng.standard_normal(9),
+        lambda rng: rng.poisson(40.0, 11),
+    ):
         fresh = random.philox(b"seed 2")
         assert_array_equal(draw(random.renamed(again, b"seed 2")), draw(fresh))
         assert again.bit_generator.state["buffer_pos"] == fresh.bit_generator.state["buffer_pos"]

@@ -32,7 +32,9 @@ def answers(chain, size=24):
 def test_bilinear_interpolation_of_red_keeps_nine_sixteenths_of_the_variance():
     """By hand: 1 at red's own place, 1/2 at two, 1/4 at one of four; green 1 at two places and 1/4 at two."""
     found = carried_covariance(answers(lambda m: bilinear.bilinear(m, "RGGB")), np.ones(4))
-    assert_allclose(np.diag(found), [(1 + 0.5 + 0.5 + 0.25) / 4, (1 + 1 + 0.25 + 0.25) / 4, (1 + 0.5 + 0.5 + 0.25) / 4], rtol=1e-15)
+    assert_allclose(
+        np.diag(found), [(1 + 0.5 + 0.5 + 0.25) / 4, (1 + 1 + 0.25 + 0.25) / 4, (1 + 0.5 + 0.5 + 0.25) / 4], rtol=1e-15
+    )
     assert_allclose(found - np.diag(np.diag(found)), 0, atol=1e-16)  # no channel takes anything from another
 
 
@@ -43,7 +45,9 @@ def test_colour_differences_correlate_the_channels():
 
 
 def test_sharpening_after_interpolation_multiplies_what_both_answer_to_a_pixel():
-    """White noise through the Laplacian alone has the closed noise gain; after bilinear, neighbours correlate and it gains less."""
+    """White noise through the Laplacian alone has the closed noise gain; after bilinear, neighbours correlate and it
+    gains less.
+    """
     alone = carried_covariance(answers(lambda m: sharpening.sharpen(m, 0.2)[None]), np.ones(4))
     assert_allclose(alone[0, 0], sharpening.noise_gain(0.2) ** 2, rtol=1e-14)
     plain = carried_covariance(answers(lambda m: bilinear.bilinear(m, "RGGB")), np.ones(4))
@@ -58,7 +62,9 @@ def test_a_matrix_on_the_channels_acts_on_the_covariance_from_both_sides(seed):
     plain = answers(lambda m: bilinear.bilinear(m, "RGGB"))
     mixed = np.einsum("ij,pjyx->piyx", matrix, plain)
     v = np.array([1.0, 2.0, 2.0, 5.0])
-    assert_allclose(carried_covariance(mixed, v), matrix @ carried_covariance(plain, v) @ matrix.T, rtol=1e-12, atol=1e-12)
+    assert_allclose(
+        carried_covariance(mixed, v), matrix @ carried_covariance(plain, v) @ matrix.T, rtol=1e-12, atol=1e-12
+    )
 
 
 def test_the_prediction_is_what_pictures_of_noise_show():
@@ -74,7 +80,9 @@ def test_the_prediction_is_what_pictures_of_noise_show():
     picture = without_trend(chain(noise)[:, 8:-8, 8:-8])
     for lag in ((0, 0), (0, 1), (1, 0), (1, -1), (0, 2)):
         expected = carried_covariance(answers(chain), v, lag)
-        assert_allclose(found_covariance(picture, lag), expected, atol=0.02 * np.trace(carried_covariance(answers(chain), v)))
+        assert_allclose(
+            found_covariance(picture, lag), expected, atol=0.02 * np.trace(carried_covariance(answers(chain), v))
+        )
 
 
 def test_a_lag_and_its_opposite_are_each_others_transpose():
@@ -90,7 +98,9 @@ def test_a_trend_up_to_its_degree_leaves_nothing():
 
 
 def test_the_standard_error_is_that_of_independent_noise():
-    """Variance of a sample variance of n normals: 2/n; 100 frames of 64 x 64 agree with the scatter of blocks to 5 %."""
+    """Variance of a sample variance of n normals: 2/n; 100 frames of 64 x 64 agree with the scatter of blocks to 5
+    %.
+    """
     noise = np.random.default_rng(2).normal(size=(100, 1, 64, 64))
     assert_allclose(standard_error_of_variance(noise), np.sqrt(2 / noise.size), rtol=0.05)
     assert np.isnan(standard_error_of_variance(noise[:1, :, :16, :16])).all()

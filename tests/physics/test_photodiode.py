@@ -8,7 +8,13 @@ from numpy.testing import assert_allclose
 
 from etendue_camera.optics.diffraction import circular_otf
 from etendue_camera.sensor import silicon
-from etendue_camera.sensor.photodiode import aperture_otf, collection, collection_mtf, collection_mtf_bands, collection_per_absorption
+from etendue_camera.sensor.photodiode import (
+    aperture_otf,
+    collection,
+    collection_mtf,
+    collection_mtf_bands,
+    collection_per_absorption,
+)
 from tests.physics.reference import cases
 
 DIODE = ("alpha_per_um", "Ld_um", "L_um", "Ln_um")
@@ -47,11 +53,19 @@ def by_quadrature(frequency, alpha, depletion, depth, length, back):
 
 
 @given(alpha=absorptions, depletion=depletions, depth=depths, length=lengths, f=frequencies, back=backs)
-def test_contrast_is_that_of_the_integral_over_depth_in_every_corner_of_the_box(alpha, depletion, depth, length, f, back):
-    exact = float(by_quadrature(f, alpha, depletion, depth, length, back) / by_quadrature(0.0, alpha, depletion, depth, length, back))
+def test_contrast_is_that_of_the_integral_over_depth_in_every_corner_of_the_box(
+    alpha, depletion, depth, length, f, back
+):
+    exact = float(
+        by_quadrature(f, alpha, depletion, depth, length, back)
+        / by_quadrature(0.0, alpha, depletion, depth, length, back)
+    )
     assert_allclose(collection_mtf(f, alpha, depletion, depth, length, back), exact, rtol=2e-14)
     single = np.float32(f)
-    exact = float(by_quadrature(single, alpha, depletion, depth, length, back) / by_quadrature(0.0, alpha, depletion, depth, length, back))
+    exact = float(
+        by_quadrature(single, alpha, depletion, depth, length, back)
+        / by_quadrature(0.0, alpha, depletion, depth, length, back)
+    )
     found = collection_mtf(single, alpha, depletion, depth, length, back)
     assert found.dtype == np.float32
     assert_allclose(found, exact, rtol=1e-6)
@@ -74,7 +88,10 @@ def test_the_table_of_radii_errs_by_less_than_1e_12(alpha, depletion, depth, len
 def test_the_table_errs_by_the_fourth_power_of_its_step_and_by_rounding_for_silicon():
     alphas = silicon.absorption(np.linspace(0.38, 0.78, 9))
     exact = collection_mtf_bands(FRAME, alphas, 1.8, 10.0, 50.0, nodes=0)
-    errors = [np.abs(collection_mtf_bands(FRAME, alphas, 1.8, 10.0, 50.0, nodes=n) - exact).max() for n in (512, 1024, 2048, 4096)]
+    errors = [
+        np.abs(collection_mtf_bands(FRAME, alphas, 1.8, 10.0, 50.0, nodes=n) - exact).max()
+        for n in (512, 1024, 2048, 4096)
+    ]
     assert errors[0] > 12 * errors[1] > 144 * errors[2]  # 16 a halving, in the limit
     assert errors[3] < 4e-14
 
@@ -105,7 +122,9 @@ def test_collection_matches_the_reference():
         assert_allclose(found, expected, rtol=rtol)
 
 
-@pytest.mark.parametrize(("group", "back"), [("diffusion_mtf", "absorbing"), ("diffusion_mtf_reflecting", "reflecting")])
+@pytest.mark.parametrize(
+    ("group", "back"), [("diffusion_mtf", "absorbing"), ("diffusion_mtf_reflecting", "reflecting")]
+)
 @pytest.mark.parametrize(("precision", "unit"), [(np.float64, 1e-14), (np.float32, 3e-7)])
 def test_diffusion_contrast_matches_the_reference(group, back, precision, unit):
     for given_, expected, rtol in cases(group, unit):

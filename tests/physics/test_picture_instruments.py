@@ -1,4 +1,6 @@
-"""The kernels behind ``etendue measure`` alone: how an edge stands, stars with intervals, noise of a patch, patches of a chart."""
+"""The kernels behind ``etendue measure`` alone: how an edge stands, stars with intervals, noise of a patch, patches
+of a chart.
+"""
 
 import math
 
@@ -74,7 +76,11 @@ def test_intervals_of_a_star_grow_with_its_noise():
     widths = []
     for noise in (0.005, 0.02):
         one = star_resolution(
-            star(72) + np.random.default_rng(4).normal(0, noise, (220, 224)), (110.0, 112.0), 105.0, contrast=0.8, draws=150
+            star(72) + np.random.default_rng(4).normal(0, noise, (220, 224)),
+            (110.0, 112.0),
+            105.0,
+            contrast=0.8,
+            draws=150,
         )
         widths.append(one.mtf50_high - one.mtf50_low)
     assert 3 < widths[1] / widths[0] < 5  # four times the noise, drawn from the same numbers
@@ -82,8 +88,12 @@ def test_intervals_of_a_star_grow_with_its_noise():
 
 @settings(max_examples=15)
 @given(
-    seed=st.integers(0, 1000), gain=st.floats(0.1, 1e4), tilt=st.floats(-0.2, 0.2), rows=st.integers(16, 90), columns=st.integers(16, 90)
-)  # fmt: skip
+    seed=st.integers(0, 1000),
+    gain=st.floats(0.1, 1e4),
+    tilt=st.floats(-0.2, 0.2),
+    rows=st.integers(16, 90),
+    columns=st.integers(16, 90),
+)
 def test_noise_of_a_patch_scales_turns_and_knows_no_slope(seed, gain, tilt, rows, columns):
     plane = 1 + np.random.default_rng(seed).normal(0, 0.02, (rows, columns))
     once = patch_noise(plane)
@@ -120,7 +130,9 @@ def test_structure_of_a_patch_is_told_from_its_noise():
     fine = np.random.default_rng(5).normal(0, 0.01, (64, 64))
     even, wavy = patch_noise(0.5 + fine), patch_noise(0.5 + fine + 0.05 * np.sin(np.arange(64) / 8))
     assert even.uneven < 2 * even.uneven_white
-    assert_allclose(wavy.uneven, 0.05 / math.sqrt(2) / 0.5, rtol=0.25)  # the plane takes some of two periods, blocks smooth the rest
+    assert_allclose(
+        wavy.uneven, 0.05 / math.sqrt(2) / 0.5, rtol=0.25
+    )  # the plane takes some of two periods, blocks smooth the rest
 
 
 CORNERS = st.tuples(*[st.floats(-15.0, 15.0)] * 8)

@@ -10,7 +10,9 @@ SPACING = 0.5
 
 
 def comet(height, n=41, spacing=SPACING, width=1.1):
-    """A Gaussian that grows and wanders with the height (um), with a tail that points outwards: even parts ~ h^2, odd ~ h."""
+    """A Gaussian that grows and wanders with the height (um), with a tail that points outwards: even parts ~ h^2,
+    odd ~ h.
+    """
     step = (np.arange(n) - n // 2) * spacing
     y, x = step[:, None], step[None, :]
     h = height / 1000
@@ -21,7 +23,9 @@ def comet(height, n=41, spacing=SPACING, width=1.1):
 def bank(count=5, **kwargs):
     heights = np.linspace(0, 1000, count)
     wavelengths = np.array([0.45, 0.65])
-    return PsfBank(heights, wavelengths, [[comet(h, width=0.8 + w, **kwargs) for w in wavelengths] for h in heights], SPACING)
+    return PsfBank(
+        heights, wavelengths, [[comet(h, width=0.8 + w, **kwargs) for w in wavelengths] for h in heights], SPACING
+    )
 
 
 def mean_position(kernel, spacing):
@@ -62,9 +66,9 @@ def test_a_turned_kernel_is_the_picture_in_the_direction_of_its_image_point():
     c, s = np.cos(angle), np.sin(angle)
     radial, tangential = c * y + s * x, c * x - s * y
     h = height / 1000
-    expected = np.exp(-0.5 * (((radial - 0.6 * h) / (1.25 + 0.3 * h**2)) ** 2 + (tangential / (1.25 + 0.1 * h**2)) ** 2)) * (
-        1 + 0.05 * h * radial
-    )
+    expected = np.exp(
+        -0.5 * (((radial - 0.6 * h) / (1.25 + 0.3 * h**2)) ** 2 + (tangential / (1.25 + 0.1 * h**2)) ** 2)
+    ) * (1 + 0.05 * h * radial)
     expected /= expected.sum()
     kernel = bank().kernel_at(height * c, height * s, spacing, n)[0]
     # the circle around the picture cuts 1e-5 off
@@ -141,7 +145,9 @@ def test_wavelengths_are_mixed_linearly_and_held_beyond_the_ends():
 
 @pytest.mark.parametrize("suffix", [".npz", ".csv"])
 def test_a_bank_comes_back_from_its_file(tmp_path, suffix):
-    pictures = PsfBank([0.0, 10.0], [0.5, 0.6], np.random.default_rng(0).random((2, 2, 5, 5)), [0.3, 0.4], "a test\nin two lines")
+    pictures = PsfBank(
+        [0.0, 10.0], [0.5, 0.6], np.random.default_rng(0).random((2, 2, 5, 5)), [0.3, 0.4], "a test\nin two lines"
+    )
     pictures.save(tmp_path / f"bank{suffix}")
     again = PsfBank.load(tmp_path / f"bank{suffix}")
     for name in ("heights_um", "wavelengths_um", "spacing_um"):

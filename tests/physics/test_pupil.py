@@ -1,4 +1,6 @@
-"""Laws of pupils and what they image: areas, closed forms, autocorrelation, flux, shift, symmetry, order of convergence."""
+"""Laws of pupils and what they image: areas, closed forms, autocorrelation, flux, shift, symmetry, order of
+convergence.
+"""
 
 import itertools
 import math
@@ -10,7 +12,16 @@ from hypothesis.strategies import floats, integers
 from numpy.testing import assert_allclose
 
 from etendue_camera.optics import annulus, diffraction, imaging, pupil
-from etendue_camera.optics.pupil import Aperture, PolygonOtf, amplitude, cell_centres, cell_edges, disc_cover, polygon, polygon_cover
+from etendue_camera.optics.pupil import (
+    Aperture,
+    PolygonOtf,
+    amplitude,
+    cell_centres,
+    cell_edges,
+    disc_cover,
+    polygon,
+    polygon_cover,
+)
 
 WAVELENGTH, F_NUMBER = 0.55, 2.8
 PENTAGON = PolygonOtf(5)
@@ -26,9 +37,13 @@ def path_of(samples, function, reach=1.0):
 
 @settings(deadline=None, max_examples=30)
 @given(
-    shape=integers(0, 2), samples=integers(2, 70), hole=floats(0.01, 0.95), blades=integers(3, 20), turn=floats(-7, 7),
+    shape=integers(0, 2),
+    samples=integers(2, 70),
+    hole=floats(0.01, 0.95),
+    blades=integers(3, 20),
+    turn=floats(-7, 7),
     rounding=floats(0, 1),
-)  # fmt: skip
+)
 def test_covered_cells_sum_to_the_area_of_the_aperture(shape, samples, hole, blades, turn, rounding):
     aperture = (Aperture(), Aperture("annular", hole), Aperture("polygonal", 0.0, blades, turn, rounding))[shape]
     cells = amplitude(aperture, samples)
@@ -113,7 +128,15 @@ def test_annular_spread_function_and_transfer_function_are_a_transform_pair(obst
         for a, b in itertools.pairwise(joints):
             nu = a + (b - a) * (0.5 - 0.5 * np.cos(0.5 * np.pi * (1 + nodes)))  # crowded at the joints
             slope = (b - a) * 0.25 * np.pi * np.sin(0.5 * np.pi * (1 + nodes))
-            total += np.sum(weights * slope * 2 * np.pi * nu * j0(2 * np.pi * r * nu) * annulus.annular_otf(nu, 1.0, 1.0, obstruction))
+            total += np.sum(
+                weights
+                * slope
+                * 2
+                * np.pi
+                * nu
+                * j0(2 * np.pi * r * nu)
+                * annulus.annular_otf(nu, 1.0, 1.0, obstruction)
+            )
         # the joints are powers 3/2, softened by the change of variable
         assert_allclose(total, annulus.annular_psf_density(r, 1.0, 1.0, obstruction), rtol=0, atol=1e-8)
 
@@ -274,7 +297,9 @@ def test_lattice_and_rows_converge_to_the_quadrature_with_the_square_of_the_samp
     assert_allclose(slanted, exact, rtol=0, atol=3e-4)
 
 
-@pytest.mark.parametrize("aperture", [Aperture(), Aperture("annular", 0.4), Aperture("polygonal", blades=5, rotation=0.3)])
+@pytest.mark.parametrize(
+    "aperture", [Aperture(), Aperture("annular", 0.4), Aperture("polygonal", blades=5, rotation=0.3)]
+)
 def test_transfer_function_is_hermitian_one_at_zero_and_never_above_the_clear_one_by_more_than_its_error(aperture):
     samples, reach = 64, aperture.reach()
     cells = amplitude(aperture, samples)
@@ -289,7 +314,9 @@ def test_transfer_function_is_hermitian_one_at_zero_and_never_above_the_clear_on
 
 def test_from_lattice_passes_through_the_lattice_and_ends_with_it():
     samples = 16
-    lattice = imaging.pupil_lattice(amplitude(Aperture(), samples), path_of(samples, lambda y, x: 0.1 * x**3 + 0 * y), 0.5)
+    lattice = imaging.pupil_lattice(
+        amplitude(Aperture(), samples), path_of(samples, lambda y, x: 0.1 * x**3 + 0 * y), 0.5
+    )
     steps = np.arange(-samples, samples + 1) / samples
     found = imaging.from_lattice(lattice, steps / 0.5, steps / 0.5, 0.5, 1.0)
     assert_allclose(found[1:-1, 1:-1], lattice[3:-3, 3:-3], rtol=0, atol=1e-14)
@@ -308,7 +335,8 @@ def test_transfer_function_is_the_transform_of_the_spread_function():
     found = clear + imaging.from_lattice(lattice, fy, fx, WAVELENGTH, F_NUMBER)
     waves = [np.exp(-2j * np.pi * np.outer(f, axis)) for f in (fy, fx)]
     direct = 0.36 * waves[0] @ spread @ waves[1].T
-    # the window of 144 um leaves out 2/(pi v) = 0.4 % of the light, smooth: it shows at zero frequency and little beyond
+    # the window of 144 um leaves out 2/(pi v) = 0.4 % of the light, smooth: it shows at zero frequency and little
+    # beyond
     assert_allclose(found[1:, 1:], direct[1:, 1:], rtol=0, atol=2e-3)
 
 
@@ -319,7 +347,9 @@ def test_transfer_function_is_the_transform_of_the_spread_function():
 def test_a_stack_of_airy_patterns_is_the_closed_form(kind):
     axis = (0.7 * (np.arange(40) - 20)).astype(kind)
     bands = np.array([0.4, 0.55, 0.7])
-    exact = diffraction.airy_psf_density(np.hypot(axis[:, None].astype(float), axis.astype(float)), bands[:, None, None], 4.0)
+    exact = diffraction.airy_psf_density(
+        np.hypot(axis[:, None].astype(float), axis.astype(float)), bands[:, None, None], 4.0
+    )
     stack = diffraction.airy_psf_stack(axis, axis, bands, 4.0)
     assert stack.dtype == kind
     assert_allclose(stack, exact, rtol=3e-7 if kind == np.float32 else 1e-14, atol=1e-18)
@@ -332,7 +362,9 @@ def test_a_table_of_the_airy_pattern_stays_within_its_tolerance(tolerance, dy, f
     exact = diffraction.airy_psf_density(np.hypot(y[:, None], x), 0.55, f_number)
     peak = diffraction.airy_psf_density(0.0, 0.55, f_number)
     found = diffraction.airy_psf_stack(y, x, np.array([0.55]), f_number, tolerance)[0]
-    assert np.abs(found - exact).max() <= tolerance * peak * 1.01 + 1e-14 * peak  # 1 %: the fourth derivative is largest only at 0
+    assert (
+        np.abs(found - exact).max() <= tolerance * peak * 1.01 + 1e-14 * peak
+    )  # 1 %: the fourth derivative is largest only at 0
 
 
 def test_nonsense_is_refused_by_name():

@@ -12,7 +12,11 @@ from etendue_camera.quality import fidelity
 def _pair():
     y, x = np.mgrid[:24, :29].astype(float)
     reference = np.stack(
-        [0.5 + 0.5 * np.sin(0.7 * x + 0.2 * y), ((3 * x + 5 * y) % 17) / 16, np.exp(-((x - 14) ** 2 + (y - 12) ** 2) / 40)]
+        [
+            0.5 + 0.5 * np.sin(0.7 * x + 0.2 * y),
+            ((3 * x + 5 * y) % 17) / 16,
+            np.exp(-((x - 14) ** 2 + (y - 12) ** 2) / 40),
+        ]
     )
     return np.clip(reference + 0.1 * np.cos(1.9 * x * y / 10 + np.arange(3)[:, None, None]), 0, 1), reference
 
@@ -25,22 +29,30 @@ def _random(seed, shape=(3, 14, 17)):
 def test_the_psnr_of_a_constant_offset_is_its_share_of_the_peak(offset, peak):
     reference = np.zeros((3, 4, 5))
     # the offset's own square and its logarithm, 300 dB at most
-    assert_allclose(fidelity.psnr(reference + offset, reference, peak), 20 * np.log10(peak / offset), rtol=1e-13, atol=1e-12)
+    assert_allclose(
+        fidelity.psnr(reference + offset, reference, peak), 20 * np.log10(peak / offset), rtol=1e-13, atol=1e-12
+    )
 
 
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1e-3, 1e3))
 def test_measures_of_error_do_not_depend_on_the_unit(seed, scale):
     picture, reference = _random(seed), _random(seed + 1)
-    assert_allclose(fidelity.psnr(scale * picture, scale * reference, scale), fidelity.psnr(picture, reference), atol=1e-11)
+    assert_allclose(
+        fidelity.psnr(scale * picture, scale * reference, scale), fidelity.psnr(picture, reference), atol=1e-11
+    )
     # roundings of squares near 1 against a variance near 1/12
-    assert_allclose(fidelity.ssim(scale * picture, scale * reference, scale), fidelity.ssim(picture, reference), atol=1e-12)
+    assert_allclose(
+        fidelity.ssim(scale * picture, scale * reference, scale), fidelity.ssim(picture, reference), atol=1e-12
+    )
 
 
 @given(seed=st.integers(0, 2**32 - 1))
 def test_measures_of_error_are_the_same_both_ways_and_when_both_pictures_are_turned(seed):
     picture, reference = _random(seed), _random(seed + 1)
     for measure in (fidelity.psnr, fidelity.ssim):
-        assert_allclose(measure(picture, reference), measure(reference, picture), rtol=1e-14, atol=1e-14)  # SSIM passes through 0
+        assert_allclose(
+            measure(picture, reference), measure(reference, picture), rtol=1e-14, atol=1e-14
+        )  # SSIM passes through 0
         turned = measure(np.rot90(picture, axes=(1, 2)), np.rot90(reference, axes=(1, 2)))
         assert_allclose(turned, measure(picture, reference), rtol=1e-12, atol=1e-13)  # the order of the sums changes
 
@@ -52,7 +64,8 @@ def test_a_picture_is_equal_to_itself():
 
 
 def test_single_precision_pictures_are_summed_in_double():
-    # a float32 sum of 4 million squares near 1e-2 keeps 4 digits; the mean square is that of the float32 values themselves
+    # a float32 sum of 4 million squares near 1e-2 keeps 4 digits; the mean square is that of the float32 values
+    # themselves
     rng = np.random.default_rng(0)
     picture = rng.uniform(0, 1, (2000, 2000)).astype(np.float32)
     reference = np.zeros_like(picture)

@@ -206,8 +206,12 @@ def test_field_kernels_keep_precision_shape_and_inputs(kernel):
     assert_allclose(result, kernel(tangents.astype(float)), rtol=1e-6)  # float32 rounding
 
 
-@given(f_number=floats(0.6, 64.0), transmittance=floats(0.01, 1.0), magnification=floats(-5.0, 0.0), pupil=floats(0.2, 5.0))
-def test_a_t_number_is_the_f_number_of_a_lossless_lens_that_gives_as_much_light(f_number, transmittance, magnification, pupil):
+@given(
+    f_number=floats(0.6, 64.0), transmittance=floats(0.01, 1.0), magnification=floats(-5.0, 0.0), pupil=floats(0.2, 5.0)
+)
+def test_a_t_number_is_the_f_number_of_a_lossless_lens_that_gives_as_much_light(
+    f_number, transmittance, magnification, pupil
+):
     t_number = t_number_of(f_number, transmittance)
     assert t_number >= f_number
     lossy = aplanatic_factor(f_number, magnification, pupil) * transmittance
@@ -241,8 +245,8 @@ def test_the_cone_at_the_image_is_that_of_the_exit_pupil(focal, number, magnific
 def test_a_lens_keeps_the_etendue_between_object_and_image(focal, number, magnification, pupil):
     area = 7.3
     at_image = etendue(area, aplanatic_factor(max(number, 1.0), magnification, pupil))
-    # on the object's side: the entrance pupil f/N stands f (1/m_p - 1/m) from the object, whose patch is area/m^2; the sine
-    # condition makes |m| sin theta' of the marginal ray, which is half the pupil over its distance
+    # on the object's side: the entrance pupil f/N stands f (1/m_p - 1/m) from the object, whose patch is area/m^2; the
+    # sine condition makes |m| sin theta' of the marginal ray, which is half the pupil over its distance
     sine = 0.5 * focal / max(number, 1.0) / (focal * (1.0 / pupil - 1.0 / magnification))
     assert_allclose(area / magnification**2 * np.pi * sine**2, at_image, rtol=1e-13)
 

@@ -37,7 +37,9 @@ def test_a_gaussian_falls_to_its_levels_where_its_logarithm_says(sigma):
     found = figures(gaussian(sigma))
     for value, level in ((found.mtf50, 0.5), (found.mtf10, 0.1), (found.cut_off, 1e-3)):
         exact = math.sqrt(-math.log(level) / 2) / (math.pi * sigma)
-        assert_allclose(value, exact if exact < 4 else np.nan, rtol=1e-9)  # 2e-11 measured; the smallest are steep at the end
+        assert_allclose(
+            value, exact if exact < 4 else np.nan, rtol=1e-9
+        )  # 2e-11 measured; the smallest are steep at the end
 
 
 @given(widths)
@@ -58,7 +60,9 @@ def test_contrast_that_comes_back_counts_for_the_cut_off():
 @pytest.mark.parametrize("f_number", [1.4, 5.6, 22.0])
 def test_the_cut_off_of_a_lens_is_where_its_contrast_is_as_good_as_none(f_number):
     found = figures(lambda f: diffraction.circular_otf(f, 0.55, f_number), cut_off=1e-9)
-    assert_allclose(found.cut_off, 1 / (0.55 * f_number), rtol=2e-6)  # the last billionth is gone 1e-6 in front of the end
+    assert_allclose(
+        found.cut_off, 1 / (0.55 * f_number), rtol=2e-6
+    )  # the last billionth is gone 1e-6 in front of the end
 
 
 @given(st.floats(0.5, 8.0), st.floats(0.3, 3.0))

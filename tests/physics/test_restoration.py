@@ -1,4 +1,6 @@
-"""Sharpening is identity plus a Laplacian or less a Gaussian: in space, in frequency and on noise; what restoring gains and costs."""
+"""Sharpening is identity plus a Laplacian or less a Gaussian: in space, in frequency and on noise; what restoring
+gains and costs.
+"""
 
 import math
 
@@ -167,7 +169,8 @@ def test_a_wave_is_multiplied_by_the_response_of_the_unsharp_mask(cycles_y, cycl
 def test_a_wide_unsharp_mask_is_a_gaussian_in_frequency():
     f = np.linspace(0, 0.5, 51)
     gaussian = 1 + 0.6 * (1 - np.exp(-2 * (np.pi * 2.0 * f) ** 2))
-    # sampled at two pixels a standard deviation, whose first alias is below 1e-8 at Nyquist; cut at seven, where 3e-12 is left
+    # sampled at two pixels a standard deviation, whose first alias is below 1e-8 at Nyquist; cut at seven, where 3e-12
+    # is left
     assert_allclose(sharpening.unsharp_response(0.0, f, 2.0, 0.6), gaussian, rtol=0, atol=1e-8)
 
 
@@ -194,7 +197,12 @@ def test_the_unsharp_mask_keeps_float32_and_refuses_nonsense():
     assert sharp.dtype == np.float32
     # blurred in double, three roundings of values up to 5
     assert_allclose(sharp, sharpening.unsharp(planes.astype(float), 0.7, 2.0, 0.01), rtol=0, atol=2e-6)
-    for values, name in (((0.0, 1.0), "radius"), ((1.0, -1.0), "amount"), ((1.0, 1.0, math.nan), "threshold"), ((2000.0, 1.0), "radius")):
+    for values, name in (
+        ((0.0, 1.0), "radius"),
+        ((1.0, -1.0), "amount"),
+        ((1.0, 1.0, math.nan), "threshold"),
+        ((2000.0, 1.0), "radius"),
+    ):
         with pytest.raises(ValueError, match=f"{name} is"):
             sharpening.unsharp(np.zeros((2, 2)), *values)
     with pytest.raises(ValueError, match="planes has shape"):
@@ -220,7 +228,9 @@ def test_noise_behind_bilinear_demosaicing_has_the_stated_spectrum():
         spectrum = restoration_gain.bilinear_noise_spectrum(f[:, None], f, green)
         assert_allclose(spectrum.mean(), 5 / 8 if green else 9 / 16, rtol=1e-14)
         blocks = [a.reshape(8, 8, 8, 8).mean(axis=(1, 3)) for a in (power, spectrum)]
-        assert_allclose(blocks[0], blocks[1], rtol=0, atol=0.1 * blocks[1].max())  # 3840 draws, two by two alike: 0.09 is 4 sigma
+        assert_allclose(
+            blocks[0], blocks[1], rtol=0, atol=0.1 * blocks[1].max()
+        )  # 3840 draws, two by two alike: 0.09 is 4 sigma
         response = sharpening.sharpen_response(f[:, None], f, 0.3)
         predicted = restoration_gain.response_noise_gain(response, spectrum)
         measured = math.sqrt((response**2 * power).sum() / power.sum())

@@ -1,7 +1,8 @@
 """Kernels at the rim of what floats can say, against high precision. In: extreme arguments. Out: relative errors.
 
-The literals are of 20 digits: `mpmath` with 400 digits for D(f)/D(0) (the closed integrals of the diffusion equation), 60 for CIEDE2000
-(Sharma, Wu, Dalal 2005, eqs. 2-22, for inputs as exact binary64), 25 for a pixel's share of an Airy spot (Gauss's rule over its area).
+The literals are of 20 digits: `mpmath` with 400 digits for D(f)/D(0) (the closed integrals of the diffusion equation),
+60 for CIEDE2000 (Sharma, Wu, Dalal 2005, eqs. 2-22, for inputs as exact binary64), 25 for a pixel's share of an Airy
+spot (Gauss's rule over its area).
 """
 
 import numpy as np
@@ -13,19 +14,100 @@ from etendue_camera.optics.diffraction import pixel_airy
 from etendue_camera.sensor.photodiode import collection, collection_mtf, collection_per_absorption
 
 WEAK = [  # absorption 1/um, f cycles/um, depletion, depth, diffusion length um, back, D(f)/D(0)
-    (5e-324, 0.0015143994690342889, 0.0032796701805010535, 0.9556331642016497, 0.8508120356077739, "absorbing", 0.9999940494330202181),
-    (5e-324, 0.00012562783700073202, 0.5584820825790895, 0.2798200008793732, 87126.23636898598, "absorbing", 0.9999999991855635337),
-    (2e-323, 0.0017242931416062857, 0.02511816891150463, 528.3101463842479, 8077.878601839352, "reflecting", 0.17498409267364568308),
-    (2e-323, 0.00010865674018854746, 0.028820953643352434, 33.46067501603986, 7.422891992212103, "absorbing", 0.999988481434668006),
-    (1.5e-322, 0.006013866360651174, 5.428919537076621, 0.4011848425307971, 224.4780605634067, "reflecting", 0.99999472937339806731),
-    (1.5e-322, 0.00031981379552341316, 0.0020325966721604707, 0.1394271021818944, 3899.1814700076, "absorbing", 0.9999999936439706399),
-    (3e-320, 2.9540536120754957, 0.02883876534665873, 0.17792495644007328, 391.6138112408781, "absorbing", 0.66970135703062739323),
-    (3e-320, 0.004534570370891574, 0.0011142492019265012, 0.016748887466359948, 1.0408838324962513, "reflecting", 0.99999992883669720737),
-    (1e-315, 0.02447990990505033, 0.016192385363634508, 1.1300884681389778, 0.16642367535787347, "reflecting", 0.99970158037411395131),
-    (1e-315, 0.016501010404124175, 1.726546519284873, 1.377795160355409, 1.969330778386369, "absorbing", 0.99955510685027437586),
+    (
+        5e-324,
+        0.0015143994690342889,
+        0.0032796701805010535,
+        0.9556331642016497,
+        0.8508120356077739,
+        "absorbing",
+        0.9999940494330202181,
+    ),
+    (
+        5e-324,
+        0.00012562783700073202,
+        0.5584820825790895,
+        0.2798200008793732,
+        87126.23636898598,
+        "absorbing",
+        0.9999999991855635337,
+    ),
+    (
+        2e-323,
+        0.0017242931416062857,
+        0.02511816891150463,
+        528.3101463842479,
+        8077.878601839352,
+        "reflecting",
+        0.17498409267364568308,
+    ),
+    (
+        2e-323,
+        0.00010865674018854746,
+        0.028820953643352434,
+        33.46067501603986,
+        7.422891992212103,
+        "absorbing",
+        0.999988481434668006,
+    ),
+    (
+        1.5e-322,
+        0.006013866360651174,
+        5.428919537076621,
+        0.4011848425307971,
+        224.4780605634067,
+        "reflecting",
+        0.99999472937339806731,
+    ),
+    (
+        1.5e-322,
+        0.00031981379552341316,
+        0.0020325966721604707,
+        0.1394271021818944,
+        3899.1814700076,
+        "absorbing",
+        0.9999999936439706399,
+    ),
+    (
+        3e-320,
+        2.9540536120754957,
+        0.02883876534665873,
+        0.17792495644007328,
+        391.6138112408781,
+        "absorbing",
+        0.66970135703062739323,
+    ),
+    (
+        3e-320,
+        0.004534570370891574,
+        0.0011142492019265012,
+        0.016748887466359948,
+        1.0408838324962513,
+        "reflecting",
+        0.99999992883669720737,
+    ),
+    (
+        1e-315,
+        0.02447990990505033,
+        0.016192385363634508,
+        1.1300884681389778,
+        0.16642367535787347,
+        "reflecting",
+        0.99970158037411395131,
+    ),
+    (
+        1e-315,
+        0.016501010404124175,
+        1.726546519284873,
+        1.377795160355409,
+        1.969330778386369,
+        "absorbing",
+        0.99955510685027437586,
+    ),
 ]
 
-NEAR = [  # two colours L*, a*, b*, beside one another: across 0 degrees, anywhere, on the axis, along a radius; their difference
+# two colours L*, a*, b*, beside one another: across 0 degrees, anywhere, on the axis, along a radius; their difference
+NEAR = [
     (
         (18.576425653205174, 53.82008547798903, 2.6431182412519865e-10),
         (18.576425653205174, 53.82008549208229, -1.3343575318148282e-09),
@@ -96,7 +178,11 @@ NEAR = [  # two colours L*, a*, b*, beside one another: across 0 degrees, anywhe
         (90.01977286722759, -4.143566278118722, 26.264863820102587),
         0.0011750749573416495057,
     ),
-    ((78.97323079487434, 26.34466490706119, 0.0), (78.97323079487434, 26.34466490706119, -0.08395669502312703), 0.053048030950280851739),
+    (
+        (78.97323079487434, 26.34466490706119, 0.0),
+        (78.97323079487434, 26.34466490706119, -0.08395669502312703),
+        0.053048030950280851739,
+    ),
     (
         (65.17874442957694, -76.38993151110583, -6.128754192037462),
         (65.17874442957694, -76.38993284998685, -6.128754299455712),
@@ -141,7 +227,9 @@ def test_colours_beside_one_another_differ_with_all_digits(first, second, expect
 
 
 def test_a_difference_across_zero_degrees_is_that_of_the_mirrored_pair():
-    """Mirrored about the a* axis, the two halves of a hue difference are equal; weights change in proportion to the hue."""
+    """Mirrored about the a* axis, the two halves of a hue difference are equal; weights change in proportion to the
+    hue.
+    """
     for step in (1e-3, 1e-6, 1e-9):
         across = delta_e_2000(np.array([50.0, 40.0, step]), np.array([50.0, 40.0, -step]))
         beside = 2 * delta_e_2000(np.array([50.0, 40.0, step]), np.array([50.0, 40.0, 0.0]))

@@ -15,7 +15,9 @@ def test_it_is_the_largest_mean_error_of_rounded_draws(noise):
     values = np.linspace(0, 1, 41)
     draws = np.random.default_rng(1).standard_normal(200_000)
     worst = max(abs(float(np.rint(v + noise * draws).mean()) - v) for v in values)
-    assert lasting_error(1.0, noise) == pytest.approx(worst, abs=4e-3)  # four standard errors of 200,000 draws, and the grid of values
+    assert lasting_error(1.0, noise) == pytest.approx(
+        worst, abs=4e-3
+    )  # four standard errors of 200,000 draws, and the grid of values
 
 
 @given(step=st.floats(1e-6, 1e6), noise=st.floats(0, 3), more=st.floats(0, 1))

@@ -20,7 +20,9 @@ def sums(plane, step=(0.7, 1.1)):
 @settings(max_examples=40, deadline=None)
 @given(sizes=SIZES, seed=st.integers(0, 999), smooth=st.floats(0, 4))
 def test_power_bounds_the_mean_square_and_amplitude_the_largest_value_of_any_filtered_plane(sizes, seed, smooth):
-    """Whatever the factors: real, complex, larger than one. Parseval and the triangle inequality, on the window in the padded plane."""
+    """Whatever the factors: real, complex, larger than one. Parseval and the triangle inequality, on the window in
+    the padded plane.
+    """
     random = np.random.default_rng(seed)
     plane = random.random(sizes)
     step = (0.7, 1.1)
@@ -39,7 +41,8 @@ def test_power_bounds_the_mean_square_and_amplitude_the_largest_value_of_any_fil
 
 
 def test_a_wave_lies_in_its_ring_with_its_own_mean_square_and_amplitude():
-    n = 128  # with its padding a whole number of periods of a wave of 8 samples, so that the continuation is the wave itself
+    # with its padding a whole number of periods of a wave of 8 samples, so that the continuation is the wave itself
+    n = 128
     assert sampling.padded_size(n) % 8 == 0
     wave = np.cos(2 * np.pi * (np.arange(n) + 0.5) / 8)[None, :] * np.ones((n, 1))
     edges, power, amplitude = sums(wave, (1.0, 1.0))
@@ -81,7 +84,9 @@ def test_what_is_moved_changes_by_no_more_than_twice_its_waves(distance):
 
 
 def test_low_terms_of_a_spectrum_evaluate_to_the_plane_where_there_is_nothing_beyond():
-    """A Gaussian has 2e-11 of its largest amplitude at half the Nyquist frequency, of some hundred terms along each axis."""
+    """A Gaussian has 2e-11 of its largest amplitude at half the Nyquist frequency, of some hundred terms along each
+    axis.
+    """
     ny, nx = 96, 101
     y, x = np.arange(ny)[:, None], np.arange(nx)[None, :]
     plane = np.exp(-((y - 47.3) ** 2 + (x - 51.1) ** 2) / 40)

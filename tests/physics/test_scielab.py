@@ -33,7 +33,10 @@ def test_uniform_patches_have_the_plain_difference(one, other, samples, formula)
 @settings(deadline=None, max_examples=25)
 def test_the_difference_is_the_same_both_ways_and_none_between_equals(seed, samples):
     picture, reference = _noise(seed)
-    there, back = scielab.scielab(picture, reference, WHITE, samples), scielab.scielab(reference, picture, WHITE, samples)
+    there, back = (
+        scielab.scielab(picture, reference, WHITE, samples),
+        scielab.scielab(reference, picture, WHITE, samples),
+    )
     assert_allclose(there, back, rtol=1e-9, atol=1e-9)
     assert not scielab.scielab(picture, picture, WHITE, samples).any()
 
@@ -46,7 +49,8 @@ def test_an_infinitely_fine_pattern_tends_to_its_mean():
     left = [scielab.scielab(board, mean, WHITE, samples).max() for samples in (20, 40, 60, 80)]
     assert left[0] > 10
     assert left == sorted(left, reverse=True)
-    # at 80 the narrowest Gaussian is 2.3 samples wide: exp(-11.9) at this frequency, times 24 units of L* per unit of the cube root
+    # at 80 the narrowest Gaussian is 2.3 samples wide: exp(-11.9) at this frequency, times 24 units of L* per unit of
+    # the cube root
     assert left[-1] < 1e-3
     assert scielab.scielab(board, mean, WHITE, np.inf).max() < 1e-9
 
@@ -98,12 +102,16 @@ def test_weights_and_spreads_are_those_in_print():
         assert_allclose([w / total for w, _ in published], [w for w, _ in program], rtol=2e-3)  # printed with 3 digits
         ratios = [wide / narrow for (_, wide), (_, narrow) in zip(program, published, strict=True)]
         assert_allclose(ratios, 2, rtol=0.07)  # read as half widths, they are twice too wide
-    assert_allclose(scielab.XYZ_TO_OPPONENT, [[0.279, 0.72, -0.107], [-0.449, 0.29, 0.077], [0.086, -0.59, 0.501]], atol=2e-3)
+    assert_allclose(
+        scielab.XYZ_TO_OPPONENT, [[0.279, 0.72, -0.107], [-0.449, 0.29, 0.077], [0.086, -0.59, 0.501]], atol=2e-3
+    )
 
 
 def test_the_wide_reading_hides_more():
     picture, reference = _noise(1)
-    narrow, wide = (scielab.scielab(picture, reference, WHITE, 40, "2000", name).mean() for name in ("published", "half_width"))
+    narrow, wide = (
+        scielab.scielab(picture, reference, WHITE, 40, "2000", name).mean() for name in ("published", "half_width")
+    )
     assert wide < 0.7 * narrow
 
 

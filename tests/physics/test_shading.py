@@ -64,7 +64,9 @@ def test_noise_of_a_flat_field_is_averaged_over_the_pixels_of_a_row():
     flat = falling(6.9)
     noisy = flat + 0.01 * np.random.default_rng(2).standard_normal(flat.shape)
     quiet, found = (shading.calibrated(f, cfa.parse("mono"), PLACES, PLACES, 17) for f in (flat, noisy))
-    ratio = (found.gains / quiet.gains)[2:15]  # 19 freedoms for 25921 pixels: 0.0003 rms, three times that at its most, more at the ends
+    ratio = (found.gains / quiet.gains)[
+        2:15
+    ]  # 19 freedoms for 25921 pixels: 0.0003 rms, three times that at its most, more at the ends
     assert np.abs(ratio / ratio.mean() - 1).max() < 0.002
 
 

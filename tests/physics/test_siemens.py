@@ -40,7 +40,9 @@ def test_the_centre_is_found_and_nothing_hangs_on_where_it_was_sought():
     image = star(0.6)
     found = star_response(image, 36, 140.0, centre=(CENTRE[0] + 0.6, CENTRE[1] - 0.5), contrast=0.8)
     assert_allclose(found.centre, CENTRE, atol=1e-3)
-    assert_allclose(found.mtf50, star_response(image, 36, 140.0, centre=CENTRE, refine=False, contrast=0.8).mtf50, rtol=1e-4)
+    assert_allclose(
+        found.mtf50, star_response(image, 36, 140.0, centre=CENTRE, refine=False, contrast=0.8).mtf50, rtol=1e-4
+    )
     lost = star_response(image, 36, 140.0, centre=(CENTRE[0] + 0.6, CENTRE[1] - 0.5), contrast=0.8, refine=False)
     assert lost.mtf50 < 0.9 * found.mtf50  # what the search is for
 
@@ -62,7 +64,10 @@ def test_the_chart_that_the_scene_draws_can_be_measured():
 def test_noise_scatters_the_answer_about_the_truth():
     """4 % of the mean: 0.9 % rms, and no bias, because the noise is taken out of the sum of squares."""
     image, rng = star(0.6), np.random.default_rng(0)
-    found = [star_response(image + rng.normal(0, 0.02, image.shape), 36, 140.0, centre=CENTRE, contrast=0.8) for _ in range(16)]
+    found = [
+        star_response(image + rng.normal(0, 0.02, image.shape), 36, 140.0, centre=CENTRE, contrast=0.8)
+        for _ in range(16)
+    ]
     error = np.array([one.mtf50 for one in found]) * 0.6 / FIFTY - 1
     assert error.std() < 0.015
     assert abs(error.mean()) < 4 * error.std() / 4 + 1e-3

@@ -22,7 +22,9 @@ def distances(angle, shape=(200, 400), bend=0.0):
 
 
 def profile(mtf):
-    """The edge spread function of a transfer function along the normal: a square wave through it, near one of its edges."""
+    """The edge spread function of a transfer function along the normal: a square wave through it, near one of its
+    edges.
+    """
     size = FINE * PERIOD
     k = np.arange(size // 2 + 1)
     harmonic = np.where(k % 2 == 1, mtf(k / PERIOD) / (np.pi * np.maximum(k, 1)), 0.0)
@@ -41,7 +43,12 @@ def camera(cutoff, width, angle):
 
     def mtf(f):
         x = np.clip(f / cutoff, 0, 1)
-        return 2 / np.pi * (np.arccos(x) - x * np.sqrt(1 - x * x)) * np.abs(np.sinc(f * width * c) * np.sinc(f * width * s))
+        return (
+            2
+            / np.pi
+            * (np.arccos(x) - x * np.sqrt(1 - x * x))
+            * np.abs(np.sinc(f * width * c) * np.sinc(f * width * s))
+        )
 
     return mtf
 
@@ -57,7 +64,9 @@ def picture(mtf, angle, shape=(200, 400)):
 @pytest.mark.parametrize("angle", [2, 5, 10, 40, 50, 85, 88, -5, 130])
 @pytest.mark.parametrize("sigma", [0.3, 0.6, 1.5])
 def test_a_gaussian_comes_back_at_every_angle(sigma, angle):
-    """The half contrast of a Gaussian is at sqrt(ln 2 / 2)/(pi sigma): with sigma 0.3 pixels that is 0.62, above Nyquist."""
+    """The half contrast of a Gaussian is at sqrt(ln 2 / 2)/(pi sigma): with sigma 0.3 pixels that is 0.62, above
+    Nyquist.
+    """
     found = slanted_edge(picture(gaussian(sigma), angle))
     assert_allclose(found.mtf50, np.sqrt(np.log(2) / 2) / (np.pi * sigma), rtol=5e-5)  # 1e-5 measured
     assert_allclose(found.sfr, gaussian(sigma)(found.frequency), atol=1e-4)  # 4e-5 measured, up to 1 cycle/pixel
@@ -76,7 +85,9 @@ def test_diffraction_and_pixel_come_back_within_the_bound(cutoff, angle):
     assert_allclose(found.sfr[below], mtf(found.frequency[below]), atol=2e-3)  # 1e-3 measured, of the sharp bend at 0
 
 
-@pytest.mark.parametrize(("angle", "vertical", "seen"), [(5, True, -5), (-7, True, 7), (85, False, -5), (40, True, -40), (60, False, -30)])
+@pytest.mark.parametrize(
+    ("angle", "vertical", "seen"), [(5, True, -5), (-7, True, 7), (85, False, -5), (40, True, -40), (60, False, -30)]
+)
 def test_the_edge_is_found_where_it_is(angle, vertical, seen):
     found = slanted_edge(picture(gaussian(0.6), angle))
     assert found.vertical == vertical
@@ -167,7 +178,9 @@ def arc(radius, shape=(200, 400)):
 @pytest.mark.parametrize(("radius", "order"), [(4000, 2), (1000, 3), (600, 5)])
 @pytest.mark.parametrize("sigma", [0.6, 1.2])
 def test_a_curved_edge_is_measured_within_the_bound(radius, order, sigma):
-    """Up to 8 pixels of bend. A blur of sigma alters the profile of a circle by sigma/(2 radius), far below the bound."""
+    """Up to 8 pixels of bend. A blur of sigma alters the profile of a circle by sigma/(2 radius), far below the
+    bound.
+    """
     image = 0.2 + 0.6 * profile(gaussian(sigma))(arc(radius))
     found = slanted_edge(image, order=order)
     assert_allclose(found.mtf50, np.sqrt(np.log(2) / 2) / (np.pi * sigma), rtol=5e-4)  # bound 5e-3; 1e-4 measured
@@ -185,7 +198,9 @@ def test_the_other_figures_are_those_of_a_gaussian():
 
 @pytest.mark.parametrize("angle", [2, 5, 10, 40, 85])
 def test_the_bins_of_the_standard_err_by_percents_where_the_spline_does_not(angle):
-    """Half contrast at 0.31 cycles/pixel: a bin takes sinc(f/4), the derivative's correction gives back more than is lost."""
+    """Half contrast at 0.31 cycles/pixel: a bin takes sinc(f/4), the derivative's correction gives back more than is
+    lost.
+    """
     image = picture(gaussian(0.6), angle)
     true = np.sqrt(np.log(2) / 2) / (np.pi * 0.6)
     iso, spline = slanted_edge(image, method="iso"), slanted_edge(image)
@@ -206,7 +221,10 @@ def test_each_correction_of_the_standard_does_what_it_is_for():
     assert_allclose(binned(image, window="hamming")[1].response(f), whole, rtol=0.02)
     fine = binned(picture(gaussian(0.6), 5), bins=16)[1].response(f)
     assert_allclose(fine, gaussian(0.6)(f), atol=5e-3)  # finer bins take less
-    assert np.abs(binned(picture(gaussian(0.6), 5))[1].response(f) - gaussian(0.6)(f)).max() > 2 * np.abs(fine - gaussian(0.6)(f)).max()
+    assert (
+        np.abs(binned(picture(gaussian(0.6), 5))[1].response(f) - gaussian(0.6)(f)).max()
+        > 2 * np.abs(fine - gaussian(0.6)(f)).max()
+    )
 
 
 def test_the_bins_follow_a_curved_edge_too():

@@ -40,7 +40,9 @@ def test_the_saddle_of_the_airy_disc_is_that_of_the_high_precision_cases():
 
 @pytest.mark.parametrize(("separation", "saddle"), [(0.4, 1.0), (0.5, 0.98271), (0.6, 0.76112)])
 def test_the_papers_three_separations_have_their_saddles(separation, saddle):
-    assert_allclose(two_point_saddle(separation * 2 * SPOT, airy, 1 / SPOT)[0], saddle, atol=5e-6)  # five printed digits
+    assert_allclose(
+        two_point_saddle(separation * 2 * SPOT, airy, 1 / SPOT)[0], saddle, atol=5e-6
+    )  # five printed digits
 
 
 def test_the_airy_disc_has_the_separations_of_sparrow_and_rayleigh():
@@ -59,7 +61,9 @@ def test_the_spread_of_a_round_lens_is_the_airy_pattern():
 @pytest.mark.parametrize("kind", ["point", "line"])
 @pytest.mark.parametrize("highest", [1.0, 3.0, 20.0])
 def test_gaussians_merge_at_two_sigma(kind, highest):
-    """Points and lines alike: a Gaussian's section is a Gaussian. Rayleigh's dip solves 2 exp(-d^2/8s^2) = 0.735 (peak)."""
+    """Points and lines alike: a Gaussian's section is a Gaussian. Rayleigh's dip solves 2 exp(-d^2/8s^2) = 0.735
+    (peak).
+    """
     assert_allclose(sparrow_separation(gaussian(1.3), highest, kind=kind), 2.6, rtol=1e-10)
     separation = rayleigh_separation(gaussian(1.3), highest, kind=kind)
     x = np.linspace(0.4, 0.6, 200001) * separation
@@ -94,7 +98,9 @@ def test_blur_parts_points_farther_and_wavelengths_are_weighted():
 
     highest = 1 / (0.45 * 2.8)
     blue, red = (sparrow_separation(two, highest, [1 - w, w]) for w in (0, 1))
-    assert_allclose([blue, red], diffraction.SPARROW * 2.8 * np.array([0.45, 0.65]), rtol=1e-5)  # a cut-off inside the range
+    assert_allclose(
+        [blue, red], diffraction.SPARROW * 2.8 * np.array([0.45, 0.65]), rtol=1e-5
+    )  # a cut-off inside the range
     assert blue < sparrow_separation(two, highest) < red
     assert_allclose(sparrow_separation(two, highest, [2, 2]), sparrow_separation(two, highest), rtol=1e-14)
 

@@ -27,7 +27,9 @@ def test_a_uniform_patch_has_none(level, samples):
 @settings(deadline=None, max_examples=25)
 def test_small_noise_counts_in_proportion(seed, level):
     small, twice = (visible_noise(_patch(seed, level, size), WHITE, 30) for size in (1e-5 * level, 2e-5 * level))
-    assert_allclose(twice, 2 * np.array(small), rtol=1e-3)  # the curvature of the cube root: 1e-5 over the level, times a few sigma
+    assert_allclose(
+        twice, 2 * np.array(small), rtol=1e-3
+    )  # the curvature of the cube root: 1e-5 over the level, times a few sigma
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -21,7 +21,9 @@ def table(curve, count=21, reach=1000.0, wavelengths=(0.45, 0.55, 0.65)):
 def test_undistort_takes_back_what_distort_did(lens, wavelength):
     radius = np.r_[0.0, np.geomspace(1e-6, 1400.0, 200), -300.0]
     # a few units in the last place of the map, over its slope
-    np.testing.assert_allclose(lens.undistort(lens.distort(radius, wavelength), wavelength), radius, rtol=4e-15, atol=1e-15)
+    np.testing.assert_allclose(
+        lens.undistort(lens.distort(radius, wavelength), wavelength), radius, rtol=4e-15, atol=1e-15
+    )
 
 
 def test_percent_of_a_pure_cubic_is_the_square_of_the_height():
@@ -52,7 +54,9 @@ def test_a_table_goes_through_its_entries_and_converges_with_the_fourth_power():
 
     lens = table(curve)
     for wavelength in (0.45, 0.55, 0.65):
-        np.testing.assert_allclose(lens.distort(lens.table[0], wavelength), curve(lens.table[0], wavelength), rtol=1e-14)
+        np.testing.assert_allclose(
+            lens.distort(lens.table[0], wavelength), curve(lens.table[0], wavelength), rtol=1e-14
+        )
     # between columns linear in 1/wavelength^2, which this curve is
     np.testing.assert_allclose(lens.distort(lens.table[0], 0.5), curve(lens.table[0], 0.5), rtol=1e-13)
     radius = np.linspace(0, 1000, 501)
@@ -154,7 +158,9 @@ def test_a_turned_scene_gives_the_turned_image():
 
 
 def test_missing_light_is_measured_beyond_the_border():
-    lens = Distortion((0.0, 0.0, 0.0), lateral_colour=-0.01, reference_wavelength_um=0.55)  # 650 nm: the image is 1 % smaller
+    lens = Distortion(
+        (0.0, 0.0, 0.0), lateral_colour=-0.01, reference_wavelength_um=0.55
+    )  # 650 nm: the image is 1 % smaller
     assert warp.missing_um((-100.0, 100.0), (-200.0, 200.0), lens, 0.55) == 0
     assert warp.missing_um((-100.0, 100.0), (-200.0, 200.0), lens, 0.65) == pytest.approx(200 / 0.99 - 200, rel=1e-9)
     assert warp.missing_um((-100.0, 100.0), (-200.0, 200.0), lens, 0.45) == 0

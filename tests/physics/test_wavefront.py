@@ -28,7 +28,11 @@ def disc(radial=32, angular=64):
     nodes, weights = np.polynomial.legendre.leggauss(radial)
     rho = np.sqrt(0.5 * (1 + nodes))[:, None]
     angle = 2 * np.pi * np.arange(angular) / angular
-    return rho * np.sin(angle), rho * np.cos(angle), np.broadcast_to(0.5 * weights[:, None] / angular, (radial, angular))
+    return (
+        rho * np.sin(angle),
+        rho * np.cos(angle),
+        np.broadcast_to(0.5 * weights[:, None] / angular, (radial, angular)),
+    )
 
 
 @pytest.mark.parametrize("index", ["noll", "ansi"])
@@ -130,7 +134,8 @@ def test_strehl_ratio_falls_as_maréchal_says_to_the_fourth_power_of_the_rms(ter
         gaps.append(abs(ratio - math.exp(-((2 * math.pi * sigma) ** 2))))
         # third and fourth moments of a polynomial of rms 1: at most a few times the sigma to that power
         assert gaps[-1] < 10 * (2 * math.pi * sigma) ** 4
-    # an odd third moment is of fourth order in the ratio too: doubling sigma costs a factor of 16, or more where moments cancel
+    # an odd third moment is of fourth order in the ratio too: doubling sigma costs a factor of 16, or more where
+    # moments cancel
     assert gaps[1] / gaps[0] > 10
 
 

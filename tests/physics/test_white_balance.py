@@ -1,4 +1,6 @@
-"""Which white a mosaic shows, and mosaics balanced by it. In: mosaics made of a known white. Out: the white, equal channels."""
+"""Which white a mosaic shows, and mosaics balanced by it. In: mosaics made of a known white. Out: the white, equal
+channels.
+"""
 
 from itertools import pairwise
 
@@ -57,9 +59,15 @@ def test_the_channel_that_clips_first_keeps_its_bits_and_all_end_at_one():
 def test_flat_grey_shows_its_white_to_every_method(name, white, first, cell):
     mask = cfa.parse(name)
     white = np.array(white[: len(mask.channels)])
-    means, cells = white_balance.cell_means(seen(np.full((24, 26), 0.5), white, mask, first), mask, cell, 0.98, 0.0, *first)
+    means, cells = white_balance.cell_means(
+        seen(np.full((24, 26), 0.5), white, mask, first), mask, cell, 0.98, 0.0, *first
+    )
     assert means.shape == (len(white), cells)
-    for found in (white_balance.grey_world(means), white_balance.grey_world(means, 6.0), white_balance.white_patch(means)):
+    for found in (
+        white_balance.grey_world(means),
+        white_balance.grey_world(means, 6.0),
+        white_balance.white_patch(means),
+    ):
         assert white_balance.angle_between(found, white) < 1e-12  # degrees: means and powers of equal numbers
 
 
@@ -84,7 +92,9 @@ def test_shades_of_grey_lie_between_the_mean_and_the_brightest_cell():
 
 
 def test_what_clips_in_one_channel_is_left_out_of_all():
-    """Green clips first. Left out pixel by pixel it would lack what is bright, and the white would lean away from it."""
+    """Green clips first. Left out pixel by pixel it would lack what is bright, and the white would lean away from
+    it.
+    """
     mask, white = cfa.parse("RGGB"), np.array([0.5, 1.6, 0.7])
     grey = np.repeat(np.repeat(reflectances((20, 20), 4), 4, axis=0), 4, axis=1)
     mosaic = np.minimum(seen(grey, white, mask), 1.0)

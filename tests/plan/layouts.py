@@ -1,4 +1,6 @@
-"""Ways in which a distribution lays out the code of a stage: ``layouts.txt``, read and written to a folder of the path."""
+"""Ways in which a distribution lays out the code of a stage: ``layouts.txt``, read and written to a folder of the
+path.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ class Added({base}):
 
 @dataclass
 class Layout:
-    """``edits``: files whose edit must be seen, and the name under which it is. ``apart``: files that nothing reaches."""
+    """``edits``: files whose edit must be seen, and the name under which it is. ``apart``: files that nothing
+    reaches.
+    """
 
     title: str
     module: str
@@ -84,12 +88,20 @@ LAYOUTS = {layout.title: layout for layout in _read()}
 
 
 def install(root: Path, name: str, metadata: str) -> None:
-    """The metadata of a distribution with a package or module of its name, as an installer writes it: the record last."""
+    """The metadata of a distribution with a package or module of its name, as an installer writes it: the record
+    last.
+    """
     folder = root / f"{name}-1.0.dist-info"
     folder.mkdir(exist_ok=True)
-    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n{metadata.strip()}\n\nOf requirements: etendue\n")
+    (folder / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n{metadata.strip()}\n\nOf requirements: etendue\n"
+    )
     (folder / "INSTALLER").write_text("test\n")
-    paths = [root / f"{name}.py"] if (root / f"{name}.py").is_file() else sorted(p for p in (root / name).rglob("*") if p.is_file())
+    paths = (
+        [root / f"{name}.py"]
+        if (root / f"{name}.py").is_file()
+        else sorted(p for p in (root / name).rglob("*") if p.is_file())
+    )
     lines = []
     for path in paths:
         digest = base64.urlsafe_b64encode(hashlib.sha256(path.read_bytes()).digest()).rstrip(b"=").decode()

@@ -1,4 +1,6 @@
-"""Stages agree on what they share: equal names have equal defaults, differences and double physics are noted. In: installed stages."""
+"""Stages agree on what they share: equal names have equal defaults, differences and double physics are noted. In:
+installed stages.
+"""
 
 import tomllib
 from importlib.resources import files
@@ -44,7 +46,8 @@ DIFFER = {
     "white_luminance": "required of a scene; of a cube that may have a level",
 }
 
-ABROAD = {  # of the distributions beside this one, where they are installed: a name with another default than ours, and why
+# of the distributions beside this one, where they are installed: a name with another default than ours, and why
+ABROAD = {
     "heights": "of a ray-traced lens as many as its own aberrations ask, unless they are said",
     "pupil_samples": "of a lens that is traced rays are dear, and settings reach as far as it needs",
     "reference_wavelength": "of a whole ray-traced lens a camera quantity, which several of its stages share",
@@ -53,18 +56,39 @@ ABROAD = {  # of the distributions beside this one, where they are installed: a 
 
 
 def document(*stages, camera=None, scene=None):
-    start = {"use": "uniform", "name": "scene", "white_luminance": 100.0, "width": 60.0, "height": 60.0, "bin_width": 40.0, **(scene or {})}
+    start = {
+        "use": "uniform",
+        "name": "scene",
+        "white_luminance": 100.0,
+        "width": 60.0,
+        "height": 60.0,
+        "bin_width": 40.0,
+        **(scene or {}),
+    }
     return {
-        "name": "agree", "precision": "float64", "camera": {"peak_qe": [0.4, 0.5, 0.3], **(camera or {})},
+        "name": "agree",
+        "precision": "float64",
+        "camera": {"peak_qe": [0.4, 0.5, 0.3], **(camera or {})},
         "stages": [start, {"use": "irradiance"}, *({"use": s} if isinstance(s, str) else s for s in stages)],
-    }  # fmt: skip
+    }
 
 
 def notes(*stages, **tables):
     return make_plan(from_document(document(*stages, **tables)), installed_stages()).warnings
 
 
-SENSOR = ("pixel", "mosaic", "exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise", "white", "balance_mosaic")
+SENSOR = (
+    "pixel",
+    "mosaic",
+    "exposure",
+    "shot_noise",
+    "full_well",
+    "read_noise",
+    "adc",
+    "linearise",
+    "white",
+    "balance_mosaic",
+)
 COLOUR = ("demosaic_bilinear", "colour_fit", "camera_to_xyz")
 
 
@@ -106,9 +130,16 @@ def test_a_display_shows_the_tristimulus_values_that_it_was_given():
 
 @pytest.mark.parametrize(
     ("target", "display"),
-    [("D65", "sRGB"), ("sRGB", "sRGB"), ("D65", "ITU-R BT.2020"), ("D65", "Display P3"), ("D50", "ProPhoto RGB"), ("E", "CIE RGB"),
-     *((name, name) for name in MEASURED)],
-)  # fmt: skip
+    [
+        ("D65", "sRGB"),
+        ("sRGB", "sRGB"),
+        ("D65", "ITU-R BT.2020"),
+        ("D65", "Display P3"),
+        ("D50", "ProPhoto RGB"),
+        ("E", "CIE RGB"),
+        *((name, name) for name in MEASURED),
+    ],
+)
 def test_white_balanced_to_the_white_of_the_display_is_one_in_every_channel(target, display):
     """Whatever the scene's light is: to rounding of two 3 x 3 inverses."""
     balance, display = Balance(target=target), Display(display=display)
@@ -140,7 +171,9 @@ def test_displays_and_encodings_that_differ_are_noted():
     assert said == ["to_xyz: the display is sRGB here, but Display P3 in 'display', which stands before it"]
     measured = (*SENSOR, *COLOUR, "balance", {"use": "display", "display": "Apple Studio Display"}, "encode")
     said = [text for text in notes(*measured) if " here, but " in text]
-    assert said == ["display: the white of the display is Apple Studio Display here, but D65 in 'balance', which stands before it"]
+    assert said == [
+        "display: the white of the display is Apple Studio Display here, but D65 in 'balance', which stands before it"
+    ]
     decoded = (*SENSOR, *COLOUR, "balance", "display", {"use": "encode", "encoding": "power"}, "decode")
     said = [text for text in notes(*decoded) if " here, but " in text]
     assert said == ["decode: the encoding is sRGB here, but power 0.45 in 'encode', which stands before it"]
@@ -203,9 +236,13 @@ def test_one_peak_efficiency_serves_all_channels():
 
 
 def test_a_surface_that_the_efficiency_holds_already_is_noted():
-    assert any("surface_transmission = 0.9 changes nothing" in text for text in notes("pixel", camera={"surface_transmission": 0.9}))
+    assert any(
+        "surface_transmission = 0.9 changes nothing" in text
+        for text in notes("pixel", camera={"surface_transmission": 0.9})
+    )
     told = notes("pixel", camera={"surface_transmission": 0.9, "sensitivity_kind": "filter_transmittance"})
     assert not any("changes nothing" in text for text in told)
     assert any(
-        "sensitivity_per = 'energy' changes" in text for text in notes("pixel", camera={"sensitivity": "flat", "sensitivity_per": "energy"})
+        "sensitivity_per = 'energy' changes" in text
+        for text in notes("pixel", camera={"sensitivity": "flat", "sensitivity_per": "energy"})
     )

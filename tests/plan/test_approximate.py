@@ -32,7 +32,12 @@ def test_a_stage_stays_within_the_tolerance_or_as_near_to_its_best_as_a_tenth_of
 
 def test_a_stage_of_which_nothing_finer_is_to_be_had_is_not_made_dearer_in_vain():
     lens = installed_stages().load("aberrations")()
-    assert choose(lens, ("heights", "bands", "pupil_samples", "accuracy"), 1e-6, lambda stage: (stage.accuracy, "measured"))[0] == lens
+    assert (
+        choose(
+            lens, ("heights", "bands", "pupil_samples", "accuracy"), 1e-6, lambda stage: (stage.accuracy, "measured")
+        )[0]
+        == lens
+    )
 
 
 def test_a_setting_that_changes_nothing_is_not_told_as_coarser():
@@ -43,7 +48,9 @@ def test_a_setting_that_changes_nothing_is_not_told_as_coarser():
 
 def test_what_a_coarser_setting_saves_is_told_where_its_knob_says_what_it_costs():
     text = CAMERA + SCENE.format(scene="composite") + SENSOR
-    by_knob = {a["knob"]: a for s in summary(plan_of(text, {"tolerance": 1e-2}))["stages"] for a in s["approximated"] or []}
+    by_knob = {
+        a["knob"]: a for s in summary(plan_of(text, {"tolerance": 1e-2}))["stages"] for a in s["approximated"] or []
+    }
     assert by_knob["kept_frequencies"]["seconds_saved"] > 0
     for stage in summary(plan_of(text, {"tolerance": 1e-2}))["stages"]:
         for one in stage["approximated"] or []:

@@ -1,4 +1,6 @@
-"""A stage that breaks off or answers nonsense while it is planned is a fault of the file that names it; never an exception of its own."""
+"""A stage that breaks off or answers nonsense while it is planned is a fault of the file that names it; never an
+exception of its own.
+"""
 
 from __future__ import annotations
 
@@ -124,15 +126,36 @@ def test_a_value_error_is_how_a_stage_refuses_and_stays_in_its_own_words():
 NONSENSE = {
     "grid": ([], {"irradiance": 3}, {"irradiance": [GRID]}, None, "irradiance", {"other": GRID}),
     "carry": (None, {}, "uniform", Facts(high="bright"), Facts(contrast=math.nan), Facts(uniform="yes")),
-    "negligible": (math.nan, "nothing", (math.nan, "why"), ("0", "why"), (-1.0, "why"), (0.0, None), (0.0,), [0.0, "why"]),
-    "error": ("1e-6", 1e-6, (math.nan, "proved"), ("1e-6", "proved"), (1e-6, "guessed"), (-1.0, "proved"), (1e-6,), None, (True, "proved")),
+    "negligible": (
+        math.nan,
+        "nothing",
+        (math.nan, "why"),
+        ("0", "why"),
+        (-1.0, "why"),
+        (0.0, None),
+        (0.0,),
+        [0.0, "why"],
+    ),
+    "error": (
+        "1e-6",
+        1e-6,
+        (math.nan, "proved"),
+        ("1e-6", "proved"),
+        (1e-6, "guessed"),
+        (-1.0, "proved"),
+        (1e-6,),
+        None,
+        (True, "proved"),
+    ),
     "warn": ("dark", [1], None, 3, [None]),
     "warn_among": ("dark", [b"dark"], None),
     "common_draws": (None, "yes", 1),
 }
 
 
-@pytest.mark.parametrize(("method", "answer"), [(method, answer) for method, answers in NONSENSE.items() for answer in answers])
+@pytest.mark.parametrize(
+    ("method", "answer"), [(method, answer) for method, answers in NONSENSE.items() for answer in answers]
+)
 def test_nonsense_is_a_fault_that_says_what_was_expected(method, answer):
     does = property(lambda self: answer) if method == "common_draws" else lambda self, *_: answer
     text = faults(Lamp, spoilt(Filter, method, does))
@@ -140,7 +163,9 @@ def test_nonsense_is_a_fault_that_says_what_was_expected(method, answer):
     assert "expected" in text or "does not write" in text
 
 
-@pytest.mark.parametrize("answer", [None, Facts(), (Facts(), None), (None, {}), (Facts(), {"irradiance": GRID, "more": GRID})])
+@pytest.mark.parametrize(
+    "answer", [None, Facts(), (Facts(), None), (None, {}), (Facts(), {"irradiance": GRID, "more": GRID})]
+)
 def test_nonsense_about_a_source_is_a_fault_too(answer):
     assert "BadLamp.describe" in faults(spoilt(Lamp, "describe", lambda self: answer), Filter)
 
@@ -156,18 +181,32 @@ def test_a_dim_that_nobody_knows_is_said_with_what_to_write():
         writes: ClassVar = {"parts": "channel y x [1]"}
 
     text = faults(Lamp, Split)
-    for words in ("Split writes parts with the dim 'channel'", "which nothing it reads has", "creates = {'channel': RGB}", "grid(self"):
+    for words in (
+        "Split writes parts with the dim 'channel'",
+        "which nothing it reads has",
+        "creates = {'channel': RGB}",
+        "grid(self",
+    ):
         assert words in text
 
 
 @pytest.mark.parametrize(
     "own",
     [
-        {"gain": "large"}, {"gain": math.nan}, {"gain": -1.0}, {"nan": "shrug"}, {"negative": property(lambda self: 1 / 0)},
-        {"libraries": "scipy"}, {"libraries": (3,)}, {"creates": {"channel": ("R", "G")}}, {"creates": ["channel"]}, {"run": 3},
-        {"grid": GRID}, {"nanoseconds": "many"},
+        {"gain": "large"},
+        {"gain": math.nan},
+        {"gain": -1.0},
+        {"nan": "shrug"},
+        {"negative": property(lambda self: 1 / 0)},
+        {"libraries": "scipy"},
+        {"libraries": (3,)},
+        {"creates": {"channel": ("R", "G")}},
+        {"creates": ["channel"]},
+        {"run": 3},
+        {"grid": GRID},
+        {"nanoseconds": "many"},
     ],
-)  # fmt: skip
+)
 def test_a_class_that_says_nonsense_of_itself_is_no_stage(own):
     check_class(Filter)
     with pytest.raises(TypeError, match=next(iter(own))):

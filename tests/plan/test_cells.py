@@ -21,9 +21,14 @@ integration_time = { from = "1 ms", to = "100 ms", steps = 10, spacing = "log" }
 """
 
 # A short camera: 14 stages at 1000 points would only be slower to plan, not another law.
-SHORT = CAMERA + SCENE.format(scene="slanted_edge") + "\n".join(
-    f'[[stages]]\nuse = "{use}"' for use in ("irradiance", "diffraction", "pixel", "mosaic", "exposure", "lens_numbers", "pixel_numbers")
-)  # fmt: skip
+SHORT = (
+    CAMERA
+    + SCENE.format(scene="slanted_edge")
+    + "\n".join(
+        f'[[stages]]\nuse = "{use}"'
+        for use in ("irradiance", "diffraction", "pixel", "mosaic", "exposure", "lens_numbers", "pixel_numbers")
+    )
+)
 
 
 def counts(plan):
@@ -37,9 +42,15 @@ def axes(plan):
 def test_a_sweep_of_ten_by_ten_by_ten_shares_the_scene_the_lens_and_the_pixels():
     plan = plan_of(SHORT.replace('use = "pixel"\n', 'use = "pixel"\nrows = 8\ncolumns = 8\n') + f"\n[sweep]{TENS}")
     assert counts(plan) == {
-        "scene": 1, "irradiance": 10, "diffraction": 10, "pixel": 100, "mosaic": 100, "exposure": 1000,
-        "lens_numbers": 10, "pixel_numbers": 10,
-    }  # fmt: skip
+        "scene": 1,
+        "irradiance": 10,
+        "diffraction": 10,
+        "pixel": 100,
+        "mosaic": 100,
+        "exposure": 1000,
+        "lens_numbers": 10,
+        "pixel_numbers": 10,
+    }
     document = summary(plan)
     assert document["cells"] == len(plan.cells) == 1241
     assert document["naive_cells"] == 8000
@@ -57,15 +68,21 @@ def test_every_cell_stands_behind_what_it_reads_and_shares_its_axes():
 
 
 @settings(max_examples=20, deadline=None)
-@given(order=st.permutations(["f_number", "pixel_pitch", "integration_time"]), sizes=st.tuples(*[st.integers(1, 3)] * 3))
+@given(
+    order=st.permutations(["f_number", "pixel_pitch", "integration_time"]), sizes=st.tuples(*[st.integers(1, 3)] * 3)
+)
 def test_axes_keep_the_order_of_the_file_and_cells_are_their_product(order, sizes):
     values = {"f_number": [2, 3, 4], "pixel_pitch": [3, 4, 5], "integration_time": [0.1, 0.2, 0.3]}
     sweep = "\n".join(f"{name} = {values[name][:size]}" for name, size in zip(order, sizes, strict=True))
     plan = plan_of(chain(sweep=sweep))
     size = dict(zip(order, sizes, strict=True))
     reached = {
-        "scene": set(), "irradiance": {"f_number"}, "diffusion": {"f_number"}, "pixel": {"f_number", "pixel_pitch"}, "sharpen": set(order),
-    }  # fmt: skip
+        "scene": set(),
+        "irradiance": {"f_number"},
+        "diffusion": {"f_number"},
+        "pixel": {"f_number", "pixel_pitch"},
+        "sharpen": set(order),
+    }
     for name, dims in reached.items():
         assert axes(plan)[name] == tuple(dim for dim in order if dim in dims)
         assert counts(plan)[name] == math.prod(size[dim] for dim in dims)
@@ -92,25 +109,34 @@ def test_a_variable_is_its_last_writers_and_a_stage_can_be_named():
     assert plan_of(chain(), {"wanted": ["irradiance"]}).wanted == (("diffusion", "irradiance"),)
     assert plan_of(chain(), {"wanted": ["falloff.irradiance"]}).wanted == (("falloff", "irradiance"),)
     assert plan_of(chain(), {"wanted": ["scene"]}).wanted == (("scene", "radiance"), ("scene", "white_radiance"))
-    assert [node.name for node in plan_of(chain(), {"wanted": ["falloff.irradiance"]}).nodes] == ["scene", "irradiance", "falloff"]
+    assert [node.name for node in plan_of(chain(), {"wanted": ["falloff.irradiance"]}).nodes] == [
+        "scene",
+        "irradiance",
+        "falloff",
+    ]
 
 
 def test_what_is_kept_causes_no_computing_and_is_looked_up_by_variable_stage_or_both():
     kept = plan_of(chain(), {"wanted": ["raw"], "keep": ["irradiance", "mosaic", "exposure.expected_charge"]}).kept
     assert kept == {
         *((name, "irradiance") for name in ("irradiance", "falloff", "diffraction", "lens_gaussian", "diffusion")),
-        ("irradiance", "white_irradiance"), ("mosaic", "photocurrent"), ("exposure", "expected_charge"),
-    }  # fmt: skip
+        ("irradiance", "white_irradiance"),
+        ("mosaic", "photocurrent"),
+        ("exposure", "expected_charge"),
+    }
     assert not plan_of(chain(), {"wanted": ["raw"], "keep": ["rgb_camera"]}).kept
 
 
 def test_only_the_plugins_of_the_stages_in_the_file_are_imported(tmp_path):
-    """Wanting raw needs neither the module of the colour stages, which are not in the file, nor colour-science where the scene is known."""
+    """Wanting raw needs neither the module of the colour stages, which are not in the file, nor colour-science where
+    the scene is known.
+    """
     (tmp_path / "file.toml").write_text(CAMERA + SCENE.format(scene="uniform") + SENSOR)
     script = (
         "import sys; from pathlib import Path; from etendue.plan.planner import make_plan;"
         "from etendue.contract.registry import installed_stages;"
-        "from etendue.pipeline.file import read_pipeline; make_plan(read_pipeline(Path('file.toml')), installed_stages());"
+        "from etendue.pipeline.file import read_pipeline; make_plan(read_pipeline(Path('file.toml')), "
+        "installed_stages());"
         "print(*sorted(m for m in sys.modules if 'stages' in m), 'colour' in sys.modules)"
     )
     cache = os.environ | {"ETENDUE_CACHE": str(tmp_path / "cache")}
@@ -159,7 +185,9 @@ def test_a_stage_reads_the_nearest_earlier_writer_unless_from_says_otherwise():
 
 
 def test_an_axis_of_one_branch_does_not_reach_the_other():
-    plan = plan_of(BRANCHES + '\n[sweep]\n"other_sharpen.strength" = [0.1, 0.2, 0.3]\n', {"wanted": ["sharpen", "other_sharpen"]})
+    plan = plan_of(
+        BRANCHES + '\n[sweep]\n"other_sharpen.strength" = [0.1, 0.2, 0.3]\n', {"wanted": ["sharpen", "other_sharpen"]}
+    )
     assert counts(plan)["other_sharpen"] == 3
     assert counts(plan)["sharpen"] == counts(plan)["other"] == 1
     assert plan.node("other_sharpen").axes == ("other_sharpen_strength",)
@@ -169,7 +197,9 @@ def test_an_axis_of_one_branch_does_not_reach_the_other():
 
 
 def test_a_swapped_stage_is_an_axis_named_after_the_stage():
-    plan = plan_of(chain(sweep='"demosaic.use" = ["demosaic_bilinear", "demosaic_nearest"]\nintegration_time = [0.1, 0.2]'))
+    plan = plan_of(
+        chain(sweep='"demosaic.use" = ["demosaic_bilinear", "demosaic_nearest"]\nintegration_time = [0.1, 0.2]')
+    )
     assert [axis.key for axis in plan.axes] == ["demosaic.use", "integration_time"]
     assert plan.node("demosaic").axes == plan.node("sharpen").axes == ("demosaic", "integration_time")
     assert plan.node("linearise").axes == ("integration_time",)
@@ -188,12 +218,19 @@ def test_the_key_with_and_without_quotes_means_the_same():
 
 
 def test_alternatives_may_be_tables_with_a_label_and_parameters_of_their_own():
-    text = CAMERA + SCENE.format(scene="slanted_edge") + SENSOR.replace(
-        'use = "lens_gaussian"\n', 'use = "lens_gaussian"\nname = "blur"\nsigma = "1 um"\n'
-    ) + """
+    text = (
+        CAMERA
+        + SCENE.format(scene="slanted_edge")
+        + SENSOR.replace('use = "lens_gaussian"\n', 'use = "lens_gaussian"\nname = "blur"\nsigma = "1 um"\n')
+        + """
 [sweep]
-"blur.use" = ["lens_gaussian", { use = "lens_gaussian", sigma = "500 nm", label = "sharp" }, { use = "diffraction", label = "perfect" }]
-"""  # fmt: skip
+"blur.use" = [
+    "lens_gaussian",
+    { use = "lens_gaussian", sigma = "500 nm", label = "sharp" },
+    { use = "diffraction", label = "perfect" },
+]
+"""
+    )
     plan = plan_of(text, {"wanted": ["blur.irradiance"]})
     assert plan.axis("blur").values == ("lens_gaussian", "sharp", "perfect")
     stages = [cell.stage for cell in plan.of("blur")]
@@ -203,7 +240,9 @@ def test_alternatives_may_be_tables_with_a_label_and_parameters_of_their_own():
 
 def test_axes_of_a_swapped_stage_are_the_union_of_those_of_its_alternatives():
     """demosaic stages read the pattern, whose axis starts at the mosaic; reading differs, writing does not."""
-    plan = plan_of(chain(sweep='pattern = ["RGGB", "BGGR"]\n"demosaic.use" = ["demosaic_bilinear", "demosaic_colour_difference"]'))
+    plan = plan_of(
+        chain(sweep='pattern = ["RGGB", "BGGR"]\n"demosaic.use" = ["demosaic_bilinear", "demosaic_colour_difference"]')
+    )
     assert plan.node("mosaic").axes == ("pattern",)
     assert plan.node("demosaic").axes == ("pattern", "demosaic")
     assert [cell.stage.pattern for cell in plan.of("demosaic")] == ["RGGB", "RGGB", "BGGR", "BGGR"]
@@ -224,7 +263,9 @@ def test_transfer_functions_in_a_row_are_one_segment_that_ends_with_the_sum_over
     segments = {node.name: node.segment for node in plan.nodes if node.segment}
     whole = ("diffraction", "lens_gaussian", "diffusion", "pixel")
     assert segments == {name: whole[: i + 1] for i, name in enumerate(whole)}
-    assert {cell.segment_input for cell in plan.cells.values() if cell.segment_input} == {(("falloff", ()), "irradiance")}
+    assert {cell.segment_input for cell in plan.cells.values() if cell.segment_input} == {
+        (("falloff", ()), "irradiance")
+    }
 
 
 @pytest.mark.parametrize("setting", [{"wanted": ["raw"]}, {"keep": ["pixel"]}, {"lens_gaussian.sigma": 0}], ids=str)
@@ -235,7 +276,9 @@ def test_a_segment_is_fixed_by_the_pipeline_not_by_what_is_wanted_kept_or_left_o
 
 
 def test_a_stage_between_two_blurs_splits_the_segment():
-    text = chain().replace('[[stages]]\nuse = "diffusion"', '[[stages]]\nuse = "optical_filter"\n[[stages]]\nuse = "diffusion"')
+    text = chain().replace(
+        '[[stages]]\nuse = "diffusion"', '[[stages]]\nuse = "optical_filter"\n[[stages]]\nuse = "diffusion"'
+    )
     plan = plan_of(text)
     assert plan.node("lens_gaussian").segment == ("diffraction", "lens_gaussian")
     assert plan.node("pixel").segment == ("diffusion", "pixel")

@@ -14,7 +14,9 @@ from etendue.plan import distributions, sources
 from etendue.plan.engine import ENGINE, HELD, MOVES, TRANSFER_KERNELS, only_moves
 from etendue.plugins import discovery
 
-BUILT_IN = sorted(name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue")
+BUILT_IN = sorted(
+    name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue"
+)
 
 
 def forget():
@@ -35,7 +37,9 @@ def copied(folder, bytecode=False):
 
 @pytest.fixture(scope="module")
 def code(tmp_path_factory):
-    """A copy of the packages that a test may edit: their folder, a way to the digests of all built-in stages, and those unedited."""
+    """A copy of the packages that a test may edit: their folder, a way to the digests of all built-in stages, and
+    those unedited.
+    """
     packages = copied(tmp_path_factory.mktemp("code"))
 
     def digests():
@@ -64,7 +68,13 @@ STAGES = {
     "optics": {"irradiance", "optical_filter"},
     "lens": {"diffraction", "lens_gaussian", "lens_psf"},
     "sensor": {"diffusion", "pixel", "crosstalk"},
-    "reconstruct": {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_directional", "demosaic_any"},
+    "reconstruct": {
+        "demosaic_nearest",
+        "demosaic_bilinear",
+        "demosaic_colour_difference",
+        "demosaic_directional",
+        "demosaic_any",
+    },
     "random": {name for name in BUILT_IN if is_random(installed_stages().load(name))},
     "transfer": {name for name in BUILT_IN if is_transfer(installed_stages().load(name))},
 }
@@ -95,7 +105,11 @@ STAGES = {
         ),
         ("etendue/transfer/sampling.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
         ("etendue/transfer/expansion.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
-        ("etendue_camera/electronics/noise.py", {"shot_noise"}, STAGES["reconstruct"] | STAGES["transfer"] | {"linearise"}),
+        (
+            "etendue_camera/electronics/noise.py",
+            {"shot_noise"},
+            STAGES["reconstruct"] | STAGES["transfer"] | {"linearise"},
+        ),
         (
             "etendue_camera/sensor/stages/sensitivity.py",
             STAGES["sensor"] | {"white", "colour_fit"},
@@ -103,10 +117,14 @@ STAGES = {
         ),
         ("etendue_camera/picture_files.py", {"photograph"}, STAGES["optics"] | STAGES["reconstruct"] | {"uniform"}),
         ("etendue_camera/data/silicon_absorption.csv", STAGES["sensor"] | {"white"}, STAGES["reconstruct"] | {"adc"}),
-        ("etendue_camera/data/spectra.npz", {"uniform", "photograph", "camera_to_xyz"}, STAGES["reconstruct"] | {"adc"}),
+        (
+            "etendue_camera/data/spectra.npz",
+            {"uniform", "photograph", "camera_to_xyz"},
+            STAGES["reconstruct"] | {"adc"},
+        ),
         *((f"{module.replace('.', '/')}.py", set(BUILT_IN), set()) for module in ENGINE),
     ],
-)  # fmt: skip
+)
 def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(code, edited, must, must_not):
     packages, digests, before = code
     path, kept = packages / edited, (packages / edited).read_bytes()
@@ -120,12 +138,33 @@ def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(cod
 
 def test_an_edit_of_what_moves_or_shows_results_changes_no_key(code):
     packages, digests, before = code
-    rooms = ("accuracy", "archive", "builder", "cli", "pipeline", "plan", "plugins", "present", "run", "testing", "trust")
-    shown = [*(f"etendue/{room}" for room in rooms), "etendue_lab", *(f"etendue_camera/{room}" for room in ("cli", "export", "importing"))]
+    rooms = (
+        "accuracy",
+        "archive",
+        "builder",
+        "cli",
+        "pipeline",
+        "plan",
+        "plugins",
+        "present",
+        "run",
+        "testing",
+        "trust",
+    )
+    shown = [
+        *(f"etendue/{room}" for room in rooms),
+        "etendue_lab",
+        *(f"etendue_camera/{room}" for room in ("cli", "export", "importing")),
+    ]
     keyed = {packages / f"{module.replace('.', '/')}.py" for module in ENGINE}
     names = [path for folder in shown for path in (packages / folder).rglob("*.py") if path not in keyed]
-    names += [packages / "etendue" / name for name in ("session.py", "errors.py", "telling.py", "contract/registry.py", "contract/dims.py")]
-    names += [packages / "etendue_camera" / name for name in ("manifest.py", "data/variables.toml", "data/quantities.toml")]
+    names += [
+        packages / "etendue" / name
+        for name in ("session.py", "errors.py", "telling.py", "contract/registry.py", "contract/dims.py")
+    ]
+    names += [
+        packages / "etendue_camera" / name for name in ("manifest.py", "data/variables.toml", "data/quantities.toml")
+    ]
     assert len(names) > 150
     with edited_files(*names):
         assert digests() == before
@@ -168,7 +207,9 @@ def test_the_lists_name_modules_that_there_are_once_and_with_a_reason():
 
 
 def test_no_import_of_what_a_built_in_stage_reaches_is_hidden():
-    """The doors `api` and `etendue_camera.models` import what is asked for: what is taken out of them is followed by its name."""
+    """The doors `api` and `etendue_camera.models` import what is asked for: what is taken out of them is followed by
+    its name.
+    """
     for name in BUILT_IN:
         for module in code_of.code_of(installed_stages().load(name)).sources:
             own = module.partition(".")[0] in discovery.own_packages()
@@ -198,7 +239,9 @@ def test_what_is_kept_of_a_file_between_runs_is_forgotten_with_it(code, tmp_path
     os.utime(edited, ns=(state.st_atime_ns, state.st_mtime_ns))
     assert edited.stat().st_size == state.st_size
     after = digests()
-    assert {name for name in BUILT_IN if before[name] != after[name]} >= STAGES["reconstruct"] and set(reads) == {"bilinear.py"}
+    assert {name for name in BUILT_IN if before[name] != after[name]} >= STAGES["reconstruct"] and set(reads) == {
+        "bilinear.py"
+    }
     edited.write_text(text)
     assert digests() == before
     for kept in (tmp_path / "code").iterdir():
@@ -215,7 +258,12 @@ def test_a_copy_of_the_package_elsewhere_has_the_same_digests(code):
 def test_what_a_scene_was_found_to_hold_is_kept_under_the_code_that_has_found_it(code):
     package = code[0] / "etendue"
     found = []
-    for edited in ("transfer/rings.py", "transfer/contents.py", "contract/coordinates.py", "present/terminal/tables.py"):
+    for edited in (
+        "transfer/rings.py",
+        "transfer/contents.py",
+        "contract/coordinates.py",
+        "present/terminal/tables.py",
+    ):
         with pytest.MonkeyPatch.context() as patch, edited_files(package / edited):
             patch.setattr(sources, "PACKAGE", package)
             forget()

@@ -1,4 +1,6 @@
-"""The code behind a plugin's stage: whatever it reaches is in its key, however its distribution is laid out; what it does not is not."""
+"""The code behind a plugin's stage: whatever it reaches is in its key, however its distribution is laid out; what it
+does not is not.
+"""
 
 import importlib
 import itertools
@@ -18,7 +20,9 @@ NUMBERS = itertools.count()
 
 @pytest.fixture
 def imported(tmp_path, monkeypatch):
-    """Writes a layout into a folder of the path and imports its stage: the class, the folder, and the number in its names."""
+    """Writes a layout into a folder of the path and imports its stage: the class, the folder, and the number in its
+    names.
+    """
     modules = set(sys.modules)
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
@@ -56,11 +60,20 @@ def edit(path):
 
 
 FIRST = (
-    "a package", "relative imports", "an import in a function", "a namespace package", "modules without a package",
-    "a table beside the module", "kernels beside the manifest", "a built-in stage as a base", "an installed plugin",
-    "an installed library that knows nothing of etendue", "an installed plugin with an import that cannot be followed",
-    "code that is executed", "a compiled module",
-)  # fmt: skip
+    "a package",
+    "relative imports",
+    "an import in a function",
+    "a namespace package",
+    "modules without a package",
+    "a table beside the module",
+    "kernels beside the manifest",
+    "a built-in stage as a base",
+    "an installed plugin",
+    "an installed library that knows nothing of etendue",
+    "an installed plugin with an import that cannot be followed",
+    "code that is executed",
+    "a compiled module",
+)
 EVERY = [pytest.param(LAYOUTS[title], id=title, marks=() if title in FIRST else pytest.mark.long) for title in LAYOUTS]
 
 
@@ -85,7 +98,12 @@ def test_an_edit_of_what_a_stage_reaches_is_seen_and_named_and_no_other(imported
 def test_what_python_writes_and_what_is_hidden_does_not_count(imported):
     kind, root, n = imported(LAYOUTS["import_module of a name that is found"])
     before = now(kind)[0]
-    for path in (f"found{n}/__pycache__/kernel.cpython-311.pyc", f"found{n}/.kernel.py.swp", f"found{n}/kernel.pyc", ".git/config"):
+    for path in (
+        f"found{n}/__pycache__/kernel.cpython-311.pyc",
+        f"found{n}/.kernel.py.swp",
+        f"found{n}/kernel.pyc",
+        ".git/config",
+    ):
         (root / path).parent.mkdir(parents=True, exist_ok=True)
         (root / path).write_bytes(b"anything")
     assert now(kind)[0] == before
@@ -148,7 +166,9 @@ def test_a_stage_on_labels_depends_on_xarray(imported):
 
 def test_a_module_of_another_python_and_one_in_an_archive_count_as_they_are(imported, tmp_path, monkeypatch):
     kind, root, n = imported(LAYOUTS["a package"])
-    (root / f"p{n}" / "kernel.py").write_text("try:\n    import old\nexcept SyntaxError:\n    pass\nimport packed\nVALUE = 1.0\n")
+    (root / f"p{n}" / "kernel.py").write_text(
+        "try:\n    import old\nexcept SyntaxError:\n    pass\nimport packed\nVALUE = 1.0\n"
+    )
     (root / "old.py").write_text("print 'of another age'\n")
     (root / "zipped").mkdir()
     (root / "zipped" / "packed.py").write_text("VALUE = 1\n")

@@ -11,7 +11,9 @@ SIDE = 48.0  # um, of the shared scene; the sensor has 8 x 8 pixels
 
 
 def notes(scene="composite", sweep="", **overrides):
-    plan = plan_of(chain(scene=scene, sweep=sweep), overrides={f"camera.{name}": value for name, value in overrides.items()})
+    plan = plan_of(
+        chain(scene=scene, sweep=sweep), overrides={f"camera.{name}": value for name, value in overrides.items()}
+    )
     return [text for text in plan.warnings if "crops" in text]
 
 

@@ -138,7 +138,9 @@ def test_found_is_fixed_bit_for_bit_for_arrays_and_for_transfer_functions(use):
 
 
 def test_a_grid_that_depends_on_what_is_found_is_a_fault_of_the_plan():
-    with pytest.raises(RequestError, match=r"sized of finding 1\.0: Sized\.grid depends on f_number, which an earlier stage finds"):
+    with pytest.raises(
+        RequestError, match=r"sized of finding 1\.0: Sized\.grid depends on f_number, which an earlier stage finds"
+    ):
         plan_of("lamp", "iris", "sized")
 
 
@@ -151,7 +153,8 @@ def test_from_names_the_stage_that_finds_a_quantity_too():
 
 
 @pytest.mark.parametrize(
-    "use", [float, int, bool, round, abs, str.format, lambda f: f + 1, lambda f: 2 / f, lambda f: f < 3, np.sqrt, np.asarray]
+    "use",
+    [float, int, bool, round, abs, str.format, lambda f: f + 1, lambda f: 2 / f, lambda f: f < 3, np.sqrt, np.asarray],
 )
 def test_who_reckons_with_what_is_not_known_is_stopped(use):
     found = Found("f_number", 2.0, 16.0)
@@ -161,10 +164,24 @@ def test_who_reckons_with_what_is_not_known_is_stopped(use):
 
 def test_an_optional_variable_that_is_only_kept_is_told_to_be_wanted():
     document = {
-        "camera": {"peak_qe": [0.4, 0.5, 0.4]}, "keep": ["mtf50_gain"],
-        "stages": [{"use": "slanted_edge", "name": "scene", "white_luminance": 100, "width": 100, "height": 100, "bin_width": 100},
-                   {"use": "irradiance"}, {"use": "pixel", "rows": 8, "columns": 8}, {"use": "mosaic"}, {"use": "ideal_mosaic"},
-                   {"use": "demosaic_bilinear"}, {"use": "sharpen"}],
-    }  # fmt: skip
+        "camera": {"peak_qe": [0.4, 0.5, 0.4]},
+        "keep": ["mtf50_gain"],
+        "stages": [
+            {
+                "use": "slanted_edge",
+                "name": "scene",
+                "white_luminance": 100,
+                "width": 100,
+                "height": 100,
+                "bin_width": 100,
+            },
+            {"use": "irradiance"},
+            {"use": "pixel", "rows": 8, "columns": 8},
+            {"use": "mosaic"},
+            {"use": "ideal_mosaic"},
+            {"use": "demosaic_bilinear"},
+            {"use": "sharpen"},
+        ],
+    }
     with pytest.raises(RequestError, match="mtf50_gain is optional: ask for it under 'wanted'"):
         etendue.simulate(document)

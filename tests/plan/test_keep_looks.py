@@ -1,4 +1,6 @@
-"""`keep = "looks"`: what people look at is stored, the bands of light are not, and the plan says what each choice takes."""
+"""`keep = "looks"`: what people look at is stored, the bands of light are not, and the plan says what each choice
+takes.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +23,12 @@ def planned(keep):
 
 def test_looks_are_all_but_the_bands_of_light():
     plan = planned(("looks",))
-    light = {(n.name, v) for n in plan.nodes for v, written in n.writes.items() if {"wavelength", "y", "x"} <= {*written.dims}}
+    light = {
+        (n.name, v)
+        for n in plan.nodes
+        for v, written in n.writes.items()
+        if {"wavelength", "y", "x"} <= {*written.dims}
+    }
     assert light and plan.kept == planned(None).kept - light
     assert ("encode", "rgb_display") in plan.kept and ("scene", "white_radiance") in plan.kept
 
@@ -41,13 +48,17 @@ def test_the_plan_tells_the_bytes_of_every_variable_and_of_every_choice():
     document, looks = (summary(planned(keep)) for keep in (None, ("looks",)))
     assert document["keep"] == looks["keep"] == {"all": document["bytes"], "looks": looks["bytes"]}
     for one in (document, looks):
-        assert one["bytes"] == sum(v["bytes"] for stage in one["stages"] for v in stage["variables"].values() if v["kept"])
+        assert one["bytes"] == sum(
+            v["bytes"] for stage in one["stages"] for v in stage["variables"].values() if v["kept"]
+        )
     assert looks["bytes"] < 0.2 * document["bytes"]
 
 
 def test_no_stage_may_take_the_word():
     with pytest.raises(RequestError, match="means pictures and figures of all stages"):
-        make_plan(parse_pipeline(PIPELINE.read_text().replace('name = "demosaic"', 'name = "looks"')), installed_stages())
+        make_plan(
+            parse_pipeline(PIPELINE.read_text().replace('name = "demosaic"', 'name = "looks"')), installed_stages()
+        )
 
 
 def test_what_one_begins_with_says_what_each_choice_takes(tmp_path):

@@ -51,7 +51,14 @@ def test_a_change_reaches_the_stages_behind_it_and_no_other(setting, reached):
 
 @pytest.mark.parametrize(
     "setting",
-    [{"keep": ["raw"]}, {"keep": []}, {"wanted": ["raw"]}, {"wanted": ["sharpen"]}, {"name": "other"}, {"description": "x"}],
+    [
+        {"keep": ["raw"]},
+        {"keep": []},
+        {"wanted": ["raw"]},
+        {"wanted": ["sharpen"]},
+        {"name": "other"},
+        {"description": "x"},
+    ],
     ids=str,
 )
 def test_what_is_kept_wanted_or_called_changes_no_key(setting):
@@ -71,7 +78,9 @@ def test_the_tolerance_is_not_part_of_a_key():
     ]
     assert len(same) == len(one.cells)
     assert keys_of(one) == keys_of(other)
-    assert keys_of(plan_of(text, {"tolerance": 0}, leave_out=False)) == keys_of(plan_of(text, {"tolerance": 1e-9}, leave_out=False))
+    assert keys_of(plan_of(text, {"tolerance": 0}, leave_out=False)) == keys_of(
+        plan_of(text, {"tolerance": 1e-9}, leave_out=False)
+    )
 
 
 def test_a_cell_that_is_left_out_has_the_key_of_what_it_reads():
@@ -99,7 +108,9 @@ def test_a_stage_is_known_by_what_it_does_not_by_its_name_unless_it_draws_noise(
     assert [c.key for c in other_noise.of("photons")] != keys_of(plan_of(chain()))["shot_noise"]
 
 
-BUILT_IN = sorted(name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue")
+BUILT_IN = sorted(
+    name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue"
+)
 
 
 def unchecked(kind, values):
@@ -114,7 +125,9 @@ def unchecked(kind, values):
 def test_every_parameter_of_every_built_in_stage_is_part_of_its_key(name):
     kind = installed_stages().load(name)
     declared = parameters_of(kind)
-    given_values = {n: d if d is not MISSING else (0.1, 0.2, 0.3) if n == "peak_qe" else 1.0 for n, (p, _, d) in declared.items()}
+    given_values = {
+        n: d if d is not MISSING else (0.1, 0.2, 0.3) if n == "peak_qe" else 1.0 for n, (p, _, d) in declared.items()
+    }
     file = next((n for n, (p, _, d) in declared.items() if p.file), None)
     if file:
         given_values[file] = __file__
@@ -125,7 +138,9 @@ def test_every_parameter_of_every_built_in_stage_is_part_of_its_key(name):
             new = keys.__file__ if parameter == file else old + "?"
         else:
             new = (*old, 1.0) if isinstance(old, tuple) else 1.0 if old in (math.inf, -math.inf) else old + 1
-        assert keys.key_of(keys.parameters_for_key(unchecked(kind, {**given_values, parameter: new}))) != base, parameter
+        assert keys.key_of(keys.parameters_for_key(unchecked(kind, {**given_values, parameter: new}))) != base, (
+            parameter
+        )
 
 
 # -- what a plan decides ----------------------------------------------------------------------------------
@@ -146,7 +161,9 @@ def test_grids_stand_in_keys_as_they_are(monkeypatch):
 
 def test_where_a_segment_begins_stands_in_keys(monkeypatch):
     before = plan_of(chain())
-    monkeypatch.setattr(binding, "_segment", lambda node, earlier: (node.name,) if node.is_transfer else ())  # each transformed alone
+    monkeypatch.setattr(
+        binding, "_segment", lambda node, earlier: (node.name,) if node.is_transfer else ()
+    )  # each transformed alone
     assert changed(before, plan_of(chain())) == {"lens_gaussian", "diffusion"} | BEHIND_PIXEL
 
 
@@ -167,7 +184,10 @@ def test_the_dim_along_which_a_quantity_has_the_label_of_its_slice_stands_in_key
 
 
 def test_equal_grids_are_one_text_whatever_their_numbers_came_as():
-    one, other = Grid.of({"x": Line(4, 1, 2.0), "c": Labels((1, "R"))}), Grid.of({"x": Line(np.int64(4), 1.0, 2), "c": Labels((1.0, "R"))})
+    one, other = (
+        Grid.of({"x": Line(4, 1, 2.0), "c": Labels((1, "R"))}),
+        Grid.of({"x": Line(np.int64(4), 1.0, 2), "c": Labels((1.0, "R"))}),
+    )
     assert one == other and keys.plain_text(one) == keys.plain_text(other)
     assert keys.plain_text(one) != keys.plain_text(one.replace(x=Line(4, 1, 2.0, cells=True)))
     assert keys.plain_text(Labels(("a b",))) != keys.plain_text(Labels(("a", "b")))
@@ -176,7 +196,10 @@ def test_equal_grids_are_one_text_whatever_their_numbers_came_as():
 finite = st.one_of(st.floats(allow_nan=False), st.integers(-(2**60), 2**60), st.text(max_size=5), st.booleans())
 
 
-@given(one=st.dictionaries(st.text(max_size=3), finite, max_size=4), other=st.dictionaries(st.text(max_size=3), finite, max_size=4))
+@given(
+    one=st.dictionaries(st.text(max_size=3), finite, max_size=4),
+    other=st.dictionaries(st.text(max_size=3), finite, max_size=4),
+)
 def test_different_parameters_have_different_keys_and_their_order_does_not_matter(one, other):
     assert keys.key_of(one) == keys.key_of(dict(reversed(one.items())))
     same = one.keys() == other.keys() and all(repr(one[k]) == repr(other[k]) for k in one)

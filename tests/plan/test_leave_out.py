@@ -60,7 +60,9 @@ def test_a_stage_that_does_nothing_with_its_parameters_is_left_out():
 
 def test_leaving_out_a_blur_of_a_uniform_scene_changes_nothing_but_rounding():
     text = optics("uniform", NO_FALLOFF)
-    trees = [etendue.simulate(text, scheduler="serial", want=["photon_rate"], leave_out=allowed) for allowed in (True, False)]
+    trees = [
+        etendue.simulate(text, scheduler="serial", want=["photon_rate"], leave_out=allowed) for allowed in (True, False)
+    ]
     one, other = (values(tree, "pixel", "photon_rate") for tree in trees)
     assert np.abs(one - other).max() <= FLOAT32 * np.abs(other).max()
 
@@ -83,7 +85,9 @@ def corner_loss(width_um, focal_mm):
 @settings(max_examples=30, deadline=None)
 @given(exponent=st.floats(-7, -0.5), width=st.sampled_from([48, 64, 120, 200]), focal=st.floats(2, 50))
 def test_a_small_field_needs_no_fall_off_where_the_light_it_takes_is_within_the_tolerance(exponent, width, focal):
-    """At the largest pixel the loss of the corner; in rms no more of it than the light has, relative to its largest value."""
+    """At the largest pixel the loss of the corner; in rms no more of it than the light has, relative to its largest
+    value.
+    """
     tolerance = 10**exponent
     setting = {"scene.width": width, "scene.height": width, "camera.focal_length": focal, "tolerance": tolerance}
     rms = plan_of(optics(), setting).of("irradiance")[0].facts.content.rms
@@ -95,7 +99,11 @@ def test_a_small_field_needs_no_fall_off_where_the_light_it_takes_is_within_the_
 
 
 @settings(max_examples=30, deadline=None)
-@given(exponent=st.floats(-6, -0.01), scene=st.sampled_from(["uniform", "slanted_edge", "composite"]), norm=st.sampled_from(["rms", "max"]))
+@given(
+    exponent=st.floats(-6, -0.01),
+    scene=st.sampled_from(["uniform", "slanted_edge", "composite"]),
+    norm=st.sampled_from(["rms", "max"]),
+)
 def test_no_omission_and_no_coarser_setting_adds_more_than_the_tolerance(exponent, scene, norm):
     tolerance = 10**exponent
     plan = plan_of(optics(scene), {"tolerance": tolerance, "norm": norm})
@@ -122,7 +130,9 @@ def test_a_wider_tolerance_takes_no_finer_setting():
                     found[cell.node, name] = parameter.settings.index(getattr(cell.stage, name))
         places.append(found)
     for strict, loose in pairwise(places):
-        finer = {knob: (strict[knob], loose[knob]) for knob in loose.keys() & strict.keys() if loose[knob] > strict[knob]}
+        finer = {
+            knob: (strict[knob], loose[knob]) for knob in loose.keys() & strict.keys() if loose[knob] > strict[knob]
+        }
         assert not finer
     assert places[0] != places[-1]
 
@@ -135,7 +145,9 @@ def test_what_the_file_writes_is_no_plans_to_choose():
     assert [cell.stage.kept_frequencies for cell in swept.of("pixel")] == [0.5, 1]
 
 
-@pytest.mark.parametrize("setting", [{}, {"scene.use": "composite"}, {"camera.f_number": 16}, {"lens_gaussian.sigma": 5}])
+@pytest.mark.parametrize(
+    "setting", [{}, {"scene.use": "composite"}, {"camera.f_number": 16}, {"lens_gaussian.sigma": 5}]
+)
 @pytest.mark.parametrize("tolerance", [0.3, 0.03, 3e-3])
 def test_light_and_pixels_differ_by_no_more_than_the_stated_bounds(setting, tolerance):
     """Behind every stage rms of full scale, by its own bound and those in front of it; a blur lets no error grow."""
@@ -143,8 +155,13 @@ def test_light_and_pixels_differ_by_no_more_than_the_stated_bounds(setting, tole
     exact = plan_of(text, {**setting, "precision": "float64"}, leave_out=False)
     plan = plan_of(text, {**setting, "precision": "float64", "tolerance": tolerance, "camera.focal_length": "2 mm"})
     exact = plan_of(text, {**setting, "precision": "float64", "camera.focal_length": "2 mm"}, leave_out=False)
-    names = [("falloff", "irradiance"), ("diffraction", "irradiance"), ("lens_gaussian", "irradiance"), ("diffusion", "irradiance"),
-             ("pixel", "photon_rate")]  # fmt: skip
+    names = [
+        ("falloff", "irradiance"),
+        ("diffraction", "irradiance"),
+        ("lens_gaussian", "irradiance"),
+        ("diffusion", "irradiance"),
+        ("pixel", "photon_rate"),
+    ]
     one, other = (collect(p, {(name, ()): [v] for name, v in names}, Options("serial")).arrays for p in (plan, exact))
     bound = 0.0
     for name, variable in names:
@@ -152,14 +169,19 @@ def test_light_and_pixels_differ_by_no_more_than_the_stated_bounds(setting, tole
         with_it, without = other[name, ()][variable], one[name, ()][variable]
         axes = (1, 2) if variable == "photon_rate" else None
         rms = np.sqrt(((with_it - without) ** 2).mean(axis=axes)) / with_it.max(axis=axes)
-        assert np.max(rms) <= 1.2 * bound + 1e-14  # the brightest light behind a blur is a little less bright than in front of it
+        assert (
+            np.max(rms) <= 1.2 * bound + 1e-14
+        )  # the brightest light behind a blur is a little less bright than in front of it
 
 
 # -- cell by cell -----------------------------------------------------------------------------------------
 
 
 def test_the_decision_for_a_cell_does_not_depend_on_what_else_is_swept():
-    sweep = 'focal_length = [1, 5, 50]\n"lens_gaussian.sigma" = [0, 1]\n"sharpen.strength" = [0, 0.2]\nintegration_time = [0.1, 0.2]'
+    sweep = (
+        'focal_length = [1, 5, 50]\n"lens_gaussian.sigma" = [0, 1]\n"sharpen.strength" = [0, '
+        "0.2]\nintegration_time = [0.1, 0.2]"
+    )
     swept = plan_of(chain(sweep=sweep), {"tolerance": 5e-4})
     assert any(c.left_out for c in swept.of("falloff"))
     assert not all(c.left_out for c in swept.of("falloff"))

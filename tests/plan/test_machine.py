@@ -1,4 +1,6 @@
-"""A plan that does not fit is refused with what makes it smaller: cells where one alone is too large, the sweep where many are."""
+"""A plan that does not fit is refused with what makes it smaller: cells where one alone is too large, the sweep
+where many are.
+"""
 
 from pathlib import Path
 
@@ -15,11 +17,16 @@ from etendue.run import machine as fitting
 from etendue.run.peak_memory import peak_memory
 
 PIPELINE = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
-CELL, SWEEP = "a wider spacing of what it begins with, wider bands, a smaller window", "20 values; shorten 'keep' or the sweep"
+CELL, SWEEP = (
+    "a wider spacing of what it begins with, wider bands, a smaller window",
+    "20 values; shorten 'keep' or the sweep",
+)
 
 
 def plan_of(**overrides):
-    return make_plan(read_pipeline(PIPELINE, {key.replace("__", "."): value for key, value in overrides.items()}), installed_stages())
+    return make_plan(
+        read_pipeline(PIPELINE, {key.replace("__", "."): value for key, value in overrides.items()}), installed_stages()
+    )
 
 
 @pytest.fixture

@@ -18,7 +18,13 @@ from tests.run.small import run
 
 TEXT = (Path(__file__).parents[2] / "pipelines" / "sensors.toml").read_text()
 SENSORS = ("sony-imx174", "sony-imx363", "paper-ccd")
-SMALL = {"scene.width": "80 um", "scene.height": "60 um", "pixel.sensor_width": "60 um", "pixel.sensor_height": "40 um", "wanted": ["raw"]}
+SMALL = {
+    "scene.width": "80 um",
+    "scene.height": "60 um",
+    "pixel.sensor_width": "60 um",
+    "pixel.sensor_height": "40 um",
+    "wanted": ["raw"],
+}
 
 
 NAMELESS = TEXT.replace('sensor = "sony-imx174"\n', "")
@@ -130,10 +136,14 @@ def raw_of(folder):
 def test_studies_of_one_camera_take_the_sensor_that_is_named_or_the_first():
     pipeline = parse_pipeline(TEXT, overrides={**SMALL, "sweep.sensor": list(SENSORS[1:])})
     alone, at = without_sweep(pipeline)
-    assert at == {"sensor": "sony-imx174"} and keys(make_plan(replace(alone, wanted=("raw",)), installed_stages())) == keys(plan_of())
+    assert at == {"sensor": "sony-imx174"} and keys(
+        make_plan(replace(alone, wanted=("raw",)), installed_stages())
+    ) == keys(plan_of())
     alone, at = without_sweep(parse_pipeline(NAMELESS, overrides={**SMALL, "sweep.sensor": list(SENSORS[1:])}))
     assert at == {"sensor": "sony-imx363"}
-    assert keys(make_plan(replace(alone, wanted=("raw",)), installed_stages())) == keys(plan_of(**{"camera.sensor": "sony-imx363"}))
+    assert keys(make_plan(replace(alone, wanted=("raw",)), installed_stages())) == keys(
+        plan_of(**{"camera.sensor": "sony-imx363"})
+    )
 
 
 def test_an_edge_is_as_soft_as_the_pitch_of_each_sensor_asks():

@@ -16,26 +16,45 @@ PIPELINE = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 
 
 def planned(**overrides):
-    return make_plan(parse_pipeline(PIPELINE.read_text(), folder=PIPELINE.parent, overrides=overrides), installed_stages())
+    return make_plan(
+        parse_pipeline(PIPELINE.read_text(), folder=PIPELINE.parent, overrides=overrides), installed_stages()
+    )
 
 
 def test_a_stage_in_the_place_of_another_keeps_what_both_take_and_says_what_it_leaves_out():
     plan = planned(
-        **{"scene.use": "photograph", "scene.file": "package:etendue_camera/data/examples/picture.png", "demosaic.use": "demosaic_bilinear"}
+        **{
+            "scene.use": "photograph",
+            "scene.file": "package:etendue_camera/data/examples/picture.png",
+            "demosaic.use": "demosaic_bilinear",
+        }
     )
     (scene,) = plan.of("scene")
     assert (scene.use, scene.stage.white_luminance, scene.stage.width) == ("photograph", 360, 700)
     cube = planned(
-        **{"scene.use": "radiance_cube", "scene.file": "package:etendue_camera/data/examples/cube.zarr", "scene.spacing": "60 um"}
+        **{
+            "scene.use": "radiance_cube",
+            "scene.file": "package:etendue_camera/data/examples/cube.zarr",
+            "scene.spacing": "60 um",
+        }
     )
     (note,) = (one for one in cube.warnings if "in its place" in one)
-    assert "radiance_cube has no width, height, cycles, highest_frequency, wavelength_from, wavelength_to, bin_width" in note
+    assert (
+        "radiance_cube has no width, height, cycles, highest_frequency, wavelength_from, wavelength_to, bin_width"
+        in note
+    )
     assert "have them: white_luminance" in note
 
 
 def test_what_is_set_on_the_command_line_is_never_left_out_silently():
     with pytest.raises(RequestError, match="radiance_cube has no parameter 'width'"):
-        planned(**{"scene.use": "radiance_cube", "scene.file": "package:etendue_camera/data/examples/cube.zarr", "scene.width": "3 um"})
+        planned(
+            **{
+                "scene.use": "radiance_cube",
+                "scene.file": "package:etendue_camera/data/examples/cube.zarr",
+                "scene.width": "3 um",
+            }
+        )
 
 
 @pytest.mark.parametrize("use", ["sharpen", "denoise"])
@@ -60,7 +79,14 @@ def test_a_swapped_stage_without_a_name_keeps_the_one_that_it_had():
 
 def test_an_archive_of_a_swapped_stage_can_be_computed_again(tmp_path):
     words = ["scene.use=uniform", "pixel.rows=8", "pixel.columns=8", 'wanted=["irradiance"]']
-    asked = ["run", str(PIPELINE), "--archive", str(tmp_path / "a"), "--json", *(part for one in words for part in ("--set", one))]
+    asked = [
+        "run",
+        str(PIPELINE),
+        "--archive",
+        str(tmp_path / "a"),
+        "--json",
+        *(part for one in words for part in ("--set", one)),
+    ]
     done = CliRunner().invoke(main, [*asked, "--sweep", "f_number=4", "--sweep", "pixel_pitch=5"])
     assert done.exit_code == 0, done.output
     again = CliRunner().invoke(main, ["reproduce", str(tmp_path / "a"), "--json"])

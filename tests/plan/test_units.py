@@ -17,7 +17,9 @@ HERE = Path()
 ANY = Parameter()
 LENGTH = Parameter(units="um")
 
-decimals = st.decimals(min_value=Decimal("1e-9"), max_value=Decimal("1e9"), allow_nan=False, allow_infinity=False, places=9).filter(bool)
+decimals = st.decimals(
+    min_value=Decimal("1e-9"), max_value=Decimal("1e9"), allow_nan=False, allow_infinity=False, places=9
+).filter(bool)
 
 
 @pytest.mark.parametrize(
@@ -70,11 +72,22 @@ def test_the_same_length_in_three_units_is_the_same_float(number):
 @given(number=decimals, unit=st.sampled_from(["mm", "nm", "cm", "m", "km", "in"]))
 def test_a_conversion_is_correctly_rounded(number, unit):
     """The float nearest to the exact rational value: two roundings would miss it about once in two thousand."""
-    metres = {"mm": Fraction(1, 1000), "nm": Fraction(1, 10**9), "cm": Fraction(1, 100), "m": 1, "km": 1000, "in": Fraction(254, 10000)}
+    metres = {
+        "mm": Fraction(1, 1000),
+        "nm": Fraction(1, 10**9),
+        "cm": Fraction(1, 100),
+        "m": 1,
+        "km": 1000,
+        "in": Fraction(254, 10000),
+    }
     assert to_unit(f"{number} {unit}", "um") == float(Fraction(number) * metres[unit] * 10**6)
 
 
-@given(powers=st.lists(st.tuples(st.sampled_from(["m", "um", "s", "sr", "W"]), st.integers(-3, 3).filter(bool)), min_size=1, max_size=4))
+@given(
+    powers=st.lists(
+        st.tuples(st.sampled_from(["m", "um", "s", "sr", "W"]), st.integers(-3, 3).filter(bool)), min_size=1, max_size=4
+    )
+)
 def test_a_unit_means_the_same_in_any_order_and_with_a_slash(powers):
     text = " ".join(f"{symbol}{power}" for symbol, power in powers)
     slashed = "1" + "".join(f" {symbol}{power}" if power > 0 else f"/{symbol}{-power}" for symbol, power in powers)
@@ -91,7 +104,21 @@ def test_minus_zero_is_zero(text):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "um", "3 parsec", "3 um um", "1/3", "1_000", "0x10", "nan", "inf um", "1e999999999 km", "3 nm-999999999", "3 ms"]
+    "text",
+    [
+        "",
+        "um",
+        "3 parsec",
+        "3 um um",
+        "1/3",
+        "1_000",
+        "0x10",
+        "nan",
+        "inf um",
+        "1e999999999 km",
+        "3 nm-999999999",
+        "3 ms",
+    ],
 )
 def test_anything_else_is_refused_and_the_message_quotes_it(text):
     with pytest.raises(UnitError) as caught:
@@ -111,12 +138,22 @@ def test_infinity_is_a_value_only_where_it_is_allowed():
     endless = Parameter(units="um", above=0, infinite=True)
     assert resolve("inf", endless, float, HERE) == float("inf")
     assert resolve(Decimal("inf"), endless, float, HERE) == float("inf")
-    for parameter, value in ((LENGTH, "inf"), (LENGTH, Decimal("inf")), (endless, Decimal("-inf")), (endless, Decimal("nan"))):
+    for parameter, value in (
+        (LENGTH, "inf"),
+        (LENGTH, Decimal("inf")),
+        (endless, Decimal("-inf")),
+        (endless, Decimal("nan")),
+    ):
         with pytest.raises(Unfit):
             resolve(value, parameter, float, HERE)
 
 
-@given(first=st.floats(1e-6, 1e6), ratio=st.floats(1.01, 1e3), steps=st.integers(2, 40), spacing=st.sampled_from(["linear", "log"]))
+@given(
+    first=st.floats(1e-6, 1e6),
+    ratio=st.floats(1.01, 1e3),
+    steps=st.integers(2, 40),
+    spacing=st.sampled_from(["linear", "log"]),
+)
 def test_generated_axes_have_twelve_digits_and_hold_both_ends(first, ratio, steps, spacing):
     """Rounded, so that an axis written on another machine, or backwards, is the same axis."""
     low, high = Decimal(f"{first:.6g}"), Decimal(f"{first * ratio:.6g}")
@@ -128,14 +165,20 @@ def test_generated_axes_have_twelve_digits_and_hold_both_ends(first, ratio, step
     assert forwards[-1] == float(high)
     assert list(forwards) == sorted(forwards)
     assert all(value == float(f"{value:.12g}") for value in forwards)
-    # two ways to one value differ by rounding alone, 1e-16 times a few, far below half of the twelfth digit unless on its edge
+    # two ways to one value differ by rounding alone, 1e-16 times a few, far below half of the twelfth digit unless on
+    # its edge
     assert all(abs(a - b) <= 1.01e-11 * abs(a) for a, b in zip(forwards, reversed(backwards), strict=True))
 
 
 def test_a_generated_axis_is_the_list_it_stands_for():
     spaced = axis_values({"from": "1 um", "to": "6 um", "steps": 6}, LENGTH, float, HERE)
     assert spaced == axis_values(["1 um", 2, Decimal("3"), "4000 nm", 5.0, "0.006 mm"], LENGTH, float, HERE)
-    assert axis_values({"from": 1, "to": 1000, "steps": 4, "spacing": "log"}, ANY, float, HERE) == (1.0, 10.0, 100.0, 1000.0)
+    assert axis_values({"from": 1, "to": 1000, "steps": 4, "spacing": "log"}, ANY, float, HERE) == (
+        1.0,
+        10.0,
+        100.0,
+        1000.0,
+    )
     assert axis_values({"from": 3, "to": 9, "steps": 1}, ANY, float, HERE) == (3.0,)
 
 

@@ -1,4 +1,6 @@
-"""One small sweep for all plots, in memory and as an archive: 3 f-numbers x 2 pitches x 2 times, shapes by pitch, curves and pictures."""
+"""One small sweep for all plots, in memory and as an archive: 3 f-numbers x 2 pitches x 2 times, shapes by pitch,
+curves and pictures.
+"""
 
 import pytest
 

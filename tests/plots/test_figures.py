@@ -1,4 +1,6 @@
-"""What stands in a plot are the numbers of the archive, each in its place; a front is a front; what failed is marked."""
+"""What stands in a plot are the numbers of the archive, each in its place; a front is a front; what failed is
+marked.
+"""
 
 import numpy as np
 import pytest
@@ -58,7 +60,9 @@ def test_axes_in_any_order_are_drawn_in_theirs(tree):
     data = tree["exposure_report"].to_dataset().isel(f_number=[2, 0, 1])
     plot = figure_map(Holdings(data), "mean_snr", at={"integration_time": 0.008})
     assert [t.get_text() for t in panels(plot)[0].get_xticklabels()] == ["f/2", "f/2.8", "f/5.6"]
-    assert texts(panels(plot)[0])[0, 0] == number_text(float(data.mean_snr.sel(f_number=2, pixel_pitch=3, integration_time=0.008)))
+    assert texts(panels(plot)[0])[0, 0] == number_text(
+        float(data.mean_snr.sel(f_number=2, pixel_pitch=3, integration_time=0.008))
+    )
 
 
 def test_a_cell_that_failed_is_marked_and_none_of_its_numbers_is_drawn(tree):
@@ -68,7 +72,11 @@ def test_a_cell_that_failed_is_marked_and_none_of_its_numbers_is_drawn(tree):
     plot = figure_map(Holdings(data), "mean_snr")
     own = texts(panels(plot)[0])
     assert own[0, 0] == "×" and (0, 1) not in own and own[1, 2] == "–"
-    assert "77" not in own.values() and "failed" in plot.figure.get_supxlabel() and "not computed" in plot.figure.get_supxlabel()
+    assert (
+        "77" not in own.values()
+        and "failed" in plot.figure.get_supxlabel()
+        and "not computed" in plot.figure.get_supxlabel()
+    )
     assert not any(row[-1] == 77 for row in plot.rows)
 
 
@@ -80,7 +88,9 @@ def test_a_refusal_calls_the_archive_by_its_name(tree):
         assert "ARCHIVE" not in str(refused.value)
 
 
-@pytest.mark.parametrize("cells", [{"f_number": [0], "pixel_pitch": [0], "integration_time": [0]}, {"f_number": [1]}, {}])
+@pytest.mark.parametrize(
+    "cells", [{"f_number": [0], "pixel_pitch": [0], "integration_time": [0]}, {"f_number": [1]}, {}]
+)
 def test_any_number_of_axes_is_drawn(tree, cells):
     data = tree["exposure_report"].to_dataset().isel(cells)
     for asked in ("mean_snr", "clipped_fraction"):
@@ -101,7 +111,9 @@ def test_what_limits_is_named(tree, holdings):
 
 
 @given(
-    points=arrays.arrays(float, st.tuples(st.integers(0, 40), st.sampled_from([2, 3])), elements=st.sampled_from([0.0, 1, 2, 3, np.nan]))
+    points=arrays.arrays(
+        float, st.tuples(st.integers(0, 40), st.sampled_from([2, 3])), elements=st.sampled_from([0.0, 1, 2, 3, np.nan])
+    )
 )
 @settings(max_examples=60, deadline=None)
 def test_a_front_is_what_nothing_beats_and_what_beats_the_rest(points):
@@ -118,8 +130,11 @@ def test_a_front_is_what_nothing_beats_and_what_beats_the_rest(points):
 def test_a_front_is_of_both_figures_in_the_declared_direction_and_is_named(tree, holdings):
     plot = pareto(holdings, "mean_snr", "clipped_fraction")
     snr, clipped = tree["exposure_report"].mean_snr.values, tree["exposure_report"].clipped_fraction.values
-    want = {(float(s), float(c)) for s, c in zip(snr.ravel(), clipped.ravel(), strict=True)
-            if not np.any((snr >= s) & (clipped <= c) & ((snr > s) | (clipped < c)))}  # fmt: skip
+    want = {
+        (float(s), float(c))
+        for s, c in zip(snr.ravel(), clipped.ravel(), strict=True)
+        if not np.any((snr >= s) & (clipped <= c) & ((snr > s) | (clipped < c)))
+    }
     assert {tuple(row[-3:-1]) for row in plot.rows if row[-1]} == want
     words = "\n".join(t.get_text() for legend in plot.figure.legends for t in legend.get_texts())
     best = max((row for row in plot.rows if row[-1]), key=lambda row: row[-3])
@@ -148,22 +163,29 @@ def test_a_curve_over_its_own_dim_may_stand_over_what_lies_beside_it_with_nyquis
     """As resolution archives its transfer functions: cycles/pixel, with cycles/mm beside it for each pitch."""
     f, pitch = np.linspace(0, 1, 5), np.array([2.0, 4.0])
     mtf = xarray.DataArray(
-        np.stack([1 - 0.5 * f, 1 - f])[None] * np.ones((2, 1, 1)), dims=("pixel_pitch", "stage", "frequency"), name="mtf"
+        np.stack([1 - 0.5 * f, 1 - f])[None] * np.ones((2, 1, 1)),
+        dims=("pixel_pitch", "stage", "frequency"),
+        name="mtf",
     )
     data = xarray.Dataset(
         {"mtf": mtf, "status": ("pixel_pitch", np.zeros(2, "u1"))},
-        {"pixel_pitch": ("pixel_pitch", pitch, {"units": "um"}), "stage": ["lens", "pixel"],
-         "frequency": ("frequency", f, {"units": "cycles/pixel"}),
-         "frequency_lp_mm": (("pixel_pitch", "frequency"), f / pitch[:, None] * 1e3, {"units": "cycles/mm"}),
-         "nyquist_lp_mm": ("pixel_pitch", 500 / pitch, {"units": "cycles/mm"})},
-    )  # fmt: skip
+        {
+            "pixel_pitch": ("pixel_pitch", pitch, {"units": "um"}),
+            "stage": ["lens", "pixel"],
+            "frequency": ("frequency", f, {"units": "cycles/pixel"}),
+            "frequency_lp_mm": (("pixel_pitch", "frequency"), f / pitch[:, None] * 1e3, {"units": "cycles/mm"}),
+            "nyquist_lp_mm": ("pixel_pitch", 500 / pitch, {"units": "cycles/mm"}),
+        },
+    )
     holdings = Holdings(data)
     plain = curves(holdings, "mtf")
     assert [a.get_title() for a in plain.figure.axes] == ["2 µm", "4 µm"]
     assert any(line.get_linestyle() == "--" and line.get_xdata()[0] == 0.5 for line in plain.figure.axes[0].lines)
     other = curves(holdings, "mtf", x="frequency_lp_mm", at={"pixel_pitch": 4})
     np.testing.assert_allclose(other.figure.axes[0].lines[0].get_xdata(), f / 4 * 1e3)
-    solid, dashed = ([line for line in other.figure.axes[0].lines if line.get_linestyle() == style] for style in ("-", "--"))
+    solid, dashed = (
+        [line for line in other.figure.axes[0].lines if line.get_linestyle() == style] for style in ("-", "--")
+    )
     np.testing.assert_allclose(solid[1].get_ydata(), 1 - f)
     assert [line.get_xdata()[0] for line in dashed] == [125.0]
 
@@ -182,7 +204,12 @@ def test_every_kind_is_drawn_without_a_word_and_saved_the_same_twice(holdings, t
         at = {"f_number": 2, "pixel_pitch": 3, "integration_time": 0.008} if kind == "show" else {}
         assert draw(holdings, kind, Asked(at=at)).figure.axes
     plot = draw(holdings, "limits")
-    for ending, begins in (("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF"), ("csv", b"pixel_pitch,f_number,limiting_factor")):
+    for ending, begins in (
+        ("png", b"\x89PNG"),
+        ("svg", b"<?xml"),
+        ("pdf", b"%PDF"),
+        ("csv", b"pixel_pitch,f_number,limiting_factor"),
+    ):
         assert plot.save(tmp_path / f"limits.{ending}").read_bytes().startswith(begins)
     assert draw(holdings, "limits").data("png") == (tmp_path / "limits.png").read_bytes()
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".csv", ".pdf", ".png", ".svg"]
@@ -242,10 +269,20 @@ def test_every_dim_has_one_place_and_panels_are_few(sizes, sides):
 
 @pytest.mark.parametrize(
     ("value", "units", "dim", "text"),
-    [(2.8, "1", "f_number", "f/2.8"), (0.008, "s", "integration_time", "8 ms"), (5.4, "um", "pixel_pitch", "5.4 µm"),
-     ("D65", "1", "illuminant", "D65"),
-     (1, "s", "", "1 s"), (2e-5, "s", "", "20 µs")],
-)  # fmt: skip
+    [
+        (2.8, "1", "f_number", "f/2.8"),
+        (0.008, "s", "integration_time", "8 ms"),
+        (5.4, "um", "pixel_pitch", "5.4 µm"),
+        ("D65", "1", "illuminant", "D65"),
+        (1, "s", "", "1 s"),
+        (2e-5, "s", "", "20 µs"),
+    ],
+)
 def test_values_are_written_as_people_say_them(value, units, dim, text):
     assert value_text(value, units, dim) == text
-    assert [unit_text(u) for u in ("um-1", "mm-1", "electron um-2", "W m-2 nm-1")] == ["cycles/µm", "lp/mm", "electrons µm⁻²", "W m⁻² nm⁻¹"]
+    assert [unit_text(u) for u in ("um-1", "mm-1", "electron um-2", "W m-2 nm-1")] == [
+        "cycles/µm",
+        "lp/mm",
+        "electrons µm⁻²",
+        "W m⁻² nm⁻¹",
+    ]

@@ -1,4 +1,6 @@
-"""What is seen first is what is there: axes, figures, cells, failures; in memory, in an archive, in one that is being written."""
+"""What is seen first is what is there: axes, figures, cells, failures; in memory, in an archive, in one that is
+being written.
+"""
 
 import fcntl
 import math
@@ -84,7 +86,11 @@ def asked_of_a_network(html):
 
 
 def test_axes_stand_with_values_and_units_and_cells_as_the_ledger_counts_them(seen, tree):
-    assert seen.axes == [("f_number", "f/2, f/2.8, f/5.6", 3), ("pixel_pitch", "3 µm, 4 µm", 2), ("integration_time", "2 ms, 8 ms", 2)]
+    assert seen.axes == [
+        ("f_number", "f/2, f/2.8, f/5.6", 3),
+        ("pixel_pitch", "3 µm, 4 µm", 2),
+        ("integration_time", "2 ms, 8 ms", 2),
+    ]
     status = tree["ledger"].status.values.tolist()
     assert seen.counts == {one: status.count(one) for one in set(status)} and seen.cells == len(status)
     assert seen.stages == 18 and seen.state == "complete"
@@ -98,12 +104,18 @@ def test_figures_are_the_archive_s_at_the_cell_that_is_pictured(seen, tree):
     mtf = next(one for one in seen.figures if one.name == "mtf50_lp_mm")
     own = tree["resolution"].dataset["mtf50_lp_mm"]
     assert mtf.value == float(own.sel({dim: at[dim] for dim in own.dims if dim in at}).isel(stage=-1))
-    assert f" behind {own['stage'].values[-1]}, without " in mtf.title and mtf.units == "cycles/mm" and "per mm" not in mtf.title
+    assert (
+        f" behind {own['stage'].values[-1]}, without " in mtf.title
+        and mtf.units == "cycles/mm"
+        and "per mm" not in mtf.title
+    )
 
 
 def test_every_stage_that_has_a_picture_is_shown_and_nothing_is_asked_of_a_network(archive, seen):
     html = etendue.open_archive(archive).etendue._repr_html_()
-    assert [one.stage for one in seen.pictures][:3] == ["scene", "irradiance", "diffraction"] and seen.pictures[-1].stage == "encode"
+    assert [one.stage for one in seen.pictures][:3] == ["scene", "irradiance", "diffraction"] and seen.pictures[
+        -1
+    ].stage == "encode"
     assert html.count("<img ") == len(seen.pictures) and asked_of_a_network(html) == []
     assert len(html) < 200_000  # of a notebook that keeps it
 
@@ -119,7 +131,13 @@ def test_commands_that_are_named_do_what_they_say(archive, seen):
 
 def test_in_memory_it_is_the_same_without_commands_for_a_folder(seen):
     own = glance(etendue.simulate(PIPELINE))
-    assert (own.axes, own.figures, own.counts, own.at, own.state) == (seen.axes, seen.figures, seen.counts, seen.at, seen.state)
+    assert (own.axes, own.figures, own.counts, own.at, own.state) == (
+        seen.axes,
+        seen.figures,
+        seen.counts,
+        seen.at,
+        seen.state,
+    )
     assert own.place == "" and own.commands == [one for one in seen.commands if one[0].startswith("tree.")]
 
 
@@ -167,7 +185,9 @@ def test_a_run_that_goes_on_shows_what_is_finished(archive, tmp_path):
         fcntl.flock(lock, fcntl.LOCK_EX)
         tree = etendue.open_archive(folder)
         seen = glance(tree)
-        assert re.match(r"running: \d+ of \d+ cells", seen.state) and not any(c.startswith("etendue run") for c, _ in seen.commands)
+        assert re.match(r"running: \d+ of \d+ cells", seen.state) and not any(
+            c.startswith("etendue run") for c, _ in seen.commands
+        )
         assert sum(one.stage == "encode" for one in seen.pictures) == 1  # of a cell that is finished
         assert asked_of_a_network(tree.etendue._repr_html_()) == []
     seen = glance(etendue.open_archive(folder))
@@ -186,7 +206,13 @@ def test_a_tree_that_is_closed_or_damaged_says_what_cannot_be_read(archive, tmp_
     assert "cannot be read" in html and "MTF" not in html.split("Figures")[-1].split("Look further")[0]
 
 
-LOST = ("encode", *(pytest.param(one, marks=pytest.mark.long) for one in ("exposure_report/f_number", "ledger/status/c", "zarr.json")))
+LOST = (
+    "encode",
+    *(
+        pytest.param(one, marks=pytest.mark.long)
+        for one in ("exposure_report/f_number", "ledger/status/c", "zarr.json")
+    ),
+)
 
 
 @pytest.mark.parametrize("lost", LOST)
@@ -200,13 +226,17 @@ def test_an_archive_that_lost_a_part_is_damaged_and_says_what_mends_it(archive, 
     for tree in trees:
         seen, html, text = glance(tree), tree.etendue._repr_html_(), repr(tree.etendue)
         assert seen.state == "damaged" and seen.axes == [] and seen.commands[0][0].endswith("damaged --repair")
-        assert all("etendue verify" in shown and "damaged" in shown and "complete" not in shown for shown in (html, text))
+        assert all(
+            "etendue verify" in shown and "damaged" in shown and "complete" not in shown for shown in (html, text)
+        )
         assert "plotted" in text and "0 cells" not in html + text
     with pytest.raises(ArchiveError, match=f"{lost.split('/')[0]}.*etendue verify .* --repair"):
         etendue.open_archive(folder).load()
 
 
-@pytest.mark.skipif(xarray.__version__ < "2026", reason="until then xarray itself reads all texts where it opens a store")
+@pytest.mark.skipif(
+    xarray.__version__ < "2026", reason="until then xarray itself reads all texts where it opens a store"
+)
 def test_a_ledger_that_cannot_be_read_or_has_lost_rows_is_said_to_be_so(archive, tmp_path):
     folder = tmp_path / "elsewhere"  # a store alone, as it is fetched from elsewhere: without manifest and journal
     shutil.copytree(archive / "data.zarr", folder)
@@ -233,7 +263,9 @@ def test_a_run_whose_archive_is_damaged_since_says_so(tmp_path):
     outcome = execute(make_plan(parse_pipeline(SMALL), installed_stages()), tmp_path / "run", Options("serial"))
     assert "; complete; " in repr(outcome)
     shutil.rmtree(tmp_path / "run/data.zarr/ledger")
-    assert all("etendue verify" in shown and "cells computed" in shown for shown in (repr(outcome), outcome._repr_html_()))
+    assert all(
+        "etendue verify" in shown and "cells computed" in shown for shown in (repr(outcome), outcome._repr_html_())
+    )
 
 
 def test_a_tree_of_nobody_is_named_as_it_is():

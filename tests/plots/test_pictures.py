@@ -30,7 +30,9 @@ def seen(plot):
 
 
 def encoded(values):
-    return xarray.DataArray(np.stack([values] * 3), dims=("channel", "y", "x"), coords={"channel": ["R", "G", "B"]}, name="rgb_display")
+    return xarray.DataArray(
+        np.stack([values] * 3), dims=("channel", "y", "x"), coords={"channel": ["R", "G", "B"]}, name="rgb_display"
+    )
 
 
 @pytest.mark.parametrize("shape", [(6, 10), (10, 6), (1, 7), (64, 48), (700, 350)])
@@ -49,14 +51,18 @@ def test_samples_are_squares_of_whole_dots_with_their_values():
     page = seen(show_array(encoded(values)))
     times = page.shape[0] // 5
     assert page.shape[:2] == (5 * times, 8 * times)
-    np.testing.assert_array_equal(page[times // 2 :: times, times // 2 :: times, 0], np.rint(255 * values).astype(np.uint8))
+    np.testing.assert_array_equal(
+        page[times // 2 :: times, times // 2 :: times, 0], np.rint(255 * values).astype(np.uint8)
+    )
 
 
 def test_light_of_a_white_is_grey_and_of_a_red_is_red():
     middles = np.arange(405, 700, 10.0)
 
     def light(values):
-        array = xarray.DataArray(np.ones((len(middles), 2, 2)) * values[:, None, None], dims=("wavelength", "y", "x"), name="radiance")
+        array = xarray.DataArray(
+            np.ones((len(middles), 2, 2)) * values[:, None, None], dims=("wavelength", "y", "x"), name="radiance"
+        )
         return pictures.drawn(array.assign_coords(wavelength=middles))[0, 0].astype(int)
 
     red = light((middles > 600).astype(float))
@@ -64,9 +70,15 @@ def test_light_of_a_white_is_grey_and_of_a_red_is_red():
 
 
 def test_a_mosaic_has_the_colours_of_its_filters_as_its_window_sees_them():
-    array = xarray.DataArray(np.full((4, 4), 100.0), dims=("y", "x"), name="raw", attrs={"drawn_as": "linear", "drawn_pattern": "RG/GB"})
+    array = xarray.DataArray(
+        np.full((4, 4), 100.0), dims=("y", "x"), name="raw", attrs={"drawn_as": "linear", "drawn_pattern": "RG/GB"}
+    )
     picture = pictures.drawn(array).astype(int)
-    assert picture[0, 0, 0] > picture[0, 0, 2] and picture[1, 1, 2] > picture[1, 1, 0] and picture[0, 1, 1] > picture[0, 1, 0]
+    assert (
+        picture[0, 0, 0] > picture[0, 0, 2]
+        and picture[1, 1, 2] > picture[1, 1, 0]
+        and picture[0, 1, 1] > picture[0, 1, 0]
+    )
     moved = pictures.drawn(array.assign_coords(y=[1.0, 2, 3, 4], x=[1.0, 2, 3, 4])).astype(int)
     np.testing.assert_array_equal(moved[0, 0], picture[1, 1])
 
@@ -78,7 +90,9 @@ def test_what_is_not_there_is_striped_and_said():
     colours = {tuple(c) for c in picture[:6].reshape(-1, 3).tolist()}
     assert colours == set(HATCH) and {tuple(c) for c in picture[6:].reshape(-1, 3).tolist()} == {(128, 128, 128)}
     assert "no values" in show_array(encoded(np.full((4, 4), np.nan))).notes[0]
-    assert {tuple(c) for c in pictures.drawn(encoded(np.ones((9, 9))), failed=True).reshape(-1, 3).tolist()} == set(HATCH)
+    assert {tuple(c) for c in pictures.drawn(encoded(np.ones((9, 9))), failed=True).reshape(-1, 3).tolist()} == set(
+        HATCH
+    )
 
 
 def test_a_cell_that_failed_is_shown_as_such(tree):
@@ -92,12 +106,18 @@ def test_a_cell_that_failed_is_shown_as_such(tree):
 def test_the_same_picture_by_every_way(archive, tree):
     array = tree["encode"]["12x16"].rgb_display
     page = seen(etendue.show(array, **AT))
-    for other in (etendue.show(tree, "rgb_display", **AT), etendue.show(archive, **AT), tree.etendue.plot.show("encode.rgb_display", **AT),
-                  array.sel(f_number=2, pixel_pitch=3, integration_time=0.008).etendue.show()):  # fmt: skip
+    for other in (
+        etendue.show(tree, "rgb_display", **AT),
+        etendue.show(archive, **AT),
+        tree.etendue.plot.show("encode.rgb_display", **AT),
+        array.sel(f_number=2, pixel_pitch=3, integration_time=0.008).etendue.show(),
+    ):
         np.testing.assert_array_equal(seen(other), page)
     own = array.sel(f_number=2, pixel_pitch=3, integration_time=0.008).values
     times = page.shape[0] // own.shape[1]
-    np.testing.assert_array_equal(page[times // 2 :: times, times // 2 :: times], np.rint(255 * np.moveaxis(own, 0, -1)).astype(np.uint8))
+    np.testing.assert_array_equal(
+        page[times // 2 :: times, times // 2 :: times], np.rint(255 * np.moveaxis(own, 0, -1)).astype(np.uint8)
+    )
     with pytest.raises(RequestError, match="choose a value of f_number"):
         etendue.show(array)
     with pytest.raises(AttributeError, match="there are map, curves"):
@@ -107,7 +127,9 @@ def test_the_same_picture_by_every_way(archive, tree):
 @pytest.mark.long
 def test_xarray_opens_the_folder_of_an_archive(archive):
     backend = engine.EtendueBackend()
-    assert backend.guess_can_open(archive) and not backend.guess_can_open(archive.parent) and not backend.guess_can_open(7)
+    assert (
+        backend.guess_can_open(archive) and not backend.guess_can_open(archive.parent) and not backend.guess_can_open(7)
+    )
     tree = backend.open_datatree(archive)
     xarray.testing.assert_identical(backend.open_dataset(archive, group="resolution"), tree["resolution"].to_dataset())
 
@@ -136,7 +158,11 @@ def test_the_command_draws(archive, tmp_path, monkeypatch, words):
 
 def test_the_command_refuses_with_a_way_out(archive, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for words, says in ((["map", "mean_snt"], "mean_snr"), (["-o", "a.txt"], ".svg"), (["map", "--at", "f_number"], "axis=value")):
+    for words, says in (
+        (["map", "mean_snt"], "mean_snr"),
+        (["-o", "a.txt"], ".svg"),
+        (["map", "--at", "f_number"], "axis=value"),
+    ):
         done = CliRunner().invoke(main, ["plot", str(archive), *words])
         assert done.exit_code == 2 and says in done.output + (done.stderr or "")
     assert not any(tmp_path.iterdir())
@@ -149,8 +175,12 @@ def test_png_export_is_the_picture_in_true_colour(archive, tree, tmp_path):
     own = tree["encode"]["12x16"].rgb_display.sel(f_number=2, pixel_pitch=3, integration_time=0.008).values
     with Image.open(tmp_path / "one.png") as picture:
         assert picture.mode == "RGB" and "plotted" in picture.text["Description"]
-        np.testing.assert_array_equal(np.asarray(picture), np.rint(255 * np.clip(np.moveaxis(own, 0, -1), 0, 1)).astype(np.uint8))
-    done = CliRunner().invoke(main, ["export", str(archive), "--png", "--variable", "radiance", "--output", str(tmp_path / "light.png")])
+        np.testing.assert_array_equal(
+            np.asarray(picture), np.rint(255 * np.clip(np.moveaxis(own, 0, -1), 0, 1)).astype(np.uint8)
+        )
+    done = CliRunner().invoke(
+        main, ["export", str(archive), "--png", "--variable", "radiance", "--output", str(tmp_path / "light.png")]
+    )
     assert done.exit_code == 0 and Image.open(tmp_path / "light.png").size == (60, 45)
     assert CliRunner().invoke(main, ["export", str(archive), "--png", "--variable", "mean_snr"]).exit_code == 2
 
@@ -188,15 +218,24 @@ def table(shapes):
         preview[number, :, :y, :x] = np.linspace(250, 50, y).astype(np.uint8)[:, None]
     count = len(shapes)
     own = {
-        "preview": preview, "detail": np.full((count, 3, 9, 9), 90, np.uint8), "stage": [f"stage{n}" for n in range(count)],
-        "variable": ["raw"] * count, "true_height": [s[0] for s in shapes], "true_width": [s[1] for s in shapes],
-        "height": [s[0] for s in shapes], "width": [s[1] for s in shapes], "detail_height": [9] * count, "detail_width": [9] * count,
+        "preview": preview,
+        "detail": np.full((count, 3, 9, 9), 90, np.uint8),
+        "stage": [f"stage{n}" for n in range(count)],
+        "variable": ["raw"] * count,
+        "true_height": [s[0] for s in shapes],
+        "true_width": [s[1] for s in shapes],
+        "height": [s[0] for s in shapes],
+        "width": [s[1] for s in shapes],
+        "detail_height": [9] * count,
+        "detail_width": [9] * count,
         "detail_place": np.full((count, 4), 0.25),
-    }  # fmt: skip
+    }
     return {"arrays": {name: ((), np.asarray(values), {}) for name, values in own.items()}}
 
 
-@pytest.mark.parametrize("shapes", [[(256, 256)] * 3, [(192, 256), (90, 120)], [(17, 9)], [(180, 240)] * 9, [(1, 200)], [(256, 3)]])
+@pytest.mark.parametrize(
+    "shapes", [[(256, 256)] * 3, [(192, 256), (90, 120)], [(17, 9)], [(180, 240)] * 9, [(1, 200)], [(256, 3)]]
+)
 def test_pictures_of_a_sheet_are_upright_with_their_aspect_and_fill_their_tiles(shapes, tmp_path):
     tiles = contact_sheet._tiles(table(shapes))
     longest = {max(t.picture.shape[:2]) for t in tiles}
@@ -227,14 +266,22 @@ def test_a_white_picture_has_a_rim_and_is_said_to_be_white(tmp_path):
 
 def test_maps_on_the_sheet_have_every_number_in_its_place_and_are_drawn_anew_below_the_same_pictures(tmp_path):
     one = small_maps.SmallMap(
-        "s", "v", "dB", (("f_number", (2.0, 4.0, 8.0), ""), ("pitch", (1.0, 2.0), "um")), tuple(("s", (i,)) for i in range(6)), ""
+        "s",
+        "v",
+        "dB",
+        (("f_number", (2.0, 4.0, 8.0), ""), ("pitch", (1.0, 2.0), "um")),
+        tuple(("s", (i,)) for i in range(6)),
+        "",
     )
     figures = {("s", (i,)): {"v": np.array(float(i))} for i in range(5)}
     values = small_maps.values_of(one, figures)
     np.testing.assert_array_equal(values, [[0, 1, 2], [3, 4, np.nan]])
     (drawn,) = small_maps.all_drawn([one], figures, [("s", (5,))])
     darkness = [drawn[22 + 3 + 24 * (1 - r), :, :].astype(int).sum(axis=-1) for r in (0, 1)]
-    assert any((row == sum(small_maps.FAILED)).any() for row in darkness[1:]) and not (darkness[0] == sum(small_maps.FAILED)).any()
+    assert (
+        any((row == sum(small_maps.FAILED)).any() for row in darkness[1:])
+        and not (darkness[0] == sum(small_maps.FAILED)).any()
+    )
     shapes = table([(64, 64)])
     contact_sheet.contact_sheet(shapes, tmp_path / "a.png", "t")
     contact_sheet.with_maps(tmp_path / "b.png", tmp_path / "a.png", [drawn])
@@ -252,11 +299,23 @@ def test_a_sweep_that_grows_has_its_new_cells_on_the_sheet(tmp_path):
 
     def ran(values):
         document = {
-            "name": "grows", "camera": {"pixel_pitch": 3, "f_number": 4, "peak_qe": [0.5, 0.5, 0.5], "integration_time": 0.01},
-            "stages": [{"use": "slanted_edge", "name": "scene", "width": 60, "height": 60, "white_luminance": 100, "bin_width": 100},
-                       {"use": "irradiance"}, {"use": "pixel"}, {"use": "lens_numbers"}],
+            "name": "grows",
+            "camera": {"pixel_pitch": 3, "f_number": 4, "peak_qe": [0.5, 0.5, 0.5], "integration_time": 0.01},
+            "stages": [
+                {
+                    "use": "slanted_edge",
+                    "name": "scene",
+                    "width": 60,
+                    "height": 60,
+                    "white_luminance": 100,
+                    "bin_width": 100,
+                },
+                {"use": "irradiance"},
+                {"use": "pixel"},
+                {"use": "lens_numbers"},
+            ],
             "sweep": {"f_number": values},
-        }  # fmt: skip
+        }
         outcome = execute(make_plan(from_document(document), installed_stages()), tmp_path / "a", Options("serial"))
         assert not outcome.failed
         return np.asarray(Image.open(tmp_path / "a" / "contact_sheet.png").convert("RGB"))

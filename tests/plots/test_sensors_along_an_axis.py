@@ -13,7 +13,11 @@ from etendue.present.plots.kinds import Asked, draw, listed
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import read_at
 
-SENSORS = ["sony-imx363", "sony-imx174", "paper-ccd"]  # neither the order of their names nor that of the sizes of their pictures
+SENSORS = [
+    "sony-imx363",
+    "sony-imx174",
+    "paper-ccd",
+]  # neither the order of their names nor that of the sizes of their pictures
 PIPELINE = """
 name = "several"
 seed = 1
@@ -61,7 +65,9 @@ def drawable(several):
 
 def test_sensors_stand_in_one_order_the_axis_own(drawable, several):
     raw = drawable.find("raw")
-    assert len(raw.groups) == 3 and [str(group["sensor"].values[0]) for group in raw.groups] != SENSORS  # by the names of their shapes
+    assert (
+        len(raw.groups) == 3 and [str(group["sensor"].values[0]) for group in raw.groups] != SENSORS
+    )  # by the names of their shapes
     assert listed(drawable)["axes"]["sensor"] == SENSORS == raw.values_of("sensor")
     assert [row[0] for row in draw(drawable, "strip", Asked(("raw",), at={"f_number": 2})).rows] == SENSORS
     mapped = draw(drawable, "map", Asked(("mean_snr",)))

@@ -44,10 +44,14 @@ def run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tiny.toml").write_text(CAMERA)
     want = ("--want", "white_estimate.white")  # the count itself is not asked for
-    return lambda *words: CliRunner().invoke(main, ["run", "tiny.toml", "--quiet", "--scheduler", "serial", *want, *words])
+    return lambda *words: CliRunner().invoke(
+        main, ["run", "tiny.toml", "--quiet", "--scheduler", "serial", *want, *words]
+    )
 
 
-SENTENCE = "white_estimate has channels of the white which were lifted to the floor: in 1 of 2 cells, at most 1 in a cell"
+SENTENCE = (
+    "white_estimate has channels of the white which were lifted to the floor: in 1 of 2 cells, at most 1 in a cell"
+)
 
 
 def test_a_channel_that_was_lifted_is_said_in_words_also_when_the_cells_are_reused(run):
@@ -65,7 +69,10 @@ def test_nothing_is_said_where_nothing_was_lifted(run):
 
 
 def test_a_white_that_no_pixel_can_reach_is_said_in_words(run):
-    told = "overexposed: white has channels in which a white diffuser lies above saturation: in 1 of 2 cells, at most 3 in a cell"
+    told = (
+        "overexposed: white has channels in which a white diffuser lies above saturation: in 1 of 2 cells, at most "
+        "3 in a cell"
+    )
     for _ in range(2):  # also when the cells are reused
         result = run("--sweep", "integration_time=0.0008,80")
         assert result.exit_code == 0 and told in result.output, result.output

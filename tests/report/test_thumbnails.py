@@ -54,13 +54,31 @@ def test_the_colours_of_a_window_of_a_mosaic_are_those_of_its_pixels(pattern):
 
 PIPELINE = {
     "name": "shown",
-    "camera": {"f_number": 4, "pixel_pitch": 3, "peak_qe": [0.5, 0.5, 0.5], "pattern": "RGGB", "integration_time": 0.01},
+    "camera": {
+        "f_number": 4,
+        "pixel_pitch": 3,
+        "peak_qe": [0.5, 0.5, 0.5],
+        "pattern": "RGGB",
+        "integration_time": 0.01,
+    },
     "keep": ["mosaic", "shot_noise"],
     "stages": [
-        {"use": "slanted_edge", "name": "scene", "width": 900, "height": 840, "spacing": 3, "white_luminance": 100, "bin_width": 100},
-        {"use": "irradiance"}, {"use": "pixel"}, {"use": "mosaic"}, {"use": "exposure"}, {"use": "shot_noise"},
+        {
+            "use": "slanted_edge",
+            "name": "scene",
+            "width": 900,
+            "height": 840,
+            "spacing": 3,
+            "white_luminance": 100,
+            "bin_width": 100,
+        },
+        {"use": "irradiance"},
+        {"use": "pixel"},
+        {"use": "mosaic"},
+        {"use": "exposure"},
+        {"use": "shot_noise"},
     ],
-}  # fmt: skip
+}
 
 
 def plan_of(**words):
@@ -68,12 +86,16 @@ def plan_of(**words):
 
 
 @pytest.mark.parametrize("scheduler", ["serial", "processes"])
-def test_what_a_run_hands_on_of_the_shown_cells_is_small_and_the_pictures_are_those_of_a_run_in_memory(tmp_path, scheduler):
+def test_what_a_run_hands_on_of_the_shown_cells_is_small_and_the_pictures_are_those_of_a_run_in_memory(
+    tmp_path, scheduler
+):
     import xarray
 
     outcome = execute(plan_of(), tmp_path / "kept", Options(scheduler, 1))
     assert not outcome.failed
-    assert not any(isinstance(a, Thumbnail) or np.size(a) > 16 for found in outcome.arrays.values() for a in found.values())
+    assert not any(
+        isinstance(a, Thumbnail) or np.size(a) > 16 for found in outcome.arrays.values() for a in found.values()
+    )
     stored = xarray.open_datatree(tmp_path / "kept" / "data.zarr", engine="zarr")["frames"].preview
     in_memory = execute(plan_of(), None, Options("serial")).tree["frames"].preview
     assert stored.sizes["stage"] > 4
@@ -99,18 +121,31 @@ def test_every_picture_has_its_part_whichever_others_are_missing(rows, monkeypat
     """Cells fail, or were computed by a run before: rows that are kept of a picture do not depend on it."""
     monkeypatch.setattr(details, "BAND", 1)  # of a large one few
     document = {
-        "name": "partly", "camera": {"pixel_pitch": 3, "f_number": 4, "peak_qe": [0.5, 0.5, 0.5]},
-        "stages": [{"use": "slanted_edge", "name": "scene", "width": 3 * rows, "height": 3 * rows + 600, "spacing": 2,
-                    "white_luminance": 100, "bin_width": 200},
-                   {"use": "irradiance"}, {"use": "pixel", "rows": rows - 4, "columns": rows - 4}],
+        "name": "partly",
+        "camera": {"pixel_pitch": 3, "f_number": 4, "peak_qe": [0.5, 0.5, 0.5]},
+        "stages": [
+            {
+                "use": "slanted_edge",
+                "name": "scene",
+                "width": 3 * rows,
+                "height": 3 * rows + 600,
+                "spacing": 2,
+                "white_luminance": 100,
+                "bin_width": 200,
+            },
+            {"use": "irradiance"},
+            {"use": "pixel", "rows": rows - 4, "columns": rows - 4},
+        ],
         "keep": ["radiance", "irradiance", "photon_rate"],
-    }  # fmt: skip
+    }
     plan = make_plan(from_document(document), installed_stages())
     shown = {cell.node: cell.ref for cell in plan.cells.values()}
     random, small = np.random.default_rng(3), {}
     for ref, look in thumbnails.looks(plan, shown.values()).items():
         grids = {v: plan.cells[ref].grids[v].shape(declared.dims) for v, declared in plan.node(ref[0]).writes.items()}
-        small[ref] = thumbnails.only({v: view.of(random.random(grids[v], np.float32)) for v, view in look.views.items()})
+        small[ref] = thumbnails.only(
+            {v: view.of(random.random(grids[v], np.float32)) for v, view in look.views.items()}
+        )
     for missing in ((), *((ref,) for ref in small)):
         frames = pictures.render(plan, shown, {ref: own for ref, own in small.items() if ref not in missing})
         assert len(frames) == 3 - len(missing) and all(frame.part is not None and frame.part.size for frame in frames)

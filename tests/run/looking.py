@@ -48,14 +48,18 @@ class Sizes(Probe):
 
 @dataclass(frozen=True, kw_only=True)
 class Parts(Probe):
-    """How many stages each transfer function is the product of, and what the scene's rendering leaves at 0.1 cycles/um."""
+    """How many stages each transfer function is the product of, and what the scene's rendering leaves at 0.1
+    cycles/um.
+    """
 
     creates: ClassVar = {"side": Labels(("parts", "rendered"))}
     reads: ClassVar = {"transfers": "*.transfer [1]"}
     writes: ClassVar = {"parts": "stage side [1]"}
 
     def run(self, transfers: Any) -> dict[str, Any]:
-        return {"parts": np.array([[len(o.parts), o.scene_along(np.zeros(1), np.full(1, 0.1))[0]] for _, o in transfers])}
+        return {
+            "parts": np.array([[len(o.parts), o.scene_along(np.zeros(1), np.full(1, 0.1))[0]] for _, o in transfers])
+        }
 
 
 @hookimpl

@@ -1,4 +1,6 @@
-"""A plugin whose stage misbehaves in the way it is told to, and a sound one behind it. Installed as a folder on PYTHONPATH."""
+"""A plugin whose stage misbehaves in the way it is told to, and a sound one behind it. Installed as a folder on
+PYTHONPATH.
+"""
 
 import ctypes
 import os
@@ -117,7 +119,10 @@ FAILS = {  # how -> (what it does, words of the message)
     "cannot travel": (lambda light: raising(Stuck(1, 2)), "Stuck: cannot travel"),
     "says a lot": (lambda light: raising(ArithmeticError("much " * 200_000)), "(1000000 characters)"),
     "says many lines": (lambda light: raising(ArithmeticError("line\n" * 5000 + "the end")), "more lines"),
-    "sends escapes": (lambda light: raising(ArithmeticError("\x1b[2J\x00\x07red\r\u202egreen\x9b1m")), "ArithmeticError: [2Jredgreen1m"),
+    "sends escapes": (
+        lambda light: raising(ArithmeticError("\x1b[2J\x00\x07red\r\u202egreen\x9b1m")),
+        "ArithmeticError: [2Jredgreen1m",
+    ),
     "gives objects": (lambda light: light.astype(object), "as object"),
     "gives a mask": (masked, "masked array"),
     "gives text": (lambda light: np.full(light.shape, "x"), "declares floats"),
@@ -156,9 +161,16 @@ FINE = {
     "leaves from a thread": from_a_thread,
     "hides its files": lambda light: set_and_return(lambda: os.umask(0o777), light * 1),
     "goes deeper": lambda light: set_and_return(lambda: sys.setrecursionlimit(123_456), light * 1),
-    "leaves a thread": lambda light: set_and_return(lambda: threading.Thread(target=time.sleep, args=(600,)).start(), light * 1),
+    "leaves a thread": lambda light: set_and_return(
+        lambda: threading.Thread(target=time.sleep, args=(600,)).start(), light * 1
+    ),
 }
-WHOLE = {"gives nothing": None, "gives an array": np.ones(3), "gives too little": {}, "gives too many": {"irradiance": 1.0, 7: 2}}
+WHOLE = {
+    "gives nothing": None,
+    "gives an array": np.ones(3),
+    "gives too little": {},
+    "gives too many": {"irradiance": 1.0, 7: 2},
+}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -101,7 +101,9 @@ def run(plan: Plan, archive: Path | None = None, **options: Any) -> Outcome:
 Labels = tuple[str, tuple[tuple[str, Any], ...]]
 
 
-def by_labels(plan: Plan, arrays: dict[CellRef, dict[str, Any]], every: tuple[str, ...] = ()) -> dict[tuple[Labels, str], Any]:
+def by_labels(
+    plan: Plan, arrays: dict[CellRef, dict[str, Any]], every: tuple[str, ...] = ()
+) -> dict[tuple[Labels, str], Any]:
     """Arrays by stage, axis values and variable; ``every`` drops axes that only one of two plans has."""
     found = {}
     for ref, own in arrays.items():

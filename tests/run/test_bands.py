@@ -1,4 +1,6 @@
-"""Light of many bands: streamed as whole, expanded as exact. In: small pipelines, the threshold lowered. Out: equal planes."""
+"""Light of many bands: streamed as whole, expanded as exact. In: small pipelines, the threshold lowered. Out: equal
+planes.
+"""
 
 import numpy as np
 import pytest
@@ -13,14 +15,29 @@ from etendue.transfer import expansion, sampling
 
 def camera(**pixel):
     return {
-        "name": "bands", "precision": "float64", "camera": {"peak_qe": [0.4, 0.5, 0.3], "pixel_pitch": 2.0},
+        "name": "bands",
+        "precision": "float64",
+        "camera": {"peak_qe": [0.4, 0.5, 0.3], "pixel_pitch": 2.0},
         "stages": [
-            {"use": "composite", "name": "scene", "white_luminance": 100, "width": 120, "height": 80, "wavelength_from": 400,
-             "wavelength_to": 700, "bin_width": 20},
-            {"use": "irradiance"}, {"use": "falloff"}, {"use": "optical_filter"}, {"use": "diffraction"}, {"use": "diffusion"},
-            {"use": "pixel", **pixel}, {"use": "white"},
+            {
+                "use": "composite",
+                "name": "scene",
+                "white_luminance": 100,
+                "width": 120,
+                "height": 80,
+                "wavelength_from": 400,
+                "wavelength_to": 700,
+                "bin_width": 20,
+            },
+            {"use": "irradiance"},
+            {"use": "falloff"},
+            {"use": "optical_filter"},
+            {"use": "diffraction"},
+            {"use": "diffusion"},
+            {"use": "pixel", **pixel},
+            {"use": "white"},
         ],
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture
@@ -39,7 +56,8 @@ def test_light_streamed_by_band_gives_what_the_whole_gives(by_band, monkeypatch)
             assert np.array_equal(streamed[stage][name].values, values.values), (stage, name)
     for stage, name in (("diffraction", "irradiance"), ("diffusion", "irradiance"), ("pixel", "photon_rate")):
         truth = whole[stage][name].values
-        # linear look-up in 8192 radial frequencies: 6e-6 at the kink of the cut-off, where the scene holds a tenth of its contrast
+        # linear look-up in 8192 radial frequencies: 6e-6 at the kink of the cut-off, where the scene holds a tenth of
+        # its contrast
         np.testing.assert_allclose(streamed[stage][name].values, truth, atol=4e-7 * truth.max(), rtol=0)
     assert np.array_equal(streamed["white"].white.values, whole["white"].white.values)
 
@@ -52,7 +70,9 @@ def test_what_looks_at_light_is_given_arrays_also_of_light_that_is_streamed(by_b
     whole = etendue.simulate(asked)["light_budget"].mean_irradiance
     assert list(streamed.stage.values) == list(whole.stage.values)
     assert len(whole) >= 4  # one for each stage that writes it
-    np.testing.assert_allclose(streamed.values, whole.values, rtol=1e-6)  # a look-up of radial frequencies keeps the mean to that
+    np.testing.assert_allclose(
+        streamed.values, whole.values, rtol=1e-6
+    )  # a look-up of radial frequencies keeps the mean to that
 
 
 def test_what_is_streamed_has_the_same_bits_however_it_is_run_and_resumed(by_band, tmp_path):
@@ -109,7 +129,10 @@ def test_an_expansion_leaves_uniform_light_exact():
     document = camera(wavelength_terms=3)
     document["stages"][0] = {**document["stages"][0], "use": "uniform"}
     del document["stages"][2]  # the fall-off, behind which light is not uniform
-    exact = {**document, "stages": [{k: v for k, v in s.items() if k != "wavelength_terms"} for s in document["stages"]]}
+    exact = {
+        **document,
+        "stages": [{k: v for k, v in s.items() if k != "wavelength_terms"} for s in document["stages"]],
+    }
     one, all_ = (etendue.simulate(d, leave_out=False)["pixel"].photon_rate.values for d in (document, exact))
     np.testing.assert_allclose(one, all_, rtol=1e-12)
 
@@ -155,10 +178,19 @@ def test_simulate_leaves_the_document_it_is_given_as_it_was():
 def test_a_stored_scene_serves_as_the_light_of_another_camera(tmp_path):
     kept = etendue.simulate(camera(), archive=tmp_path / "first")
     document = camera()
-    document["stages"][0] = {"use": "radiance_cube", "name": "scene", "file": str(tmp_path / "first" / "data.zarr"),
-                             "variable": "scene/radiance"}  # fmt: skip
+    document["stages"][0] = {
+        "use": "radiance_cube",
+        "name": "scene",
+        "file": str(tmp_path / "first" / "data.zarr"),
+        "variable": "scene/radiance",
+    }
     again = etendue.simulate(document)
-    for stage, name in (("scene", "radiance"), ("scene", "white_radiance"), ("pixel", "photon_rate"), ("white", "white")):
+    for stage, name in (
+        ("scene", "radiance"),
+        ("scene", "white_radiance"),
+        ("pixel", "photon_rate"),
+        ("white", "white"),
+    ):
         assert np.array_equal(again[stage][name].values, kept[stage][name].values), name
     document["stages"][0] |= {"variable": "scene/brightness"}
     with pytest.raises(RequestError, match="holds no variable 'scene/brightness'"):

@@ -63,11 +63,22 @@ class Three(Zero):
 def job_of(number, needs, seconds):
     stage = (Zero, One, Two, Three)[len(needs)](number=number)
     return Job(
-        ref=(f"n{number}", ()), task="compute", stage=stage, writes={"out": parse_declaration("out", "[1]")}, grids={"out": Grid()},
+        ref=(f"n{number}", ()),
+        task="compute",
+        stage=stage,
+        writes={"out": parse_declaration("out", "[1]")},
+        grids={"out": Grid()},
         input_grids={port: Grid() for port in PORTS[: len(needs)]},
         inputs=tuple((p, (f"n{n}", ()), "out") for p, n in zip(PORTS, needs, strict=False)),
-        left_out=False, seed=b"", pattern_of=b"", precision="float64", store=(), deliver=("out",), target=None, seconds=seconds,
-    )  # fmt: skip
+        left_out=False,
+        seed=b"",
+        pattern_of=b"",
+        precision="float64",
+        store=(),
+        deliver=("out",),
+        target=None,
+        seconds=seconds,
+    )
 
 
 @st.composite
@@ -176,12 +187,17 @@ def test_serial_and_dask_give_what_the_graph_says(jobs, target):
     for ref, job in jobs.items():
         by_hand[ref] = float(_mixed(job.stage.number, *(by_hand[r] for r in job.needs))["out"])
     for name in ("serial", "threads"):
-        assert values_of(jobs, target, lambda *a, name=name: SCHEDULERS[name].run()(*a, How(name, 2, Stop()))) == by_hand
+        assert (
+            values_of(jobs, target, lambda *a, name=name: SCHEDULERS[name].run()(*a, How(name, 2, Stop()))) == by_hand
+        )
 
 
 def test_siblings_behind_the_same_two_batches_share_a_batch():
     """A diamond with many jobs at its foot must not end in as many tasks."""
-    jobs = {job.ref: job for job in [job_of(0, [], 0.1), job_of(1, [], 0.1), *(job_of(2 + i, [0, 1], 0.001) for i in range(90))]}
+    jobs = {
+        job.ref: job
+        for job in [job_of(0, [], 0.1), job_of(1, [], 0.1), *(job_of(2 + i, [0, 1], 0.001) for i in range(90))]
+    }
     assert len(partition(jobs, 0.1)) == 3
 
 

@@ -1,6 +1,8 @@
-"""A cluster gets few batches at a time and gives the bits of a serial run; deaths, strangers and lost schedulers end in words.
+"""A cluster gets few batches at a time and gives the bits of a serial run; deaths, strangers and lost schedulers end in
+words.
 
-What needs no processes is tried on a client that computes in this process; the rest by ``benchmarks/faults/cluster.py``.
+What needs no processes is tried on a client that computes in this process; the rest by
+``benchmarks/faults/cluster.py``.
 """
 
 from __future__ import annotations
@@ -62,7 +64,9 @@ class Client:
     def __init__(self, guilty=None):
         self.pool, self.status, self.guilty = ThreadPoolExecutor(WORKERS), "running", guilty
         self.numbers = itertools.count()
-        self.workers = {f"tcp://{n}": {"nthreads": 1, "memory_limit": 1 << 30, "status": "running"} for n in range(WORKERS)}
+        self.workers = {
+            f"tcp://{n}": {"nthreads": 1, "memory_limit": 1 << 30, "status": "running"} for n in range(WORKERS)
+        }
 
     def submit(self, function, *arguments, pure, priority=0):
         tasks = [a.task if isinstance(a, Future) else a for a in arguments]
@@ -97,7 +101,9 @@ class Client:
 
 
 def sent(plan, client, batch_seconds=0.0, stop=None, begun=lambda batch: None, held=None):
-    """What a plan gives on a client: arrays, reports, and the ``Sending`` that did it. ``held``: batches under way, results kept."""
+    """What a plan gives on a client: arrays, reports, and the ``Sending`` that did it. ``held``: batches under way,
+    results kept.
+    """
     jobs = make_jobs(plan, set(plan.cells), lambda cell: None, deliver_all=True)
     arrays, reports = {}, {}
 
@@ -154,7 +160,9 @@ def test_of_a_batch_of_which_workers_die_only_the_guilty_cell_fails():
     skipped = {ref for ref, report in reports.items() if report.status == "skipped"}
     assert skipped == {ref for ref in plan.cells if jobs[ref].ref != guilty and _reads(jobs, ref, guilty)}
     rest = {ref: own for ref, own in arrays.items() if ref not in failed | skipped}
-    assert_same_arrays(labelled(plan, rest), labelled(plan, {ref: own for ref, own in whole.arrays.items() if ref in rest}))
+    assert_same_arrays(
+        labelled(plan, rest), labelled(plan, {ref: own for ref, own in whole.arrays.items() if ref in rest})
+    )
     assert not sending.results
 
 
@@ -188,7 +196,8 @@ def test_without_workers_and_with_paused_ones_a_run_ends_in_words(monkeypatch):
         sent(plan, client)
 
 
-# -- who may compute ------------------------------------------------------------------------------------------------------------
+# -- who may compute
+# ------------------------------------------------------------------------------------------------------------
 
 
 def test_a_worker_says_in_what_it_differs(tmp_path):
@@ -204,7 +213,10 @@ def test_a_worker_says_in_what_it_differs(tmp_path):
     assert other.differences() == [f"numpy {here['numpy']} (here 1.0)", "other processor features"]
     module, kind = next(key for key in common.code if "malvar" in key[0])
     other = replace(common, code={**common.code, (module, kind): ("another", "etendue-demosaic-malvar 9")})
-    assert "another code of the stage" in other.differences()[0] and "here of etendue-demosaic-malvar 9" in other.differences()[0]
+    assert (
+        "another code of the stage" in other.differences()[0]
+        and "here of etendue-demosaic-malvar 9" in other.differences()[0]
+    )
     other = replace(common, code={("no_such_module", "Kind"): ("", "theirs 2.0")})
     assert other.differences()[0].startswith("no stage Kind of theirs 2.0")
     mark.write_bytes(b"another run's")
@@ -216,11 +228,14 @@ def test_a_worker_says_in_what_it_differs(tmp_path):
 def test_a_scheduler_that_cannot_be_reached_is_said_to_be_that(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(connect, "ANSWER", "0.3s")
-    with pytest.raises(MachineError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers there .*dask scheduler.*--scheduler threads"):
+    with pytest.raises(
+        MachineError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers there .*dask scheduler.*--scheduler threads"
+    ):
         connect.run_on_cluster([], frozenset(), None, None, How("tcp://127.0.0.1:9", 1, Stop()))
 
 
-# -- on processes ---------------------------------------------------------------------------------------------------------------
+# -- on processes
+# ---------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,6 @@
-"""The files of docs/cluster do what docs/cluster.md says: run here, with a queueing system and a Kubernetes that are simulated."""
+"""The files of docs/cluster do what docs/cluster.md says: run here, with a queueing system and a Kubernetes that are
+simulated.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,9 @@ def test_the_script_starts_a_cluster_runs_a_command_on_it_and_ends_it(place, scr
         if not shutil.which("openssl"):
             pytest.skip("openssl is not there")
     where = port()
-    done = call(place, "sh", str(FILES / script), "etendue", "run", "small.toml", "--archive", "a", "--quiet", PORT=where)
+    done = call(
+        place, "sh", str(FILES / script), "etendue", "run", "small.toml", "--archive", "a", "--quiet", PORT=where
+    )
     sound(place, done)
     with socket.socket() as door:  # nobody listens any more
         assert door.connect_ex(("127.0.0.1", int(where))) != 0
@@ -63,18 +67,35 @@ def test_the_script_starts_a_cluster_runs_a_command_on_it_and_ends_it(place, scr
 
 @pytest.mark.long
 def test_slurm_runs_workers_as_jobs(place):
-    """``sbatch`` keeps the script (whoever gave it deletes it), starts it in the background and says a number, ``scancel`` ends it."""
+    """``sbatch`` keeps the script (whoever gave it deletes it), starts it in the background and says a number,
+    ``scancel`` ends it.
+    """
     pytest.importorskip("dask_jobqueue")
     (place / "sbatch").write_text(
-        '#!/bin/sh\ncp "$1" "job-$$.sh"\nsetsid sh "job-$$.sh" >/dev/null 2>&1 &\necho "Submitted batch job $!"\necho $! >>submitted\n'
+        '#!/bin/sh\ncp "$1" "job-$$.sh"\nsetsid sh "job-$$.sh" >/dev/null 2>&1 &\necho "Submitted batch job $!"\necho '
+        "$! >>submitted\n"
     )
     (place / "scancel").write_text('#!/bin/sh\nfor job; do kill -- -"$job"; done\n')
     for name in ("sbatch", "scancel"):
         (place / name).chmod(0o755)
     done = call(
-        place, sys.executable, str(FILES / "slurm.py"), "--jobs", "2", "--cores", "1", "--memory", "1GB", "--host", "127.0.0.1",
-        "run", "small.toml", "--archive", "a", "--quiet",
-    )  # fmt: skip
+        place,
+        sys.executable,
+        str(FILES / "slurm.py"),
+        "--jobs",
+        "2",
+        "--cores",
+        "1",
+        "--memory",
+        "1GB",
+        "--host",
+        "127.0.0.1",
+        "run",
+        "small.toml",
+        "--archive",
+        "a",
+        "--quiet",
+    )
     try:
         sound(place, done)
         assert len((place / "submitted").read_text().split()) == 2
@@ -112,7 +133,9 @@ def test_what_kubernetes_is_told_hangs_together():
             assert [mount["name"] for mount in container["volumeMounts"]] == [volume["name"]]
             assert all(isinstance(word, str) for word in container["command"])
             addresses = re.findall(r"tcp://(\S+):(\d+)", " ".join(container["command"]))
-            assert addresses == ([] if name == "etendue-scheduler" else [("etendue-scheduler", str(service["ports"][0]["port"]))])
+            assert addresses == (
+                [] if name == "etendue-scheduler" else [("etendue-scheduler", str(service["ports"][0]["port"]))]
+            )
 
 
 @pytest.mark.long
@@ -120,13 +143,27 @@ def test_the_containers_of_kubernetes_compute_a_pipeline_together(place):
     """Their commands as processes; the service's name and the volume stand for this machine and a folder of it."""
     where = port()
     texts = {
-        name: shlex.join(container["command"]).replace("etendue-scheduler:8786", f"127.0.0.1:{where}").replace("8786", where)
+        name: shlex.join(container["command"])
+        .replace("etendue-scheduler:8786", f"127.0.0.1:{where}")
+        .replace("8786", where)
         for name, container in containers().items()
     }
-    texts = {name: text.replace("/archives/paper.toml", "small.toml").replace("/archives/paper", "a") for name, text in texts.items()}
+    texts = {
+        name: text.replace("/archives/paper.toml", "small.toml").replace("/archives/paper", "a")
+        for name, text in texts.items()
+    }
     env = {**os.environ, "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}"}
-    quiet = {"cwd": place, "env": env, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
-    running = [subprocess.Popen(shlex.split(texts[name] + " --host 127.0.0.1"), **quiet) for name in ("scheduler", "worker", "worker")]
+    quiet = {
+        "cwd": place,
+        "env": env,
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "start_new_session": True,
+    }
+    running = [
+        subprocess.Popen(shlex.split(texts[name] + " --host 127.0.0.1"), **quiet)
+        for name in ("scheduler", "worker", "worker")
+    ]
     try:
         sound(place, call(place, *shlex.split(texts["run"])))
     finally:

@@ -125,7 +125,9 @@ def test_changed_code_of_a_joined_stage_changes_the_key_of_the_whole_segment_beh
 
     before = plan_of()
     kept = alternatives.code_digest
-    monkeypatch.setattr(alternatives, "code_digest", lambda kind: "edited" if kind.__name__ == "Diffraction" else kept(kind))
+    monkeypatch.setattr(
+        alternatives, "code_digest", lambda kind: "edited" if kind.__name__ == "Diffraction" else kept(kind)
+    )
     after = plan_of()
     same = {name for name in ("scene", "irradiance", "falloff") if before.of(name)[0].key == after.of(name)[0].key}
     assert same == {"scene", "irradiance", "falloff"}

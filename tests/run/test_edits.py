@@ -1,4 +1,6 @@
-"""Code that is edited between two runs of one archive: what it reaches is computed again and says why, all else is reused."""
+"""Code that is edited between two runs of one archive: what it reaches is computed again and says why, all else is
+reused.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,12 @@ from tests.plan.layouts import LAYOUTS, named
 from tests.plan.test_code import copied
 from tests.run.small import BARE, command
 
-TITLES = ("modules without a package", "a namespace package", "a base class of another distribution", "kernels beside the manifest")
+TITLES = (
+    "modules without a package",
+    "a namespace package",
+    "a base class of another distribution",
+    "kernels beside the manifest",
+)
 STAGES = {f"added{n}": LAYOUTS[title] for n, title in enumerate(TITLES)}
 MANIFEST = """
 from etendue.api import hookimpl
@@ -34,7 +41,9 @@ def edit(path, old="VALUE = 1.0", new="VALUE = 2.0"):
 
 @pytest.fixture
 def camera(tmp_path):
-    """Runs a camera with four stages of plugins, on a copy of the package: what it says of itself. Its folder of the path."""
+    """Runs a camera with four stages of plugins, on a copy of the package: what it says of itself. Its folder of the
+    path.
+    """
     path = tmp_path / "path"
     copied(path, bytecode=True)  # it is told from its source by time and size
     for n, layout in enumerate(STAGES.values()):
@@ -68,11 +77,18 @@ def test_an_edit_computes_again_what_it_reaches_and_says_why(camera):
     assert run() == (0, cells, {})
     kernels = [named(next(reversed(layout.edits)), str(n)) for n, layout in enumerate(STAGES.values())]
     for kernel in kernels:
-        edit(path / kernel, *(() if "VALUE = 1.0" in (path / kernel).read_text() else ("kernel.VALUE", "kernel.VALUE * 2")))
+        edit(
+            path / kernel,
+            *(() if "VALUE = 1.0" in (path / kernel).read_text() else ("kernel.VALUE", "kernel.VALUE * 2")),
+        )
     modules = [named(next(reversed(layout.edits.values())), str(n)) for n, layout in enumerate(STAGES.values())]
     behind = {name: f"its code has changed: {module}" for name, module in zip(STAGES, modules, strict=True)}
     assert run() == (len(STAGES), cells - len(STAGES), behind)
-    edit(path / "etendue" / "compute" / "joined" / "segments.py", "transform = transform * otf", "transform = 0.5 * transform * otf")
+    edit(
+        path / "etendue" / "compute" / "joined" / "segments.py",
+        "transform = transform * otf",
+        "transform = 0.5 * transform * otf",
+    )
     computed, reused, reasons = run()
     assert (computed, reused) == (cells, 0)
     assert set(reasons.values()) == {"its code has changed: etendue.compute.joined.segments"} and len(reasons) == cells
@@ -81,5 +97,7 @@ def test_an_edit_computes_again_what_it_reaches_and_says_why(camera):
 @pytest.mark.long
 def test_operators_and_literals_drawn_from_the_engines_list_are_seen_and_those_of_reports_are_not():
     program = Path(__file__).parents[2] / "benchmarks" / "edits.py"
-    done = subprocess.run([sys.executable, str(program), "--seed", "5"], capture_output=True, text=True, check=False, timeout=590)
+    done = subprocess.run(
+        [sys.executable, str(program), "--seed", "5"], capture_output=True, text=True, check=False, timeout=590
+    )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -2,7 +2,8 @@
 
 In fresh processes, each for a kind of pipeline.
 
-A process that computes cells and does nothing else says which modules of the package it holds, and which of its files it has opened.
+A process that computes cells and does nothing else says which modules of the package it holds, and which of its files
+it has opened.
 """
 
 from __future__ import annotations
@@ -75,7 +76,15 @@ use = "shot_noise"
 use = "line_pattern"
 """
 PACKAGES = os.path.dirname(code.__file__).removesuffix(os.path.join("etendue", "plan"))
-TABLES = ("better", "quantities", "roles", "stages", "subjects", "variables", "shown")  # which manifests read: what they say stands in keys
+TABLES = (
+    "better",
+    "quantities",
+    "roles",
+    "stages",
+    "subjects",
+    "variables",
+    "shown",
+)  # which manifests read: what they say stands in keys
 OF_MANIFESTS = {f"etendue_camera/data/{name}.toml" for name in TABLES}
 ONE, SHOT = '[[stages]]\nuse = "exposure"\n', '\n[[stages]]\nuse = "shot_noise"\n'
 STREAMED = BARE.replace('[[stages]]\nuse = "light_budget"\n', "")
@@ -84,8 +93,14 @@ KINDS = {
     "segments, and a stage on labels": (BARE.replace('use = "sharpen"', 'use = "on_labels"'), {}),
     "streamed bands": (STREAMED, {}),
     "strips": (BARE + COLOUR, {}),
-    "frames, what a run finds, random numbers, patterns": (BARE.replace(ONE, FRAMES + ONE).replace(SHOT, PATTERNS), {"camera.dsnu": 2}),
-    "an expansion over wavelength, knobs": (BARE, {"tolerance": 1e-2, "scene.bin_width": "30 nm", "pixel.wavelength_terms": 4}),
+    "frames, what a run finds, random numbers, patterns": (
+        BARE.replace(ONE, FRAMES + ONE).replace(SHOT, PATTERNS),
+        {"camera.dsnu": 2},
+    ),
+    "an expansion over wavelength, knobs": (
+        BARE,
+        {"tolerance": 1e-2, "scene.bin_width": "30 nm", "pixel.wavelength_terms": 4},
+    ),
     "means over cells of the scene": (CELLS, {}),
     "means in the place of draws": (BARE, {"camera.dsnu": 2}),
 }
@@ -111,7 +126,11 @@ def unlisted(plan, found):
     idle = ["etendue.api.labelled"]  # imported with the door, in the keys of those who take it
     idle += () if any(map(is_transfer, kinds)) else TRANSFER_KERNELS
     handed, listed = set(code._reached(idle).sources), {*ENGINE, *MOVES, *HELD, *code.manifests()}
-    modules = {name for name in found["modules"] if not (name in behind or name in listed or name in handed or _only_words(name))}
+    modules = {
+        name
+        for name in found["modules"]
+        if not (name in behind or name in listed or name in handed or _only_words(name))
+    }
     opened = {path.removeprefix(PACKAGES) for path in found["opened"] if path.startswith(PACKAGES)}
     files = {name for name in opened if not name.endswith((".py", ".pyc", "/")) and os.path.isfile(PACKAGES + name)}
     return modules | {name for name in files if name not in behind and name not in OF_MANIFESTS}
@@ -157,7 +176,11 @@ def test_a_module_that_nobody_has_listed_is_found(tmp_path, monkeypatch):
         "modules": [*ENGINE, "etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later"],
         "opened": [code.__file__],
     }
-    tables = ("etendue_lab/data/closed_forms.json", "etendue_camera/data/spectra.npz", "etendue_camera/data/variables.toml")
+    tables = (
+        "etendue_lab/data/closed_forms.json",
+        "etendue_camera/data/spectra.npz",
+        "etendue_camera/data/variables.toml",
+    )
     found["opened"] += [PACKAGES + table for table in tables]
     expected = {"etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later", tables[0]}
     assert unlisted(plan, found) == expected

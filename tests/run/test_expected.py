@@ -27,7 +27,10 @@ TRIED = {  # what each sampler and rounding is tried on: parameters, what it rea
     "exposure": ({"prnu": 0.05, "dark_current_density": 1e-8, "integration_time": 0.1}, {"photocurrent": 3e4}),
     "shot_noise": ({}, {"expected_charge": 7.3}),
     "read_noise": ({"read_noise": 5.0, "dsnu": 3.0}, {"charge": 120.3}),
-    "line_pattern": ({"row_pattern": 1.0, "column_pattern": 2.0, "row_noise": 1.0, "column_noise": 0.5}, {"charge": 120.3}),
+    "line_pattern": (
+        {"row_pattern": 1.0, "column_pattern": 2.0, "row_noise": 1.0, "column_noise": 0.5},
+        {"charge": 120.3},
+    ),
     "adc": ({"bits": 10}, {"charge": 523.4}),
     "defects": ({"hot": 0.02, "dead": 0.05}, {"photocurrent": 3e4}),
     "stuck_pixels": ({"stuck": 0.05, "bits": 10}, {"raw": 431}),
@@ -60,10 +63,15 @@ def test_every_built_in_stage_that_draws_or_rounds_knows_its_mean():
 
 @pytest.mark.parametrize("name", TRIED)
 def test_the_mean_of_many_draws_is_what_the_stage_says(name):
-    """Within 4.5 standard errors over 30 draws of 40 000 pixels; rows and columns of a pattern are fewer, and so is their share."""
+    """Within 4.5 standard errors over 30 draws of 40 000 pixels; rows and columns of a pattern are fewer, and so is
+    their share.
+    """
     values, inputs = TRIED[name]
     stage = installed_stages().load(name)(**values)
-    reads = {port: np.full((SIDE, SIDE), value, dtype=np.uint16 if port == "raw" else np.float64) for port, value in inputs.items()}
+    reads = {
+        port: np.full((SIDE, SIDE), value, dtype=np.uint16 if port == "raw" else np.float64)
+        for port, value in inputs.items()
+    }
     beside = {"prepared": np.zeros((SIDE, SIDE), np.uint8)}
     means, found = [], None
     for seed in range(30):
@@ -94,7 +102,9 @@ def test_factors_that_are_cut_off_at_nothing_have_the_mean_that_is_said():
     """Against 2 million normals: standard error below 7e-4."""
     z = np.random.default_rng(3).standard_normal(2_000_000)
     for spread in (0.0, 0.1, 0.5, 1.0):
-        assert np.maximum(1 + spread * z, 0).mean() == pytest.approx(noise.mean_factor(spread), abs=4 * spread / np.sqrt(z.size) + 1e-15)
+        assert np.maximum(1 + spread * z, 0).mean() == pytest.approx(
+            noise.mean_factor(spread), abs=4 * spread / np.sqrt(z.size) + 1e-15
+        )
 
 
 def test_without_samplers_in_front_the_expected_run_is_the_run():
@@ -108,7 +118,13 @@ def test_without_samplers_in_front_the_expected_run_is_the_run():
 
 
 def test_a_camera_without_noise_differs_from_its_mean_by_rounding_alone():
-    quiet = {"camera.read_noise": 0, "camera.dsnu": 0, "exposure.prnu": 0, "exposure.dark_nonuniformity": 0, "camera.black_level": 64}
+    quiet = {
+        "camera.read_noise": 0,
+        "camera.dsnu": 0,
+        "exposure.prnu": 0,
+        "exposure.dark_nonuniformity": 0,
+        "camera.black_level": 64,
+    }
     means = collected(expected_plan(**quiet), "expected_charge", "raw", "mosaic_linear")
     runs = collected(expected_plan(expected=False, **quiet), "expected_charge")
     assert_same_bits(means["expected_charge"], runs["expected_charge"])
@@ -119,8 +135,8 @@ def test_a_camera_without_noise_differs_from_its_mean_by_rounding_alone():
 
 
 def test_a_flat_scene_is_on_average_what_the_expected_run_gives():
-    """12 seeds and sensors of 1024 pixels, far from clipping: the mean code of a colour within 4.5 standard errors, and 0.02 DN of
-    rounding, which noise of several DN spreads evenly."""
+    """12 seeds and sensors of 1024 pixels, far from clipping: the mean code of a colour within 4.5 standard errors, and
+    0.02 DN of rounding, which noise of several DN spreads evenly."""
     bright = {"camera.integration_time": "2 ms", "camera.black_level": 64, "camera.read_noise": 10}
     mean = collected(expected_plan(FLAT, **bright), "raw")["raw"]
     drawn = []
@@ -145,7 +161,9 @@ def test_expected_values_are_the_same_for_every_scheduler_and_seed():
 
 def test_slices_that_the_engine_maps_are_expected_values_too():
     """Frames of a bracket: each has the expected charge of its own time, whatever the seed."""
-    pipeline = replace(read_pipeline(Path(__file__).parents[2] / "pipelines" / "burst.toml"), wanted=("read_noise.charge",))
+    pipeline = replace(
+        read_pipeline(Path(__file__).parents[2] / "pipelines" / "burst.toml"), wanted=("read_noise.charge",)
+    )
     runs = []
     for seed in (1, 2):
         plan = make_plan(replace(pipeline, seed=seed), installed_stages(), expected=True)

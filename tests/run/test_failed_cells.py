@@ -165,10 +165,14 @@ def test_a_cell_that_fails_keeps_no_result_of_an_earlier_run(fresh, place):
         assert np.isnan(tree["exposure/32x32/expected_charge"].sel(f_number=5.6).values).all()
 
 
-@pytest.mark.parametrize("scheduler", ["threads", *(pytest.param(name, marks=pytest.mark.long) for name in ("serial", "processes"))])
+@pytest.mark.parametrize(
+    "scheduler", ["threads", *(pytest.param(name, marks=pytest.mark.long) for name in ("serial", "processes"))]
+)
 def test_every_scheduler_records_the_same_failures(first, place, scheduler):
     folder = place / scheduler
-    done = etendue(place, "run", place / "small.toml", "--archive", folder, "--scheduler", scheduler, "--workers", 2, "--json")
+    done = etendue(
+        place, "run", place / "small.toml", "--archive", folder, "--scheduler", scheduler, "--workers", 2, "--json"
+    )
     assert done.returncode == 3, done.stderr
     assert_same_archives(folder, place / "a")
 

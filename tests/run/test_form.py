@@ -50,20 +50,37 @@ class Overflowing(Ramp):
 def job_of(stage, rows=2, columns=3, start=0.0, precision="float64"):
     grid = Grid.of({"y": Line(rows, start), "x": Line(columns, start)})
     return Job(
-        ref=("one", ()), task="compute", stage=stage, writes={"out": parse_declaration("out", "y x [1]")}, grids={"out": grid},
-        input_grids={}, inputs=(), left_out=False, seed=b"", pattern_of=b"", precision=precision, store=(), deliver=("out",),
-        target=None, seconds=0.0,
-    )  # fmt: skip
+        ref=("one", ()),
+        task="compute",
+        stage=stage,
+        writes={"out": parse_declaration("out", "y x [1]")},
+        grids={"out": grid},
+        input_grids={},
+        inputs=(),
+        left_out=False,
+        seed=b"",
+        pattern_of=b"",
+        precision=precision,
+        store=(),
+        deliver=("out",),
+        target=None,
+        seconds=0.0,
+    )
 
 
 @given(
     st.lists(
         st.tuples(
-            st.integers(1, 3), st.integers(1, 3), st.sampled_from([0.0, 5.0]), st.sampled_from([1.0, 2.0]),
+            st.integers(1, 3),
+            st.integers(1, 3),
+            st.sampled_from([0.0, 5.0]),
+            st.sampled_from([1.0, 2.0]),
             st.sampled_from(["float32", "float64"]),
-        ), min_size=2, max_size=12,
+        ),
+        min_size=2,
+        max_size=12,
     )
-)  # fmt: skip
+)
 def test_cells_of_one_name_in_any_order_each_have_their_own_grid_precision_and_tables(cells):
     for rows, columns, start, factor, precision in cells:
         result, report = compute(job_of(Ramp(factor=factor), rows, columns, start, precision), {})

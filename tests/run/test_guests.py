@@ -1,4 +1,5 @@
-"""Code of other distributions at work: what it changes of the process is put back, what it is given is its own, it ends nothing else.
+"""Code of other distributions at work: what it changes of the process is put back, what it is given is its own, it ends
+nothing else.
 
 ``tests/run/test_misbehaving.py`` has the same of whole runs.
 """
@@ -130,10 +131,16 @@ def etendue_stages():
     return {{}}
 """
 IMPORTED = {  # what a distribution does when it is imported, of which nobody uses anything -> what is said
-    "hidden": ("os.umask(0o777); sys.setrecursionlimit(87_654)", "hidden 1.0, when it was imported, has set the umask to 777"),
+    "hidden": (
+        "os.umask(0o777); sys.setrecursionlimit(87_654)",
+        "hidden 1.0, when it was imported, has set the umask to 777",
+    ),
     "leaving": ("os._exit(0)", ""),
     "forking": ("os.fork()", "a process that forking 1.0, when it was imported, had forked came back"),
-    "late": ("threading.Timer(0.3, os._exit, (0,)).start(); atexit.register(os._exit, 0)", "a plugin called os._exit(0) in a thread"),
+    "late": (
+        "threading.Timer(0.3, os._exit, (0,)).start(); atexit.register(os._exit, 0)",
+        "a plugin called os._exit(0) in a thread",
+    ),
 }
 
 
@@ -144,16 +151,23 @@ def test_distributions_that_are_only_installed_end_nothing_and_leave_files_that_
         tmp_path / "site",
         "twice-light",
         "twice_light",
-        MODULE.replace("Stage\n", "Stage, hookimpl\n", 1) + "\n@hookimpl\ndef etendue_stages():\n    return {'twice': Twice}\n",
+        MODULE.replace("Stage\n", "Stage, hookimpl\n", 1)
+        + "\n@hookimpl\ndef etendue_stages():\n    return {'twice': Twice}\n",
     )
     (tmp_path / "file.toml").write_text(
-        '[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = "100 nm"\n'
+        '[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = '
+        '"100 nm"\n'
         '[[stages]]\nuse = "irradiance"\n[[stages]]\nuse = "twice"\n'
     )
     done = subprocess.run(
-        [sys.executable, "-m", "etendue", "run", "file.toml", "--archive", "a", "--json"], cwd=tmp_path, capture_output=True, text=True,
-        env=environment(PYTHONPATH=str(tmp_path / "site")), timeout=120, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "etendue", "run", "file.toml", "--archive", "a", "--json"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=environment(PYTHONPATH=str(tmp_path / "site")),
+        timeout=120,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)
     for _, said in IMPORTED.values():
@@ -161,9 +175,14 @@ def test_distributions_that_are_only_installed_end_nothing_and_leave_files_that_
     assert "Traceback" not in done.stderr
     assert all(path.stat().st_mode & 0o600 == 0o600 for path in (tmp_path / "a").rglob("*"))
     stages = subprocess.run(
-        [sys.executable, "-m", "etendue", "stages"], cwd=tmp_path, capture_output=True, text=True,
-        env=environment(PYTHONPATH=str(tmp_path / "site")), timeout=120, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "etendue", "stages"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=environment(PYTHONPATH=str(tmp_path / "site")),
+        timeout=120,
+        check=False,
+    )
     assert stages.returncode == 0 and "twice" in stages.stdout
     assert "leaving 1.0 cannot be read: its manifest leaving: SystemExit: os._exit(0)" in stages.stdout + stages.stderr
 

@@ -12,7 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.run.small import DEMOSAICERS, SWEEP, assert_same_archives, assert_same_arrays, assert_same_bits, by_labels, plan_of, run
+from tests.run.small import (
+    DEMOSAICERS,
+    SWEEP,
+    assert_same_archives,
+    assert_same_arrays,
+    assert_same_bits,
+    by_labels,
+    plan_of,
+    run,
+)
 
 PRECISIONS = ("float32", "float64")
 
@@ -56,10 +65,13 @@ def test_a_cell_alone_equals_that_cell_of_the_sweep(reference):
     plan, expected = reference
     alone = plan_of(
         {
-            "camera.f_number": 5.6, "camera.pixel_pitch": "2.6 um", "camera.integration_time": "8 ms",
-            "demosaic.use": "demosaic_nearest", "precision": plan.precision,
+            "camera.f_number": 5.6,
+            "camera.pixel_pitch": "2.6 um",
+            "camera.integration_time": "8 ms",
+            "demosaic.use": "demosaic_nearest",
+            "precision": plan.precision,
         }
-    )  # fmt: skip
+    )
     at = {"f_number": 5.6, "pixel_pitch": 2.6, "integration_time": 0.008, "demosaic": "demosaic_nearest"}
     assert not alone.axes
     arrays = by_labels(alone, run(alone).arrays)
@@ -79,12 +91,18 @@ def test_a_scalar_made_an_axis_of_one_value_changes_nothing(axis):
 def test_another_axis_beside_it_changes_no_bit_of_a_stage_it_does_not_reach():
     swept = plan_of({"sweep.integration_time": ["2 ms", "8 ms"]})
     plain = plan_of()
-    light = {key: a for key, a in by_labels(plain, run(plain).arrays).items() if key[0][0] in ("scene", "diffusion", "pixel", "mosaic")}
+    light = {
+        key: a
+        for key, a in by_labels(plain, run(plain).arrays).items()
+        if key[0][0] in ("scene", "diffusion", "pixel", "mosaic")
+    }
     both = by_labels(swept, run(swept).arrays)
     assert_same_arrays({key: both[key] for key in light}, light)
 
 
-@pytest.mark.parametrize("keep", [["pixel"], ["pixel", "scene"], ["diffraction", "pixel"], ["diffusion"], ["demosaic", "resolution"]])
+@pytest.mark.parametrize(
+    "keep", [["pixel"], ["pixel", "scene"], ["diffraction", "pixel"], ["diffusion"], ["demosaic", "resolution"]]
+)
 def test_what_is_kept_changes_no_bit_of_it(reference, keep):
     """Segments are fixed by the pipeline: storing a plane inside one does not cut it."""
     plan, expected = reference
@@ -124,7 +142,9 @@ def uninterrupted(tmp_path_factory):
     @cache
     def made(precision, kept):
         keep = {"keep": KEPT[kept]} if KEPT[kept] else {}
-        plan = plan_of({"sweep.f_number": [2, 5.6], "sweep.integration_time": ["2 ms", "8 ms"], "precision": precision, **keep})
+        plan = plan_of(
+            {"sweep.f_number": [2, 5.6], "sweep.integration_time": ["2 ms", "8 ms"], "precision": precision, **keep}
+        )
         folder = tmp_path_factory.mktemp("uninterrupted") / "whole"
         run(plan, folder)
         return plan, folder
@@ -209,5 +229,7 @@ def test_workers_of_a_cluster_give_one_digest_per_array_whatever_their_number_ki
     pytest.importorskip("distributed")
     pytest.importorskip("cryptography")
     driver = Path(__file__).parents[2] / "benchmarks" / "identity.py"
-    done = subprocess.run([sys.executable, str(driver), "--only", "serial", "distributed"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, str(driver), "--only", "serial", "distributed"], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,4 +1,6 @@
-"""Jobs are made when they are asked for: what is said of them before is what they are, and a long sweep holds few of them."""
+"""Jobs are made when they are asked for: what is said of them before is what they are, and a long sweep holds few of
+them.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ integration_time = { from = "1 ms", to = "20 ms", steps = TIMES, spacing = "log"
 
 def test_cells_are_numbered_in_the_order_of_the_plan():
     plan = plan_of(SWEEP)
-    assert [plan.numbers.of(ref) for ref in plan.cells] == list(range(len(plan.cells))) == list(range(plan.numbers.count))
+    assert (
+        [plan.numbers.of(ref) for ref in plan.cells] == list(range(len(plan.cells))) == list(range(plan.numbers.count))
+    )
     for node in plan.nodes:
         assert [plan.numbers.of(cell.ref) for cell in plan.of(node.name)] == list(plan.numbers.range(node.name))
 
@@ -73,7 +77,9 @@ def test_what_is_said_of_a_job_before_it_is_made_is_what_it_is(part):
         assert jobs.seconds(ref) == job.seconds
         assert jobs.place(ref) == place
         assert set(job.needs) <= set(jobs)  # what is read is computed or loaded
-    assert [(b.refs, b.exports, b.imports) for b in partition(jobs)] == [(b.refs, b.exports, b.imports) for b in partition(dict(jobs))]
+    assert [(b.refs, b.exports, b.imports) for b in partition(jobs)] == [
+        (b.refs, b.exports, b.imports) for b in partition(dict(jobs))
+    ]
 
 
 def _traced(times: int, folder: Path) -> tuple[int, int, int]:

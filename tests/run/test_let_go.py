@@ -1,4 +1,6 @@
-"""What nobody holds any more is let go, by itself and at little cost: trees of earlier runs, arrays that nobody asked for."""
+"""What nobody holds any more is let go, by itself and at little cost: trees of earlier runs, arrays that nobody
+asked for.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,9 @@ def test_trees_that_somebody_holds_are_there_and_not_looked_through_again_and_ag
 
 
 @pytest.mark.parametrize(
-    "asked", [{}, {"keep": ["white_irradiance"]}, {"keep": ["irradiance"]}, {"want": ["white_irradiance"], "keep": []}], ids=str
+    "asked",
+    [{}, {"keep": ["white_irradiance"]}, {"keep": ["irradiance"]}, {"want": ["white_irradiance"], "keep": []}],
+    ids=str,
 )
 def test_behind_a_run_nothing_is_held_but_what_was_asked_for(asked):
     """Bytes of all arrays, as numpy tells them to Python."""
@@ -105,7 +109,11 @@ def test_so_it_is_behind_a_study():
 @pytest.mark.timeout(3600)
 def test_memory_after_two_thousand_runs_is_that_after_a_hundred():
     done = subprocess.run(
-        [sys.executable, PROGRAM, "memory", "--runs", "2000"], capture_output=True, text=True, timeout=3500, check=True,
-    )  # fmt: skip
+        [sys.executable, PROGRAM, "memory", "--runs", "2000"],
+        capture_output=True,
+        text=True,
+        timeout=3500,
+        check=True,
+    )
     curve = {int(runs): float(size) for runs, size in (line.split() for line in done.stdout.splitlines()[1:-1])}
     assert curve[2000] <= 1.1 * curve[100], curve

@@ -1,4 +1,6 @@
-"""Stages that look at transfer functions: what they are given, which axes reach them, and when they are computed again."""
+"""Stages that look at transfer functions: what they are given, which axes reach them, and when they are computed
+again.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ def test_a_stage_gets_the_transfer_functions_in_front_of_it():
     weights = pixel.prepare({"wavelength_edges": np.array(edges), "wavelength": wavelength.ravel() * 1e3})
     otf = np.ones((3, 1, 1))
     for stage in stages:
-        otf = otf * stage.transfer(np.zeros((1, 1)), np.full((1, 1), 0.05), wavelength, *([weights] if stage is pixel else []))
+        otf = otf * stage.transfer(
+            np.zeros((1, 1)), np.full((1, 1), 0.05), wavelength, *([weights] if stage is pixel else [])
+        )
     factor = weights @ otf[:, 0, 0] / weights.sum(axis=1)
     assert 0.3 < factor.min() < factor.max() < 0.99
     assert_allclose(after, before * factor[:, None, None], rtol=3e-7)  # single precision
@@ -65,7 +69,11 @@ def test_a_stage_gets_the_transfer_functions_in_front_of_it():
 
 def test_axes_reach_what_looks_at_their_stages_and_no_others_do():
     """The probe reads no picture: the integration time changes nothing for it."""
-    sweep = {"sweep.diffusion_length": ["5 um", "50 um"], "sweep.f_number": [2.8, 8], "sweep.integration_time": ["2 ms", "4 ms"]}
+    sweep = {
+        "sweep.diffusion_length": ["5 um", "50 um"],
+        "sweep.f_number": [2.8, 8],
+        "sweep.integration_time": ["2 ms", "4 ms"],
+    }
     plan = plan_of(sweep, tail="restore parts")
     assert plan.node("parts").axes == ("diffusion_length", "f_number")
     assert set(plan.node("restore").axes) == {"diffusion_length", "f_number", "integration_time"}
@@ -88,7 +96,9 @@ def test_a_probe_is_computed_again_where_what_it_looks_at_changes(overrides, aga
     assert (first.of("parts")[0].key != second.of("parts")[0].key) == again
 
 
-@pytest.mark.parametrize("overrides", [{"scene.wavelength_to": "600 nm"}, {"scene.spacing": "0.75 um"}, {"falloff.use": "distortion"}])
+@pytest.mark.parametrize(
+    "overrides", [{"scene.wavelength_to": "600 nm"}, {"scene.spacing": "0.75 um"}, {"falloff.use": "distortion"}]
+)
 def test_a_transfer_function_is_keyed_by_the_light_it_is_made_for(overrides):
     """By the wavelengths, by the grid, and by whether something in front moves light that is in no product."""
     first, second = plan_of(tail="parts"), plan_of(overrides, tail="parts")
@@ -97,11 +107,15 @@ def test_a_transfer_function_is_keyed_by_the_light_it_is_made_for(overrides):
 
 def test_wavelengths_that_are_swept_reach_a_probe():
     """The scene stands far in front of the stages that are looked at."""
-    assert plan_of({"sweep.scene.wavelength_to": ["600 nm", "700 nm"]}, tail="parts").node("parts").axes == ("scene_wavelength_to",)
+    assert plan_of({"sweep.scene.wavelength_to": ["600 nm", "700 nm"]}, tail="parts").node("parts").axes == (
+        "scene_wavelength_to",
+    )
 
 
 def test_an_alternative_that_moves_light_reaches_what_looks_at_transfer_functions():
-    """Behind a distortion no product is the camera: the cell in the sweep is the cell alone, in either order of the values."""
+    """Behind a distortion no product is the camera: the cell in the sweep is the cell alone, in either order of the
+    values.
+    """
     for uses in (["falloff", "distortion"], ["distortion", "falloff"]):
         plan = plan_of({"sweep.falloff.use": uses, "wanted": ["resolution.mtf50"]}, tail="")
         assert plan.node("resolution").axes == ("falloff",)
@@ -116,7 +130,10 @@ def test_a_library_behind_a_looked_at_stage_is_part_of_the_key(monkeypatch):
     before = plan_of(tail="parts").of("parts")[0].key
     for library in ("colour-science", "numpy", "scipy"):
         with monkeypatch.context() as patched:
-            patched.setattr("etendue.plan.recipes.version_of", lambda name, library=library: "another" if name == library else "this")
+            patched.setattr(
+                "etendue.plan.recipes.version_of",
+                lambda name, library=library: "another" if name == library else "this",
+            )
             assert plan_of(tail="parts").of("parts")[0].key != before
             one = plan_of(tail="parts").of("parts")[0].key
             patched.setattr("etendue.plan.recipes.version_of", lambda name: "this")
@@ -187,7 +204,11 @@ def test_a_branch_is_the_product_of_its_own_stages():
     plan = plan_of(tail="restore parts", text=BRANCH)
     arrays = arrays_of(plan)
     assert of(plan, arrays, "parts", "parts")[0][:, 0].tolist() == [1, 2, 3, 1]
-    assert [ref[0] for ref in dict(plan.of("restore")[0].looks_at)["transfers"]] == ["diffraction", "diffusion", "pixel"]
+    assert [ref[0] for ref in dict(plan.of("restore")[0].looks_at)["transfers"]] == [
+        "diffraction",
+        "diffusion",
+        "pixel",
+    ]
 
 
 # -- what they are given ------------------------------------------------------------------------------------------
@@ -213,7 +234,9 @@ def test_a_line_is_the_diagonal_of_a_plane(stages):
 def test_a_product_is_that_of_its_parts_and_leaving_one_out_divides_it():
     whole = otf_of(COMA, Diffusion(), PIXEL)
     fy, fx = 0.5 * WIDE, 0.5 * WIDE
-    assert_allclose(whole.without(["1"]).along(fy, fx) * otf_of(Diffusion()).along(fy, fx), whole.along(fy, fx), atol=1e-12)
+    assert_allclose(
+        whole.without(["1"]).along(fy, fx) * otf_of(Diffusion()).along(fy, fx), whole.along(fy, fx), atol=1e-12
+    )
     assert whole.without("1").parts == (whole.parts[0], whole.parts[2])
     assert whole.without([name for name, _ in whole.parts]).along(fy, fx).tolist() == np.ones((3, 80)).tolist()
 
@@ -228,7 +251,9 @@ def test_the_rendering_of_a_scene_is_a_gaussian_and_a_box():
     both = otf_of(LensGaussian(sigma=1.0), rendered=(1.5, 0.0))
     assert_allclose(both.scene_along(np.zeros(3), WIDE[:3]), np.exp(-2 * (np.pi * 1.5 * WIDE[:3]) ** 2), rtol=1e-14)
     assert_allclose(
-        otf_of(PIXEL, rendered=(0.0, 2.0)).scene_along(np.array([0.1]), np.array([0.2])), np.sinc(0.2) * np.sinc(0.4), rtol=1e-14
+        otf_of(PIXEL, rendered=(0.0, 2.0)).scene_along(np.array([0.1]), np.array([0.2])),
+        np.sinc(0.2) * np.sinc(0.4),
+        rtol=1e-14,
     )
     assert otf_of(PIXEL).scene_along(WIDE, WIDE).tolist() == [1.0] * 80
 

@@ -1,4 +1,5 @@
-"""Runs at once in one process: each gives what it gives alone, whatever the others do and whichever way they came to be at once.
+"""Runs at once in one process: each gives what it gives alone, whatever the others do and whichever way they came to be
+at once.
 
 ``benchmarks/many_runs.py`` has the cameras and what threads do with them; there, in longer turns, the same is counted.
 """
@@ -23,7 +24,16 @@ from etendue.run.one_thread import ONE_THREAD
 from tests.run.small import environment
 
 PROGRAM = Path(__file__).parents[2] / "benchmarks" / "many_runs.py"
-FAST = ("memory", "collected", "pipelines", "collected", "collected", "pipelines", "collected", "collected")  # what each thread does
+FAST = (
+    "memory",
+    "collected",
+    "pipelines",
+    "collected",
+    "collected",
+    "pipelines",
+    "collected",
+    "collected",
+)  # what each thread does
 BESIDE = ("raising", "memory", "interrupted", "collected")  # two that break off, beside others
 LONG = {
     "memory": ("threads", ("memory",)),
@@ -47,7 +57,9 @@ def many_runs():
 
 
 def right(many_runs, folder, way, kinds, rounds, threads=8):
-    """So many threads, so many rounds: every digest is that of the same run alone, and the process is as it was before."""
+    """So many threads, so many rounds: every digest is that of the same run alone, and the process is as it was
+    before.
+    """
     if way == "dask worker":
         pytest.importorskip("distributed")
     trial = many_runs.Trial(kinds, threads, rounds, folder)
@@ -83,7 +95,9 @@ def test_so_are_fifty_rounds_of_each_in_eight_threads(many_runs, tmp_path, way, 
 
 
 def test_blas_has_one_thread_whichever_thread_begins_and_ends_the_runs():
-    """Also where another has asked ``threadpoolctl`` for a number of its own, and where runs end in another order than they began."""
+    """Also where another has asked ``threadpoolctl`` for a number of its own, and where runs end in another order
+    than they began.
+    """
 
     def threads():
         return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
@@ -150,11 +164,17 @@ print(["other"[: 5 * (one != first(number))] for number, one in enumerate(found)
 
 
 def test_so_are_the_first_of_a_process_beside_one_that_ctrl_c_ends(many_runs):
-    """Nothing is imported or remembered yet: threads plan, import and run together. Ctrl-C is the main thread's run's alone."""
+    """Nothing is imported or remembered yet: threads plan, import and run together. Ctrl-C is the main thread's
+    run's alone.
+    """
     done = subprocess.run(
-        [sys.executable, "-c", COLD], env=environment(PYTHONPATH=str(PROGRAM.parent)), capture_output=True, text=True,
-        timeout=120, check=False,
-    )  # fmt: skip
+        [sys.executable, "-c", COLD],
+        env=environment(PYTHONPATH=str(PROGRAM.parent)),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     assert done.stdout.splitlines() == ["interrupted", "['', '', '', '']"], done.stderr
 
 
@@ -195,9 +215,14 @@ def test_so_are_those_that_have_processes_of_their_own(many_runs, tmp_path):
     )
     (tmp_path / "camera.toml").write_text(many_runs.CAMERA)
     done = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, env=environment(PYTHONPATH=str(PROGRAM.parent)), capture_output=True, text=True,
-        timeout=300, check=False,
-    )  # fmt: skip
+        [sys.executable, script],
+        cwd=tmp_path,
+        env=environment(PYTHONPATH=str(PROGRAM.parent)),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     found, alone = json.loads(done.stdout)
     assert found == alone

@@ -1,4 +1,6 @@
-"""Whatever a stage does while it runs ends its own cell, named with its distribution; every other cell is as if it had not been."""
+"""Whatever a stage does while it runs ends its own cell, named with its distribution; every other cell is as if it
+had not been.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,12 @@ use = "naughty"
 [[stages]]
 use = "witness"
 """
-SHAPES = {"gives nothing": "NoneType", "gives an array": "ndarray", "gives too little": "declares ['irradiance']", "gives too many": "'7'"}
+SHAPES = {
+    "gives nothing": "NoneType",
+    "gives an array": "ndarray",
+    "gives too little": "declares ['irradiance']",
+    "gives too many": "'7'",
+}
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +48,16 @@ def place(tmp_path_factory):
 
 def run(place, ways, *arguments):
     sweep = "naughty.how=[" + ",".join(json.dumps(way) for way in ways) + "]"
-    return process("run", "file.toml", "--sweep", sweep, "--json", *arguments, cwd=place, env=environment(PYTHONPATH=str(place / "site")))
+    return process(
+        "run",
+        "file.toml",
+        "--sweep",
+        sweep,
+        "--json",
+        *arguments,
+        cwd=place,
+        env=environment(PYTHONPATH=str(place / "site")),
+    )
 
 
 def check(place, done, archive, fails, fine):
@@ -85,7 +101,9 @@ def test_a_stage_that_breaks_off_ends_its_cell_alone(place, scheduler):
 
 @pytest.mark.long
 def test_a_worker_that_dies_or_hangs_ends_the_cell_at_which_it_was_alone(place):
-    """In one batch with cells that behave: these are computed all the same, and again nothing but the guilty ones fails."""
+    """In one batch with cells that behave: these are computed all the same, and again nothing but the guilty ones
+    fails.
+    """
     fine = ["behaves", "gives its input", "gives lists"]
     ways = [fine[0], "leaves below Python", "crashes", fine[1], "is killed", "hangs", fine[2]]
     done = run(place, ways, "--scheduler", "processes", "--workers", "2", "--archive", "dies", "--cell-timeout", "2")
@@ -100,7 +118,15 @@ def test_a_time_limit_without_a_process_that_could_be_stopped_is_refused(place):
 
 
 def test_results_are_all_that_stands_on_stdout(place):
-    done = command("run", place / "file.toml", "--set", "naughty.how=chatters", "--archive", place / "said", PYTHONPATH=str(place / "site"))
+    done = command(
+        "run",
+        place / "file.toml",
+        "--set",
+        "naughty.how=chatters",
+        "--archive",
+        place / "said",
+        PYTHONPATH=str(place / "site"),
+    )
     assert done.returncode == 0, done.stderr
     assert "from" not in done.stdout
     for text in ("from a plugin", "from below a plugin", "from C"):

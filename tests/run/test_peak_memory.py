@@ -27,9 +27,17 @@ from etendue.testing.bench import Bench
 
 ROOT = Path(__file__).parents[2]
 FRAME = {
-    "sweep": {}, "camera.f_number": 2.8, "camera.pixel_pitch": "2.8 um", "camera.integration_time": "8 ms", "precision": "float32",
-    "scene.spacing": "2.8 um", "scene.width": "1433.6 um", "scene.height": "1075.2 um", "pixel.rows": 352, "pixel.columns": 480,
-}  # fmt: skip
+    "sweep": {},
+    "camera.f_number": 2.8,
+    "camera.pixel_pitch": "2.8 um",
+    "camera.integration_time": "8 ms",
+    "precision": "float32",
+    "scene.spacing": "2.8 um",
+    "scene.width": "1433.6 um",
+    "scene.height": "1075.2 um",
+    "pixel.rows": 352,
+    "pixel.columns": 480,
+}
 
 
 def plan_of(**overrides):
@@ -55,10 +63,15 @@ def test_a_frame_takes_what_its_plan_says():
 
 
 def test_a_stage_that_is_left_out_holds_nothing():
-    """What it writes is what it reads: no cell of a plan holds more for it, and its own need is 0 where nothing of it is stored."""
+    """What it writes is what it reads: no cell of a plan holds more for it, and its own need is 0 where nothing of
+    it is stored.
+    """
     plan = plan_of(keep=["rgb_display"], wanted=["rgb_display"])
     for name in ("sharpen", "read_noise", "falloff"):
-        cells = {ref: replace(cell, left_out=LeftOut(0.0, "a law")) if ref[0] == name else cell for ref, cell in plan.cells.items()}
+        cells = {
+            ref: replace(cell, left_out=LeftOut(0.0, "a law")) if ref[0] == name else cell
+            for ref, cell in plan.cells.items()
+        }
         needs = []
         for own in (plan, replace(plan, cells=cells)):
             jobs = counting._jobs(own, 1, False, False)
@@ -69,7 +82,9 @@ def test_a_stage_that_is_left_out_holds_nothing():
 
 
 def test_joined_passes_count_once(monkeypatch):
-    """Stages worked together in strips hold strips, not a frame each; light made by band holds bands, not each stage's light."""
+    """Stages worked together in strips hold strips, not a frame each; light made by band holds bands, not each
+    stage's light.
+    """
     asked = {"keep": ["rgb_display"], "wanted": ["rgb_display"], "scene.bin_width": "2.5 nm"}
     plan = plan_of(**asked)
     whole = peak_memory(plan, 1, pictures=False).bytes
@@ -115,7 +130,9 @@ def test_copies_that_other_distributions_are_handed_are_counted(monkeypatch):
 
 def test_more_workers_hold_more_and_a_longer_sweep_does_not():
     def swept(values):
-        return make_plan(read_pipeline(ROOT / "pipelines" / "smallest.toml", {"sweep.f_number": values}), installed_stages())
+        return make_plan(
+            read_pipeline(ROOT / "pipelines" / "smallest.toml", {"sweep.f_number": values}), installed_stages()
+        )
 
     plan, longer = swept([2.0, 2.8, 4.0, 5.6]), swept([2 + 0.1 * n for n in range(30)])
     one, two, four = (peak_memory(plan, workers, pictures=False).bytes for workers in (1, 2, 4))
@@ -131,13 +148,28 @@ def test_pictures_are_as_large_as_they_are_counted():
 @pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="resident peaks are asked of Linux")
 def test_frames_of_a_megapixel_take_what_their_plans_say():
-    """Resident memory of fresh processes, within 1.3 times either way: ``benchmarks/memory.py`` prints the same for larger ones."""
+    """Resident memory of fresh processes, within 1.3 times either way: ``benchmarks/memory.py`` prints the same for
+    larger ones.
+    """
     done = subprocess.run(
         [
-            sys.executable, ROOT / "benchmarks" / "memory.py", "--workers", "1", "--mpixel", "1", "--bands", "3",
-            "--precision", "float32", "--camera", "smallest", "sensors",
+            sys.executable,
+            ROOT / "benchmarks" / "memory.py",
+            "--workers",
+            "1",
+            "--mpixel",
+            "1",
+            "--bands",
+            "3",
+            "--precision",
+            "float32",
+            "--camera",
+            "smallest",
+            "sensors",
         ],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     worst = float(done.stdout.splitlines()[-1].split()[1])
     assert 1 <= worst <= 1.3, done.stdout

@@ -22,7 +22,11 @@ def light(seed, ny, nx, dtype="float64"):
 def test_joined_equals_one_stage_after_the_other_on_the_same_padded_domain(precision, bound):
     """Relative to full scale. One after the other: back to planes and forth to spectra between the stages."""
     plan = plan_of({"precision": precision})
-    arrays = {key[0][0]: array for key, array in by_labels(plan, run(plan).arrays).items() if key[1] in ("irradiance", "photon_rate")}
+    arrays = {
+        key[0][0]: array
+        for key, array in by_labels(plan, run(plan).arrays).items()
+        if key[1] in ("irradiance", "photon_rate")
+    }
     ny, nx = arrays["falloff"].shape[-2:]
     padded = sampling.pad(arrays["falloff"])
     for name in ("diffraction", "diffusion"):
@@ -121,7 +125,8 @@ def test_padding_has_no_seam(size, slope, curve):
     padded = sampling.pad(plane)
     around = np.concatenate([padded, padded[:, :1]], axis=1)
     gap = padded.shape[1] - size
-    # The two mirrored ends are cross-faded: their difference is bridged in ``gap`` samples, at most pi/2 times as steep as a straight line.
+    # The two mirrored ends are cross-faded: their difference is bridged in ``gap`` samples, at most pi/2 times as steep
+    # as a straight line.
     bridge = 0.5 * np.pi * 2 * np.ptp(plane) / gap
     assert np.abs(np.diff(around, axis=1)).max() <= 2 * inside + bridge
 
@@ -140,4 +145,9 @@ def test_the_sum_over_wavelength_is_the_same_in_frequency_and_in_space():
     rng = np.random.default_rng(1)
     planes, weights = rng.uniform(0, 1, (5, 30, 34)), rng.uniform(0, 1, (3, 5))
     summed = sampling.sum_over_bands(weights, np.ascontiguousarray(sampling.transform(planes)))
-    assert_allclose(sampling.planes_of(summed, 30, 34), np.einsum("cw,wyx->cyx", weights, planes), rtol=0, atol=1e-13 * planes.shape[0])
+    assert_allclose(
+        sampling.planes_of(summed, 30, 34),
+        np.einsum("cw,wyx->cyx", weights, planes),
+        rtol=0,
+        atol=1e-13 * planes.shape[0],
+    )

@@ -1,4 +1,6 @@
-"""Large frames worked strip by strip: the bits, figures and failures of cells computed whole, and nothing whole that nobody wants."""
+"""Large frames worked strip by strip: the bits, figures and failures of cells computed whole, and nothing whole that
+nobody wants.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,11 @@ use = "balance_mosaic"
 CAMERA = BARE + COLOUR
 BALANCED = BARE.replace('[[stages]]\nuse = "demosaic_bilinear"', FOUND_WHITE + '[[stages]]\nuse = "demosaic_bilinear"')
 BEHIND = "".join(f'[[stages]]\nuse = "{name}"\n' for name in ("codes", "linearise", "demosaic_bilinear", "sharpen"))
-RAW = 'name = "raw"\nprecision = "float32"\nkeep = ["rgb_display"]\n[camera]\npeak_qe = [0.4, 0.4, 0.4]\n' + BEHIND + COLOUR
+RAW = (
+    'name = "raw"\nprecision = "float32"\nkeep = ["rgb_display"]\n[camera]\npeak_qe = [0.4, 0.4, 0.4]\n'
+    + BEHIND
+    + COLOUR
+)
 FORKED = {"sweep.integration_time": ["2 ms", "8 ms"], "sweep.sharpen.strength": [0.1, 0.4]}
 
 
@@ -96,8 +102,11 @@ def test_strips_change_no_bit_and_no_figure(text, precision, scheduler, request)
     for ref, report in whole.reports.items():
         other = cut.reports[ref]
         assert (report.status, report.clipped, report.clipped_flux, report.floored) == (
-            other.status, other.clipped, other.clipped_flux, other.floored,
-        )  # fmt: skip
+            other.status,
+            other.clipped,
+            other.clipped_flux,
+            other.floored,
+        )
 
 
 def test_an_archive_made_in_strips_is_that_of_whole_frames(tmp_path, request):
@@ -110,7 +119,9 @@ def test_an_archive_made_in_strips_is_that_of_whole_frames(tmp_path, request):
 
 def test_processes_are_told_which_cells_go_together(small_strips):
     plan = plan_of(BARE)
-    assert_same_arrays(by_labels(plan, run(plan, scheduler="processes", workers=1).arrays), by_labels(plan, run(plan).arrays))
+    assert_same_arrays(
+        by_labels(plan, run(plan, scheduler="processes", workers=1).arrays), by_labels(plan, run(plan).arrays)
+    )
 
 
 def test_a_walk_ends_where_the_whole_frame_is_needed_and_where_a_sweep_forks(small_strips):
@@ -140,7 +151,9 @@ def test_no_batch_waits_for_itself_however_small_batches_are(small_strips):
 
 
 def test_what_nobody_keeps_is_never_whole(monkeypatch, stages):
-    """From raw codes on, beside codes and picture: nothing of their size in strips, two pictures at least where cells are whole."""
+    """From raw codes on, beside codes and picture: nothing of their size in strips, two pictures at least where
+    cells are whole.
+    """
     plan = plan_of(RAW, {}, stages)
     whole, cut = _peak(plan, monkeypatch, 1 << 40), _peak(plan, monkeypatch, 0)
     assert_same_bits(cut[1], whole[1])
@@ -182,8 +195,10 @@ class Codes(Source):
     """A frame of 1024 x 512 codes under a known light."""
 
     writes: ClassVar = {
-        "raw": "y x [DN] uint16", "white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]",
-    }  # fmt: skip
+        "raw": "y x [DN] uint16",
+        "white_radiance": "wavelength [W m-2 sr-1 nm-1]",
+        "white_irradiance": "wavelength [W m-2 nm-1]",
+    }
 
     def describe(self):
         frame = Grid.of({dim: Line(size, 0.0, 1.0, "pixel", (0.0, 2.0)) for dim, size in (("y", 1024), ("x", 512))})

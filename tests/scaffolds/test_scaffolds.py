@@ -1,4 +1,6 @@
-"""What is written to begin with works as it stands: it installs, keeps the laws, gives the bits of what it begins as."""
+"""What is written to begin with works as it stands: it installs, keeps the laws, gives the bits of what it begins
+as.
+"""
 
 import importlib
 import inspect
@@ -46,7 +48,9 @@ def test_a_stage_of_every_role_begins_with_the_declaration_of_its_model(tmp_path
     assert parameters_of(kind).keys() == parameters_of(one.kind).keys()
 
 
-@pytest.mark.parametrize("role", [pytest.param(role, marks=[] if role in QUICK else pytest.mark.long) for role in ROLES])
+@pytest.mark.parametrize(
+    "role", [pytest.param(role, marks=[] if role in QUICK else pytest.mark.long) for role in ROLES]
+)
 def test_a_stage_of_every_role_keeps_every_law_as_it_is_written(tmp_path, monkeypatch, role):
     _, kind = written(tmp_path, monkeypatch, role)
     assert check_stage(kind(**ordinary(kind))) == []

@@ -75,7 +75,13 @@ class TestTilted(StageConformance):
 
 def test_labels_and_arrays_give_the_same_bits():
     planes = np.random.default_rng(1).random((3, 8, 9))
-    where = {"y": np.arange(8.0), "x": np.arange(9.0), "y_um": np.arange(8.0), "x_um": np.arange(9.0), "channel": np.array(["R", "G", "B"])}
+    where = {
+        "y": np.arange(8.0),
+        "x": np.arange(9.0),
+        "y_um": np.arange(8.0),
+        "x_um": np.arange(9.0),
+        "channel": np.array(["R", "G", "B"]),
+    }
     asked = {name: where[name] for name in arguments_of(WarmByLabel) if name in where}
     assert_array_equal(WarmByLabel().run(rgb_camera=planes, **asked)["rgb_camera"], Warm().run(planes)["rgb_camera"])
 
@@ -83,7 +89,13 @@ def test_labels_and_arrays_give_the_same_bits():
 def faulty(body):
     kind = dataclass(frozen=True, kw_only=True)(type("Faulty", (Warm,), {"run": body, "__annotations__": {}}))
     planes = np.ones((3, 2, 2))
-    where = {"y": np.arange(2.0), "x": np.arange(2.0), "y_um": np.arange(2.0), "x_um": np.arange(2.0), "channel": np.array(["R", "G", "B"])}
+    where = {
+        "y": np.arange(2.0),
+        "x": np.arange(2.0),
+        "y_um": np.arange(2.0),
+        "x_um": np.arange(2.0),
+        "channel": np.array(["R", "G", "B"]),
+    }
     made = labelled(kind)
     return made().run(rgb_camera=planes, **{name: where[name] for name in arguments_of(made) if name in where})
 
@@ -93,7 +105,10 @@ def faulty(body):
     [
         (lambda self, data: data["rgb_camera"].to_numpy(), "gave ndarray, not a Dataset"),
         (lambda self, data: data.drop_vars("rgb_camera"), "declares rgb_camera"),
-        (lambda self, data: data.assign(rgb_camera=data.rgb_camera.mean("channel")), "with the dims 'y x', but declares 'channel y x'"),
+        (
+            lambda self, data: data.assign(rgb_camera=data.rgb_camera.mean("channel")),
+            "with the dims 'y x', but declares 'channel y x'",
+        ),
         (lambda self, data: data.assign(rgb_camera=data.rgb_camera.assign_attrs(units="lx")), "in lx, but declares 1"),
         (lambda self, data: {"rgb_camera": data.rgb_camera.assign_coords(y=data.y + 1)}, "at another y than it read"),
         (lambda self, data: data.assign(other=data.rgb_camera), "gave other, which it does not write"),

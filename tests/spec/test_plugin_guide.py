@@ -32,7 +32,9 @@ def package(tmp_path, monkeypatch):
         info = tmp_path / "my_camera-1.0.dist-info"
         info.mkdir()
         (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-camera\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text(TOML[0].replace("project.entry-points.", "").replace('"my_camera"', module))
+        (info / "entry_points.txt").write_text(
+            TOML[0].replace("project.entry-points.", "").replace('"my_camera"', module)
+        )
         for name, text in files.items():
             path = tmp_path / f"{name.replace('__', '/')}.py"
             path.parent.mkdir(exist_ok=True)
@@ -61,7 +63,9 @@ def test_the_smallest_plugin_is_small_and_works(package):
 
 def test_a_package_with_words_of_its_own_keeps_all_it_says(package):
     registry = package(
-        "my_camera.manifest", my_camera__stages=block("hood_length: float"), my_camera__manifest=block("def etendue_sensors")
+        "my_camera.manifest",
+        my_camera__stages=block("hood_length: float"),
+        my_camera__manifest=block("def etendue_sensors"),
     )
     kind = registry.load("vignette")
     assert check_stage(kind(loss=0.3)) == []

@@ -33,7 +33,9 @@ def value_of(sensor, name):
 
 
 def plan_of(text=TEXT, **overrides):
-    return make_plan(parse_pipeline(text, overrides={f"camera.{k}": v for k, v in overrides.items()}), installed_stages())
+    return make_plan(
+        parse_pipeline(text, overrides={f"camera.{k}": v for k, v in overrides.items()}), installed_stages()
+    )
 
 
 @pytest.mark.parametrize("sensor", preset_names())
@@ -44,7 +46,9 @@ def test_every_value_is_one_of_its_quantity_and_says_where_it_is_from(sensor):
         assert name in camera.names(), name
         value_of(sensor, name)  # in range and of the right unit
     for name, sourced in {**found.shared, **found.facts}.items():
-        assert re.match(r"https?://\S+$", sourced.source) or sourced.source.startswith(SPOKEN), f"{name}: {sourced.source}"
+        assert re.match(r"https?://\S+$", sourced.source) or sourced.source.startswith(SPOKEN), (
+            f"{name}: {sourced.source}"
+        )
 
 
 @pytest.mark.parametrize("sensor", preset_names())
@@ -55,7 +59,9 @@ def test_the_full_well_that_is_published_is_the_one_that_comes_out(sensor):
         return
     area = (value_of(sensor, "pixel_pitch") * value_of(sensor, "aperture_fraction")) ** 2
     published = float(to_unit(found.facts["full_well"].value, "electron"))
-    assert value_of(sensor, "full_well_density") * area == pytest.approx(published, rel=1e-3)  # as many digits as the file has
+    assert value_of(sensor, "full_well_density") * area == pytest.approx(
+        published, rel=1e-3
+    )  # as many digits as the file has
 
 
 @pytest.mark.parametrize("sensor", preset_names())
@@ -83,7 +89,10 @@ def test_a_range_that_is_not_that_of_the_values_and_a_guess_that_lowers_it_say_b
     from math import hypot, log10
 
     found, noise, dsnu = preset(sensor), value_of(sensor, "read_noise"), value_of(sensor, "dsnu")
-    well = value_of(sensor, "full_well_density") * (value_of(sensor, "pixel_pitch") * value_of(sensor, "aperture_fraction")) ** 2
+    well = (
+        value_of(sensor, "full_well_density")
+        * (value_of(sensor, "pixel_pitch") * value_of(sensor, "aperture_fraction")) ** 2
+    )
     own, lowered = (20 * log10(well / floor) for floor in (noise, hypot(noise, dsnu)))
     published = found.facts.get("dynamic_range")
     if published is not None and abs(float(published.value.removesuffix(" dB")) - own) > 1:
@@ -112,7 +121,15 @@ def test_what_the_paper_does_not_print_is_marked():
     paper = preset("paper-ccd").shared
     printed = {name for name, s in paper.items() if s.source.startswith("seed paper")}
     assert printed == {"pixel_pitch", "aperture_fraction", "depletion_depth", "diffusion_depth"}
-    for name in ("full_well_density", "dark_current_density", "read_noise", "dsnu", "bits", "peak_qe", "diffusion_length"):
+    for name in (
+        "full_well_density",
+        "dark_current_density",
+        "read_noise",
+        "dsnu",
+        "bits",
+        "peak_qe",
+        "diffusion_length",
+    ):
         assert paper[name].source == "typical" and "not in the paper" in paper[name].note
 
 
@@ -134,7 +151,9 @@ def test_a_key_is_made_of_values_not_of_the_sensors_name():
     named = plan_of(sensor="sony-imx174")
     written = {name: value for name, value in preset("sony-imx174").values().items()}
     spelled = plan_of(sensor="", **written)
-    assert {ref: cell.key for ref, cell in named.cells.items()} == {ref: cell.key for ref, cell in spelled.cells.items()}
+    assert {ref: cell.key for ref, cell in named.cells.items()} == {
+        ref: cell.key for ref, cell in spelled.cells.items()
+    }
     other = plan_of(sensor="sony-imx250")
     assert named.cells["read_noise", ()].key != other.cells["read_noise", ()].key
     assert named.cells["scene", ()].key == other.cells["scene", ()].key
@@ -178,7 +197,11 @@ def test_the_command_lists_sensors_and_gives_sources():
     listed = json.loads(command("--json").stdout)
     assert [one["name"] for one in listed] == list(preset_names())
     (one,) = json.loads(command("sony-imx363", "--json").stdout)
-    assert one["camera"]["read_noise"] == {"value": 5, "source": preset("sony-imx363").shared["read_noise"].source, "note": ""}
+    assert one["camera"]["read_noise"] == {
+        "value": 5,
+        "source": preset("sony-imx363").shared["read_noise"].source,
+        "note": "",
+    }
     shown = command("sony-a7r2").stdout
     assert preset("sony-a7r2").shared["read_noise"].source in shown  # whole, to be copied
     assert "typical" in shown

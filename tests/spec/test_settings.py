@@ -9,7 +9,10 @@ from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
 
 REGISTRY = installed_stages()
-WITHOUT_ORDER = {"method", "heights of real_lens"}  # of choices that keep one tolerance, and of one that is another lens
+WITHOUT_ORDER = {
+    "method",
+    "heights of real_lens",
+}  # of choices that keep one tolerance, and of one that is another lens
 
 
 def knobs():

@@ -17,7 +17,9 @@ METHODS = sorted(CAPABILITIES)
 
 def with_parameter(name, default):
     """A stage that has a parameter of this name, and nothing else."""
-    return dataclasses.make_dataclass("Own", [(name, type(default), param(default))], bases=(Stage,), frozen=True, kw_only=True)
+    return dataclasses.make_dataclass(
+        "Own", [(name, type(default), param(default))], bases=(Stage,), frozen=True, kw_only=True
+    )
 
 
 @pytest.mark.parametrize("default", ["source", 0.5, print], ids=["text", "number", "callable"])
@@ -32,7 +34,9 @@ def test_a_parameter_is_no_capability_whatever_its_name(name, default):
 @pytest.mark.parametrize("name", METHODS)
 def test_a_method_of_a_capability_without_its_base_is_refused_with_the_base(name):
     able = type("Able", (Stage,), {name: lambda self, *given: None, "run": lambda self: {}})
-    with pytest.raises(TypeError, match=rf"Able has {name}.*derive it from etendue\.api\.{CAPABILITIES[name].__name__}"):
+    with pytest.raises(
+        TypeError, match=rf"Able has {name}.*derive it from etendue\.api\.{CAPABILITIES[name].__name__}"
+    ):
         check_class(able)
 
 
@@ -62,7 +66,9 @@ def test_a_stage_with_patterns_says_of_which_sensor():
 
     serial = ("sensor_serial", str, quantity("sensor_serial"))
     of_a_sensor = dataclasses.make_dataclass("OfASensor", [serial], bases=(Patterned,), frozen=True, kw_only=True)
-    with pytest.raises(TypeError, match=r'Patterned\.run asks for rng_sensor.*sensor_serial: str = quantity\("sensor_serial"\)'):
+    with pytest.raises(
+        TypeError, match=r'Patterned\.run asks for rng_sensor.*sensor_serial: str = quantity\("sensor_serial"\)'
+    ):
         arguments_of(Patterned)
     assert arguments_of(of_a_sensor) == ("rng_sensor",)
 
@@ -71,7 +77,11 @@ def test_no_room_asks_for_a_method_of_a_stage_by_its_bare_name():
     asked = []
     for path in Path(etendue.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("hasattr", "getattr"):
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Name)
+                and node.func.id in ("hasattr", "getattr")
+            ):
                 name = node.args[1]
                 if isinstance(name, ast.Constant) and name.value in {*METHODS, *WORDS}:
                     asked.append(f"{path.name}:{node.lineno} {name.value}")

@@ -112,7 +112,9 @@ def test_a_brought_spectrum_stands_wherever_a_table_does(bring, tmp_path):
     assert list(named.prepare(coordinates)) == list(pathed.prepare(coordinates))
     assert parameters_for_key(named) == parameters_for_key(pathed)  # counted by what is in it
     path.write_text("wavelength_nm,a\n380,0.25\n830,0.5\n")
-    assert spectra.illuminant("mine", edges) == pytest.approx([0.25 + 35 / 900, 0.25 + 110 / 900], rel=1e-12)  # nothing stale is held
+    assert spectra.illuminant("mine", edges) == pytest.approx(
+        [0.25 + 35 / 900, 0.25 + 110 / 900], rel=1e-12
+    )  # nothing stale is held
 
 
 def test_a_near_miss_of_a_brought_name_is_told(bring, tmp_path):
@@ -152,7 +154,9 @@ def test_a_variable_that_cannot_be_read_is_told_with_who_brings_it(bring, value)
         variables.variable("own")
 
 
-@pytest.mark.parametrize("value", [{}, "no_such_file.toml", 3, {"title": "a", "kind": "b", "description": "c", "camera": {"bits": 8}}])
+@pytest.mark.parametrize(
+    "value", [{}, "no_such_file.toml", 3, {"title": "a", "kind": "b", "description": "c", "camera": {"bits": 8}}]
+)
 def test_a_sensor_that_cannot_be_read_is_told_with_who_brings_it(bring, value):
     bring(("theirs", "sensors", {"own": value}))
     with pytest.raises(RequestError, match=r"the sensor 'own' of theirs 1.0 cannot be read"):

@@ -1,4 +1,6 @@
-"""A study that somebody else brings, by public means only: a command, a method of pipelines, a kind of plot, a section of a page."""
+"""A study that somebody else brings, by public means only: a command, a method of pipelines, a kind of plot, a
+section of a page.
+"""
 
 import ast
 import json
@@ -63,7 +65,9 @@ def test_its_command_stands_in_help_without_being_imported(etendue, site):
     assert "sensitivity FILE NAME=V,V" in listed.stdout and "which figure moves most" in listed.stdout
     source = "import sys\nfrom etendue.cli.program import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
     source += "assert not {'etendue_study.command', 'etendue_study.study', 'numpy', 'xarray'} & set(sys.modules)"
-    done = subprocess.run([sys.executable, "-c", source], env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", source], env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     own = etendue("sensitivity", "--help")
     assert own.returncode == 0 and "How far every figure of a pipeline moves" in own.stdout
@@ -89,7 +93,9 @@ def test_what_is_wrong_with_a_request_is_said_in_a_line(etendue):
 def test_its_method_is_one_of_pipelines(site):
     source = f"import etendue\nfound = etendue.Pipeline.read({str(BEAM)!r}).sensitivity(microphones=[8, 16])\n"
     source += "assert abs(found['beam.white_noise_gain'] - 0.5) < 1e-6, found"
-    done = subprocess.run([sys.executable, "-c", source], env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", source], env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
 
 

@@ -92,7 +92,10 @@ class Perfect(IdealMosaic):
     writes = {"rgb_camera": "channel y x [1]"}
 
     def run(self, photon_rate):
-        return {"rgb_camera": photon_rate * photon_rate.dtype.type(self.integration_time * self.dn_per_electron() / self.white())}
+        return {
+            "rgb_camera": photon_rate
+            * photon_rate.dtype.type(self.integration_time * self.dn_per_electron() / self.white())
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,9 +112,15 @@ class Polariser(Stage):
 
 STAGES = {
     "polariser": Polariser,
-    "grey": Grey, "breaks_off": BreaksOff, "writes_nan": WritesNaN, "for_xtrans": ForXTrans, "needs_a_number": NeedsANumber,
-    "reads_more": ReadsMore, "softer": Softer, "perfect": Perfect,
-}  # fmt: skip
+    "grey": Grey,
+    "breaks_off": BreaksOff,
+    "writes_nan": WritesNaN,
+    "for_xtrans": ForXTrans,
+    "needs_a_number": NeedsANumber,
+    "reads_more": ReadsMore,
+    "softer": Softer,
+    "perfect": Perfect,
+}
 
 
 @hookimpl

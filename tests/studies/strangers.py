@@ -23,7 +23,11 @@ class SoftLens(Stage):
     reach: int = param(6, at_least=0)
 
     def run(self, irradiance):
-        return {"irradiance": np.mean([np.roll(irradiance, step, -1) for step in range(-self.reach, self.reach + 1)], axis=0)}
+        return {
+            "irradiance": np.mean(
+                [np.roll(irradiance, step, -1) for step in range(-self.reach, self.reach + 1)], axis=0
+            )
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +90,11 @@ class Flatten(Stage):
             green = (y[:, None] + x[None, :]) % 2 == 1
         else:
             green = np.full(mosaic_linear.shape, self.pattern == "G")
-        return {"mosaic_linear": np.where(green, mosaic_linear * mosaic_linear.dtype.type(self.gain_of_green), mosaic_linear)}
+        return {
+            "mosaic_linear": np.where(
+                green, mosaic_linear * mosaic_linear.dtype.type(self.gain_of_green), mosaic_linear
+            )
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,9 +123,14 @@ class Quads(Stage):
 
 
 STAGES = {
-    "soft_lens": SoftLens, "window": Window, "reset": Reset, "secretive": Secretive, "flatten": Flatten, "bayer_only": BayerOnly,
+    "soft_lens": SoftLens,
+    "window": Window,
+    "reset": Reset,
+    "secretive": Secretive,
+    "flatten": Flatten,
+    "bayer_only": BayerOnly,
     "quads": Quads,
-}  # fmt: skip
+}
 
 
 @hookimpl

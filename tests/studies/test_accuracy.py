@@ -41,7 +41,9 @@ def test_the_order_of_a_power_law_is_found(order, size, counts):
 
 @given(st.floats(0.5, 6), st.booleans())
 def test_the_order_of_a_power_law_is_found_beside_a_finite_reference(order, counts):
-    """Of differences to a setting that itself errs by as power a law; in plain slopes the last order would be too high by half of it."""
+    """Of differences to a setting that itself errs by as power a law; in plain slopes the last order would be too
+    high by half of it.
+    """
     widths = np.array([32.0, 16.0, 8.0, 4.0, 2.0])
     settings_, last = (1 / widths, 1.0) if counts else (widths, 1.0)
     errors = 0.09 * (widths**order - 1) / (32**order - 1)
@@ -100,7 +102,9 @@ KNOB = st.lists(st.tuples(st.floats(1e-9, 0.5), st.floats(1e-3, 1)), min_size=1,
 
 @given(st.lists(KNOB, min_size=1, max_size=4), st.floats(-3, 9))
 def test_no_combination_costs_less_at_any_price_of_error(knobs, exponent):
-    """Errors and seconds that add up: against all combinations. Between two neighbouring prices of the search lies a factor of 1.26."""
+    """Errors and seconds that add up: against all combinations. Between two neighbouring prices of the search lies a
+    factor of 1.26.
+    """
     choices = {f"knob{i}": [(number, *own) for number, own in enumerate(knob)] for i, knob in enumerate(knobs)}
     price = 10.0**exponent
 
@@ -122,7 +126,11 @@ def camera():
 @pytest.fixture(scope="module")
 def found(camera):
     return accuracy(
-        camera, installed_stages(), {"diffusion.nodes": (), "pixel.wavelength_terms": (3, 4, 0), "precision": ()}, repeat=1, most=6
+        camera,
+        installed_stages(),
+        {"diffusion.nodes": (), "pixel.wavelength_terms": (3, 4, 0), "precision": ()},
+        repeat=1,
+        most=6,
     )
 
 
@@ -134,7 +142,9 @@ def test_a_knob_converges_as_its_method_says(found):
 
 
 def test_wider_wavelength_bins_converge_as_the_midpoint_rule_does(camera):
-    """Every bin has its mean of light, and the optics of its middle: order 2. Held against bins a fourth as wide as the finest."""
+    """Every bin has its mean of light, and the optics of its middle: order 2. Held against bins a fourth as wide as
+    the finest.
+    """
     settings_ = (75.0, 50.0, 25.0, 5.0)
     curve = accuracy(camera, installed_stages(), {"scene.bin_width": settings_}, repeat=1, most=0).curves[0]
     errors = [t.stage_errors["scene.bin_width"] for t in curve.trials]
@@ -172,8 +182,16 @@ def test_work_that_no_knob_touches_costs_every_trial_the_same(found):
 
 
 def test_the_noise_of_a_frame_is_that_of_its_photons():
-    """A uniform scene without other noise: sqrt(charge) of each pixel, of the codes above black. 1024 pixels know it to 2 %: 4 of these."""
-    quiet = {"camera.read_noise": 0, "camera.dsnu": 0, "exposure.prnu": 0, "exposure.dark_nonuniformity": 0, "wanted": ["raw"]}
+    """A uniform scene without other noise: sqrt(charge) of each pixel, of the codes above black. 1024 pixels know it
+    to 2 %: 4 of these.
+    """
+    quiet = {
+        "camera.read_noise": 0,
+        "camera.dsnu": 0,
+        "exposure.prnu": 0,
+        "exposure.dark_nonuniformity": 0,
+        "wanted": ["raw"],
+    }
     pipeline = load(BARE.replace('use = "composite"', 'use = "uniform"'), {**quiet, "camera.integration_time": "1 ms"})
     found = accuracy(pipeline, installed_stages(), {"precision": ()}, repeat=1, most=0)
     charge = Measurement(replace(pipeline, wanted=("charge",)), installed_stages(), 1)
@@ -221,15 +239,31 @@ def test_a_reference_that_the_stage_refuses_is_the_best_that_it_takes():
 def test_the_command_writes_table_document_and_diagram(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "camera.toml").write_text(text_of(f_number="[2, 4, 8]"))
-    words = ["accuracy", "camera.toml", "--want", "photon_rate", "--knob", "diffusion.nodes=32,64,128,0", "--knob", "precision"]
+    words = [
+        "accuracy",
+        "camera.toml",
+        "--want",
+        "photon_rate",
+        "--knob",
+        "diffusion.nodes=32,64,128,0",
+        "--knob",
+        "precision",
+    ]
     done = CliRunner().invoke(main, [*words, "--json", "--repeat", "1", "--verify", "camera.pixel_pitch=2 um"])
     assert done.exit_code == 0, done.output
     document = json.loads(done.stdout)
-    assert document == {**json.loads((tmp_path / "small-accuracy/accuracy.json").read_text()), "files": document["files"]}
+    assert document == {
+        **json.loads((tmp_path / "small-accuracy/accuracy.json").read_text()),
+        "files": document["files"],
+    }
     assert document["at"] == {"f_number": 4}
     assert document["planned"]["error"] is not None
     (curve, _) = document["curves"]
-    assert (curve["stage"], curve["knob"], [p["setting"] for p in curve["points"]]) == ("diffusion", "nodes", [32, 64, 128, 0])
+    assert (curve["stage"], curve["knob"], [p["setting"] for p in curve["points"]]) == (
+        "diffusion",
+        "nodes",
+        [32, 64, 128, 0],
+    )
     assert {"tolerance", "settings", "error", "seconds", "elsewhere"} <= document["cheapest"][0].keys()
     assert all(one["elsewhere"] is not None for one in document["cheapest"] if one["settings"])
     assert (tmp_path / "small-accuracy/accuracy.png").read_bytes()[:4] == b"\x89PNG"

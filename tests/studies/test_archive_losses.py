@@ -107,7 +107,11 @@ diffraction.use = [
 ]
 """
     folder = tmp_path_factory.mktemp("swapped") / "swapped"
-    execute(make_plan(parse_pipeline(text.replace("[camera]", "[camera]\nf_number = 4")), installed_stages()), folder, Options("serial"))
+    execute(
+        make_plan(parse_pipeline(text.replace("[camera]", "[camera]\nf_number = 4")), installed_stages()),
+        folder,
+        Options("serial"),
+    )
     return folder
 
 
@@ -120,7 +124,11 @@ def test_a_swept_parameter_before_the_axis_that_chooses_its_stage_stays(swapped)
         one = own.isel(cell=row)
         plan = make_plan(
             camera_at(
-                swapped, {"diffraction_obstruction": float(one.at_diffraction_obstruction), "diffraction": str(one.at_diffraction.values)}
+                swapped,
+                {
+                    "diffraction_obstruction": float(one.at_diffraction_obstruction),
+                    "diffraction": str(one.at_diffraction.values),
+                },
             ),
             installed_stages(),
         )
@@ -180,8 +188,12 @@ def test_a_budget_is_blamed_where_the_report_begins_and_says_where(archive, tmp_
 
     monkeypatch.setattr(archive_losses, "losses_at", shares)
     monkeypatch.setattr(kinds, "shown_at", lambda holdings: {})  # of an archive without pictures
-    done = CliRunner().invoke(main, ["plot", str(archive), "budget", "--blame", "-o", str(tmp_path / "budget.csv"), "--json"])
+    done = CliRunner().invoke(
+        main, ["plot", str(archive), "budget", "--blame", "-o", str(tmp_path / "budget.csv"), "--json"]
+    )
     opened = Opened(archive)
     start = document(opened, {})["start"]
     assert asked == [{axis.dim: axis.values[start[axis.dim]] for axis in opened.axes}] and len(asked[0]) == 3
-    assert json.loads(done.stdout)["notes"] == ["no losses at f/8, difference, sharpen strength 0.3: not asked for here"]
+    assert json.loads(done.stdout)["notes"] == [
+        "no losses at f/8, difference, sharpen strength 0.3: not asked for here"
+    ]

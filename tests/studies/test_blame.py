@@ -10,11 +10,18 @@ from etendue.session import load
 from tests.plan.given import CAMERA, SCENE, SENSOR
 
 TEXT = CAMERA + SCENE.format(scene="composite") + SENSOR
-EXACT = {"diffusion.nodes": 0, "pixel.wavelength_terms": 0, "pixel.kept_frequencies": 1, "shot_noise.exact_below": "inf"}
+EXACT = {
+    "diffusion.nodes": 0,
+    "pixel.wavelength_terms": 0,
+    "pixel.kept_frequencies": 1,
+    "shot_noise.exact_below": "inf",
+}
 
 
 def blame(asked, text=TEXT, **overrides):
-    """Shares by decision, and the largest error. The chart states an error of its own, of 2e-4: it stands in both runs."""
+    """Shares by decision, and the largest error. The chart states an error of its own, of 2e-4: it stands in both
+    runs.
+    """
     pipeline = load(text, {"wanted": ["photon_rate"], "precision": "float64", **overrides})
     measurement = Measurement(pipeline, installed_stages())
     found = measurement.errors()
@@ -24,11 +31,15 @@ def blame(asked, text=TEXT, **overrides):
 
 def test_the_one_stage_that_is_not_as_in_the_reference_brings_the_whole_error():
     found, worst = blame(1e-9, tolerance=1e-2, **EXACT)
-    assert found == {"falloff left out": pytest.approx(worst, rel=1e-3)}  # what is left is what exact stages differ by in rounding
+    assert found == {
+        "falloff left out": pytest.approx(worst, rel=1e-3)
+    }  # what is left is what exact stages differ by in rounding
 
 
 def test_of_several_decisions_the_one_that_brings_most_stands_first():
-    found, worst = blame(1e-9, tolerance=1e-2, **{name: value for name, value in EXACT.items() if name != "pixel.kept_frequencies"})
+    found, worst = blame(
+        1e-9, tolerance=1e-2, **{name: value for name, value in EXACT.items() if name != "pixel.kept_frequencies"}
+    )
     assert next(iter(found)) == "pixel.kept_frequencies"
     assert found["pixel.kept_frequencies"] > 0.9 * worst  # fall-off by itself brings 7e-6 of 1.4e-3
 

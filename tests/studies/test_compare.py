@@ -1,4 +1,6 @@
-"""Alternatives compared: what is measured is true of the pictures, and one bad alternative does not spoil the others."""
+"""Alternatives compared: what is measured is true of the pictures, and one bad alternative does not spoil the
+others.
+"""
 
 import csv
 import json
@@ -154,7 +156,9 @@ def test_the_reference_compared_with_itself_is_perfect(registry):
 )
 def test_of_a_uniform_scene_without_noise_every_interpolation_is_the_reference(changes):
     rows, result = rows_of("demosaic.use=demosaic_bilinear,demosaic_nearest", scene="uniform", expected=True, **changes)
-    floor = 200 if "lens_shading" not in changes.get("before", "") else 45  # rounding; gains that change from pixel to pixel
+    floor = (
+        200 if "lens_shading" not in changes.get("before", "") else 45
+    )  # rounding; gains that change from pixel to pixel
     assert min(row.psnr for row in rows.values()) > floor
     assert not any("does without" in note for note in result.notes)
 
@@ -178,9 +182,13 @@ def test_alternatives_are_given_the_same_mosaic_and_a_row_does_not_depend_on_its
     together, _ = rows_of("demosaic.use=demosaic_nearest,demosaic_bilinear,demosaic_any")
     alone, _ = rows_of("demosaic.use=demosaic_any")
     figures = ("psnr", "psnr_encoded", "ssim", "delta_e", "zipper", "false_colour", "mtf50")
-    assert [getattr(alone["demosaic_any"], f) for f in figures] == [getattr(together["demosaic_any"], f) for f in figures]
+    assert [getattr(alone["demosaic_any"], f) for f in figures] == [
+        getattr(together["demosaic_any"], f) for f in figures
+    ]
     for name in figures[:4]:  # on Bayer, demosaic_any is the bilinear one up to rounding
-        assert getattr(together["demosaic_any"], name) == pytest.approx(getattr(together["demosaic_bilinear"], name), rel=1e-9)
+        assert getattr(together["demosaic_any"], name) == pytest.approx(
+            getattr(together["demosaic_bilinear"], name), rel=1e-9
+        )
 
 
 def test_noise_costs_quality_and_expected_values_have_none():
@@ -222,13 +230,18 @@ def test_a_camera_quantity_as_axis_reaches_the_reference_too():
 
 
 def test_of_a_sweep_the_cameras_own_values_hold_else_the_first_and_both_are_named(capsys):
-    sweep = '[sweep]\nf_number = [8, 2]\n"sharpen.strength" = { from = 0.2, to = 1, steps = 3 }\n"demosaic.use" = ["demosaic_nearest"]'
+    sweep = (
+        '[sweep]\nf_number = [8, 2]\n"sharpen.strength" = { from = 0.2, to = 1, steps = 3 }\n"demosaic.use" = '
+        '["demosaic_nearest"]'
+    )
     swept = pipeline(("strength = 0.05", ""), after=sweep)
     rows, result = rows_of("pixel_pitch=4", swept)
     plain, _ = rows_of("pixel_pitch=4", pipeline(("strength = 0.05", "strength = 0.2")))
     assert {k: v if k.endswith("use") else float(v) for k, v in result.at.items()} == {
-        "f_number": 4.0, "sharpen.strength": 0.2, "demosaic.use": "demosaic_bilinear",
-    }  # fmt: skip
+        "f_number": 4.0,
+        "sharpen.strength": 0.2,
+        "demosaic.use": "demosaic_bilinear",
+    }
     assert result.first == ("sharpen.strength",)
     assert rows["4 um"].psnr == plain["4 um"].psnr
     print_comparison(result, [])
@@ -251,7 +264,9 @@ def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(registry, mon
     unbalanced = pipeline(ideal, ('[[stages]]\nuse = "balance"\n', ""), scene="uniform", camera='illuminant = "A"')
     rows_of("demosaic.use", unbalanced)
     assert len(seen) >= 3
-    for lab in seen:  # a grey surface looks grey, up to what the matrix makes of it; beside another white it is 10 to 90 off
+    for (
+        lab
+    ) in seen:  # a grey surface looks grey, up to what the matrix makes of it; beside another white it is 10 to 90 off
         assert np.hypot(*lab[1:]).max() < 3
 
 
@@ -260,9 +275,16 @@ IDEAL = ('use = "demosaic_bilinear"', 'use = "perfect"')
 
 @pytest.mark.parametrize(
     "axis",
-    ["display.display=sRGB,Display P3", "balance.target=D65,A", "encode.encoding=sRGB,power", 'display.use={use="display",label="a"}'],
+    [
+        "display.display=sRGB,Display P3",
+        "balance.target=D65,A",
+        "encode.encoding=sRGB,power",
+        'display.use={use="display",label="a"}',
+    ],
 )
-def test_an_axis_behind_the_demosaicer_reaches_the_reference_so_that_the_ideal_camera_is_perfect_at_every_value(axis, registry):
+def test_an_axis_behind_the_demosaicer_reaches_the_reference_so_that_the_ideal_camera_is_perfect_at_every_value(
+    axis, registry
+):
     rows, result = rows_of(axis, pipeline(IDEAL))
     assert result.own_reference
     for row in rows.values():
@@ -364,7 +386,12 @@ def test_every_installed_stage_that_fits_is_taken_plugins_included(registry):
 @pytest.mark.parametrize(
     ("stage", "use", "among", "not_among"),
     [
-        ("sharpen", "sharpen", {"unsharp", "wiener", "richardson_lucy", "softer"}, {"paper_exposure", "denoise", "grey"}),
+        (
+            "sharpen",
+            "sharpen",
+            {"unsharp", "wiener", "richardson_lucy", "softer"},
+            {"paper_exposure", "denoise", "grey"},
+        ),
         ("demosaic", "demosaic_nearest", {"demosaic_bilinear", "grey"}, {"softer", "sharpen"}),
         ("lens", "diffraction", {"lens_gaussian", "wavefront"}, {"diffusion", "glare", "birefringent"}),
         ("lens", "falloff", set(), {"vignetting", "distortion", "angular_response"}),
@@ -389,9 +416,15 @@ def test_a_stage_without_optional_outputs_is_an_alternative_named_or_not(registr
 
 def test_what_breaks_off_or_refuses_is_a_row_with_the_reason_and_the_others_are_measured(registry):
     rows, result = rows_of("demosaic.use")
-    assert {name: rows[name].status for name in ("breaks_off", "writes_nan", "for_xtrans", "needs_a_number", "grey")} == {
-        "breaks_off": "failed", "writes_nan": "failed", "for_xtrans": "refused", "needs_a_number": "refused", "grey": "done",
-    }  # fmt: skip
+    assert {
+        name: rows[name].status for name in ("breaks_off", "writes_nan", "for_xtrans", "needs_a_number", "grey")
+    } == {
+        "breaks_off": "failed",
+        "writes_nan": "failed",
+        "for_xtrans": "refused",
+        "needs_a_number": "refused",
+        "grey": "done",
+    }
     for name, words in (
         ("breaks_off", "too many pixels"),
         ("writes_nan", "NaN"),
@@ -423,13 +456,17 @@ def test_the_command_says_what_of_the_values_that_were_named_is_not_compared(run
 def test_a_camera_quantity_is_an_axis_under_both_its_names(run):
     tables = [json.loads(run("--axis", f"{front}f_number=2,4", "--json").stdout) for front in ("", "camera.")]
     assert [table["axis"] for table in tables] == ["f_number"] * 2
-    quality = [[{key: value for key, value in row.items() if "second" not in key} for row in table["rows"]] for table in tables]
+    quality = [
+        [{key: value for key, value in row.items() if "second" not in key} for row in table["rows"]] for table in tables
+    ]
     assert quality[0] == quality[1] and len(quality[0]) == 2
     assert "did you mean 'f_number'" in run("--axis", "f_numbr").output
 
 
 def test_a_table_gives_an_alternative_its_parameters(registry):
-    rows, _ = rows_of('demosaic.use=grey,{ use = "grey", offset = 0.5, label = "lifted" }, { use = "reads_more" }', expected=True)
+    rows, _ = rows_of(
+        'demosaic.use=grey,{ use = "grey", offset = 0.5, label = "lifted" }, { use = "reads_more" }', expected=True
+    )
     assert rows["lifted"].psnr < rows["grey"].psnr - 3
     assert rows["reads_more"].psnr == rows["grey"].psnr
 
@@ -451,9 +488,16 @@ def test_what_fails_for_all_alike_is_said_once(monkeypatch):
 
 def test_the_front_holds_what_nothing_beats_in_both():
     rng = np.random.default_rng(5)
-    rows = [Row(i, str(i), psnr=float(p), seconds_per_mpixel=float(t)) for i, (p, t) in enumerate(rng.uniform(1, 2, (40, 2)))]
+    rows = [
+        Row(i, str(i), psnr=float(p), seconds_per_mpixel=float(t))
+        for i, (p, t) in enumerate(rng.uniform(1, 2, (40, 2)))
+    ]
     for row in ranked([*rows, Row("x", "x", status="failed")]):
-        better = [r for r in rows if row.psnr is not None and r.psnr > row.psnr and r.seconds_per_mpixel <= row.seconds_per_mpixel]
+        better = [
+            r
+            for r in rows
+            if row.psnr is not None and r.psnr > row.psnr and r.seconds_per_mpixel <= row.seconds_per_mpixel
+        ]
         assert row.pareto == (row.psnr is not None and not better)
     assert ranked(rows)[0].psnr == max(r.psnr for r in rows)
 
@@ -494,7 +538,10 @@ def test_crops_of_pictures_of_several_sizes_show_the_same_place_with_its_size():
         middle = y + dy * (top + (high - 1) / 2), x + dx * (left + (wide - 1) / 2)
         np.testing.assert_allclose(middle, (90, -60), atol=0.5 * steps[0] + dy)  # within a pixel of its own
         np.testing.assert_allclose((high * dy, wide * dx), 28 * 5.86, atol=0.5 * dy)
-        assert sized((high, wide), one.plane) == f"{wide} x {high} pixels of {dx:.4g} um: {wide * dx:.4g} x {high * dy:.4g} um"
+        assert (
+            sized((high, wide), one.plane)
+            == f"{wide} x {high} pixels of {dx:.4g} um: {wide * dx:.4g} x {high * dy:.4g} um"
+        )
     assert picture_of(strip([reference, *found], True, "t")).size[0] > 3 * 200
 
 
@@ -506,7 +553,10 @@ def test_pictures_of_any_size_and_number_of_channels_are_cut(shape):
 
 def test_the_plot_takes_one_point_or_many_at_the_same_place():
     assert picture_of(work_precision([Point("one", 0.01, 0.1, True)], "t", "e")).format == "PNG"
-    assert picture_of(work_precision([Point(f"a long name {i}", 0.01, 0.1, i == 0) for i in range(12)], "t", "e")).format == "PNG"
+    assert (
+        picture_of(work_precision([Point(f"a long name {i}", 0.01, 0.1, i == 0) for i in range(12)], "t", "e")).format
+        == "PNG"
+    )
 
 
 @pytest.fixture
@@ -540,7 +590,9 @@ def test_its_json_keeps_its_fields_and_has_no_nan(run, registry):
         assert {"demosaic.use", "label", "psnr", "delta_e", "mtf50", "seconds", "distribution", "version"} <= set(row)
     assert [row["psnr"] is None for row in found["rows"]] == [False, True]
     assert found["rows"][1]["reason"].endswith("too many pixels")
-    assert found["files"] == [f"out/{name}" for name in ("compare.csv", "compare.json", "error_against_time.png", "crops.png")]
+    assert found["files"] == [
+        f"out/{name}" for name in ("compare.csv", "compare.json", "error_against_time.png", "crops.png")
+    ]
 
 
 def test_pictures_of_an_earlier_comparison_do_not_stay_beside_another(run, tmp_path):
@@ -658,7 +710,11 @@ def planned():
 
 def written_axes():
     text = DOCS.read_text()
-    lines = [words[words.index("--axis") + 1] for line in re.findall(r"^    etendue (.*)$", text, re.M) if (words := shlex.split(line))]
+    lines = [
+        words[words.index("--axis") + 1]
+        for line in re.findall(r"^    etendue (.*)$", text, re.M)
+        if (words := shlex.split(line))
+    ]
     table = text[text.index("| `--axis` |") :].partition("\n\n")[0]
     return lines + [shlex.split(cell)[0] for cell in re.findall(r"^\| `(.*?)` \|", table, re.M)[1:]]
 
@@ -683,27 +739,49 @@ def test_the_python_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
 
 
 def test_behind_a_lens_with_a_parameter_named_weights_the_edge_has_its_figures(tmp_path):
-    """``weights`` of lens_psf_field says how its pictures are laid out; it does not make it the end of the sum over wavelength."""
+    """``weights`` of lens_psf_field says how its pictures are laid out; it does not make it the end of the sum over
+    wavelength.
+    """
     step = np.arange(-6, 7)
     spots = [np.exp(-0.5 * (step[:, None] ** 2 + step**2) / (1.2 * 1.2))] * 2
-    PsfBank(np.array([0.0, 100.0]), np.array([0.55]), [[spot] for spot in spots], 1.0, "made for a test").save(tmp_path / "bank.npz")
+    PsfBank(np.array([0.0, 100.0]), np.array([0.55]), [[spot] for spot in spots], 1.0, "made for a test").save(
+        tmp_path / "bank.npz"
+    )
     own = f'use = "lens_psf_field"\nname = "lens"\nfile = "{tmp_path}/bank.npz"'
     rows, result = rows_of("demosaic.use=demosaic_bilinear", pipeline((PLAIN_LENS, own)), edges=True)
-    there, plain = rows["demosaic_bilinear"], rows_of("demosaic.use=demosaic_bilinear", edges=True)[0]["demosaic_bilinear"]
+    there, plain = (
+        rows["demosaic_bilinear"],
+        rows_of("demosaic.use=demosaic_bilinear", edges=True)[0]["demosaic_bilinear"],
+    )
     assert not any("MTF50" in note for note in result.notes)
-    # the same Gaussian on either way; the bank's is sampled at 1 um and cut off at 5 sigma, and its blur errs by 1 % of full scale
+    # the same Gaussian on either way; the bank's is sampled at 1 um and cut off at 5 sigma, and its blur errs by 1 % of
+    # full scale
     assert there.mtf50 == pytest.approx(plain.mtf50, rel=0.02)
     assert there.mtf50_reference == pytest.approx(plain.mtf50_reference, rel=0.02)
 
 
 def test_crops_and_plot_say_which_alternatives_they_do_not_show(tmp_path):
-    rows = [Row(n, f"s{n}", psnr=40.0 - n, error=0.01, seconds_per_mpixel=1.0, position=n) for n in range(ranking.MOST_CROPS + 2)]
+    rows = [
+        Row(n, f"s{n}", psnr=40.0 - n, error=0.01, seconds_per_mpixel=1.0, position=n)
+        for n in range(ranking.MOST_CROPS + 2)
+    ]
     rows[0].psnr, rows[0].error = math.inf, 0.0
     picture = np.linspace(0, 1, 3 * 24 * 24).reshape(3, 24, 24)
     pictures = {row.position: picture * (1 - 0.01 * row.position) for row in rows}
     place = ("demosaic", "rgb_camera")
     found = Comparison(
-        "p", "sharpen.strength", rows, place, place, "", "", (24, 24), {}, [], pictures=pictures, reference_pictures=pictures
+        "p",
+        "sharpen.strength",
+        rows,
+        place,
+        place,
+        "",
+        "",
+        (24, 24),
+        {},
+        [],
+        pictures=pictures,
+        reference_pictures=pictures,
     )
     ranking.write_files(found, tmp_path)
     beyond = f"the best {ranking.MOST_CROPS} of {len(rows)}"

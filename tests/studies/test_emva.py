@@ -1,4 +1,6 @@
-"""A sensor measured after EMVA 1288 finds what its stages were given: from a pipeline, from an archive, and within one cell."""
+"""A sensor measured after EMVA 1288 finds what its stages were given: from a pipeline, from an archive, and within
+one cell.
+"""
 
 import json
 
@@ -20,20 +22,42 @@ from etendue_lab.emva.study import of_archive, of_pipeline
 from etendue_lab.emva.terminal import print_emva
 
 CAMERA = {
-    "pixel_pitch": 5.4, "peak_qe": [0.5], "sensitivity": "flat", "full_well_density": 500, "bits": 12, "black_level": 128,
-    "read_noise": 6, "dsnu": 4, "dark_current_density": 1e-9, "integration_time": 0.05, "pattern": "mono",
-}  # fmt: skip
+    "pixel_pitch": 5.4,
+    "peak_qe": [0.5],
+    "sensitivity": "flat",
+    "full_well_density": 500,
+    "bits": 12,
+    "black_level": 128,
+    "read_noise": 6,
+    "dsnu": 4,
+    "dark_current_density": 1e-9,
+    "integration_time": 0.05,
+    "pattern": "mono",
+}
 CHAIN = ("mosaic", "exposure", "shot_noise", "full_well", "read_noise", "adc")
 SIGMAS = 4.5  # standard errors: of all figures here, one in ten thousand lies beyond
 
 
 def document(camera=None, exposure=None, scene="slanted_edge", middle=(), chain=CHAIN, **more):
     stages = [
-        {"use": scene, "name": "scene", "white_luminance": 100, "width": 600, "height": 600, "wavelength_from": 545, "wavelength_to": 555,
-         "bin_width": 10},
-        {"use": "irradiance"}, *middle, {"use": "pixel"},
-        *({"use": use, **(exposure or {})} if use == "exposure" else {"use": use} if isinstance(use, str) else use for use in chain),
-    ]  # fmt: skip
+        {
+            "use": scene,
+            "name": "scene",
+            "white_luminance": 100,
+            "width": 600,
+            "height": 600,
+            "wavelength_from": 545,
+            "wavelength_to": 555,
+            "bin_width": 10,
+        },
+        {"use": "irradiance"},
+        *middle,
+        {"use": "pixel"},
+        *(
+            {"use": use, **(exposure or {})} if use == "exposure" else {"use": use} if isinstance(use, str) else use
+            for use in chain
+        ),
+    ]
     return {"name": "sensor", "seed": 9, "camera": {**CAMERA, **(camera or {})}, "stages": stages, **more}
 
 
@@ -42,7 +66,9 @@ def measured(pixels=96, **given):
 
 
 def beyond(channel):
-    """The figures that lie further from what is expected than so many standard errors, whose interval is 2.0 of them (63 groups)."""
+    """The figures that lie further from what is expected than so many standard errors, whose interval is 2.0 of them
+    (63 groups).
+    """
     rows = [row for row in channel.rows() if row["held"] is not None]
     assert {row["figure"] for row in rows} >= {"gain", "full_well", "prnu", "dark_current"}
     far = {}
@@ -60,8 +86,14 @@ def beyond(channel):
         {},
         {"camera": {"conversion_gain": 0.25, "analogue_gain": 8, "read_noise_after": 5}},
         {"camera": {"pattern": "RGGB", "peak_qe": [0.3, 0.5, 0.2], "pixel_pitch": 2.0, "full_well_density": 2000}},
-        {"exposure": {"prnu": 0.03, "dark_nonuniformity": 0.3}, "camera": {"dark_current_density": 3e-8, "read_noise": 2}},
-        {"camera": {"temperature": 310, "dark_doubling": 8, "bits": 14}, "middle": ({"use": "falloff"}, {"use": "diffraction"})},
+        {
+            "exposure": {"prnu": 0.03, "dark_nonuniformity": 0.3},
+            "camera": {"dark_current_density": 3e-8, "read_noise": 2},
+        },
+        {
+            "camera": {"temperature": 310, "dark_doubling": 8, "bits": 14},
+            "middle": ({"use": "falloff"}, {"use": "diffraction"}),
+        },
     ],
     ids=["a well", "a converter at gain 8", "a colour sensor", "uneven and leaking", "a warm sensor behind a lens"],
 )
@@ -75,11 +107,19 @@ def test_a_pipeline_s_sensor_has_the_figures_it_was_given(given):
 
 @pytest.mark.long
 def test_intervals_hold_what_they_should_as_often_as_they_say():
-    """Twelve sensors of one kind, 8 figures each: of 96 intervals of 95 % a share of 88 to 100 % (three standard deviations)."""
+    """Twelve sensors of one kind, 8 figures each: of 96 intervals of 95 % a share of 88 to 100 % (three standard
+    deviations).
+    """
     held = []
     for seed in range(12):
-        report = of_pipeline(load({**document(camera={"sensor_serial": str(seed)}), "seed": seed}), installed_stages(), 96)
-        held += [row["held"] for row in report.channels[0].rows() if row["figure"] in (*SHEET, "dsnu", "absolute_sensitivity")]
+        report = of_pipeline(
+            load({**document(camera={"sensor_serial": str(seed)}), "seed": seed}), installed_stages(), 96
+        )
+        held += [
+            row["held"]
+            for row in report.channels[0].rows()
+            if row["figure"] in (*SHEET, "dsnu", "absolute_sensitivity")
+        ]
     assert len(held) == 96 and None not in held
     assert np.mean(held) > 0.88
 
@@ -103,7 +143,9 @@ def test_a_sensor_that_its_dark_current_fills_is_measured_at_shorter_times():
 
 
 def test_what_is_put_in_follows_from_the_stages():
-    """Noises add in squares, of wells the smallest counts; DSNU grows with the time by the spread of the dark current."""
+    """Noises add in squares, of wells the smallest counts; DSNU grows with the time by the spread of the dark
+    current.
+    """
     (channel,) = measured(
         camera={"bits": 10}, chain=(*CHAIN[:5], {"use": "line_pattern", "row_noise": 3, "column_noise": 4}, "adc")
     ).channels
@@ -116,10 +158,15 @@ def test_what_is_put_in_follows_from_the_stages():
 def test_the_frames_of_an_archive_are_measured_camera_by_camera(tmp_path):
     """emva.toml's own sweep, over two read noises; with a cell that is not there its level is left out."""
     asked = document(
-        scene="uniform", chain=("mosaic", {"use": "bracket", "repeats": 2}, *CHAIN[1:]),
-        sweep={"scene.reflectance": [0, 1], "integration_time": [0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.3, 0.4], "read_noise": [4, 12]},
+        scene="uniform",
+        chain=("mosaic", {"use": "bracket", "repeats": 2}, *CHAIN[1:]),
+        sweep={
+            "scene.reflectance": [0, 1],
+            "integration_time": [0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.3, 0.4],
+            "read_noise": [4, 12],
+        },
         keep=["adc"],
-    )  # fmt: skip
+    )
     asked["stages"][0]["white_luminance"] = 270
     etendue.simulate(asked, archive=tmp_path / "a")
     report = of_archive(tmp_path / "a", installed_stages())
@@ -136,7 +183,9 @@ def test_the_frames_of_an_archive_are_measured_camera_by_camera(tmp_path):
 
 
 def test_an_archive_without_dark_frames_says_what_to_do(tmp_path):
-    asked = document(scene="uniform", chain=("mosaic", "bracket", *CHAIN[1:]), sweep={"integration_time": [0.01, 0.02]}, keep=["adc"])
+    asked = document(
+        scene="uniform", chain=("mosaic", "bracket", *CHAIN[1:]), sweep={"integration_time": [0.01, 0.02]}, keep=["adc"]
+    )
     etendue.simulate(asked, archive=tmp_path / "a")
     with pytest.raises(RequestError, match="in the light and in the dark"):
         of_archive(tmp_path / "a", installed_stages())
@@ -170,7 +219,12 @@ def test_too_small_a_window_is_refused():
 
 
 def series(stops, camera=None, tail=(), rows=64, **more):
-    own = document(camera, scene="uniform", chain=("mosaic", {"use": "bracket", "brackets": list(stops)}, *CHAIN[1:], *tail), **more)
+    own = document(
+        camera,
+        scene="uniform",
+        chain=("mosaic", {"use": "bracket", "brackets": list(stops)}, *CHAIN[1:], *tail),
+        **more,
+    )
     own["stages"][0]["white_luminance"] = 400
     own["stages"][2] |= {"rows": rows, "columns": rows}
     return own
@@ -206,7 +260,9 @@ def test_frames_that_are_no_photon_transfer_curve_have_no_figures(stops, given):
 
 
 def test_what_never_saturates_has_a_gain_and_no_full_well():
-    found = etendue.simulate(series([s - 4 if s > -30 else s for s in STOPS], tail=("photon_transfer",)))["photon_transfer"]
+    found = etendue.simulate(series([s - 4 if s > -30 else s for s in STOPS], tail=("photon_transfer",)))[
+        "photon_transfer"
+    ]
     assert np.isfinite(found.emva_gain).all()
     assert np.isnan(found.emva_full_well).all()
 
@@ -233,8 +289,8 @@ def test_every_pixel_of_whole_periods_belongs_to_one_channel(pattern):
 
 @pytest.mark.parametrize(("well", "prnu"), [(1000.0, 0.0), (16000.0, 0.03)])
 def test_the_peak_of_the_variance_is_where_clipped_counts_have_it(well, prnu):
-    """Against 1e5 Poisson counts clipped at the well, a percent apart: the variance there is the largest to within three times the noise of
-    such a variance (0.45 %)."""
+    """Against 1e5 Poisson counts clipped at the well, a percent apart: the variance there is the largest to within
+    three times the noise of such a variance (0.45 %)."""
     rng = philox(b"well")
     factor = 1 + prnu * special.ndtri((np.arange(100) + 0.5) / 100)[:, None]
 

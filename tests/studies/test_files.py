@@ -51,7 +51,14 @@ def test_a_folder_in_place_of_a_file_leaves_no_temporary_name(tmp_path):
 
 
 def test_documents_have_null_for_unknown_and_a_word_for_endless():
-    given = {"a": [math.nan, (math.inf, -math.inf)], 2: np.float32(0.5), "c": np.int64(3), "d": np.float64("nan"), "e": None, "f": "x"}
+    given = {
+        "a": [math.nan, (math.inf, -math.inf)],
+        2: np.float32(0.5),
+        "c": np.int64(3),
+        "d": np.float64("nan"),
+        "e": None,
+        "f": "x",
+    }
     found = finite(given | {"g": {"h": True}})
     assert found == {"a": [None, ["inf", "-inf"]], "2": 0.5, "c": 3, "d": None, "e": None, "f": "x", "g": {"h": True}}
     json.dumps(found, allow_nan=False)

@@ -1,4 +1,6 @@
-"""A global error that is asked for is held, with the loosest tolerance that holds it, or it is said what stands in the way."""
+"""A global error that is asked for is held, with the loosest tolerance that holds it, or it is said what stands in
+the way.
+"""
 
 import json
 from dataclasses import replace
@@ -16,7 +18,12 @@ from etendue.plan.planner import make_plan
 from etendue.session import Options, collect, load
 from tests.plan.given import CAMERA, SCENE, SENSOR
 
-TEXT = CAMERA + SCENE.format(scene="composite") + SENSOR + '[sweep]\nf_number = [2, 4, 8]\npixel_pitch = ["2 um", "4 um"]\n'
+TEXT = (
+    CAMERA
+    + SCENE.format(scene="composite")
+    + SENSOR
+    + '[sweep]\nf_number = [2, 4, 8]\npixel_pitch = ["2 um", "4 um"]\n'
+)
 WANTED = {"wanted": ["photon_rate"]}
 
 
@@ -55,7 +62,9 @@ def test_a_run_holds_says_so_and_remembers(tmp_path):
     file.write_text('name = "held"\nwanted = ["photon_rate"]\n' + TEXT)
 
     def run(*more):
-        done = CliRunner().invoke(main, ["run", str(file), "--archive", str(tmp_path / "a"), "--scheduler", "serial", "--json", *more])
+        done = CliRunner().invoke(
+            main, ["run", str(file), "--archive", str(tmp_path / "a"), "--scheduler", "serial", "--json", *more]
+        )
         assert done.exit_code == 0, done.output
         return json.loads(done.stdout)
 

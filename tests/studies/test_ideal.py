@@ -56,14 +56,23 @@ CROSSTALK = '[[stages]]\nuse = "crosstalk"\n'
 
 def planes(scene="uniform", chain=LINEAR, camera="", **values):
     text = CAMERA.format(scene=scene, chain=chain, camera=camera)
-    tree = etendue.simulate(text, want=["ideal.rgb_camera", "demosaic.rgb_camera", "linear.mosaic_linear"], leave_out=False, **values)
-    found = [next(iter(tree[name].children.values()), tree[name])[variable].values for name, variable in (
-        ("ideal", "rgb_camera"), ("demosaic", "rgb_camera"), ("linear", "mosaic_linear"),
-    )]  # fmt: skip
+    tree = etendue.simulate(
+        text, want=["ideal.rgb_camera", "demosaic.rgb_camera", "linear.mosaic_linear"], leave_out=False, **values
+    )
+    found = [
+        next(iter(tree[name].children.values()), tree[name])[variable].values
+        for name, variable in (
+            ("ideal", "rgb_camera"),
+            ("demosaic", "rgb_camera"),
+            ("linear", "mosaic_linear"),
+        )
+    ]
     return [f.reshape(f.shape[-3:]) if f.ndim >= 3 else f for f in found]
 
 
-@pytest.mark.parametrize("camera", ["", 'conversion_gain = "0.7 DN/electron"', "analogue_gain = 4.0", "bits = 10\nblack_level = 100"])
+@pytest.mark.parametrize(
+    "camera", ["", 'conversion_gain = "0.7 DN/electron"', "analogue_gain = 4.0", "bits = 10\nblack_level = 100"]
+)
 def test_of_a_uniform_scene_they_are_the_noise_free_bilinear_one_to_rounding(camera):
     ideal, bilinear, _ = planes(camera=camera, integration_time=1e-3)
     assert 0.02 < ideal.max() < 1  # a picture, and nothing of it clipped
@@ -91,7 +100,12 @@ def test_they_grow_with_the_time_and_with_nothing_else_of_the_exposure():
 def test_the_whole_chain_without_noise_is_within_half_a_step_of_them():
     quiet = "".join(
         f'[[stages]]\nuse = "{use}"\n{more}'
-        for use, more in (("exposure", "prnu = 0\ndark_nonuniformity = 0\n"), ("shot_noise", ""), ("full_well", ""), ("adc", ""))
+        for use, more in (
+            ("exposure", "prnu = 0\ndark_nonuniformity = 0\n"),
+            ("shot_noise", ""),
+            ("full_well", ""),
+            ("adc", ""),
+        )
     )
     chain = quiet + '[[stages]]\nuse = "linearise"\nname = "linear"\n'
     ideal, _, mosaic = planes(chain=chain, camera="bits = 16\nblack_level = 1000", integration_time=1e-3)

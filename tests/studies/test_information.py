@@ -19,7 +19,9 @@ from etendue_lab.information.study import information
 from etendue_lab.losses.study import losses
 from tests.studies.test_noise import CAMERA
 
-BLURRED = CAMERA.replace('use = "pixel"\nsampling = "paper"', 'use = "lens_gaussian"\nsigma = "2 um"\n[[stages]]\nuse = "pixel"')
+BLURRED = CAMERA.replace(
+    'use = "pixel"\nsampling = "paper"', 'use = "lens_gaussian"\nsigma = "2 um"\n[[stages]]\nuse = "pixel"'
+)
 
 
 def camera(text=CAMERA, camera="", side=480, demosaic="demosaic_bilinear"):
@@ -65,7 +67,12 @@ def test_noise_power_is_found_as_predicted():
 def test_quanta_are_found_as_predicted():
     """Five standard errors of the noise, and 3 % for the contrast of an edge 92 rows long, squared."""
     report = information(camera(BLURRED, side=480, demosaic="demosaic_colour_difference"), installed_stages(), count=16)
-    assert {(c.stage, c.channel) for c in report.curves} >= {("linearise", "R"), ("demosaic", "G"), ("sharpen", "B"), ("display", "R")}
+    assert {(c.stage, c.channel) for c in report.curves} >= {
+        ("linearise", "R"),
+        ("demosaic", "G"),
+        ("sharpen", "B"),
+        ("display", "R"),
+    }
     for curve in report.curves:
         assert curve.apart < 5 * curve.standard_error + 0.03
         assert curve.bits_found == pytest.approx(curve.bits_predicted, rel=0.03)
@@ -73,8 +80,13 @@ def test_quanta_are_found_as_predicted():
 
 def test_the_stage_says_the_same_of_a_grey_card():
     """Dark charge counts as light there: a thousandth here."""
-    text = BLURRED.replace('use = "slanted_edge"', 'use = "uniform"\nreflectance = 0.18') + '[[stages]]\nuse = "detail_information"\n'
-    tree = simulate(text.format(demosaic="demosaic_bilinear", camera="", side=256), want=["information_capacity", "neq"])
+    text = (
+        BLURRED.replace('use = "slanted_edge"', 'use = "uniform"\nreflectance = 0.18')
+        + '[[stages]]\nuse = "detail_information"\n'
+    )
+    tree = simulate(
+        text.format(demosaic="demosaic_bilinear", camera="", side=256), want=["information_capacity", "neq"]
+    )
     found = tree["detail_information"]
     row = next(r for r in information(camera(BLURRED, side=256), installed_stages(), count=0).rows if r.stage == "adc")
     assert float(found.information_capacity[-1]) == pytest.approx(row.bits, rel=5e-3)

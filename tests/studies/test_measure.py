@@ -52,14 +52,20 @@ def saved(path, linear, encode=srgb_encode):
     """A file of linear values by its ending: 8 bits of PNG and JPEG, 16 of TIFF."""
     encoded = encode(np.clip(linear, 0, 1))
     if path.suffix == ".tif":
-        tifffile.imwrite(path, np.rint(65535 * encoded).astype(np.uint16), photometric="rgb" if linear.ndim == 3 else "minisblack")
+        tifffile.imwrite(
+            path, np.rint(65535 * encoded).astype(np.uint16), photometric="rgb" if linear.ndim == 3 else "minisblack"
+        )
     else:
         Image.fromarray(np.rint(255 * encoded).astype(np.uint8)).save(path)
     return path
 
 
 def inside(row, name, truth, slack=0.0):
-    assert row[f"{name}_low"] - slack <= truth <= row[f"{name}_high"] + slack, (row[f"{name}_low"], truth, row[f"{name}_high"])
+    assert row[f"{name}_low"] - slack <= truth <= row[f"{name}_high"] + slack, (
+        row[f"{name}_low"],
+        truth,
+        row[f"{name}_high"],
+    )
 
 
 def refused(path, **asked):
@@ -90,8 +96,9 @@ def test_a_known_mtf_comes_back_within_its_interval(tmp_path, name, angle, sigma
 @settings(max_examples=3)
 @given(level=st.floats(0.8, 1.2), contrast=st.sampled_from([0.2, 0.5, 0.8]))
 def test_without_noise_the_interval_holds_what_rounding_moves(tmp_path_factory, level, contrast):
-    """Eight bits round both levels of an edge by up to half a step, the same in every row: no bootstrap sees it. The doubt that is told
-    holds it in 97 % of drawn edges, and 1.3 of it, with what the spline adds, in all that were tried."""
+    """Eight bits round both levels of an edge by up to half a step, the same in every row: no bootstrap sees it. The
+    doubt that is told holds it in 97 % of drawn edges, and 1.3 of it, with what the spline adds, in all that were
+    tried."""
     folder = tmp_path_factory.mktemp("rounded")
     picture = level * (0.4 + contrast * (slanted(5.0, noise=0.0) - 0.4))
     found = measure(saved(folder / "a.png", picture), Asked(edges=(ALL,)))["edges"][0]
@@ -107,7 +114,9 @@ def test_brightness_and_quarter_turns_change_no_mtf(tmp_path_factory, gain, turn
     folder = tmp_path_factory.mktemp("turned")
     picture = slanted(5.0, shape=(100, 100))
     one, other = (
-        measure(saved(folder / "a.tif", own, encode=lambda v: v), Asked(edges=("0,0,100,100",), encoding="linear"))["edges"][0]
+        measure(saved(folder / "a.tif", own, encode=lambda v: v), Asked(edges=("0,0,100,100",), encoding="linear"))[
+            "edges"
+        ][0]
         for own in (picture, gain * np.rot90(picture, turns))
     )
     assert_allclose(other["mtf50"], one["mtf50"], rtol=1e-3)  # rounding to 16 bits at another place
@@ -128,10 +137,14 @@ def test_without_a_region_the_strongest_slanted_edge_is_found(tmp_path):
     picture[60:360, 80:400] = 0.8
     picture[150:310, 180:330] = slanted(7.0, low=0.3, high=0.8, noise=0)
     picture[145:150, 175:335] = picture[310:315, 175:335] = 0.8
-    found = measure(saved(tmp_path / "a.tif", picture + np.random.default_rng(0).normal(0, 0.003, picture.shape)), Asked())["edges"]
+    found = measure(
+        saved(tmp_path / "a.tif", picture + np.random.default_rng(0).normal(0, 0.003, picture.shape)), Asked()
+    )["edges"]
     assert len(found) == 1
     x, y, width, height = (int(one) for one in found[0]["region"].split(","))
-    assert 180 < x and x + width <= 402 and 140 < y and y + height < 320  # right of the patch it is as bright as the patch
+    assert (
+        180 < x and x + width <= 402 and 140 < y and y + height < 320
+    )  # right of the patch it is as bright as the patch
     assert_allclose(found[0]["angle"], 7, atol=0.1)
     inside(found[0], "mtf50", FIFTY, 2e-3)
 
@@ -150,7 +163,9 @@ def test_edges_of_a_small_square_are_found_beside_stronger_things(tmp_path):
     picture = 0.3 + 0.5 * box(35, 5) - 0.7 * box(17.5, 5)
     picture[:, :60] = np.where(x[:, :60] // 10 % 2, 0.9, 0.05)
     far = np.hypot(y - 45, x - 190)
-    picture = np.where(far < 28, 0.5 + 0.45 * np.cos(far * far / 40), picture) + np.random.default_rng(0).normal(0, 0.005, picture.shape)
+    picture = np.where(far < 28, 0.5 + 0.45 * np.cos(far * far / 40), picture) + np.random.default_rng(0).normal(
+        0, 0.005, picture.shape
+    )
     found = measure(saved(tmp_path / "a.tif", picture), Asked())["edges"][0]
     assert_allclose(abs(found["angle"]), 5, atol=0.3)
     inside(found, "mtf50", FIFTY, 2e-3)
@@ -159,8 +174,12 @@ def test_edges_of_a_small_square_are_found_beside_stronger_things(tmp_path):
 @pytest.mark.parametrize("angle", [5, 15, 30])
 @pytest.mark.parametrize("half", [20, 35])
 def test_the_region_of_an_edge_that_was_found_gives_it_again(tmp_path, angle, half):
-    """Though the box of a turned strip holds other edges in its corners: MTF50 within a tenth of its interval, the same angle."""
-    path = saved(tmp_path / "a.tif", 0.2 + 0.5 * box(half, angle) + np.random.default_rng(0).normal(0, 0.003, (200, 220)))
+    """Though the box of a turned strip holds other edges in its corners: MTF50 within a tenth of its interval, the
+    same angle.
+    """
+    path = saved(
+        tmp_path / "a.tif", 0.2 + 0.5 * box(half, angle) + np.random.default_rng(0).normal(0, 0.003, (200, 220))
+    )
     found = measure(path, Asked())["edges"][0]
     again = measure(path, Asked(edges=(found["region"],)))["edges"][0]
     assert_allclose(again["mtf50"], found["mtf50"], atol=0.1 * (found["mtf50_high"] - found["mtf50_low"]))
@@ -175,7 +194,10 @@ def test_the_region_of_an_edge_that_was_found_gives_it_again(tmp_path, angle, ha
         (lambda: np.full((1, 1), 0.3), "it has 1 x 1 pixels, and the least are 3 x 3"),
         (lambda: np.linspace(0, 1, 200)[None], "it has 1 x 200 pixels"),
         (lambda: 0.3 + 0.4 * box(9, 5), "edges is shorter than 24 pixels"),
-        (lambda: 0.3 + np.random.default_rng(0).normal(0, 0.05, (120, 130)), "edges is no stronger than noise or texture"),
+        (
+            lambda: 0.3 + np.random.default_rng(0).normal(0, 0.05, (120, 130)),
+            "edges is no stronger than noise or texture",
+        ),
         (lambda: np.full((120, 130), 0.3), "it is even all over"),
     ],
 )
@@ -184,7 +206,9 @@ def test_why_no_edge_is_found_by_itself_is_told_as_it_is(tmp_path, picture, said
 
 
 def test_an_edge_that_distortion_bends_is_followed(tmp_path):
-    straight, bent = (measure(saved(tmp_path / "a.tif", slanted(5.0, bend=b)), Asked(edges=(ALL,)))["edges"][0] for b in (0.0, 1.5))
+    straight, bent = (
+        measure(saved(tmp_path / "a.tif", slanted(5.0, bend=b)), Asked(edges=(ALL,)))["edges"][0] for b in (0.0, 1.5)
+    )
     assert_allclose(bent["mtf50"], straight["mtf50"], rtol=0.01)
     assert_allclose(bent["bend"], 2.0, atol=0.3)
 
@@ -235,11 +259,15 @@ def test_a_star_comes_back_with_its_cycles_and_its_middle(tmp_path):
 
 @pytest.mark.parametrize("encoding", ["linear", "sRGB"])
 def test_white_noise_comes_back_in_light_and_in_the_numbers_of_the_file(tmp_path, encoding):
-    """Encoded noise is the linear one times the slope of the curve, to the second order of a noise of 1 % of the level."""
+    """Encoded noise is the linear one times the slope of the curve, to the second order of a noise of 1 % of the
+    level.
+    """
     level, sigma = np.array([0.2, 0.4, 0.6]), 0.004
     picture = level + np.random.default_rng(3).normal(0, sigma, (96, 80, 3))
     encode = srgb_encode if encoding == "sRGB" else (lambda values: values)
-    rows = measure(saved(tmp_path / "a.tif", picture, encode), Asked(noise=("4,8,64,80",), encoding=encoding))["noise"][0]["channels"]
+    rows = measure(saved(tmp_path / "a.tif", picture, encode), Asked(noise=("4,8,64,80",), encoding=encoding))["noise"][
+        0
+    ]["channels"]
     assert [row["channel"] for row in rows] == ["red", "green", "blue", "luminance"]
     slope = 65535 * (encode(level + 1e-6) - encode(level - 1e-6)) / 2e-6
     for row, mean, steep in zip(rows[:3], level, slope, strict=True):
@@ -285,7 +313,9 @@ def chart(lab, space=SPACE, gain=1.0, noise=0.0):
     """24 patches of 27 pixels, 30 apart, of these L*a*b* under D50."""
     matrix, xy = spectra.rgb_space_matrix(space)
     _, _, white = reference()
-    adapted = von_kries_matrix(xyz_from_xy(tuple(map(float, xy))), white, spectra.adaptation_matrix("Bradford")) @ matrix
+    adapted = (
+        von_kries_matrix(xyz_from_xy(tuple(map(float, xy))), white, spectra.adaptation_matrix("Bradford")) @ matrix
+    )
     rgb = gain * np.linalg.solve(adapted, xyz_of(lab, white))
     picture = np.full((140, 202, 3), 0.03)
     for number in range(24):
@@ -364,7 +394,9 @@ def test_srgb_and_its_curve_give_the_chart_but_for_cyan(tmp_path):
 def test_a_note_of_colours_goes_only_where_its_own_space_is_named(tmp_path, monkeypatch, said, space, encoding, quiet):
     path = saved(tmp_path / "a.png", slanted(5))
     read = photograph.read_picture
-    monkeypatch.setattr(photograph, "read_picture", lambda *asked: replace(read(*asked), note=not_applied(f"its colours ({said})")))
+    monkeypatch.setattr(
+        photograph, "read_picture", lambda *asked: replace(read(*asked), note=not_applied(f"its colours ({said})"))
+    )
     notes = measure(path, Asked(space=space, encoding=encoding))["notes"]
     assert len(notes) == (not quiet)
     assert quiet or f"values are read as {space}, encoding {encoding} (" in notes[0]
@@ -393,7 +425,9 @@ def test_a_chart_that_is_turned_or_mirrored_in_the_picture_is_read_by_its_corner
     places = np.reshape([float(one) for one in CORNERS.split(",")], (4, 2))
     turned = np.stack([places[:, 1], columns - 1 - places[:, 0]], 1)  # by a quarter
     text = ",".join(f"{one:g}" for one in turned.ravel())
-    found = measure(linear_file(tmp_path, np.rot90(picture)), Asked(chart=text, encoding="linear", space=SPACE))["chart"]
+    found = measure(linear_file(tmp_path, np.rot90(picture)), Asked(chart=text, encoding="linear", space=SPACE))[
+        "chart"
+    ]
     assert found["as_is"]["max"] < 0.02
 
 
@@ -407,7 +441,12 @@ def raw_file(path, mask, linear):
     matrix = np.array([[0.62, 0.28, 0.05], [0.26, 0.79, -0.05], [0.01, -0.09, 1.17]])
     known = {} if parsed is None else {"camera_white": white, "balanced_to_xyz": matrix}
     raw = np.rint(64 + level * (4095 - 64)).astype(np.uint16)
-    dng.write(path, dng.RawFrame(raw=raw, mask=parsed and parsed.rows, black=64, white_level=4095, illuminant="D65", model="t", **known))
+    dng.write(
+        path,
+        dng.RawFrame(
+            raw=raw, mask=parsed and parsed.rows, black=64, white_level=4095, illuminant="D65", model="t", **known
+        ),
+    )
     return path
 
 
@@ -450,7 +489,9 @@ def test_a_raw_file_without_rawpy_says_how_to_get_it(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_an_exported_picture_says_what_the_run_has_measured(tmp_path, monkeypatch):
-    """docs/measure.md: the raw file's mosaic is behind ``linearise``, the TIFF behind ``encode``; 1 % is a third of the interval."""
+    """docs/measure.md: the raw file's mosaic is behind ``linearise``, the TIFF behind ``encode``; 1 % is a third of
+    the interval.
+    """
     pytest.importorskip("rawpy")
     pipeline = Path(__file__).parents[2] / "pipelines" / "resolution.toml"
     monkeypatch.chdir(tmp_path)

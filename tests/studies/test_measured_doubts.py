@@ -36,7 +36,9 @@ def seen(path, linear, **how):
 
 @pytest.mark.parametrize(("quality", "sigma"), [(75, 0.5), (95, 0.7)])
 def test_intervals_of_a_jpeg_hold_what_its_coding_moves(tmp_path, quality, sigma):
-    """Eight edges at other places of the blocks: of 95 % intervals six or more hold it, in all but 1 of 170 such draws."""
+    """Eight edges at other places of the blocks: of 95 % intervals six or more hold it, in all but 1 of 170 such
+    draws.
+    """
     held = 0
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -49,24 +51,30 @@ def test_intervals_of_a_jpeg_hold_what_its_coding_moves(tmp_path, quality, sigma
 
 @pytest.mark.parametrize(("quality", "sigma", "noise"), [(100, 1.0, 0.0), (95, 0.7, 0.005)])
 def test_intervals_of_a_jpeg_are_no_wider_than_its_errors_ask(tmp_path, quality, sigma, noise):
-    """The median error of an interval of 95 % is 0.34 of its half width where it is normal, 0.31 where it is rounding alone.
+    """The median error of an interval of 95 % is 0.34 of its half width where it is normal, 0.31 where it is rounding
+    alone.
 
     Of 12 edges a median scatters by a third of itself; intervals that were twice too wide, or too narrow, are seen.
     """
     far = []
     for seed in range(12):
         rng = np.random.default_rng([seed, quality])
-        picture = rng.uniform(0.05, 0.15) + rng.uniform(0.5, 0.7) * ndtr(across(rng.uniform(3, 15), rng.uniform(-4, 4, 2)) / sigma)
+        picture = rng.uniform(0.05, 0.15) + rng.uniform(0.5, 0.7) * ndtr(
+            across(rng.uniform(3, 15), rng.uniform(-4, 4, 2)) / sigma
+        )
         one = seen(tmp_path / "a.jpg", picture + rng.normal(0, noise, picture.shape), quality=quality)
         truth = FIFTY / sigma
         far.append(
-            abs(one["mtf50"] - truth) / (one["mtf50_high"] - one["mtf50"] if truth > one["mtf50"] else one["mtf50"] - one["mtf50_low"])
+            abs(one["mtf50"] - truth)
+            / (one["mtf50_high"] - one["mtf50"] if truth > one["mtf50"] else one["mtf50"] - one["mtf50_low"])
         )
     assert 0.17 < np.median(far) < 0.65
 
 
 def test_rounding_is_counted_once(tmp_path):
-    """A JPEG whose table has steps of 1 rounds levels as a PNG does: the interval is hardly wider, and not that of both."""
+    """A JPEG whose table has steps of 1 rounds levels as a PNG does: the interval is hardly wider, and not that of
+    both.
+    """
     picture = 0.1 + 0.5 * ndtr(across() / 1.0)
     png, jpg = seen(tmp_path / "a.png", picture), seen(tmp_path / "a.jpg", picture, quality=100)
     widths = [one["mtf50_high"] - one["mtf50_low"] for one in (png, jpg)]
@@ -114,7 +122,9 @@ def test_blocks_are_coded_as_in_a_file(tmp_path, quality):
     with Image.open(tmp_path / "a.jpg") as file:
         table, decoded = np.reshape(file.quantization[0], (8, 8)), np.asarray(file, float)
     away = np.abs(coded(plane, table) - decoded)
-    assert away.mean() < 0.1 * np.std(plane - decoded)  # of what coding changes; with the table on its side it is half or more
+    assert away.mean() < 0.1 * np.std(
+        plane - decoded
+    )  # of what coding changes; with the table on its side it is half or more
     shifted = coded(np.pad(plane, ((3, 0), (5, 0)), mode="edge")[3:, 5:], table, (3, 5))
     assert shifted.shape == plane.shape and not np.array_equal(shifted, coded(plane, table))
 
@@ -185,7 +195,8 @@ def test_noise_that_a_jpeg_took_off_is_not_covered(tmp_path):
     assert measure(path, Asked(noise=("0,0,64,64",)))["noise"][0]["not_covered"]
 
 
-# ------------------------------------------------------------------------------------------------------------ what is said and drawn
+# ------------------------------------------------------------------------------------------------------------ what is
+# said and drawn
 
 
 def test_the_picture_shows_region_and_line_where_they_stand(tmp_path):
@@ -194,7 +205,9 @@ def test_the_picture_shows_region_and_line_where_they_stand(tmp_path):
     one = measure(path, Asked(edges=(WHOLE,)))["edges"][0]
     for x, y in one["line"]:
         assert abs((x - 46) * math.cos(math.radians(12)) - (y - 40) * math.sin(math.radians(12))) < 0.1
-    found = CliRunner().invoke(main, ["measure", str(path), "--noise", "2,2,20,20", "--edge", WHOLE, "--picture", str(tmp_path / "b.png")])
+    found = CliRunner().invoke(
+        main, ["measure", str(path), "--noise", "2,2,20,20", "--edge", WHOLE, "--picture", str(tmp_path / "b.png")]
+    )
     assert found.exit_code == 0, found.output
     with Image.open(tmp_path / "b.png") as drawn:
         drawn.load()

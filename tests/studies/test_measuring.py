@@ -170,7 +170,9 @@ def test_a_second_run_does_not_measure_again(tmp_path, monkeypatch):
 
 
 def test_a_reference_that_the_camera_does_not_take_is_the_best_that_it_takes():
-    """Common noise inverts the distribution, which it cannot at every mean: the knob of the draw has no closed form there."""
+    """Common noise inverts the distribution, which it cannot at every mean: the knob of the draw has no closed form
+    there.
+    """
     pipeline = pipeline_of(**{"camera.noise": "common", "wanted": ["rgb_camera"], "tolerance": 0})
     measurement = Measurement(pipeline, installed_stages())
     knobs = {knob.key: knob for knob in measurement.reference.knobs}

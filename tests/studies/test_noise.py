@@ -119,7 +119,9 @@ def test_each_source_of_noise_is_counted(settings, prnu):
 
 @pytest.mark.long
 def test_what_is_measured_in_a_small_window_is_not_too_little():
-    """64 x 64 pixels: a quarter has 256, of which a trend of 15 terms takes 6 %. Sixty frames know a deviation to 0.6 %."""
+    """64 x 64 pixels: a quarter has 256, of which a trend of 15 terms takes 6 %. Sixty frames know a deviation to
+    0.6 %.
+    """
     report = measured("demosaic_bilinear", "", 256, frames=60)
     for expected, found, error in report.mosaic.values():
         assert abs(found / expected - 1) < 0.02 and error < 0.01 * found
@@ -167,7 +169,8 @@ def test_a_camera_without_a_mosaic_a_small_picture_and_nonsense_are_refused():
     with pytest.raises(RequestError, match="frames 0"):
         measured(frames=0)
     bare = load(
-        "name = 'x'\n[camera]\npeak_qe = [0.4]\n[[stages]]\nuse = 'uniform'\nwhite_luminance = 100\n[[stages]]\nuse = 'irradiance'\n"
+        "name = 'x'\n[camera]\npeak_qe = [0.4]\n[[stages]]\nuse = 'uniform'\nwhite_luminance = 100\n[[stages]]\nuse = "
+        "'irradiance'\n"
     )
     with pytest.raises(RequestError, match="no stage of the pipeline writes mosaic_linear"):
         noise(bare, installed_stages())
@@ -177,7 +180,9 @@ def test_a_grey_sensor_without_a_demosaicer_is_followed_up_to_its_mosaic():
     """By noise, information and losses alike; a note says where it ends."""
     text = CAMERA.format(demosaic="demosaic_bilinear", camera='pattern = "mono"\nsensitivity = "flat"', side=400)
     made = load(text)
-    mono = replace(made, stages=made.stages[: 1 + next(n for n, stage in enumerate(made.stages) if stage.use == "linearise")])
+    mono = replace(
+        made, stages=made.stages[: 1 + next(n for n, stage in enumerate(made.stages) if stage.use == "linearise")]
+    )
     found = noise(mono, installed_stages(), frames=1).document()
     (row,) = found["mosaic"]
     assert not found["rows"] and row["found"] == pytest.approx(row["predicted"], rel=0.1)
@@ -194,6 +199,8 @@ def test_the_command_prints_tables_and_strict_json(tmp_path):
     file.write_text(CAMERA.format(demosaic="demosaic_bilinear", camera="", side=480))
     text = CliRunner().invoke(main, ["noise", str(file), "--frames", "1"])
     assert text.exit_code == 0 and "predicted" in text.output and "demosaic" in text.output
-    document = json.loads(CliRunner().invoke(main, ["noise", str(file), "--frames", "1", "--json"]).output, parse_constant=pytest.fail)
+    document = json.loads(
+        CliRunner().invoke(main, ["noise", str(file), "--frames", "1", "--json"]).output, parse_constant=pytest.fail
+    )
     assert {row["stage"] for row in document["rows"]} >= {"demosaic", "sharpen", "display"}
     assert CliRunner().invoke(main, ["noise", str(file), "--reflectance", "2"]).exit_code == 2

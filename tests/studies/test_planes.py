@@ -1,4 +1,6 @@
-"""Full planes are a mosaic run plane by plane: a correction does to a plane what it does to the mosaic at that plane's sites."""
+"""Full planes are a mosaic run plane by plane: a correction does to a plane what it does to the mosaic at that
+plane's sites.
+"""
 
 import numpy as np
 import pytest
@@ -57,9 +59,10 @@ def corrected(pattern, mosaic, corrections, variable="mosaic_linear"):
 def test_what_works_pixel_by_pixel_gives_the_same_bits_of_planes_and_of_the_mosaic(pattern, highlights, tmp_path):
     (tmp_path / "gains.csv").write_text(TABLE.replace(",W", "").replace(",1.03", "").replace(",1.8", ""))
     steps = [
-        ("lens_shading", f'map = "table"\ntable = "{tmp_path / "gains.csv"}"'), ("balance_mosaic", f'highlights = "{highlights}"'),
+        ("lens_shading", f'map = "table"\ntable = "{tmp_path / "gains.csv"}"'),
+        ("balance_mosaic", f'highlights = "{highlights}"'),
         ("sharpen_mosaic", "strength = 0.0"),
-    ]  # fmt: skip
+    ]
     planes, mosaic = (corrected(pattern, use, steps) for use in ("no_mask", "mosaic"))
     assert planes.shape == (3, 25, 28)
     assert np.ptp(mosaic) > 0.1
@@ -92,7 +95,9 @@ def test_planes_cut_out_of_a_mosaic_are_sharpened_and_searched_as_the_mosaic_is_
     whole, alone = (stage("correct_found_defects", contrast=0.0, pattern=pattern) for pattern in ("RGGB", letter))
     found = whole.run(mosaic, y, x)["mosaic_linear"]
     plane = alone.run(np.ascontiguousarray(mosaic[cut]), np.arange(12.0), np.arange(10.0))["mosaic_linear"]
-    assert_array_equal(plane != mosaic[cut], found[cut] != mosaic[cut])  # what takes their place looks at the other colours too
+    assert_array_equal(
+        plane != mosaic[cut], found[cut] != mosaic[cut]
+    )  # what takes their place looks at the other colours too
     assert 0 < np.count_nonzero(plane != mosaic[cut]) < plane.size // 4
 
 

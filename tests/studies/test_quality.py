@@ -43,9 +43,28 @@ wavelength_from = "400 nm"
 wavelength_to = "700 nm"
 bin_width = "100 nm"
 """
-PLAIN = ["irradiance", "falloff", "lens_gaussian lens", "diffusion", "pixel", "mosaic", "exposure", "shot_noise", "full_well", "read_noise",
-         "adc", "linearise", "demosaic_bilinear demosaic", "sharpen", "white", "colour_fit", "camera_to_xyz", "balance", "display",
-         "encode"]  # fmt: skip
+PLAIN = [
+    "irradiance",
+    "falloff",
+    "lens_gaussian lens",
+    "diffusion",
+    "pixel",
+    "mosaic",
+    "exposure",
+    "shot_noise",
+    "full_well",
+    "read_noise",
+    "adc",
+    "linearise",
+    "demosaic_bilinear demosaic",
+    "sharpen",
+    "white",
+    "colour_fit",
+    "camera_to_xyz",
+    "balance",
+    "display",
+    "encode",
+]
 EXTRA = {"pixel": "rows = 40\ncolumns = 40\n", "lens_gaussian lens": 'sigma = "3 um"\n'}
 
 
@@ -84,7 +103,14 @@ def test_the_ideal_camera_is_its_own_ideal():
 def test_a_wider_blur_is_farther_from_ideal_by_every_figure():
     rows = measured(PERFECT, overrides={"sweep.lens.sigma": ["0.5 um", "2 um", "5 um"]}).rows
     assert [row["lens.sigma"] for row in rows] == [0.5, 2, 5]
-    for name, sign in (("psnr_linear", -1), ("psnr_encoded", -1), ("ssim", -1), ("de_mean", 1), ("de_p95", 1), ("scielab_mean", 1)):
+    for name, sign in (
+        ("psnr_linear", -1),
+        ("psnr_encoded", -1),
+        ("ssim", -1),
+        ("de_mean", 1),
+        ("de_p95", 1),
+        ("scielab_mean", 1),
+    ):
         assert np.all(sign * np.diff([row[name] for row in rows]) > 0), name
 
 
@@ -94,7 +120,8 @@ def test_more_light_brings_a_noisy_camera_nearer_to_ideal():
     rows = measured(scene="uniform", overrides=grey).rows
     assert np.all(np.diff([row["visible_noise"] for row in rows]) < 0)
     assert rows[0]["flat"]["size"] == 32
-    # between shot noise (twice for four times the light) and read noise (four times); +-10 % from 1024 correlated pixels
+    # between shot noise (twice for four times the light) and read noise (four times); +-10 % from 1024 correlated
+    # pixels
     steps = [after["snr_flat"] / before["snr_flat"] for before, after in itertools.pairwise(rows)]
     assert all(1.8 < step < 4.4 for step in steps)
 
@@ -134,11 +161,27 @@ def ideal(stages=PLAIN, **options):
 
 
 def test_lens_and_sharpening_go_while_light_and_sensor_stay():
-    stages = ["irradiance", "falloff", "vignetting", "distortion", "glare", "birefringent", "lens_psf_field", *PLAIN[2:]]
+    stages = [
+        "irradiance",
+        "falloff",
+        "vignetting",
+        "distortion",
+        "glare",
+        "birefringent",
+        "lens_psf_field",
+        *PLAIN[2:],
+    ]
     found = ideal(stages)
     assert set(found.left_out) == {"distortion", "glare", "birefringent", "lens_psf_field", "lens", "sharpen"}
     assert found.replaced == {"demosaic": "no_demosaicing"}
-    assert [entry.name for entry in found.pipeline.stages][:6] == ["scene", "irradiance", "falloff", "vignetting", "diffusion", "pixel"]
+    assert [entry.name for entry in found.pipeline.stages][:6] == [
+        "scene",
+        "irradiance",
+        "falloff",
+        "vignetting",
+        "diffusion",
+        "pixel",
+    ]
     assert any("distortion moves the picture" in note for note in found.notes)
 
 
@@ -150,8 +193,23 @@ def test_what_belongs_to_the_lens_can_be_said():
 
 
 def test_the_ideal_camera_knows_its_white_and_has_no_shading_to_correct():
-    stages = ["irradiance", "falloff", "lens_gaussian lens", "diffusion", "pixel", "mosaic", "exposure", "shot_noise", "adc", "linearise",
-              "lens_shading", "white", "white_estimate", "balance_mosaic", "demosaic_bilinear demosaic"]  # fmt: skip
+    stages = [
+        "irradiance",
+        "falloff",
+        "lens_gaussian lens",
+        "diffusion",
+        "pixel",
+        "mosaic",
+        "exposure",
+        "shot_noise",
+        "adc",
+        "linearise",
+        "lens_shading",
+        "white",
+        "white_estimate",
+        "balance_mosaic",
+        "demosaic_bilinear demosaic",
+    ]
     found = ideal(stages)
     assert {"falloff", "white_estimate", "balance_mosaic"} <= set(found.left_out)
     assert "white" not in found.left_out
@@ -159,14 +217,27 @@ def test_the_ideal_camera_knows_its_white_and_has_no_shading_to_correct():
 
 
 def test_metering_and_crosstalk_have_their_own_full_planes():
-    stages = ["irradiance", "pixel", "mosaic", "crosstalk", "meter", "exposure", "shot_noise", "adc", "linearise", "demosaic_bilinear d"]
+    stages = [
+        "irradiance",
+        "pixel",
+        "mosaic",
+        "crosstalk",
+        "meter",
+        "exposure",
+        "shot_noise",
+        "adc",
+        "linearise",
+        "demosaic_bilinear d",
+    ]
     found = ideal(stages)
     assert found.replaced == {"d": "no_demosaicing", "crosstalk": "crosstalk_planes"}
     assert any("meters for itself" in note for note in found.notes)
 
 
 def test_a_stage_that_reads_from_the_lens_then_reads_what_the_lens_read():
-    pipeline = read(**{"diffusion": 'from = { irradiance = "lens" }\n', "lens_gaussian lens": 'from = { irradiance = "falloff" }\n'})
+    pipeline = read(
+        **{"diffusion": 'from = { irradiance = "lens" }\n', "lens_gaussian lens": 'from = { irradiance = "falloff" }\n'}
+    )
     by_name = {entry.name: entry for entry in ideal_of(pipeline, installed_stages()).pipeline.stages}
     assert by_name["diffusion"].origin == {"irradiance": "falloff"}
 
@@ -184,7 +255,9 @@ BEHIND = [stage for stage in PLAIN[12:] if stage != "white"]
 
 
 def believed(method, *more):
-    return measured([*WHITE, *more, *BEHIND], scene="uniform", overrides={"scene.reflectance": 0.2}, white_estimate=method).rows[0]
+    return measured(
+        [*WHITE, *more, *BEHIND], scene="uniform", overrides={"scene.reflectance": 0.2}, white_estimate=method
+    ).rows[0]
 
 
 def test_a_white_that_was_only_believed_does_not_change_camera_primaries():
@@ -227,14 +300,20 @@ def test_light_is_that_of_the_display_which_the_pipeline_names(display, red, gre
     (one, _), (other, _) = shots(overrides={"sweep.display.display": [display, "Apple Studio Display"]})
     assert_allclose(one.to_xyz[1].sum(), 1, rtol=1e-12)
     if red:
-        assert_allclose(one.to_xyz, matrices.rgb_to_xyz_matrix([red, green, blue], white), atol=2e-4)  # printed to four digits
+        assert_allclose(
+            one.to_xyz, matrices.rgb_to_xyz_matrix([red, green, blue], white), atol=2e-4
+        )  # printed to four digits
     assert_allclose(other.to_xyz.sum(axis=1), white_of("Apple Studio Display"), rtol=1e-12)
     assert np.abs(one.to_xyz - other.to_xyz).max() > 0.01
 
 
 def test_a_picture_that_was_decoded_again_is_meant_for_the_same_display():
     ((one, _),) = shots([*PLAIN, "decode"], overrides={"display.display": "Display P3"})
-    assert_allclose(one.to_xyz, matrices.rgb_to_xyz_matrix([(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)], (0.3127, 0.3290)), atol=2e-4)
+    assert_allclose(
+        one.to_xyz,
+        matrices.rgb_to_xyz_matrix([(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)], (0.3127, 0.3290)),
+        atol=2e-4,
+    )
 
 
 def test_pipelines_without_a_picture_are_refused():
@@ -328,7 +407,11 @@ def test_the_command_prints_a_table_and_writes_files(run, tmp_path):
     result = run("--sweep", "f_number=2,8", "-o", "out", "--pictures", "1")
     assert result.exit_code == 0, result.output
     assert "no_demosaicing in place of demosaic" in result.output and "PSNR" in result.output
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["quality.csv", "quality.json", "quality_000.png"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "quality.csv",
+        "quality.json",
+        "quality_000.png",
+    ]
     lines = (tmp_path / "out/quality.csv").read_text().splitlines()
     assert len(lines) == 3 and lines[0].startswith("f_number [1],psnr_linear [dB],")
     assert Image.open(tmp_path / "out/quality_000.png").size[0] > 3 * 480  # three panels of 12 screen pixels a pixel
@@ -383,8 +466,10 @@ def test_pictures_of_an_earlier_comparison_do_not_stay_beside_a_new_table(run, t
     (tmp_path / "out/quality_notes.png").write_bytes(b"mine")
     result = run("-o", "out", "--pictures", "1")
     assert [line.split()[1] for line in result.output.splitlines() if line.startswith("file")] == [
-        "out/quality_000.png", "out/quality.json", "out/quality.csv",
-    ]  # fmt: skip
+        "out/quality_000.png",
+        "out/quality.json",
+        "out/quality.csv",
+    ]
     names = ["quality.csv", "quality.json", "quality_000.png", "quality_notes.png"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
 
@@ -405,7 +490,10 @@ def test_every_row_has_its_picture_and_what_is_not_drawn_is_said(run, tmp_path):
         return [path.name for path in sorted((tmp_path / "out").glob("*.png"))]
 
     all_of_them = run("--sweep", "f_number=2,4,8", "-o", "out")
-    assert drawn() == ["quality_000.png", "quality_001.png", "quality_002.png"] and "pictures are drawn" not in all_of_them.output
+    assert (
+        drawn() == ["quality_000.png", "quality_001.png", "quality_002.png"]
+        and "pictures are drawn" not in all_of_them.output
+    )
     some = run("--sweep", "f_number=2,4,8", "-o", "out", "--pictures", "2")
     assert drawn() == ["quality_000.png", "quality_002.png"]
     assert "2 of 3 pictures are drawn" in some.output and "--pictures 3" in some.output
@@ -414,7 +502,9 @@ def test_every_row_has_its_picture_and_what_is_not_drawn_is_said(run, tmp_path):
 def test_channels_that_were_lifted_to_a_floor_are_a_note():
     lifting = 'method = "preset"\ngains = [1, 1, 1e4]\nfloor = 0.01\n'
     found = quality(read([*WHITE, *BEHIND], scene="uniform", white_estimate=lifting), installed_stages())
-    assert any("white_estimate has channels of the white which were lifted to the floor" in note for note in found.notes)
+    assert any(
+        "white_estimate has channels of the white which were lifted to the floor" in note for note in found.notes
+    )
 
 
 def dead(self, xyz_scene, prepared):

@@ -17,7 +17,13 @@ def printed(monkeypatch, **options):
     row = dict.fromkeys((*UNITS, *SCALARS), 19.23456) | {"status": "done", "reason": "", "integration_time": 0.0125}
     axes = [{"name": "demosaic.use", "units": None}, {"name": "integration_time", "units": "s"}]
     rows = [row | {"demosaic.use": use} for use in ("demosaic_bilinear", "demosaic_colour_difference")]
-    document = {"pipeline": "tiny", "axes": axes, "rows": rows, "ideal": {"left_out": [], "replaced": {}}, "samples_per_degree": 34.0}
+    document = {
+        "pipeline": "tiny",
+        "axes": axes,
+        "rows": rows,
+        "ideal": {"left_out": [], "replaced": {}},
+        "samples_per_degree": 34.0,
+    }
     console = Console(file=io.StringIO(), highlight=False, color_system=None, **options)
     monkeypatch.setattr(terminal, "_out", lambda: console)
     print_quality(document | {"notes": [], "files": []})
@@ -29,7 +35,10 @@ def printed(monkeypatch, **options):
 def test_a_narrow_terminal_has_fewer_columns_and_every_number_whole(monkeypatch, width):
     text, rows = printed(monkeypatch, width=width, force_terminal=True)
     assert "…" not in text and len(rows) == 2
-    assert all(len(line.rstrip()) <= width and set(re.findall(r"19\S*", line)) <= {"19.23", "19.2346", "19.2", "1923.46%"} for line in rows)
+    assert all(
+        len(line.rstrip()) <= width and set(re.findall(r"19\S*", line)) <= {"19.23", "19.2346", "19.2", "1923.46%"}
+        for line in rows
+    )
     assert ("more " in text) == (len(rows[0].split()) < 2 + len(COLUMNS))
     assert len(rows[0].split()) >= 5
 

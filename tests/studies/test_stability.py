@@ -1,4 +1,6 @@
-"""Stability as a user meets it: naive formulas are caught and named, their sound twins pass, and everything that is installed holds."""
+"""Stability as a user meets it: naive formulas are caught and named, their sound twins pass, and everything that is
+installed holds.
+"""
 
 import json
 import math
@@ -66,7 +68,9 @@ def test_a_case_has_the_words_that_scripts_ask_for(naive):
     for row in json.loads(naive.stdout)["cases"]:
         assert {"stage", "case", "law", "error", "bound", "condition", "ok", "why"} == set(row)
         assert row["ok"] is not False or row["why"]
-        assert all(row[word] is None or isinstance(row[word], int | float | str) for word in ("error", "bound", "condition"))
+        assert all(
+            row[word] is None or isinstance(row[word], int | float | str) for word in ("error", "bound", "condition")
+        )
 
 
 def test_an_unknown_stage_is_a_wrong_request_with_the_nearest_name(tmp_path):
@@ -102,8 +106,15 @@ def test_cases_stand_in_the_declared_ranges_and_at_their_ends(use):
                 within = parameter.held is None or parameter.held[0] <= value <= parameter.held[1] or value == math.inf
                 assert within or value == ordinary(kind)[name], (case.name, name)
     for name, (parameter, form, default) in parameters_of(kind).items():
-        if form is float and parameter.at_least is not None and parameter.held is None and default != parameter.at_least:
-            assert parameter.fidelity or any(case.stage and getattr(case.stage, name) == parameter.at_least for case in every), name
+        if (
+            form is float
+            and parameter.at_least is not None
+            and parameter.held is None
+            and default != parameter.at_least
+        ):
+            assert parameter.fidelity or any(
+                case.stage and getattr(case.stage, name) == parameter.at_least for case in every
+            ), name
 
 
 def test_every_closed_form_serves_a_stage_and_holds():
@@ -123,7 +134,16 @@ def test_a_kernel_that_loses_digits_is_told_by_its_closed_form():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "name", ["ordinary", "f_number = 1e+06", "pixel_pitch = 0.1", "white of 1 electron", "black scene", "1 x 1 pixels", "scene of 1e8 : 1"]
+    "name",
+    [
+        "ordinary",
+        "f_number = 1e+06",
+        "pixel_pitch = 0.1",
+        "white of 1 electron",
+        "black scene",
+        "1 x 1 pixels",
+        "scene of 1e8 : 1",
+    ],
 )
 def test_a_camera_at_an_extreme_keeps_its_laws(name):
     rows = list(cameras.rows_of_camera(name, dict(cameras.cameras())[name]))
@@ -139,9 +159,11 @@ def test_a_camera_that_cannot_be_is_refused_once_in_words():
 
 def test_a_group_shows_what_broke_before_what_came_near():
     rows = [
-        Row("a", "x", "near", True, 0.9, 1.0, 5.0), Row("a", "x", "broken", False, why="so"), Row("a", "x", "far", True, 0.1, 1.0, 7.0),
+        Row("a", "x", "near", True, 0.9, 1.0, 5.0),
+        Row("a", "x", "broken", False, why="so"),
+        Row("a", "x", "far", True, 0.1, 1.0, 7.0),
         Row("b", "x", "untried", None, why="no example"),
-    ]  # fmt: skip
+    ]
     first, second = groups(rows)
     assert (first.worst.case, first.cases, first.failed, first.condition) == ("broken", 3, 1, 7.0)
     assert (second.worst.case, second.untried) == ("untried", 1)

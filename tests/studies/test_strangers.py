@@ -1,4 +1,6 @@
-"""Studies ask stages what they are and say, not what they are called: other names change nothing, and third parties are treated as ours."""
+"""Studies ask stages what they are and say, not what they are called: other names change nothing, and third parties
+are treated as ours.
+"""
 
 from dataclasses import replace
 
@@ -95,11 +97,15 @@ def test_noise_finds_the_same_under_other_names():
 
 
 def test_what_is_resolved_is_the_same_under_other_names():
-    pipeline = camera((*LIGHT[:3], *LIGHT[4:], *READ_OUT, "demosaic_bilinear", "white", *COLOUR, "resolution", "edge_resolution"))
+    pipeline = camera(
+        (*LIGHT[:3], *LIGHT[4:], *READ_OUT, "demosaic_bilinear", "white", *COLOUR, "resolution", "edge_resolution")
+    )
     arrays = []
     for one, registry in ((pipeline, installed_stages()), (strangers.renamed(pipeline), strangers.Renamed())):
         outcome = execute(make_plan(replace(one, wanted=("resolution", "edge_resolution")), registry), None, SERIAL)
-        arrays.append({(ref, v): a for ref, found in outcome.arrays.items() if "resolution" in ref[0] for v, a in found.items()})
+        arrays.append(
+            {(ref, v): a for ref, found in outcome.arrays.items() if "resolution" in ref[0] for v, a in found.items()}
+        )
     assert arrays[0].keys() == arrays[1].keys()
     for where, array in arrays[0].items():
         assert_array_equal(array, arrays[1][where])
@@ -109,20 +115,45 @@ def test_what_is_resolved_is_the_same_under_other_names():
 # -- third parties ------------------------------------------------------------------------------------------------
 
 
-PLAIN = ("irradiance", "soft_lens", "window", "pixel", "mosaic", "exposure", "shot_noise", "reset", "adc", "linearise", "flatten", "quads",
-         "white", *COLOUR)  # fmt: skip
+PLAIN = (
+    "irradiance",
+    "soft_lens",
+    "window",
+    "pixel",
+    "mosaic",
+    "exposure",
+    "shot_noise",
+    "reset",
+    "adc",
+    "linearise",
+    "flatten",
+    "quads",
+    "white",
+    *COLOUR,
+)
 
 
 def test_their_correction_is_made_to_the_reference_too(monkeypatch):
     found, result = rows(
-        strangers.registry(), camera(PLAIN, "uniform"), "quads.use", ("quads", "demosaic_bilinear"), monkeypatch, expected=True
+        strangers.registry(),
+        camera(PLAIN, "uniform"),
+        "quads.use",
+        ("quads", "demosaic_bilinear"),
+        monkeypatch,
+        expected=True,
     )
-    assert min(row.psnr for row in found.values()) > 200  # of even light every interpolation is right, where both are flattened
+    assert (
+        min(row.psnr for row in found.values()) > 200
+    )  # of even light every interpolation is right, where both are flattened
     assert not any("does without" in note for note in result.notes)
     only = tuple("bayer_only" if use == "flatten" else use for use in PLAIN)
-    found, result = rows(strangers.registry(), camera(only, "uniform"), "quads.use", ("quads",), monkeypatch, expected=True)
+    found, result = rows(
+        strangers.registry(), camera(only, "uniform"), "quads.use", ("quads",), monkeypatch, expected=True
+    )
     assert found["quads"].psnr < 60
-    assert any("does without bayer_only, which cannot be run plane by plane: knows RGGB only" in note for note in result.notes)
+    assert any(
+        "does without bayer_only, which cannot be run plane by plane: knows RGGB only" in note for note in result.notes
+    )
 
 
 def test_their_demosaicer_is_offered_beside_ours(monkeypatch):
@@ -136,11 +167,16 @@ def test_their_noise_is_predicted_from_what_it_says():
     for channel, (predicted, found, error) in report.mosaic.items():
         assert abs(found - predicted) < 4 * error + 0.003 * predicted, channel
     for row in report.rows:
-        assert np.all(np.abs(np.subtract(row.found, row.predicted)) < 4 * np.array(row.found_error) + 0.01 * np.array(row.predicted))
+        assert np.all(
+            np.abs(np.subtract(row.found, row.predicted))
+            < 4 * np.array(row.found_error) + 0.01 * np.array(row.predicted)
+        )
     secretive = tuple("secretive" if use == "reset" else use for use in PLAIN)
     report = noise(camera(secretive), strangers.registry(), frames=1)
     assert all(predicted is None for predicted, _, _ in report.mosaic.values())
-    assert any("secretive draws random numbers and does not say how much noise that is" in note for note in report.notes)
+    assert any(
+        "secretive draws random numbers and does not say how much noise that is" in note for note in report.notes
+    )
 
 
 def test_their_lens_is_none_of_the_ideal_camera_and_their_window_is():
@@ -148,18 +184,24 @@ def test_their_lens_is_none_of_the_ideal_camera_and_their_window_is():
     assert found.ideal.left_out == ("soft_lens",)
     assert not any("taken for a part of the lens" in note for note in found.notes)
     plain = {"flatten": {"gain_of_green": 1.0}, "reset": {"sigma": 1.0}}
-    soft, sharp = (quality(camera(PLAIN, soft_lens={"reach": reach}, **plain), strangers.registry()).rows[0] for reach in (6, 0))
+    soft, sharp = (
+        quality(camera(PLAIN, soft_lens={"reach": reach}, **plain), strangers.registry()).rows[0] for reach in (6, 0)
+    )
     assert sharp["psnr_linear"] > soft["psnr_linear"] + 1
 
 
 def test_the_ideal_camera_is_corrected_as_theirs_is():
-    flat, coloured = (quality(camera(PLAIN, flatten={"gain_of_green": gain}), strangers.registry()).rows[0] for gain in (1.0, 1.25))
+    flat, coloured = (
+        quality(camera(PLAIN, flatten={"gain_of_green": gain}), strangers.registry()).rows[0] for gain in (1.0, 1.25)
+    )
     assert abs(flat["psnr_linear"] - coloured["psnr_linear"]) < 1
     assert flat["psnr_linear"] > 20
 
 
 def test_frames_of_a_bracket_have_planes_of_their_own(monkeypatch):
-    """The reference's ideal exposure has a value for each frame and each channel: they are merged as the camera's are."""
+    """The reference's ideal exposure has a value for each frame and each channel: they are merged as the camera's
+    are.
+    """
     both = ("demosaic_bilinear", "demosaic_nearest")
     read_out = ("bracket", "exposure", "shot_noise", "full_well", "adc", "linearise")
     stages = ("irradiance", "lens_gaussian", "pixel", "mosaic", *read_out, "white", both[0], "merge_frames", *COLOUR)

@@ -54,7 +54,9 @@ def test_a_huge_file_is_refused_in_few_lines_little_memory_and_time(what, tmp_pa
     (tmp_path / "huge.toml").write_text(HUGE[what] + (LINE if what == "an axis" else ""))
     if what == "an axis":  # 20,000 cells are fine, but not of a million
         (tmp_path / "huge.toml").write_text("most_cells = 1000\n" + LINE + HUGE[what])
-    done = subprocess.run([sys.executable, "-c", LIMITED, "plan", str(tmp_path / "huge.toml")], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, "plan", str(tmp_path / "huge.toml")], capture_output=True, text=True
+    )
     assert done.returncode == 2, done.stderr[-500:]
     assert "Traceback" not in done.stderr
     assert len(done.stderr) < 30_000 and len(done.stderr.splitlines()) <= 21
@@ -74,8 +76,15 @@ def test_a_document_from_python_is_held_against_the_same_bounds():
     with pytest.raises(RequestError, match="nested more than 16 deep"):
         etendue.simulate({"camera": deep, "stages": [{"use": "lens_numbers"}]}, f_number=2)
     with pytest.raises(RequestError, match="cells, more than the 1000000"):
-        etendue.simulate({"stages": [{"use": "lens_numbers"}], "sweep": {"f_number": {"from": 1, "to": 9, "steps": 2000},
-                          "transmittance": {"from": 0.1, "to": 1, "steps": 2000}}})  # fmt: skip
+        etendue.simulate(
+            {
+                "stages": [{"use": "lens_numbers"}],
+                "sweep": {
+                    "f_number": {"from": 1, "to": 9, "steps": 2000},
+                    "transmittance": {"from": 0.1, "to": 1, "steps": 2000},
+                },
+            }
+        )
 
 
 def test_more_cells_are_planned_where_the_file_says_so():
@@ -111,7 +120,8 @@ def test_a_lacking_plugin_is_named_once_with_the_command_that_installs_it(monkey
     monkeypatch.setattr(lacking, "known_plugins", lambda: known)
     text = '[camera]\ntheir_quantity = 1\n[[stages]]\nuse = "lens_of_theirs"\n[[stages]]\nuse = "numbers_of_theirs"\n'
     assert refused(text).splitlines() == [
-        "file.toml:3: stages[1] lens_of_theirs: etendue-theirs, which has lens_of_theirs, numbers_of_theirs, is not installed: "
+        "file.toml:3: stages[1] lens_of_theirs: etendue-theirs, which has lens_of_theirs, numbers_of_theirs, is not "
+        "installed: "
         "pip install etendue-theirs"
     ]
     folder = tmp_path / "plugins" / "etendue-theirs"
@@ -140,7 +150,9 @@ def test_a_distribution_that_is_installed_is_not_lacking():
     assert lacking.lacking(from_document(document), installed_stages()) == []
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), Decimal("1e999999"), 10**400, True, "x" * 10**6, None, object()])
+@pytest.mark.parametrize(
+    "value", [float("nan"), float("inf"), Decimal("1e999999"), 10**400, True, "x" * 10**6, None, object()]
+)
 def test_any_value_from_python_is_planned_or_refused(value):
     tables = {"camera": {"f_number": value}}, {"sweep": {"f_number": [value]}}
     for document in (*tables, {"seed": value}, {"tolerance": value}, {"name": value}):

@@ -21,7 +21,9 @@ def expected(name):
     """(place, fragment) of every fault, and the numbers of the lines that are at fault."""
     lines = (FOLDER / name).read_text().splitlines()
     faults = [line.removeprefix("# expect:").partition("|") for line in lines if line.startswith("# expect:")]
-    return [(place.strip(), text.strip()) for place, _, text in faults], [n for n, line in enumerate(lines, 1) if line.endswith("# here")]
+    return [(place.strip(), text.strip()) for place, _, text in faults], [
+        n for n, line in enumerate(lines, 1) if line.endswith("# here")
+    ]
 
 
 def etendue(arguments, capsys):
@@ -51,7 +53,11 @@ def test_a_wrong_file_is_refused_with_file_line_place_and_a_way_out(name, capsys
         assert line.startswith(f"{name}:")
         assert len(line) < READABLE, line
     for place, fragment in faults:
-        assert any(f" {place}: " in line and fragment in line if place else fragment in line for line in lines), (place, fragment, err)
+        assert any(f" {place}: " in line and fragment in line if place else fragment in line for line in lines), (
+            place,
+            fragment,
+            err,
+        )
     assert [int(line.split(":")[1]) for line in lines if line.split(":")[1].isdigit()] == here
 
 
@@ -112,5 +118,7 @@ def test_a_file_of_numbers_that_no_computer_reads_is_not_valid_toml(tmp_path, ca
 def test_faults_of_a_setting_name_no_line_of_the_file(capsys, monkeypatch):
     """What was given on the command line does not stand in the file."""
     monkeypatch.chdir(FOLDER.parent.parent / "pipelines")
-    _, _, err = etendue(["plan", "smallest.toml", "--set", "camera.focal_length=-1 mm", "--set", "pixel.rows=x"], capsys)
+    _, _, err = etendue(
+        ["plan", "smallest.toml", "--set", "camera.focal_length=-1 mm", "--set", "pixel.rows=x"], capsys
+    )
     assert [line.partition(" ")[0] for line in err.splitlines()] == ["smallest.toml:", "smallest.toml:"]

@@ -24,11 +24,15 @@ def heard(figures=True, **values):
     noise = s.microphone_noise(name="noise", noise_rms=values.pop("noise_rms", 0.0))
     sound = s.plane_wave(name="sound", samples=512, sampling_rate="16 kHz", rms=values.pop("rms", 1.0))
     beam = s.delay_and_sum(name="beam", directions=721, taper=values.pop("taper", "uniform"))
-    chain = etendue.Pipeline(sound, noise, s.phasors(), beam, s.beam_figures(name="figures"), name="heard", seed=values.pop("seed", 1))
+    chain = etendue.Pipeline(
+        sound, noise, s.phasors(), beam, s.beam_figures(name="figures"), name="heard", seed=values.pop("seed", 1)
+    )
     return etendue.simulate(chain, scheduler="serial", precision="float64", **values)
 
 
-@pytest.mark.parametrize(("count", "tone", "bearing"), [(4, 1000.0, 0.0), (8, 2000.0, 20.0), (16, 3000.0, -50.0), (1, 2000.0, 10.0)])
+@pytest.mark.parametrize(
+    ("count", "tone", "bearing"), [(4, 1000.0, 0.0), (8, 2000.0, 20.0), (16, 3000.0, -50.0), (1, 2000.0, 10.0)]
+)
 def test_the_beam_of_one_wave_is_the_array_factor(count, tone, bearing):
     """A tone in the middle of a bin: every direction, to rounding."""
     tree = heard(microphones=count, tone=tone, bearing=bearing, spacing=0.05)
@@ -44,8 +48,8 @@ def test_the_level_is_that_of_the_sound(rms):
 
 
 def test_noise_that_is_independent_is_lowered_by_the_number_of_microphones():
-    """Without sound worth the name: mean power of the beam = noise of a bin over N, 2 s^2 / samples / N; 113 x 721 values, of which some
-    700 are independent, so that the mean lies within 15 %."""
+    """Without sound worth the name: mean power of the beam = noise of a bin over N, 2 s^2 / samples / N; 113 x 721
+    values, of which some 700 are independent, so that the mean lies within 15 %."""
     tree = heard(rms=1e-9, noise_rms=1.0, microphones=8, spacing=0.17)
     found = float(tree["beam"].beam.mean())
     assert found == pytest.approx(2 / 512 / 8, rel=0.15)
@@ -69,11 +73,15 @@ def test_a_tapered_beam_is_wider_and_has_lower_side_lobes():
 
 
 def test_a_long_line_has_the_width_and_the_side_lobe_of_a_slit():
-    """Broadside: 0.8859 wavelengths over the length, rad; highest side lobe -13.26 dB. N = 100 of a slit is within a thousandth."""
+    """Broadside: 0.8859 wavelengths over the length, rad; highest side lobe -13.26 dB. N = 100 of a slit is within a
+    thousandth.
+    """
     count, spacing, tone = 100, 0.05, 2000.0
     figures = heard(microphones=count, spacing=spacing, tone=tone, bearing=0.0)["figures"]
     width = math.degrees(0.8859 * SPEED / tone / (count * spacing))
-    assert float(figures.beam_width) == pytest.approx(width, rel=0.02)  # linear between directions a quarter degree apart
+    assert float(figures.beam_width) == pytest.approx(
+        width, rel=0.02
+    )  # linear between directions a quarter degree apart
     directions = np.linspace(-20, 20, 40001)
     power = kernels.array_factor(count, spacing, tone, SPEED, directions, 0.0)
     assert kernels.half_power_width(directions, power) == pytest.approx(width, rel=1e-3)

@@ -12,9 +12,13 @@ from etendue_camera.sensor import cfa
 
 # Figure 2 of the paper, times 8.
 GREEN_AT_CHROMA = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]])
-CHROMA_BESIDE_GREEN = np.array([[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]])
+CHROMA_BESIDE_GREEN = np.array(
+    [[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]]
+)
 CHROMA_ABOVE_GREEN = CHROMA_BESIDE_GREEN.T
-CHROMA_AT_OPPOSITE = np.array([[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]])
+CHROMA_AT_OPPOSITE = np.array(
+    [[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]]
+)
 
 patterns = st.sampled_from(cfa.BAYER)
 seeds = st.integers(0, 2**32 - 1)
@@ -124,7 +128,10 @@ def test_it_beats_bilinear_on_a_grey_edge():
     x = np.linspace(-8.0, 8.0, 64)
     edge = np.broadcast_to(1 / (1 + np.exp(-x)), (64, 64))
     raw = cfa.pick(np.stack([edge] * 3), "RGGB")
-    worst = {name: np.abs(method(raw, "RGGB") - edge)[:, 3:-3, 3:-3].max() for name, method in (("m", malvar), ("b", bilinear.bilinear))}
+    worst = {
+        name: np.abs(method(raw, "RGGB") - edge)[:, 3:-3, 3:-3].max()
+        for name, method in (("m", malvar), ("b", bilinear.bilinear))
+    }
     assert worst["m"] < 0.5 * worst["b"]
 
 

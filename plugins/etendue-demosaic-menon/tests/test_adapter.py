@@ -25,7 +25,13 @@ def noise(shape, seed):
     return np.random.default_rng(seed).uniform(0.0, 1.0, shape)
 
 
-@given(pattern=patterns, rows=st.integers(SMALLEST, 14), columns=st.integers(SMALLEST, 14), seed=seeds, refine=st.booleans())
+@given(
+    pattern=patterns,
+    rows=st.integers(SMALLEST, 14),
+    columns=st.integers(SMALLEST, 14),
+    seed=seeds,
+    refine=st.booleans(),
+)
 @settings(deadline=None)
 def test_it_is_the_packages_own_result(pattern, rows, columns, seed, refine):
     raw = noise((rows, columns), seed)
@@ -80,7 +86,13 @@ def test_a_small_frame_is_a_piece_of_its_own_mirror_images(shape):
     rows, columns = (24 if size < SMALLEST else 0 for size in shape)
     large = menon(np.pad(raw, ((rows, rows), (columns, columns)), mode="reflect"), "GRBG")
     cut = large[:, rows : rows + shape[0], columns : columns + shape[1]]
-    inner = np.s_[:, :, :] if rows and columns else np.s_[:, REACH // 2 : -REACH // 2 or None, :] if columns else np.s_[:, :, 4:-4]
+    inner = (
+        np.s_[:, :, :]
+        if rows and columns
+        else np.s_[:, REACH // 2 : -REACH // 2 or None, :]
+        if columns
+        else np.s_[:, :, 4:-4]
+    )
     assert_allclose(menon(raw, "GRBG")[inner], cut[inner], rtol=0, atol=3e-15)
 
 

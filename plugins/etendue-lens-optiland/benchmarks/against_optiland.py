@@ -1,6 +1,7 @@
 """The real lens against optiland's own analysis of it, and what the knobs cost: ``python against_optiland.py``.
 
-Both trace the same sample lens, rays aimed at the paraxial entrance pupil, at the paper's focal length, fields and wavelengths.
+Both trace the same sample lens, rays aimed at the paraxial entrance pupil, at the paper's focal length, fields and
+wavelengths.
 """
 
 from __future__ import annotations
@@ -48,9 +49,13 @@ def strehl_table() -> None:
             cells = []
             for wavelength in WAVELENGTHS:
                 tangent = float(np.tan(np.radians(field)))
-                mine, spent = seconds(lambda t=tangent, w=wavelength, of=lens: pupil.strehl(banks.resolved(of, t, w, 128)))
+                mine, spent = seconds(
+                    lambda t=tangent, w=wavelength, of=lens: pupil.strehl(banks.resolved(of, t, w, 128))
+                )
                 own += spent
-                theirs, spent = seconds(lambda h=field / 30, w=wavelength, of=optic: FFTPSF(of, (0, h), w, 128, 1024).strehl_ratio())
+                theirs, spent = seconds(
+                    lambda h=field / 30, w=wavelength, of=optic: FFTPSF(of, (0, h), w, 128, 1024).strehl_ratio()
+                )
                 other += spent
                 worst = max(worst, abs(mine - theirs))
                 cells.append(f"{mine:8.4f}|{theirs:.4f}")
@@ -67,19 +72,28 @@ def axial_pictures() -> None:
         step = 0.55 * theirs._get_working_FNO() * 255 / 2048
         psf = theirs.psf[np.ix_(1024 + at, 1024 + at)] / 100
         found, own = seconds(lambda of=lens, a=at * step: pupil.intensity(of.bundle(0.0, 0.55, 256), a, a))
-        print(f"  f/{f_number:<4g} FFT, 121 x 121      {np.abs(found - psf).max() / psf.max():.2e}   {own:.2f} s | {other:.2f} s")
+        print(
+            f"  f/{f_number:<4g} FFT, 121 x 121      {np.abs(found - psf).max() / psf.max():.2e}   {own:.2f} s | "
+            f"{other:.2f} s"
+        )
         theirs, other = seconds(lambda of=optic: HuygensPSF(of, (0, 0), 0.55, 128, 32, pixel_pitch=8e-4))
         x, y, _ = theirs._get_image_coordinates()
-        found, own = seconds(lambda of=lens, a=1e3 * y[:, 0], b=1e3 * x[0]: pupil.intensity(of.bundle(0.0, 0.55, 128), a, b))
+        found, own = seconds(
+            lambda of=lens, a=1e3 * y[:, 0], b=1e3 * x[0]: pupil.intensity(of.bundle(0.0, 0.55, 128), a, b)
+        )
         apart = np.abs(found / found.max() - theirs.psf / theirs.psf.max()).max()
-        print(f"  f/{f_number:<4g} Huygens, 32 x 32    {apart:.2e}   {own:.2f} s | {other:.2f} s (each over its own peak)")
+        print(
+            f"  f/{f_number:<4g} Huygens, 32 x 32    {apart:.2e}   {own:.2f} s | {other:.2f} s (each over its own peak)"
+        )
 
 
 def distortion() -> None:
     optic, lens = sample(4.0), open_lens(f_number=4.0, aiming="paraxial")
     tangents = np.tan(np.radians(np.linspace(1e-10, 30.0, 61)))
     theirs, other = seconds(lambda: np.ravel(Distortion(optic, wavelengths=[0.55], num_points=61).data[0]))
-    found, own = seconds(lambda: 100 * (lens.chief(tangents[1:], 0.55)[1] / (lens.image_distance_um * tangents[1:]) - 1))
+    found, own = seconds(
+        lambda: 100 * (lens.chief(tangents[1:], 0.55)[1] / (lens.image_distance_um * tangents[1:]) - 1)
+    )
     print("\nDistortion at 550 nm, per cent, ours | optiland")
     for number in (20, 44, 60):
         print(f"  {0.5 * number:4g} degrees  {found[number - 1]:.7f} | {theirs[number]:.7f}")
@@ -94,7 +108,10 @@ def flux() -> None:
         bundle = lens.bundle(float(np.tan(angle)), 0.55, 128)
         lower, upper = lens.chief(np.tan([angle - step, angle + step]), 0.55)[1]
         entering = 2 * bundle.open.sum() * lens.scale**2 * np.cos(angle) * np.sin(angle)
-        print(f"  {field:4g} degrees  {bundle.solid_angle * bundle.height * (upper - lower) / (2 * step) / entering - 1:+.1e}")
+        print(
+            f"  {field:4g} degrees  "
+            f"{bundle.solid_angle * bundle.height * (upper - lower) / (2 * step) / entering - 1:+.1e}"
+        )
 
 
 def knobs() -> None:
@@ -110,9 +127,14 @@ def knobs() -> None:
     for f_number in (4.0, 8.0):
         lens = open_lens(f_number=f_number)
         for lost in (0.1, 0.02):
-            made, spent = seconds(lambda of=lens, share=lost: banks.psf_bank(of, banks.tangents_of(FIELDS), WAVELENGTHS, 128, lost=share))
+            made, spent = seconds(
+                lambda of=lens, share=lost: banks.psf_bank(of, banks.tangents_of(FIELDS), WAVELENGTHS, 128, lost=share)
+            )
             size = made.bank.psf.shape[-1]
-            print(f"  f/{f_number:<4g} lost {lost:<5g} {size:4d}  {made.samples:4d}  {made.enclosed.min():.4f}   {spent:.2f} s")
+            print(
+                f"  f/{f_number:<4g} lost {lost:<5g} {size:4d}  {made.samples:4d}  {made.enclosed.min():.4f}   "
+                f"{spent:.2f} s"
+            )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""The lens against optiland's own analysis of it: rays aimed at the paraxial entrance pupil, as optiland's are by default."""
+"""The lens against optiland's own analysis of it: rays aimed at the paraxial entrance pupil, as optiland's are by
+default.
+"""
 
 from dataclasses import replace
 
@@ -120,7 +122,7 @@ def test_relative_illumination_is_the_area_of_optilands_aimed_edge_rays():
         areas.append(0.5 * abs(np.sum(rays.L * np.roll(rays.M, -1) - np.roll(rays.L, -1) * rays.M)))
     lens = open_lens(f_number=11.0)
     found = lens.illumination(np.array([tangent(f) for f in FIELDS]), (0.55,), 64)[0]
-    # these rays belong to one object point, the light to one image point: apart by the defocus over the distance of the pupil, twice
-    # (60 um of 10 mm). The law that is sharp is conservation, in test_lens
+    # these rays belong to one object point, the light to one image point: apart by the defocus over the distance of the
+    # pupil, twice (60 um of 10 mm). The law that is sharp is conservation, in test_lens
     assert_allclose(found / found[0], np.array(areas) / areas[0], rtol=0.02)
     assert found[2] < found[1] < found[0]

@@ -40,16 +40,22 @@ def stage_of(name, random):
         return Blur(f_number=8.0, fields=(0.0, 22.0), wavelengths=(500.0, 600.0), **FINE[name]), frame(random, 0)
     if name == "distortion":
         return Distortion(f_number=8.0, **FINE[name]), frame(random, 4000)
-    return Illumination(f_number=8.0, wavelengths=(450.0, 650.0), **FINE[name]), frame(random, float(random.uniform(500, 4000)))
+    return Illumination(f_number=8.0, wavelengths=(450.0, 650.0), **FINE[name]), frame(
+        random, float(random.uniform(500, 4000))
+    )
 
 
 def done(stage, light, grid):
     known = coordinates_of({"irradiance": grid})
     given = {"irradiance": light, "prepared": stage.prepare(known), **known}
-    return stage.run(**{name: given[name] for name in inspect.signature(type(stage).run).parameters if name != "self"})["irradiance"]
+    return stage.run(**{name: given[name] for name in inspect.signature(type(stage).run).parameters if name != "self"})[
+        "irradiance"
+    ]
 
 
-@pytest.mark.parametrize("name", ["distortion", *(pytest.param(name, marks=pytest.mark.long) for name in ("illumination", "blur"))])
+@pytest.mark.parametrize(
+    "name", ["distortion", *(pytest.param(name, marks=pytest.mark.long) for name in ("illumination", "blur"))]
+)
 def test_no_setting_adds_more_than_its_stage_states(name):
     random = np.random.default_rng(4)
     stage, grid = stage_of(name, random)

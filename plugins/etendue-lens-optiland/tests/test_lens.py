@@ -78,12 +78,15 @@ def test_the_cone_on_the_axis_is_that_of_the_f_number():
     for f_number in (4.0, 16.0, 64.0):
         lens = open_lens(f_number=f_number, focus="paraxial")
         # 2 per cent at f/4, a tenth of it at f/16
-        assert_allclose(lens.bundle(0.0, 0.55, 64).solid_angle, np.pi / (4 * f_number**2), rtol=0.02 * (4 / f_number) + 4e-4)
+        assert_allclose(
+            lens.bundle(0.0, 0.55, 64).solid_angle, np.pi / (4 * f_number**2), rtol=0.02 * (4 / f_number) + 4e-4
+        )
 
 
 @pytest.mark.parametrize("field", [0.5, 10.0, 22.0, 30.0])
 def test_illumination_conserves_the_flux_between_object_and_image(field):
-    """Light through the entrance pupil from a ring of the sky lands on a ring of the image: E/L = A cos(t) sin(t) dt / (h dh).
+    """Light through the entrance pupil from a ring of the sky lands on a ring of the image: E/L = A cos(t) sin(t) dt /
+    (h dh).
 
     The left side is the area of the cone at the image point, the right side knows nothing of cones.
     """
@@ -96,7 +99,10 @@ def test_illumination_conserves_the_flux_between_object_and_image(field):
 
 
 def test_the_best_focus_has_the_smoothest_axial_wavefront():
-    errors = {focus: open_lens(f_number=4.0, focus=focus).bundle(0.0, 0.55, 64).wavefront_rms() for focus in ("design", "paraxial", "best")}
+    errors = {
+        focus: open_lens(f_number=4.0, focus=focus).bundle(0.0, 0.55, 64).wavefront_rms()
+        for focus in ("design", "paraxial", "best")
+    }
     assert errors["best"] <= min(errors.values()) * (1 + 1e-9)
     assert errors["best"] < 0.5 * errors["paraxial"]
 
@@ -127,7 +133,9 @@ def test_a_bank_has_the_heights_the_spacing_and_the_light_it_says():
     assert (traced.enclosed < 1.0).all()
     for number, wavelength in enumerate((0.5, 0.6)):
         widest = max(lens.bundle(tangent(f), wavelength, 64).range for f in (0.0, 22.0))
-        assert 0.8 < traced.bank.spacing_um[number] * 2 * widest / wavelength < 0.9  # of what the cut-off frequency needs
+        assert (
+            0.8 < traced.bank.spacing_um[number] * 2 * widest / wavelength < 0.9
+        )  # of what the cut-off frequency needs
 
 
 def test_distortion_takes_every_height_back_to_its_pinhole():

@@ -79,7 +79,9 @@ def test_rims_cut_the_corner_and_only_there(tmp_path):
     narrow.write_text(Path(WIDE).read_text().replace("6.365,1.0,4.025", "6.365,1.0,2.4"))
     free = tmp_path / "free.csv"
     lines = Path(WIDE).read_text().splitlines()
-    free.write_text("\n".join(line if not line[:1].isdigit() else ",".join([*line.split(",")[:4], "0", line[-1]]) for line in lines))
+    free.write_text(
+        "\n".join(line if not line[:1].isdigit() else ",".join([*line.split(",")[:4], "0", line[-1]]) for line in lines)
+    )
     areas = {}
     for name, path in (("as is", WIDE), ("narrow", narrow), ("free", free)):
         lens = open_lens(file=str(path), f_number=11.0)

@@ -16,7 +16,12 @@ EDGES = (440.0, 520.0, 600.0, 680.0)
 
 def coordinates(size=61, step=2.0, centre_y=0.0):
     line = step * (np.arange(size) - size // 2)
-    return {"y_um": line + centre_y, "x_um": line, "wavelength": np.array([480.0, 560.0, 640.0]), "wavelength_edges": np.array(EDGES)}
+    return {
+        "y_um": line + centre_y,
+        "x_um": line,
+        "wavelength": np.array([480.0, 560.0, 640.0]),
+        "wavelength_edges": np.array(EDGES),
+    }
 
 
 def test_a_point_keeps_its_flux_and_spreads_along_its_own_field():
@@ -27,7 +32,9 @@ def test_a_point_keeps_its_flux_and_spreads_along_its_own_field():
     out = stage.run(light, stage.prepare(where))["irradiance"]
     # kernels have a sum of 1, and the frame holds them
     assert_allclose(out.sum(axis=(1, 2)), 1.0, rtol=1e-9)
-    assert_allclose(out, out[:, :, ::-1], rtol=0, atol=1e-9 + 2e-3 * out.max())  # across the meridian; tables are splines
+    assert_allclose(
+        out, out[:, :, ::-1], rtol=0, atol=1e-9 + 2e-3 * out.max()
+    )  # across the meridian; tables are splines
     assert np.abs(out - out[:, ::-1]).max() > 0.01 * out.max()
 
 

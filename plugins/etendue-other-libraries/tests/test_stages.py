@@ -60,7 +60,8 @@ def test_what_cannot_be_demosaiced_is_refused_in_words():
 
 AXES = {
     "demosaic.use=demosaic_bilinear,demosaic_directional,opencv_bilinear,opencv_edge_aware,opencv_vng": 5,
-    'sharpen.use=sharpen,denoise,scipy_wiener,skimage_nl_means,{ use = "skimage_nl_means", sigma = 0.01, label = "sigma 1 %" }': 5,
+    'sharpen.use=sharpen,denoise,scipy_wiener,skimage_nl_means,{ use = "skimage_nl_means", sigma = 0.01, label = '
+    '"sigma 1 %" }': 5,
     "sharpen.use=sharpen,richardson_lucy,skimage_richardson_lucy": 3,
 }
 
@@ -69,7 +70,21 @@ AXES = {
 def test_they_are_ranked_beside_others_in_one_command(axis, tmp_path):
     """Also where the stage in their place writes optional figures that they have not."""
     (tmp_path / "small.toml").write_text(CAMERA)
-    command = [sys.executable, "-m", "etendue", "compare", "small.toml", "--axis", axis, "--no-mtf50", "--repeat", "1", "--json", "-o", "o"]
+    command = [
+        sys.executable,
+        "-m",
+        "etendue",
+        "compare",
+        "small.toml",
+        "--axis",
+        axis,
+        "--no-mtf50",
+        "--repeat",
+        "1",
+        "--json",
+        "-o",
+        "o",
+    ]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)["rows"]
@@ -98,9 +113,24 @@ bin_width = "100 nm"
 """ + "".join(
     f'[[stages]]\nuse = "{use}"\n{more}'
     for use, more in (
-        ("irradiance", ""), ("lens_gaussian", 'name = "lens"\nsigma = "1.5 um"\n'), ("pixel", "rows = 56\ncolumns = 70\n"), ("mosaic", ""),
-        ("exposure", ""), ("shot_noise", ""), ("full_well", ""), ("read_noise", ""), ("adc", ""), ("linearise", ""), ("white", ""),
-        ("balance_mosaic", ""), ("demosaic_bilinear", 'name = "demosaic"\n'), ("sharpen", ""), ("colour_fit", ""), ("camera_to_xyz", ""),
-        ("balance", ""), ("display", ""), ("encode", ""),
+        ("irradiance", ""),
+        ("lens_gaussian", 'name = "lens"\nsigma = "1.5 um"\n'),
+        ("pixel", "rows = 56\ncolumns = 70\n"),
+        ("mosaic", ""),
+        ("exposure", ""),
+        ("shot_noise", ""),
+        ("full_well", ""),
+        ("read_noise", ""),
+        ("adc", ""),
+        ("linearise", ""),
+        ("white", ""),
+        ("balance_mosaic", ""),
+        ("demosaic_bilinear", 'name = "demosaic"\n'),
+        ("sharpen", ""),
+        ("colour_fit", ""),
+        ("camera_to_xyz", ""),
+        ("balance", ""),
+        ("display", ""),
+        ("encode", ""),
     )
-)  # fmt: skip
+)

@@ -3,7 +3,8 @@
 In:  a pipeline beside its reference, a plan of it that does not keep what was asked for.
 Out: by stage, and what was decided for it, how much of the error it brings.
 
-A stage that is not to blame may state a large error of its own: errors that both runs have in common are no difference between them.
+A stage that is not to blame may state a large error of its own: errors that both runs have in common are no difference
+between them.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ from etendue.plan.model import Plan
 SHARE = 0.05  # of the error, below which nobody is named
 
 
-def blamed(measurement: Measurement, plan: Plan, found: Measured, missed: tuple[str, ...], asked: float, norm: str) -> dict[str, float]:
+def blamed(
+    measurement: Measurement, plan: Plan, found: Measured, missed: tuple[str, ...], asked: float, norm: str
+) -> dict[str, float]:
     """What brings the variables in ``missed`` further from the reference than ``asked``, the largest share first.
 
-    Of variables that are too far off: by how much the worst of them comes nearer when everything that was decided for a stage is as in the
-    reference. Of those that are near enough and not held, because the reference itself is in doubt: by how much each stage of it moves
-    them with its last refinement, or what it states where none may be had.
+    Of variables that are too far off: by how much the worst of them comes nearer when everything that was decided for a
+    stage is as in the reference. Of those that are near enough and not held, because the reference itself is in doubt:
+    by how much each stage of it moves them with its last refinement, or what it states where none may be had.
     """
     far = [name for name in missed if _error(found.errors[name], norm) > asked]
     shares = _of_decisions(measurement, plan, found, far, norm) if far else {}
@@ -35,12 +38,18 @@ def blamed(measurement: Measurement, plan: Plan, found: Measured, missed: tuple[
 
 
 def _of_decisions(measurement: Measurement, plan: Plan, found: Measured, far: list[str], norm: str) -> dict[str, float]:
-    """By how much the worst variable comes nearer, by stage; where no single stage brings it nearer, all of them together."""
+    """By how much the worst variable comes nearer, by stage; where no single stage brings it nearer, all of them
+    together.
+    """
     worst = max(_error(found.errors[name], norm) for name in far)
     shares: dict[str, float] = {}
     decisions = decided(measurement, plan, _stages_of(plan, far))
     for (stage, what), name in decisions.items():
-        settings = {(k.stage, k.use, k.name): k.reference for k in measurement.reference.knobs if k.stage == stage and k.name in what}
+        settings = {
+            (k.stage, k.use, k.name): k.reference
+            for k in measurement.reference.knobs
+            if k.stage == stage and k.name in what
+        }
         computed = frozenset({stage} if LEFT_OUT in what else ())
         precision = "float64" if PRECISION in what else None
         undone = measurement.errors(plan.pipeline.tolerance, settings, computed, precision)
@@ -51,7 +60,9 @@ def _of_decisions(measurement: Measurement, plan: Plan, found: Measured, far: li
 
 
 def decided(measurement: Measurement, plan: Plan, wanted: Iterable[str]) -> dict[tuple[str, tuple[str, ...]], str]:
-    """What is done otherwise than in the reference for the stages that ``wanted`` ones depend on: by stage and decisions, its name."""
+    """What is done otherwise than in the reference for the stages that ``wanted`` ones depend on: by stage and
+    decisions, its name.
+    """
     exact, needed = measurement.exact, in_front(plan, wanted)
     found: dict[str, list[str]] = {}
     for ref, cell in plan.cells.items():
@@ -78,11 +89,23 @@ def _of_the_reference(measurement: Measurement, plan: Plan, missed: tuple[str, .
     for node in measurement.exact.nodes:
         if node.name not in needed:
             continue
-        dear = [n for one in node.alternatives for n, (parameter, _, _) in parameters_of(one.kind).items() if parameter.dear]
+        dear = [
+            n for one in node.alternatives for n, (parameter, _, _) in parameters_of(one.kind).items() if parameter.dear
+        ]
         if dear:
-            stated = [cell.error[0] for cell in measurement.exact.of(node.name) if cell.error[0] is not None and not cell.left_out]
-            shares[f"{_name(node.name, list(dict.fromkeys(dear)))}, of which nothing finer is to be had"] = max(stated, default=0.0)
-        finite = [k for k in measurement.reference.knobs if k.stage == node.name and k.settings and k.before_reference != k.reference]
+            stated = [
+                cell.error[0]
+                for cell in measurement.exact.of(node.name)
+                if cell.error[0] is not None and not cell.left_out
+            ]
+            shares[f"{_name(node.name, list(dict.fromkeys(dear)))}, of which nothing finer is to be had"] = max(
+                stated, default=0.0
+            )
+        finite = [
+            k
+            for k in measurement.reference.knobs
+            if k.stage == node.name and k.settings and k.before_reference != k.reference
+        ]
         if finite:
             settings = {(k.stage, k.use, k.name): k.before_reference for k in finite}
             lower = measurement.plan(with_settings(measurement.reference.pipeline, settings))
@@ -94,7 +117,13 @@ def _of_the_reference(measurement: Measurement, plan: Plan, missed: tuple[str, .
 
 def _name(stage: str, what: list[str]) -> str:
     """As a message names decisions of one stage."""
-    return f"{stage} {LEFT_OUT}" if what == [LEFT_OUT] else f"{stage}.{what[0]}" if len(what) == 1 else f"{stage} ({', '.join(what)})"
+    return (
+        f"{stage} {LEFT_OUT}"
+        if what == [LEFT_OUT]
+        else f"{stage}.{what[0]}"
+        if len(what) == 1
+        else f"{stage} ({', '.join(what)})"
+    )
 
 
 def _stages_of(plan: Plan, names: Iterable[str]) -> list[str]:

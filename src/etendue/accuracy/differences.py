@@ -3,9 +3,9 @@
 In:  the same variable of two runs, its declaration, the stage that writes it.
 Out: ``Difference``: rms over the picture and the largest pixel.
 
-Full scale is 1 for pictures without a unit, white - black for codes that have a black (``Variable.black``), and the largest value of the
-reference for all else. What has no place is relative: figures by stage each to itself, vectors and matrices to
-their largest element. ``Variable.full`` says otherwise: a share of pixels is a share of the frame.
+Full scale is 1 for pictures without a unit, white - black for codes that have a black (``Variable.black``), and the
+largest value of the reference for all else. What has no place is relative: figures by stage each to itself, vectors and
+matrices to their largest element. ``Variable.full`` says otherwise: a share of pixels is a share of the frame.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Difference:
 def difference(found: Any, reference: Any, declaration: Declaration, stage: Stage) -> Difference:
     """Of two arrays of one variable that ``stage`` has written.
 
-    Values that are undefined in both runs do not count; where only one of them is undefined, nothing can be said. Of codes without a
-    unit (flags, maps, places in a list) the error is the share that differs, as its root.
+    Values that are undefined in both runs do not count; where only one of them is undefined, nothing can be said. Of
+    codes without a unit (flags, maps, places in a list) the error is the share that differs, as its root.
     """
     found, reference = np.asarray(found), np.asarray(reference)
     if found.shape != reference.shape:

@@ -32,25 +32,30 @@ class Convergence:
 
 def convergence(
     settings: Sequence[Any], errors: Sequence[float | None], floor: float = 0.0, reference: float | None = None
-) -> Convergence:  # fmt: skip
+) -> Convergence:
     """The law by which errors fall from setting to setting; of the two the one with the smaller residual in log error.
 
-    An order is the median of those between neighbours among the finest four settings that show it. Settings do not count from which on the
-    error falls by less than a tenth: something else is larger there.
+    An order is the median of those between neighbours among the finest four settings that show it. Settings do not
+    count from which on the error falls by less than a tenth: something else is larger there.
 
     Parameters
     ----------
     settings : from the cheapest to the finest; those that are no positive finite number (a closed form) do not count
     errors : of each
     floor : how far the reference itself may be wrong: errors below ten times that do not count
-    reference : the setting that errors are differences to, where that is a finite one: of a power law h^p they are h^p - r^p, which falls
+    reference : the setting that errors are differences to, where that is a finite one: of a power law h^p they are h^p
+    - r^p, which falls
         faster than the error itself
     """
     least = max(10 * floor, ROUNDING)
     used = [
         (float(s), float(e))
         for s, e in zip(settings, errors, strict=True)
-        if isinstance(s, int | float) and not isinstance(s, bool) and 0 < s < math.inf and e is not None and least < e < LARGEST
+        if isinstance(s, int | float)
+        and not isinstance(s, bool)
+        and 0 < s < math.inf
+        and e is not None
+        and least < e < LARGEST
     ]
     falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
     if not falling or falling[-1] < len(used) - 2:  # behind these something else is larger
@@ -77,7 +82,9 @@ def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -
     for i, plain in enumerate(local):
         fallen = math.log(error[i] / error[i + 1])
 
-        def lacking(order: float, large: float = step[i] / last, small: float = step[i + 1] / last, fallen: float = fallen) -> float:
+        def lacking(
+            order: float, large: float = step[i] / last, small: float = step[i + 1] / last, fallen: float = fallen
+        ) -> float:
             ratio = math.log(large / small) * order  # of what is to be expected, without overflow
             return ratio + math.log1p(-(large**-order)) - math.log1p(-(small**-order)) - fallen
 
@@ -87,7 +94,9 @@ def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -
 
 
 def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> float:
-    """How far a finite reference may be from the limit: what its last refinement moved, or where an order is known what is left of it."""
+    """How far a finite reference may be from the limit: what its last refinement moved, or where an order is known
+    what is left of it.
+    """
     before, last = settings[-2:]
     if found.order is None or found.order < 0.5 or isinstance(last, bool | str):
         return moved
@@ -98,8 +107,8 @@ def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> floa
 
 
 def front(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]], worth: float = 1.0) -> list[_Point]:
-    """The points that no other beats in both (error, seconds), from the cheapest on; each has less than ``worth`` times the error of the
-    one before."""
+    """The points that no other beats in both (error, seconds), from the cheapest on; each has less than ``worth`` times
+    the error of the one before."""
     chosen: list[_Point] = []
     for point in sorted(points, key=lambda p: (of(p)[1], of(p)[0])):
         if not chosen or of(point)[0] < worth * of(chosen[-1])[0]:
@@ -110,9 +119,9 @@ def front(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]],
 def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most: int) -> list[dict[str, Any]]:
     """Combinations of settings worth a trial, from the finest to the cheapest, none twice.
 
-    For every price of error each knob takes by itself the setting with the least seconds + price x error: where errors add up and
-    seconds too, these are the corners of the front's hull. Between them stand those in which every knob takes the cheapest setting whose
-    error is within one tolerance.
+    For every price of error each knob takes by itself the setting with the least seconds + price x error: where errors
+    add up and seconds too, these are the corners of the front's hull. Between them stand those in which every knob
+    takes the cheapest setting whose error is within one tolerance.
 
     Parameters
     ----------
@@ -130,12 +139,16 @@ def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most
     for tolerance in 10.0 ** np.arange(-10, -0.4, 0.5):
         best = {}
         for knob, own in choices.items():
-            within = [i for i, (_, error, _) in enumerate(own) if error <= tolerance] or [min(range(len(own)), key=lambda i: own[i][1])]
+            within = [i for i, (_, error, _) in enumerate(own) if error <= tolerance] or [
+                min(range(len(own)), key=lambda i: own[i][1])
+            ]
             best[knob] = min(within, key=lambda i: own[i][2])
         found.setdefault(tuple(sorted(best.items())), {knob: choices[knob][i][0] for knob, i in best.items()})
 
     def error_of(settings: dict[str, Any]) -> float:
-        return sum(next(error for setting, error, _ in choices[knob] if setting == own) for knob, own in settings.items())
+        return sum(
+            next(error for setting, error, _ in choices[knob] if setting == own) for knob, own in settings.items()
+        )
 
     every = sorted(found.values(), key=error_of)
     if len(every) <= most:

@@ -29,8 +29,8 @@ LADDER = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 
 class Held:
     """What was found: with ``tolerance`` the wanted variables are as far from the reference as ``measured`` says.
 
-    ``missed`` are variables whose error is larger than asked for, or not known; ``blame`` the stages that this is due to, the largest
-    share first (`studies.blame`).
+    ``missed`` are variables whose error is larger than asked for, or not known; ``blame`` the stages that this is due
+    to, the largest share first (`studies.blame`).
     """
 
     asked: float
@@ -50,16 +50,28 @@ class Held:
 
     def document(self) -> dict[str, Any]:
         return {
-            "asked": self.asked, "tolerance": self.tolerance, "norm": self.norm, "held": self.held, "missed": list(self.missed),
-            "blame": dict(self.blame), "seconds": self.seconds, "remembered": self.remembered,
-        }  # fmt: skip
+            "asked": self.asked,
+            "tolerance": self.tolerance,
+            "norm": self.norm,
+            "held": self.held,
+            "missed": list(self.missed),
+            "blame": dict(self.blame),
+            "seconds": self.seconds,
+            "remembered": self.remembered,
+        }
 
 
 def hold(
-    pipeline: Pipeline, registry: Registry, asked: float, cells: int = MOST, options: Options | None = None, progress: Any = None,
+    pipeline: Pipeline,
+    registry: Registry,
+    asked: float,
+    cells: int = MOST,
+    options: Options | None = None,
+    progress: Any = None,
     archive: Path | None = None,
-) -> Held:  # fmt: skip
-    """Find the tolerance for a pipeline. What ``keep`` has put into an archive is used until a cell that it was found on changes.
+) -> Held:
+    """Find the tolerance for a pipeline. What ``keep`` has put into an archive is used until a cell that it was found
+    on changes.
 
     Raises
     ------
@@ -129,8 +141,14 @@ def _remembered(document: Mapping[str, Any] | None, asked: float, norm: str) -> 
         if measured is None:
             return None
         return Held(
-            asked, float(document["tolerance"]), norm, measured, tuple(document["missed"]), dict(document["blame"]),
-            float(document["seconds"]), remembered=True,
-        )  # fmt: skip
+            asked,
+            float(document["tolerance"]),
+            norm,
+            measured,
+            tuple(document["missed"]),
+            dict(document["blame"]),
+            float(document["seconds"]),
+            remembered=True,
+        )
     except (KeyError, TypeError, ValueError):
         return None

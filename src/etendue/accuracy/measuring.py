@@ -3,8 +3,8 @@
 In:  a pipeline.
 Out: for every wanted variable how far it is from the reference (`reference`), on some cells of the sweep (`pilot`).
 
-Both runs are of expected values: samplers give their mean and nothing is rounded (`Sampled`). An error d in front of rounding by q is
-sqrt(d q) behind it, and two draws differ by their noise, so nothing else is well posed.
+Both runs are of expected values: samplers give their mean and nothing is rounded (`Sampled`). An error d in front of
+rounding by q is sqrt(d q) behind it, and two draws differ by their noise, so nothing else is well posed.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ Wanted = tuple[str, str]  # stage and variable
 class GlobalError:
     """Of one wanted variable, of the worst cell that was measured. None: not known, and ``why``.
 
-    ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: so much the reference itself may be wrong by. ``below`` is how
-    far the last refinement of the reference moves it. ``rms`` is over the picture, ``max`` of the largest pixel, both relative to
-    ``scale``; ``linear`` is (rms, max) of an encoded variable in front of its encoding.
+    ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: so much the reference itself may be wrong by.
+    ``below`` is how far the last refinement of the reference moves it. ``rms`` is over the picture, ``max`` of the
+    largest pixel, both relative to ``scale``; ``linear`` is (rms, max) of an encoded variable in front of its encoding.
     """
 
     rms: float | None
@@ -98,9 +98,13 @@ def from_document(document: Mapping[str, Any]) -> Measured | None:
 
 
 def measure(
-    pipeline: Pipeline, registry: Registry, cells: int = MOST, options: Options | None = None, progress: Any = None,
+    pipeline: Pipeline,
+    registry: Registry,
+    cells: int = MOST,
+    options: Options | None = None,
+    progress: Any = None,
     archive: Path | None = None,
-) -> Measured:  # fmt: skip
+) -> Measured:
     """The global error of every wanted variable of a pipeline, on so many places of its sweep.
 
     ``archive``: where it is remembered: what depends on nothing that has changed is not measured again.
@@ -124,9 +128,15 @@ class Measurement:
     """
 
     def __init__(
-        self, pipeline: Pipeline, registry: Registry, cells: int = MOST, options: Options | None = None, progress: Any = None,
-        reference: Reference | None = None, also: tuple[Wanted, ...] = (),
-    ) -> None:  # fmt: skip
+        self,
+        pipeline: Pipeline,
+        registry: Registry,
+        cells: int = MOST,
+        options: Options | None = None,
+        progress: Any = None,
+        reference: Reference | None = None,
+        also: tuple[Wanted, ...] = (),
+    ) -> None:
         self.also = also
         self.registry, self.options, self.progress = registry, options or Options(), progress
         graph = build_graph(pipeline, registry)
@@ -136,9 +146,10 @@ class Measurement:
             reference = self.possible(reference_of(self.pipeline, registry))
         else:
             reference = replace(
-                reference, pipeline=narrowed(reference.pipeline, graph.axes, self.places),
+                reference,
+                pipeline=narrowed(reference.pipeline, graph.axes, self.places),
                 coarser=reference.coarser and narrowed(reference.coarser, graph.axes, self.places),
-            )  # fmt: skip
+            )
         self.reference = reference
         self.seconds = 0.0
 
@@ -161,7 +172,9 @@ class Measurement:
         return reference_of(self.pipeline, self.registry, [self.within(knob) for knob in reference.knobs])
 
     def within(self, knob: Knob) -> Knob:
-        """A knob with those of its settings that its stage takes; where the best is not among them, its reference is a finite one."""
+        """A knob with those of its settings that its stage takes; where the best is not among them, its reference is
+        a finite one.
+        """
         for count in range(len(knob.settings), 0, -1):
             try:
                 self.plan(with_settings(self.pipeline, {(knob.stage, knob.use, knob.name): knob.settings[count - 1]}))
@@ -218,13 +231,20 @@ class Measurement:
         return list(found.items())
 
     def errors(
-        self, tolerance: float | None = None, settings: Mapping[tuple[str, str, str], Any] = {}, computed: frozenset[str] = frozenset(),
+        self,
+        tolerance: float | None = None,
+        settings: Mapping[tuple[str, str, str], Any] = {},
+        computed: frozenset[str] = frozenset(),
         precision: str | None = None,
-    ) -> Measured:  # fmt: skip
-        """The global errors as planned: with another local tolerance, with knobs written in, with stages that are not left out."""
+    ) -> Measured:
+        """The global errors as planned: with another local tolerance, with knobs written in, with stages that are
+        not left out.
+        """
         pipeline = with_settings(self.pipeline, settings)
         pipeline = replace(
-            pipeline, tolerance=pipeline.tolerance if tolerance is None else tolerance, precision=precision or pipeline.precision
+            pipeline,
+            tolerance=pipeline.tolerance if tolerance is None else tolerance,
+            precision=precision or pipeline.precision,
         )
         before = self.seconds
         plan = self.plan(pipeline, computed)
@@ -233,18 +253,26 @@ class Measurement:
     def compared(self, plan: Plan, found: Collected, before: float = 0.0) -> Measured:
         """A run of this plan, held against the reference."""
         errors, truth, coarser = {}, self.truth, self.coarser
-        unknown = behind(plan, (node.name for node in plan.nodes if any(has_no_mean(a.kind) for a in node.alternatives)))
+        unknown = behind(
+            plan, (node.name for node in plan.nodes if any(has_no_mean(a.kind) for a in node.alternatives))
+        )
         names = [name for _, name in plan.wanted]
         for stage, name in self.measured(plan):
             own = self._error(plan, stage, name, found, truth, coarser)
             if stage in unknown:
-                who = ", ".join(n.name for n in plan.nodes if n.name in unknown and any(has_no_mean(a.kind) for a in n.alternatives))
-                own = GlobalError(None, None, own.scale, "unknown", own.at, None, f"{who} draws or rounds, and does not say its mean")
+                who = ", ".join(
+                    n.name for n in plan.nodes if n.name in unknown and any(has_no_mean(a.kind) for a in n.alternatives)
+                )
+                own = GlobalError(
+                    None, None, own.scale, "unknown", own.at, None, f"{who} draws or rounds, and does not say its mean"
+                )
             plain = names.count(name) == 1 and (stage, name) in plan.wanted
             errors[name if plain else f"{stage}.{name}"] = own
         return Measured(errors, len(self.places), self.seconds - before)
 
-    def _error(self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any) -> GlobalError:
+    def _error(
+        self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
+    ) -> GlobalError:
         """The worst cell of one variable."""
         worst: tuple[Difference, CellRef, Mapping[str, Any]] | None = None
         doubt = self.own_error_behind(stage)
@@ -262,15 +290,28 @@ class Measurement:
         how = "measured" if doubt <= 0.1 * max(plan.pipeline.tolerance, rms or 0.0) else f"unknown below {doubt:.1g}"
         linear = in_front(plan, worst[1], name)
         beside = _difference(plan, found, self.exact, truth, *linear) if linear else None
-        return GlobalError(rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, below=doubt)
+        return GlobalError(
+            rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, below=doubt
+        )
 
     def own_error_behind(self, stage: str) -> float:
-        """What stages in front state of their own error that no reference betters: so much the reference itself may be wrong by."""
+        """What stages in front state of their own error that no reference betters: so much the reference itself may
+        be wrong by.
+        """
         plan, found = self.exact, 0.0
         for node in plan.nodes:
             dear = any(p.dear for one in node.alternatives for p, _, _ in parameters_of(one.kind).values())
             if dear and stage in behind(plan, [node.name]):
-                found = max([found, *(cell.error[0] for cell in plan.of(node.name) if cell.error[0] is not None and not cell.left_out)])
+                found = max(
+                    [
+                        found,
+                        *(
+                            cell.error[0]
+                            for cell in plan.of(node.name)
+                            if cell.error[0] is not None and not cell.left_out
+                        ),
+                    ]
+                )
         return found
 
     def remembered(self, archive: Path) -> Measured:
@@ -288,7 +329,10 @@ class Measurement:
         plans = [self.plan(self.pipeline), self.exact]
         if self.reference.coarser is not None:
             plans.append(self.plan(self.reference.coarser))
-        cells = [[[ref[0], list(ref[1]), plan.cells[ref].key, sorted(own)] for ref, own in self.asked(plan).items()] for plan in plans]
+        cells = [
+            [[ref[0], list(ref[1]), plan.cells[ref].key, sorted(own)] for ref, own in self.asked(plan).items()]
+            for plan in plans
+        ]
         words = {"form": FORM, "tolerance": self.pipeline.tolerance, "cells": cells, "precision": plans[0].precision}
         return digest(json.dumps(words, sort_keys=True).encode())
 

@@ -1,4 +1,5 @@
-"""Which cells of a sweep are measured: corners, the middle, and some places in between. The same ones whenever it is asked.
+"""Which cells of a sweep are measured: corners, the middle, and some places in between. The same ones whenever it is
+asked.
 
 In:  the axes of a pipeline, how many places at most.
 Out: places as positions on each axis; the pipeline with a sweep over the values at these places alone.
@@ -20,11 +21,11 @@ _BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 
 
 def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = MOST) -> tuple[tuple[int, ...], ...]:
-    """Positions on axes of these sizes: all where they are few, else both ends, the middle, further corners, places inside. A single one
-    is the middle.
+    """Positions on axes of these sizes: all where they are few, else both ends, the middle, further corners, places
+    inside. A single one is the middle.
 
-    Every value of a ``categorical`` axis (a stage that is swapped, a word) is among them, whatever ``most`` is: one says nothing of
-    another.
+    Every value of a ``categorical`` axis (a stage that is swapped, a word) is among them, whatever ``most`` is: one
+    says nothing of another.
     """
     if math.prod(sizes) <= most:
         return tuple(itertools.product(*(range(size) for size in sizes)))
@@ -40,7 +41,9 @@ def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = M
         chosen.setdefault(place)
     number = 1
     while len(chosen) < most and number < 64 * most:
-        chosen.setdefault(tuple(min(int(_halton(number, base) * n), n - 1) for base, n in zip(_bases(len(sizes)), sizes, strict=True)))
+        chosen.setdefault(
+            tuple(min(int(_halton(number, base) * n), n - 1) for base, n in zip(_bases(len(sizes)), sizes, strict=True))
+        )
         number += 1
     for axis, size in enumerate(sizes):
         if axis < len(categorical) and categorical[axis]:
@@ -79,5 +82,7 @@ def narrowed(pipeline: Pipeline, axes: Sequence[Axis], chosen: Sequence[dict[str
         needed = {place[axis.dim] for place in chosen}
         numbers = [i for i, value in enumerate(axis.values) if value in needed]
         written = sweep[axis.key]
-        sweep[axis.key] = [written[i] for i in numbers] if isinstance(written, list | tuple) else [axis.values[i] for i in numbers]
+        sweep[axis.key] = (
+            [written[i] for i in numbers] if isinstance(written, list | tuple) else [axis.values[i] for i in numbers]
+        )
     return replace(pipeline, sweep=sweep)

@@ -3,8 +3,8 @@
 In:  a pipeline, the registry.
 Out: the same pipeline with the knobs written in; what each knob was set to, and which of them end in a finite setting.
 
-Values that stand in the file (or are set, or swept) are the model, no knobs. So is the drawing of the scene (``Parameter.studied``): its
-samples and bands are those of the light that is stored.
+Values that stand in the file (or are set, or swept) are the model, no knobs. So is the drawing of the scene
+(``Parameter.studied``): its samples and bands are those of the light that is stored.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ class Knob:
 
 @dataclass(frozen=True)
 class Reference:
-    """``pipeline`` with the knobs written in; ``coarser``: the same one refinement below, None where every reference is a closed form."""
+    """``pipeline`` with the knobs written in; ``coarser``: the same one refinement below, None where every reference
+    is a closed form.
+    """
 
     pipeline: Pipeline
     knobs: tuple[Knob, ...]
@@ -83,12 +85,18 @@ def knobs_of(pipeline: Pipeline, registry: Registry) -> tuple[Knob, ...]:
                     settings = ladder(parameter, default)
                     closed = parameter.closed_form if parameter.settings else isinstance(default, str)
                     left = parameter.studied or parameter.dear
-                    found.append(Knob(entry.name, use, name, settings, closed, own, swept or name in values, left, parameter.units))
+                    found.append(
+                        Knob(
+                            entry.name, use, name, settings, closed, own, swept or name in values, left, parameter.units
+                        )
+                    )
     return tuple(found)
 
 
 def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
-    """Settings from the cheapest to the reference; without declared ones a number is doubled (counts) or halved (all others) in steps."""
+    """Settings from the cheapest to the reference; without declared ones a number is doubled (counts) or halved (all
+    others) in steps.
+    """
     if parameter.settings or isinstance(default, str | bool) or not isinstance(default, int | float):
         return parameter.settings
     if isinstance(default, int):
@@ -101,7 +109,11 @@ def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
 
 def reference_of(pipeline: Pipeline, registry: Registry, knobs: Iterable[Knob] | None = None) -> Reference:
     """The reference of a pipeline; of ``knobs`` where they are given, else of all that the file does not write."""
-    chosen = tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied)) if knobs is None else tuple(knobs)
+    chosen = (
+        tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied))
+        if knobs is None
+        else tuple(knobs)
+    )
     exact = replace(pipeline, precision="float64", leave_out=False)
     moved = [k for k in chosen if k.settings and k.before_reference != k.reference]
     best = {(k.stage, k.use, k.name): k.reference for k in chosen if k.settings}
@@ -141,5 +153,9 @@ def _table(stage: str, one: Any, settings: Mapping[tuple[str, str, str], Any]) -
     table = {"use": one} if isinstance(one, str) else one
     if not isinstance(table, dict):
         return one
-    own = {name: value for (at, use, name), value in settings.items() if (at, use) == (stage, table.get("use")) and name not in table}
+    own = {
+        name: value
+        for (at, use, name), value in settings.items()
+        if (at, use) == (stage, table.get("use")) and name not in table
+    }
     return {**table, **own, "label": table.get("label", table.get("use"))} if own else one

@@ -1,4 +1,5 @@
-"""The error that is stated for cells that nobody measured: from those that were, and from what the plan decided for either.
+"""The error that is stated for cells that nobody measured: from those that were, and from what the plan decided for
+either.
 
 In:  the plan of a whole sweep, what was measured at some of its places.
 Out: for every wanted variable a number that the worst of its cells hardly exceeds.
@@ -18,8 +19,8 @@ MARGIN = 3.0  # times the worst that was measured: a few cells stand for many
 def stated_elsewhere(plan: Plan, measured: Measured, places: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
     """By variable, rms relative to full scale; None where it is not known, or where every cell was measured.
 
-    The bounds of all decisions on the way to a cell are added up; a cell that may be wrong by more than those that were measured is stated
-    in proportion.
+    The bounds of all decisions on the way to a cell are added up; a cell that may be wrong by more than those that were
+    measured is stated in proportion.
     """
     bounds: dict[CellRef, float] = {}
     for ref, cell in plan.cells.items():

@@ -3,9 +3,9 @@
 In:  a pipeline, which knobs.
 Out: an ``Accuracy``: curves, trials, the front, the cheapest setting for a list of tolerances, the noise floor.
 
-Every trial is a run of expected values beside the reference (`measuring`); all knobs but those that are tried stand at their reference.
-Seconds are thread time in one thread with no table made before, of each stage the least of all runs in which the knobs that affect its
-work stand alike.
+Every trial is a run of expected values beside the reference (`measuring`); all knobs but those that are tried stand at
+their reference. Seconds are thread time in one thread with no table made before, of each stage the least of all runs in
+which the knobs that affect its work stand alike.
 """
 
 from __future__ import annotations
@@ -86,28 +86,39 @@ class Accuracy:
     floor: float  # how far the reference itself may be wrong
     noise_floor: float | None
     noise_of: str
-    verified: list[tuple[float, float | None, str]] = field(default_factory=list)  # error of the cheapest settings elsewhere
+    verified: list[tuple[float, float | None, str]] = field(
+        default_factory=list
+    )  # error of the cheapest settings elsewhere
     verified_at: Mapping[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
 def accuracy(
-    pipeline: Pipeline, registry: Registry, asked: Mapping[str, tuple[Any, ...]] = {}, cells: int = 1, repeat: int = 3, most: int = 24,
-    told: Told = lambda text: None, elsewhere: Pipeline | None = None, verify: Mapping[str, Any] = {},
-) -> Accuracy:  # fmt: skip
+    pipeline: Pipeline,
+    registry: Registry,
+    asked: Mapping[str, tuple[Any, ...]] = {},
+    cells: int = 1,
+    repeat: int = 3,
+    most: int = 24,
+    told: Told = lambda text: None,
+    elsewhere: Pipeline | None = None,
+    verify: Mapping[str, Any] = {},
+) -> Accuracy:
     """Try every knob alone, then combinations.
 
     Parameters
     ----------
     pipeline : as read
     registry : of installed stages
-    asked : by knob (``stage.knob``, also such as the file writes, and ``precision``) settings from the cheapest to the reference, ()
+    asked : by knob (``stage.knob``, also such as the file writes, and ``precision``) settings from the cheapest to the
+    reference, ()
         for those that it declares; nothing: all knobs that the file does not write
     cells : places of the sweep
     repeat : runs of each trial, whose least seconds count
     most : combinations at most
     told : hears what is being tried
-    elsewhere : the same stages behind another source, on which the cheapest settings are tried too; ``verify`` says which
+    elsewhere : the same stages behind another source, on which the cheapest settings are tried too; ``verify`` says
+    which
 
     Raises
     ------
@@ -130,10 +141,17 @@ def accuracy(
         return figures(trial, floor)
 
     found = Accuracy(
-        pipeline.name, dict(study.measurement.places[0]) if len(study.measurement.places) == 1 else {}, study.settled_curves(curves),
-        trials, front(done, of, WORTH), planned, [(t, cheapest(done, of, t)) for t in TOLERANCES], floor,
-        *study.noise(), notes=study.notes,
-    )  # fmt: skip
+        pipeline.name,
+        dict(study.measurement.places[0]) if len(study.measurement.places) == 1 else {},
+        study.settled_curves(curves),
+        trials,
+        front(done, of, WORTH),
+        planned,
+        [(t, cheapest(done, of, t)) for t in TOLERANCES],
+        floor,
+        *study.noise(),
+        notes=study.notes,
+    )
     if other is not None:
         found.verified_at = dict(verify)
         tried = {id(one): other.trial(one.settings) for _, one in found.cheapest if one}
@@ -142,7 +160,8 @@ def accuracy(
 
 
 def chosen_knobs(pipeline: Pipeline, registry: Registry, asked: Mapping[str, tuple[Any, ...]]) -> tuple[Knob, ...]:
-    """The knobs that are tried: those that are asked for, else all that the file does not write and that change no grid.
+    """The knobs that are tried: those that are asked for, else all that the file does not write and that change no
+    grid.
 
     Raises
     ------
@@ -150,7 +169,9 @@ def chosen_knobs(pipeline: Pipeline, registry: Registry, asked: Mapping[str, tup
         There is no such knob, or its settings have no order.
     """
     known = {knob.key: knob for knob in knobs_of(pipeline, registry)}
-    known[PRECISION] = Knob("", "", PRECISION, ("float32", "float64"), True, pipeline.precision, pipeline.precision != "auto", False, "1")
+    known[PRECISION] = Knob(
+        "", "", PRECISION, ("float32", "float64"), True, pipeline.precision, pipeline.precision != "auto", False, "1"
+    )
     if not asked:
         return tuple(k for k in known.values() if k.settings and not (k.written or k.studied))
     faults, chosen = [], []
@@ -163,10 +184,17 @@ def chosen_knobs(pipeline: Pipeline, registry: Registry, asked: Mapping[str, tup
         if len(values) == 1:
             faults.append(Fault(f"--knob {key}", "expected settings from the cheapest to the reference, two or more"))
         elif not (values or knob.settings):
-            faults.append(Fault(f"--knob {key}", "its settings have no order from cheap to exact; compare them: etendue compare --axis"))
+            faults.append(
+                Fault(
+                    f"--knob {key}",
+                    "its settings have no order from cheap to exact; compare them: etendue compare --axis",
+                )
+            )
         try:
             own = _resolved(knob, values, pipeline, registry)
-            chosen.append(replace(knob, settings=own, closed_form=own[-1] == knob.reference and knob.closed_form) if own else knob)
+            chosen.append(
+                replace(knob, settings=own, closed_form=own[-1] == knob.reference and knob.closed_form) if own else knob
+            )
         except Unfit as error:
             faults.append(Fault(f"--knob {key}", str(error)))
     if faults:
@@ -191,8 +219,15 @@ def figures(trial: Trial, floor: float) -> tuple[float, float]:
 
 class _Study:
     def __init__(
-        self, pipeline: Pipeline, registry: Registry, knobs: tuple[Knob, ...], given: frozenset[str], cells: int, repeat: int, told: Told
-    ) -> None:  # fmt: skip
+        self,
+        pipeline: Pipeline,
+        registry: Registry,
+        knobs: tuple[Knob, ...],
+        given: frozenset[str],
+        cells: int,
+        repeat: int,
+        told: Told,
+    ) -> None:
         self.registry, self.repeat, self.told, self.options = registry, repeat, told, Options("serial")
         base = Measurement(pipeline, registry, cells, self.options)
         others = [k for k in base.reference.knobs if k.key not in {one.key for one in knobs}]
@@ -222,7 +257,9 @@ class _Study:
         if name not in self.trials:
             self.told(", ".join(f"{key} = {value}" for key, value in moved.items()) or "the reference")
             knobs = {k.key: k for k in self.knobs}
-            written = {(knobs[key].stage, knobs[key].use, knobs[key].name): v for key, v in moved.items() if key != PRECISION}
+            written = {
+                (knobs[key].stage, knobs[key].use, knobs[key].name): v for key, v in moved.items() if key != PRECISION
+            }
             pipeline = replace(with_settings(self.exact, written), precision=moved.get(PRECISION, "float64"))
             self.trials[name] = self.run(pipeline, moved)
         return self.trials[name]
@@ -230,7 +267,12 @@ class _Study:
     def planned(self, pipeline: Pipeline) -> Trial:
         """The pipeline as its file has it."""
         self.told("as planned")
-        own = replace(self.measurement.pipeline, tolerance=pipeline.tolerance, leave_out=pipeline.leave_out, precision=pipeline.precision)
+        own = replace(
+            self.measurement.pipeline,
+            tolerance=pipeline.tolerance,
+            leave_out=pipeline.leave_out,
+            precision=pipeline.precision,
+        )
         values = {k.key: k.value for k in self.knobs}
         return self.run(own, values)
 
@@ -250,7 +292,9 @@ class _Study:
             seconds = {name: min(s, seconds.get(name, s)) for name, s in own.items()}
         measured = self.measurement.compared(plan, found)
         names = [name for _, name in plan.wanted]
-        wanted = {name: e for name, e in measured.errors.items() if name in names or tuple(name.split(".")) in plan.wanted}
+        wanted = {
+            name: e for name, e in measured.errors.items() if name in names or tuple(name.split(".")) in plan.wanted
+        }
         known = {name: e.rms for name, e in wanted.items() if e.rms is not None}
         worst = max(known, key=lambda name: known[name], default="")
         for name, e in wanted.items():
@@ -277,9 +321,17 @@ class _Study:
         used = [t for t in trials if not t.why]
         shown = [t.setting(knob) for t in used]
         finite = not knob.closed_form and len(used) > 1
-        last = shown[-1] if finite and isinstance(shown[-1], int | float) and not isinstance(shown[-1], bool) and shown[-1] > 0 else None
-        power = last is not None and last < shown[0]  # of a width: what a finite reference lacks itself is known from the law
-        counted = len(used) - (0 if not finite else 1 if power else 2)  # else one refinement before it shows half of its error
+        last = (
+            shown[-1]
+            if finite and isinstance(shown[-1], int | float) and not isinstance(shown[-1], bool) and shown[-1] > 0
+            else None
+        )
+        power = (
+            last is not None and last < shown[0]
+        )  # of a width: what a finite reference lacks itself is known from the law
+        counted = len(used) - (
+            0 if not finite else 1 if power else 2
+        )  # else one refinement before it shows half of its error
         law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)
         if finite:
             self.floor = max(self.floor, remaining(shown, used[-2].error or 0.0, law))
@@ -287,16 +339,23 @@ class _Study:
 
     def choices(self, curves: Sequence[Curve]) -> dict[str, list[tuple[Any, float, float]]]:
         """By knob: settings, their error, and the seconds of the stages that it affects."""
-        return {c.knob.key: [(t.setting(c.knob), t.error or 0.0, c.seconds(t)) for t in c.trials if t.error is not None] for c in curves}
+        return {
+            c.knob.key: [(t.setting(c.knob), t.error or 0.0, c.seconds(t)) for t in c.trials if t.error is not None]
+            for c in curves
+        }
 
     def settled(self) -> list[Trial]:
-        """All trials. The work of a stage hangs on the knobs that affect it: where these stand alike, the least of its times counts."""
+        """All trials. The work of a stage hangs on the knobs that affect it: where these stand alike, the least of
+        its times counts.
+        """
         least: dict[tuple[Any, ...], float] = {}
         for trial in self.trials.values():
             for stage, seconds in trial.seconds.items():
                 work = self.work(trial, stage)
                 least[work] = min(seconds, least.get(work, seconds))
-        return [replace(t, seconds={stage: least[self.work(t, stage)] for stage in t.seconds}) for t in self.trials.values()]
+        return [
+            replace(t, seconds={stage: least[self.work(t, stage)] for stage in t.seconds}) for t in self.trials.values()
+        ]
 
     def work(self, trial: Trial, stage: str) -> tuple[Any, ...]:
         return stage, *((k.key, trial.setting(k)) for k in self.knobs if stage in self.affected[k.key])
@@ -314,14 +373,21 @@ class _Study:
         if not pictures:
             return None, ""
         order = [node.name for node in exact.nodes]
-        stage, name = max(pictures, key=lambda place: (known_variable(place[1]).shown == "encoded", order.index(place[0])))
+        stage, name = max(
+            pictures, key=lambda place: (known_variable(place[1]).shown == "encoded", order.index(place[0]))
+        )
         plan = make_plan(self.exact, self.registry)
         ref = self.measurement.cells_of(plan, stage)[0][0]
         frame = collect(plan, {ref: [name]}, self.options)
         if ref not in frame.arrays or ref not in self.measurement.truth.arrays:
             return None, ""
         cell = exact.cells[ref]
-        found = difference(frame.arrays[ref][name], self.measurement.truth.arrays[ref][name], exact.node(stage).writes[name], cell.stage)
+        found = difference(
+            frame.arrays[ref][name],
+            self.measurement.truth.arrays[ref][name],
+            exact.node(stage).writes[name],
+            cell.stage,
+        )
         return found.rms, name
 
 
@@ -333,7 +399,9 @@ def seconds_by_stage(found: Collected) -> dict[str, float]:
 
 
 def affected(plan: Plan, knob: Knob) -> frozenset[str]:
-    """The stages whose work a knob may change: its own, those that are joined with it into one pass, and behind another grid all."""
+    """The stages whose work a knob may change: its own, those that are joined with it into one pass, and behind
+    another grid all.
+    """
     if not knob.stage:
         return frozenset(node.name for node in plan.nodes)
     found = behind(plan, [knob.stage]) if knob.studied else {knob.stage}
@@ -344,7 +412,9 @@ def affected(plan: Plan, knob: Knob) -> frozenset[str]:
 
 
 def own_variables(plan: Plan, stage: str) -> tuple[Wanted, ...]:
-    """Where the error of a stage is found: all figures of a probe, else the first variable without bands from the stage on."""
+    """Where the error of a stage is found: all figures of a probe, else the first variable without bands from the
+    stage on.
+    """
     reached = behind(plan, [stage])
     for node in plan.nodes:
         if node.name == stage and node.is_probe:

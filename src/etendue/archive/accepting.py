@@ -36,4 +36,6 @@ def accepted(former: Former, plan: Plan, finished: Iterable[tuple[CellRef, Entry
     """Finished cells of the former platform: they have the keys of this one from now on, and are marked."""
     if not former.platform:
         return []
-    return [(ref, replace(one, key=plan.cells[ref].key, platform=one.platform or former.platform)) for ref, one in finished]
+    return [
+        (ref, replace(one, key=plan.cells[ref].key, platform=one.platform or former.platform)) for ref, one in finished
+    ]

@@ -66,8 +66,14 @@ def input_fault(folder: Path, name: str) -> str:
     if not copy.exists():
         if told is not None:
             size = f", {told.get('bytes')} bytes"
-            return f"{copy} is not in the archive: {told.get('name')}{size}, was described and not copied. Put it there under this name"
-        return f"{copy} is missing. Put the file whose SHA-256 is its name there, or: etendue verify {folder} --repair --from FOLDER"
+            return (
+                f"{copy} is not in the archive: {told.get('name')}{size}, was described and not copied. Put it "
+                f"there under this name"
+            )
+        return (
+            f"{copy} is missing. Put the file whose SHA-256 is its name there, or: etendue verify {folder} --repair "
+            f"--from FOLDER"
+        )
     try:
         found = digest_now(copy)
     except OSError as error:
@@ -94,12 +100,21 @@ def recorded(folder: Path) -> Recorded:
         what = "holds no record of a run: nobody knows what it was asked for"
         raise ArchiveError(f"{folder} {what}. Run its pipeline file: etendue run FILE --archive {folder}")
     record, manifest = disk.read_document(paths[-1]), read_manifest(folder)
-    newer = [path for path in (manifest.files if manifest else ()) if path.endswith(".json") and path > f"runs/{paths[-1].name}"]
+    newer = [
+        path
+        for path in (manifest.files if manifest else ())
+        if path.endswith(".json") and path > f"runs/{paths[-1].name}"
+    ]
     if any(path.startswith("runs/") for path in newer):
-        raise ArchiveError(f"{folder / max(newer)} is missing: it is the record of the last run. Mend it: etendue verify {folder} --repair")
+        raise ArchiveError(
+            f"{folder / max(newer)} is missing: it is the record of the last run. Mend it: etendue verify {folder} "
+            f"--repair"
+        )
     known = manifest.files.get(f"runs/{paths[-1].name}") if manifest else None
     if record is None or not is_record(record) or known not in (None, digest_of(paths[-1])):
-        raise ArchiveError(f"{paths[-1]} is damaged: it is the record of the last run. Mend it: etendue verify {folder} --repair")
+        raise ArchiveError(
+            f"{paths[-1]} is damaged: it is the record of the last run. Mend it: etendue verify {folder} --repair"
+        )
     if not isinstance(record.get("resolved"), str):
         what = "holds no whole pipeline: it was written by an early version"
         raise ArchiveError(f"{paths[-1]} {what}. Run its file: etendue run FILE --archive {folder}")

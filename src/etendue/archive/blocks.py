@@ -17,7 +17,9 @@ from etendue.archive.journal import Journal
 from etendue.archive.shards import Place, Shard, kept_of, part_path, put_shard
 from etendue.contract.ports import Written
 
-Stored = Mapping[tuple[str, int], tuple[Written, Place]]  # chunks by shard and slot: as they were written, where they lie
+Stored = Mapping[
+    tuple[str, int], tuple[Written, Place]
+]  # chunks by shard and slot: as they were written, where they lie
 Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard
 
 
@@ -184,7 +186,9 @@ class Blocks:
             return
         state = self.finder.state(path, slots)
         if state is not None and state.index == own.there() and len(state.index) == len(own):
-            self.journal.put({path: Shard(state.size, kept_of(own), True)})  # it was put there, and nobody came to say so
+            self.journal.put(
+                {path: Shard(state.size, kept_of(own), True)}
+            )  # it was put there, and nobody came to say so
             return
         put = put_shard(self.folder, path, slots, own, self.durable)
         self.journal.put({path: put.shard})

@@ -3,8 +3,8 @@
 In:  arrays of one cell; where its chunks belong.
 Out: where they were put (``Written``); arrays read back. A test holds the bytes equal to those of zarr's own API.
 
-zarr-python sends every write through one event loop and rewrites a shard for each chunk of it; here a chunk costs its checksum
-and one write.
+zarr-python sends every write through one event loop and rewrites a shard for each chunk of it; here a chunk costs its
+checksum and one write.
 """
 
 from __future__ import annotations
@@ -34,7 +34,11 @@ RAW = "raw"  # the kinds of a chunk: CODEC, or as it is in memory
 def pieces_of(array: Any, codec: str = CODEC) -> tuple[Any, bytes]:
     """The body of a chunk (little-endian bytes, blosc with bitshuffle unless raw) and the crc32c behind it."""
     array = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).reshape(-1)
-    body: Any = array.view(np.uint8) if codec == RAW else blosc.compress(array, CODEC.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.itemsize)
+    body: Any = (
+        array.view(np.uint8)
+        if codec == RAW
+        else blosc.compress(array, CODEC.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.itemsize)
+    )
     if codec == RAW:
         body.flags.writeable = False  # of this view alone; what is read only needs no copy
     return body, int(google_crc32c.value(body)).to_bytes(4, "little")
@@ -87,7 +91,9 @@ class CellFiles:
     chunks: tuple[Chunk, ...]
     durable: bool = False
     held: tuple[Written, ...] = ()  # chunks that are stored and right: they stay as they are
-    places: dict[tuple[str, int], tuple[Written, Place | None]] = field(default_factory=dict)  # by shard and slot; None: in its part
+    places: dict[tuple[str, int], tuple[Written, Place | None]] = field(
+        default_factory=dict
+    )  # by shard and slot; None: in its part
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
         """Append every chunk to this process's part of its shard."""
@@ -100,7 +106,9 @@ class CellFiles:
             if chunk.window is None:
                 array = arrays[chunk.variable]
             else:
-                cutter = cutters.get(chunk.variable) or cutters.setdefault(chunk.variable, Cutter(arrays[chunk.variable]))
+                cutter = cutters.get(chunk.variable) or cutters.setdefault(
+                    chunk.variable, Cutter(arrays[chunk.variable])
+                )
                 array = cutter.chunk(chunk.window, chunk.shape)
             body, checksum = pieces_of(array, chunk.codec)
             size = len(body) + 4

@@ -1,4 +1,5 @@
-"""What a run removes of an archive: by the names that runs give, in folders that were listed without links, and nothing else.
+"""What a run removes of an archive: by the names that runs give, in folders that were listed without links, and nothing
+else.
 
 In:  the folder of an archive, a listing of it.
 Out: what killed runs left half written is gone; groups and arrays that nobody asks for any more.

@@ -3,8 +3,9 @@
 In:  the folder of an archive whose last run has ended in order, of this form or with a file for every chunk.
 Out: another archive beside it, whole or not at all. The old one is only read.
 
-Each chunk is held against its checksum on the way. What somebody else has put into the store is copied as it is. ``in_place`` puts the new
-one where the old one is: what is as it should be already is shared by both for that while, and not written.
+Each chunk is held against its checksum on the way. What somebody else has put into the store is copied as it is.
+``in_place`` puts the new one where the old one is: what is as it should be already is shared by both for that while,
+and not written.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ BESIDE = ("contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", "measur
 
 @dataclass(frozen=True)
 class Compacted:
-    """What was written: shards, cells and bytes of their chunks; the axes that were sorted, by group; all bytes that this took."""
+    """What was written: shards, cells and bytes of their chunks; the axes that were sorted, by group; all bytes that
+    this took.
+    """
 
     folder: Path
     cells: int
@@ -102,7 +105,9 @@ def aside_of(folder: Path) -> Path:
 
 
 def left_by_compact(folder: Path) -> str:
-    """The folder in which one that was killed has begun another archive in the place of this one; '' where there is none."""
+    """The folder in which one that was killed has begun another archive in the place of this one; '' where there is
+    none.
+    """
     aside = aside_of(folder)
     return str(aside) if aside.is_dir() and not aside.is_symlink() else ""
 
@@ -124,7 +129,8 @@ def check_in_order(old: Path, archive: StoredArchive) -> None:
     lost = {chunk.group for cell in archive.cells.values() for chunk in cell.chunks} - archive.journal.axes.keys()
     if changed or lost or archive.journal.damaged or archive.journal.torn:
         raise ArchiveError(
-            f"{old / (changed or ['journal.jsonl'])[0]} is missing or not as a run left it: only an archive in order is written anew. "
+            f"{old / (changed or ['journal.jsonl'])[0]} is missing or not as a run left it: only an archive in order "
+            f"is written anew. "
             f"Run its pipeline on it first"
         )
 
@@ -132,7 +138,8 @@ def check_in_order(old: Path, archive: StoredArchive) -> None:
 class Anew:
     """An archive on its way from one folder to another.
 
-    ``shares``: files that need not be written again have a name in both folders, and all that is written survives the loss of power.
+    ``shares``: files that need not be written again have a name in both folders, and all that is written survives the
+    loss of power.
     """
 
     def __init__(self, archive: StoredArchive, target: Path, shares: bool = False) -> None:
@@ -140,7 +147,9 @@ class Anew:
         self.written = 0
         self.listing = disk.Listing(self.old)
         self.tree = Tree()
-        self.order = {group: {dim: _order(values) for dim, values in axes.items()} for group, axes in archive.journal.axes.items()}
+        self.order = {
+            group: {dim: _order(values) for dim, values in axes.items()} for group, axes in archive.journal.axes.items()
+        }
         self.axes = {
             group: {dim: [values[i] for i in self.order[group][dim]] for dim, values in axes.items()}
             for group, axes in archive.journal.axes.items()
@@ -158,7 +167,9 @@ class Anew:
         for (group, _), form in forms.items():
             sizes = tuple(len(values) for values in self.axes[group].values())
             given.append((sizes, prod(form.shape) * int(np.dtype(form.dtype).itemsize), form.pieces))
-        return {key: replace(form, block=block) for (key, form), block in zip(forms.items(), blocks_of(given), strict=True)}
+        return {
+            key: replace(form, block=block) for (key, form), block in zip(forms.items(), blocks_of(given), strict=True)
+        }
 
     def write(self) -> Compacted:
         entries, shards, size = self._chunks()
@@ -178,12 +189,20 @@ class Anew:
 
     def changed(self) -> dict[str, list[str]]:
         """The axes that are to be sorted, by group."""
-        own = {group: [dim for dim, order in dims.items() if order != list(range(len(order)))] for group, dims in self.order.items()}
+        own = {
+            group: [dim for dim, order in dims.items() if order != list(range(len(order)))]
+            for group, dims in self.order.items()
+        }
         return {group: dims for group, dims in own.items() if dims}
 
     def needed(self) -> int:
         """Bytes of the shards that are to be written; 0: every one is there, and as it should be."""
-        return sum(chunk.written.size for path, own in self.shards.items() if not self._stays(path, own) for _, chunk in own.values())
+        return sum(
+            chunk.written.size
+            for path, own in self.shards.items()
+            if not self._stays(path, own)
+            for _, chunk in own.values()
+        )
 
     def _put(self, path: str, data: bytes) -> None:
         disk.write(self.target, path, data, self.shares)
@@ -265,7 +284,9 @@ class Anew:
         name = ".".join(["c", *shard, *("0" for _ in form.shape)])
         return f"{DATA}/{key[0]}/{key[1]}/{name}", slot * form.pieces + chunk.written.slot % form.pieces
 
-    def _shard(self, path: str, own: Mapping[int, tuple[StoredCell, StoredChunk]], placed: dict[str, list[Written]]) -> Shard:
+    def _shard(
+        self, path: str, own: Mapping[int, tuple[StoredCell, StoredChunk]], placed: dict[str, list[Written]]
+    ) -> Shard:
         part, slots, places = os.urandom(6).hex(), self._slots(own), dict[int, tuple[int, int]]()
 
         def pieces() -> Iterator[bytes]:
@@ -309,14 +330,21 @@ class Anew:
                 return False
         except OSError:
             return False
-        return all(holds(self.target, Place(path, *places[slot], chunk.written.digest)) for slot, (_, chunk) in own.items())
+        return all(
+            holds(self.target, Place(path, *places[slot], chunk.written.digest)) for slot, (_, chunk) in own.items()
+        )
 
     def _read(self, cell: StoredCell, chunk: StoredChunk) -> bytes:
         place: Place | None = self.archive.place(chunk)
         data = read_bytes(self.old, place) if place else b""
-        if place is None or len(data) != place.size or int(google_crc32c.value(data[:-4])).to_bytes(4, "little") != data[-4:]:
+        if (
+            place is None
+            or len(data) != place.size
+            or int(google_crc32c.value(data[:-4])).to_bytes(4, "little") != data[-4:]
+        ):
             raise ArchiveError(
-                f"{self.old / chunk.written.path}: {chunk.variable} of {cell.name} is missing or damaged; compute it again first, by "
+                f"{self.old / chunk.written.path}: {chunk.variable} of {cell.name} is missing or damaged; compute it "
+                f"again first, by "
                 f"running its pipeline on the archive with --recompute"
             )
         return data
@@ -343,7 +371,9 @@ class Anew:
         if (group, name) in self.forms:
             form = self.forms[group, name]
             chunks = chunk_shapes(form.shape, form.block, form.chunk)
-            self.tree.put_cells(group, name, tuple(document["shape"]), chunks, form.dtype, form.codec, tuple(dims), attrs)
+            self.tree.put_cells(
+                group, name, tuple(document["shape"]), chunks, form.dtype, form.codec, tuple(dims), attrs
+            )
         elif set(dims) & {dim for dim, own in order.items() if own != list(range(len(own)))}:
             values = self._values(node)
             for number, dim in enumerate(dims):

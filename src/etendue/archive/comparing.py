@@ -25,7 +25,9 @@ from etendue.plan.resume import Work, select
 
 @dataclass(frozen=True, slots=True)
 class Compared(Written):
-    """In the place of a chunk written: how far a variable is from the stored one; ``damage`` where that cannot be read."""
+    """In the place of a chunk written: how far a variable is from the stored one; ``damage`` where that cannot be
+    read.
+    """
 
     difference: Difference | None = None
     damage: str = ""
@@ -63,7 +65,9 @@ class Comparing:
         return self.cell.read(variable)
 
     def read_band(self, variable: str, band: int) -> Any:
-        """One band of what is stored: light that is too large to be held goes on from there, once it has been compared."""
+        """One band of what is stored: light that is too large to be held goes on from there, once it has been
+        compared.
+        """
         return self.cell.read_band(variable, band)
 
     def settle(self) -> None: ...
@@ -78,8 +82,12 @@ class ComparingKeeper:
     mark: tuple[str, bytes] | None = None
 
     def __init__(
-        self, stored: Stored, names: Iterable[str], shown: Mapping[str, CellRef] | None = None, drawn: Collection[tuple[str, str]] = ()
-    ) -> None:  # fmt: skip
+        self,
+        stored: Stored,
+        names: Iterable[str],
+        shown: Mapping[str, CellRef] | None = None,
+        drawn: Collection[tuple[str, str]] = (),
+    ) -> None:
         self.stored_cells, self.asked = stored, set(names)
         self.draws, self.shown, self.drawn = bool(shown and drawn), shown or {}, frozenset(drawn)
         self.sheet: Sheet | None = None
@@ -111,7 +119,9 @@ class ComparingKeeper:
 
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 
-    def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def finished(
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
         return {ref: {v: one for v, one in own.items() if (ref[0], v) in self.drawn} for ref, own in arrays.items()}
 

@@ -1,8 +1,10 @@
-"""An archive described for strangers: a Provenance Run Crate (RO-Crate 1.1) and, where an author is named, ``CITATION.cff``.
+"""An archive described for strangers: a Provenance Run Crate (RO-Crate 1.1) and, where an author is named,
+``CITATION.cff``.
 
 In:  a plan, the records of all runs, the copies in ``inputs/``.
-Out: ``ro-crate-metadata.json``: the pipeline of every run as a workflow, every run as an action with its inputs and results, and of
-     the last run every stage with its distribution, version and digest of code, what it read and where its results are.
+Out: ``ro-crate-metadata.json``: the pipeline of every run as a workflow, every run as an action with its inputs and
+     results, and of the last run every stage with its distribution, version and digest of code, what it read and where
+     its results are.
 
 No user, host or path of the machine is named; persons are those that the pipeline file names.
 """
@@ -70,7 +72,11 @@ def _ended(folder: Path) -> dict[str, str]:
     """When the runs so far ended, as the crate of the run before has it."""
     found = (disk.read_document(folder / NAME) or {}).get("@graph")
     entities = [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
-    return {str(one.get("@id")): str(one["endTime"]) for one in entities if one.get("@type") == "CreateAction" and "endTime" in one}
+    return {
+        str(one.get("@id")): str(one["endTime"])
+        for one in entities
+        if one.get("@type") == "CreateAction" and "endTime" in one
+    }
 
 
 def _action(run: Recorded) -> str:
@@ -99,33 +105,56 @@ def _graph(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, s
     workflows = [_workflow(run) for run in runs]
     beside = list(_beside(folder, about))
     yield {
-        "@id": NAME, "@type": "CreativeWork", "about": {"@id": "./"},
+        "@id": NAME,
+        "@type": "CreativeWork",
+        "about": {"@id": "./"},
         "conformsTo": _ids(["https://w3id.org/ro/crate/1.1", "https://w3id.org/workflowhub/workflow-ro-crate/1.0"]),
-    }  # fmt: skip
+    }
     records = [f"runs/{run.path.name}" for run in runs]
     yield {
-        "@id": "./", "@type": "Dataset", "conformsTo": _ids(uri for uri, _, _ in PROFILES), "name": about.title or pipeline.name,
-        "description": pipeline.description or f"Simulation '{pipeline.name}': every variable of every stage, and how it was made",
-        "datePublished": _date(runs), "license": {"@id": _license(about)},
+        "@id": "./",
+        "@type": "Dataset",
+        "conformsTo": _ids(uri for uri, _, _ in PROFILES),
+        "name": about.title or pipeline.name,
+        "description": pipeline.description
+        or f"Simulation '{pipeline.name}': every variable of every stage, and how it was made",
+        "datePublished": _date(runs),
+        "license": {"@id": _license(about)},
         **({"author": _ids(_persons(about))} if about.authors else {}),
         **({"mainEntity": {"@id": workflows[0]}} if workflows else {}),
         "hasPart": _ids([*workflows, *records, f"{DATA}/", *(e["@id"] for e in inputs), *(e["@id"] for e in beside)]),
         "mentions": _ids([*(_action(run) for run in runs), *(f"#made-{node.name}" for node in stages)]),
-    }  # fmt: skip
-    yield from ({"@id": uri, "@type": "CreativeWork", "name": name, "version": version} for uri, name, version in PROFILES)
+    }
+    yield from (
+        {"@id": uri, "@type": "CreativeWork", "name": name, "version": version} for uri, name, version in PROFILES
+    )
     yield from _people(about)
-    yield {"@id": ENGINE, "@type": "SoftwareApplication", "name": "etendue", "version": version_of("etendue"),
-           "description": "a graph of stages on labelled arrays, planned, swept and archived"}  # fmt: skip
-    yield {"@id": LANGUAGE, "@type": "ComputerLanguage", "name": "etendue pipeline file", "description": "TOML: shared, stages, sweep",
-           "url": {"@id": "https://toml.io/"}, "identifier": {"@id": "https://toml.io/"}}  # fmt: skip
+    yield {
+        "@id": ENGINE,
+        "@type": "SoftwareApplication",
+        "name": "etendue",
+        "version": version_of("etendue"),
+        "description": "a graph of stages on labelled arrays, planned, swept and archived",
+    }
+    yield {
+        "@id": LANGUAGE,
+        "@type": "ComputerLanguage",
+        "name": "etendue pipeline file",
+        "description": "TOML: shared, stages, sweep",
+        "url": {"@id": "https://toml.io/"},
+        "identifier": {"@id": "https://toml.io/"},
+    }
     yield {"@id": "https://toml.io/", "@type": "WebSite", "name": "TOML"}
     for number, run in enumerate(runs):
         yield from _run(run, inputs, plan, stages if number == 0 else [], ended, about)
     yield {
-        "@id": f"{DATA}/", "@type": "Dataset", "name": "all variables of all stages",
+        "@id": f"{DATA}/",
+        "@type": "Dataset",
+        "name": "all variables of all stages",
         "description": "one Zarr v3 store; open it with xarray.open_datatree",
-         "encodingFormat": "application/vnd+zarr", "hasPart": _ids(_results(stages)),
-    }  # fmt: skip
+        "encodingFormat": "application/vnd+zarr",
+        "hasPart": _ids(_results(stages)),
+    }
     yield from (_result(node, plan) for node in stages)
     yield from inputs
     yield from beside
@@ -133,62 +162,103 @@ def _graph(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, s
 
 def _run(
     run: Recorded, inputs: list[Entity], plan: Plan, stages: list[Node], ended: Mapping[str, str], about: About
-) -> Iterator[Entity]:  # fmt: skip
-    """A run: its pipeline as a workflow, its record, itself as an action; of the last run every stage as a tool, a step and an action."""
+) -> Iterator[Entity]:
+    """A run: its pipeline as a workflow, its record, itself as an action; of the last run every stage as a tool, a
+    step and an action.
+    """
     name, own = _workflow(run), {f"inputs/{one}{end}" for one in run.inputs for end in ("", "/", ".json")}
     used = [e["@id"] for e in inputs if e["@id"] in own]
     steps = {
         "hasPart": _ids(f"#stage-{node.name}" for node in stages),
         "step": _ids(f"#step-{node.name}" for node in stages),
-    }  # fmt: skip
+    }
     yield {
-        "@id": name, "@type": ["File", "SoftwareSourceCode", *(["ComputationalWorkflow", "HowTo"] if stages else [])],
-        "name": f"pipeline {run.record['pipeline']}, as it was run", "encodingFormat": "application/toml",
-        "programmingLanguage": {"@id": LANGUAGE}, "contentSize": str(len(run.text.encode())), **(steps if stages else {}),
+        "@id": name,
+        "@type": ["File", "SoftwareSourceCode", *(["ComputationalWorkflow", "HowTo"] if stages else [])],
+        "name": f"pipeline {run.record['pipeline']}, as it was run",
+        "encodingFormat": "application/toml",
+        "programmingLanguage": {"@id": LANGUAGE},
+        "contentSize": str(len(run.text.encode())),
+        **(steps if stages else {}),
         "license": {"@id": _license(about)},
-    }  # fmt: skip
+    }
     yield {
-        "@id": f"runs/{run.path.name}", "@type": "File", "name": f"record of run {run.path.stem}", "encodingFormat": "application/json",
-        "description": "parameters, digests of code, versions, platform", "about": {"@id": _action(run)},
-    }  # fmt: skip
+        "@id": f"runs/{run.path.name}",
+        "@type": "File",
+        "name": f"record of run {run.path.stem}",
+        "encodingFormat": "application/json",
+        "description": "parameters, digests of code, versions, platform",
+        "about": {"@id": _action(run)},
+    }
     yield {
-        "@id": _action(run), "@type": "CreateAction", "name": f"run {run.path.stem} of {run.record['pipeline']}",
+        "@id": _action(run),
+        "@type": "CreateAction",
+        "name": f"run {run.path.stem} of {run.record['pipeline']}",
         "description": "etendue run: what was asked for stands in its instrument, how it was done in its record",
-        "instrument": {"@id": name}, "object": _ids(used), "result": {"@id": f"{DATA}/"}, "startTime": _utc(run.record["began"]),
-        **({"endTime": ended[_action(run)], "actionStatus": "http://schema.org/CompletedActionStatus"} if _action(run) in ended else {}),
+        "instrument": {"@id": name},
+        "object": _ids(used),
+        "result": {"@id": f"{DATA}/"},
+        "startTime": _utc(run.record["began"]),
+        **(
+            {"endTime": ended[_action(run)], "actionStatus": "http://schema.org/CompletedActionStatus"}
+            if _action(run) in ended
+            else {}
+        ),
         **({"agent": _ids(_persons(about))} if about.authors else {}),
-    }  # fmt: skip
+    }
     if not stages:
         return
     yield {
-        "@id": "#engine-run", "@type": "OrganizeAction", "name": f"etendue computed run {run.path.stem}", "instrument": {"@id": ENGINE},
-        "object": _ids(f"#control-{node.name}" for node in stages), "result": {"@id": _action(run)},
+        "@id": "#engine-run",
+        "@type": "OrganizeAction",
+        "name": f"etendue computed run {run.path.stem}",
+        "instrument": {"@id": ENGINE},
+        "object": _ids(f"#control-{node.name}" for node in stages),
+        "result": {"@id": _action(run)},
         **({"agent": _ids(_persons(about))} if about.authors else {}),
-    }  # fmt: skip
+    }
     for node in stages:
         yield from _stage(node, stages, used, run.record["nodes"].get(node.name, {}), about)
 
 
-def _stage(node: Node, stages: list[Node], used: list[str], record: Mapping[str, Any], about: About) -> Iterator[Entity]:
+def _stage(
+    node: Node, stages: list[Node], used: list[str], record: Mapping[str, Any], about: About
+) -> Iterator[Entity]:
     one = node.alternatives[0]
     names = " or ".join(dict.fromkeys(a.use for a in node.alternatives))
     kept = {own.name for own in stages}
     sources = [f"{DATA}/{source}/" for source in record.get("inputs", ()) if source in kept]
     yield {
-        "@id": f"#stage-{node.name}", "@type": "SoftwareApplication", "name": names, "softwareVersion": f"{one.distribution} {one.version}",
-        "description": _words(one.kind) or names, "identifier": f"blake2b:{one.digest}",
-    }  # fmt: skip
-    yield {"@id": f"#step-{node.name}", "@type": "HowToStep", "position": str(node.number), "workExample": {"@id": f"#stage-{node.name}"}}
+        "@id": f"#stage-{node.name}",
+        "@type": "SoftwareApplication",
+        "name": names,
+        "softwareVersion": f"{one.distribution} {one.version}",
+        "description": _words(one.kind) or names,
+        "identifier": f"blake2b:{one.digest}",
+    }
     yield {
-        "@id": f"#made-{node.name}", "@type": "CreateAction", "name": f"cells of {node.name}",
-        "description": f"every cell of {node.name} that the archive holds", "instrument": {"@id": f"#stage-{node.name}"},
-        "object": _ids(sources or used), "result": {"@id": f"{DATA}/{node.name}/"},
+        "@id": f"#step-{node.name}",
+        "@type": "HowToStep",
+        "position": str(node.number),
+        "workExample": {"@id": f"#stage-{node.name}"},
+    }
+    yield {
+        "@id": f"#made-{node.name}",
+        "@type": "CreateAction",
+        "name": f"cells of {node.name}",
+        "description": f"every cell of {node.name} that the archive holds",
+        "instrument": {"@id": f"#stage-{node.name}"},
+        "object": _ids(sources or used),
+        "result": {"@id": f"{DATA}/{node.name}/"},
         **({"agent": _ids(_persons(about))} if about.authors else {}),
-    }  # fmt: skip
+    }
     yield {
-        "@id": f"#control-{node.name}", "@type": "ControlAction", "name": f"orchestrate {node.name}",
-        "instrument": {"@id": f"#step-{node.name}"}, "object": {"@id": f"#made-{node.name}"},
-    }  # fmt: skip
+        "@id": f"#control-{node.name}",
+        "@type": "ControlAction",
+        "name": f"orchestrate {node.name}",
+        "instrument": {"@id": f"#step-{node.name}"},
+        "object": {"@id": f"#made-{node.name}"},
+    }
 
 
 def _words(kind: type) -> str:
@@ -202,7 +272,12 @@ def _results(stages: list[Node]) -> list[str]:
 
 def _result(node: Node, plan: Plan) -> Entity:
     kept = [f"{v} [{node.writes[v].unit}]" for v in node.writes if (node.name, v) in plan.kept]
-    return {"@id": f"{DATA}/{node.name}/", "@type": "Dataset", "name": f"results of {node.name}", "description": ", ".join(kept)}
+    return {
+        "@id": f"{DATA}/{node.name}/",
+        "@type": "Dataset",
+        "name": f"results of {node.name}",
+        "description": ", ".join(kept),
+    }
 
 
 def _inputs(folder: Path) -> Iterator[Entity]:
@@ -214,10 +289,21 @@ def _inputs(folder: Path) -> Iterator[Entity]:
         if path.is_dir():
             yield {"@id": f"inputs/{path.name}/", "@type": "Dataset", "name": "a scene", "sha256": path.name[:64]}
         elif path.suffix == ".json" and not _is_digest(path.stem):
-            yield {"@id": f"inputs/{path.name}", "@type": "File", "name": "what a large input is", "encodingFormat": "application/json"}
+            yield {
+                "@id": f"inputs/{path.name}",
+                "@type": "File",
+                "name": "what a large input is",
+                "encodingFormat": "application/json",
+            }
         else:
             size = str(path.stat().st_size)
-            yield {"@id": f"inputs/{path.name}", "@type": "File", "name": "an input", "contentSize": size, "sha256": path.name[:64]}
+            yield {
+                "@id": f"inputs/{path.name}",
+                "@type": "File",
+                "name": "an input",
+                "contentSize": size,
+                "sha256": path.name[:64],
+            }
 
 
 def _is_digest(stem: str) -> bool:
@@ -225,10 +311,25 @@ def _is_digest(stem: str) -> bool:
 
 
 def _beside(folder: Path, about: About) -> Iterator[Entity]:
-    yield {"@id": "journal.jsonl", "@type": "File", "encodingFormat": "application/jsonl", "name": "what is finished, with digests"}
-    yield {"@id": "manifest.json", "@type": "File", "encodingFormat": "application/json", "name": "digests of the metadata"}
+    yield {
+        "@id": "journal.jsonl",
+        "@type": "File",
+        "encodingFormat": "application/jsonl",
+        "name": "what is finished, with digests",
+    }
+    yield {
+        "@id": "manifest.json",
+        "@type": "File",
+        "encodingFormat": "application/json",
+        "name": "digests of the metadata",
+    }
     if (folder / "contact_sheet.png").is_file():
-        yield {"@id": "contact_sheet.png", "@type": "File", "encodingFormat": "image/png", "name": "a picture of every stage"}
+        yield {
+            "@id": "contact_sheet.png",
+            "@type": "File",
+            "encodingFormat": "image/png",
+            "name": "a picture of every stage",
+        }
     if about.authors:
         yield {"@id": CITATION, "@type": "File", "encodingFormat": "application/yaml", "name": "how to cite it"}
 
@@ -240,27 +341,39 @@ def _license(about: About) -> str:
 
 
 def _persons(about: About) -> list[str]:
-    return [f"https://orcid.org/{one.orcid}" if one.orcid else f"#author-{number}" for number, one in enumerate(about.authors, 1)]
+    return [
+        f"https://orcid.org/{one.orcid}" if one.orcid else f"#author-{number}"
+        for number, one in enumerate(about.authors, 1)
+    ]
 
 
 def _people(about: About) -> Iterator[Entity]:
     """The licence, and the persons."""
     said = about.license or "not stated"
-    why = "whose terms hold" if about.license else "nobody has said what others may do with it: [about] license in the pipeline file"
+    why = (
+        "whose terms hold"
+        if about.license
+        else "nobody has said what others may do with it: [about] license in the pipeline file"
+    )
     yield {"@id": _license(about), "@type": "CreativeWork", "name": said, "description": f"licence: {said}, {why}"}
     places = list(dict.fromkeys(one.affiliation for one in about.authors if one.affiliation))
     for name, one in zip(_persons(about), about.authors, strict=True):
         where = {"affiliation": {"@id": f"#affiliation-{places.index(one.affiliation) + 1}"}} if one.affiliation else {}
         yield {"@id": name, "@type": "Person", "name": one.name, **where}
-    yield from ({"@id": f"#affiliation-{n}", "@type": "Organization", "name": place} for n, place in enumerate(places, 1))
+    yield from (
+        {"@id": f"#affiliation-{n}", "@type": "Organization", "name": place} for n, place in enumerate(places, 1)
+    )
 
 
 def _citation(about: About, plan: Plan, date: str) -> str:
     """A Citation File Format 1.2.0 document. Texts are written as JSON has them, which YAML reads."""
     lines = [
-        "cff-version: 1.2.0", 'message: "If you use these results, please cite them as below."', "type: dataset",
-        f"title: {json.dumps(about.title or plan.pipeline.name)}", "authors:",
-    ]  # fmt: skip
+        "cff-version: 1.2.0",
+        'message: "If you use these results, please cite them as below."',
+        "type: dataset",
+        f"title: {json.dumps(about.title or plan.pipeline.name)}",
+        "authors:",
+    ]
     for one in about.authors:
         family, comma, given = (part.strip() for part in one.name.partition(","))
         own = {"family-names": family, "given-names": given} if comma and given else {"name": one.name}

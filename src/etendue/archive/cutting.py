@@ -1,12 +1,13 @@
-"""How the variables of a plan are cut into shards and encoded: decided once, when an array is made, and written in the journal.
+"""How the variables of a plan are cut into shards and encoded: decided once, when an array is made, and written in the
+journal.
 
 In:  a plan and its layout, the axes as they are stored.
 Out: for every variable the block of axis values that share a shard, and the codec of its chunks.
 
-A shard holds the innermost axes. Axes that grow later get further shards of the same block: Zarr's grid is regular, and what is
-stored stays where it is; ``etendue compact`` cuts anew. Integers and what is smooth are compressed; floats behind a stage that draws
-random numbers are noise to a compressor, which takes longer than all else and saves little: they stay as they are, and so do small
-chunks (``benchmarks/archive.py`` prints the bytes).
+A shard holds the innermost axes. Axes that grow later get further shards of the same block: Zarr's grid is regular, and
+what is stored stays where it is; ``etendue compact`` cuts anew. Integers and what is smooth are compressed; floats
+behind a stage that draws random numbers are noise to a compressor, which takes longer than all else and saves little:
+they stay as they are, and so do small chunks (``benchmarks/archive.py`` prints the bytes).
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ def bytes_of(variable: VariableLayout) -> int:
     return int(np.prod(variable.shape)) * int(np.dtype(variable.dtype).itemsize)
 
 
-def cut(plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]], known: Blocks) -> dict[str, dict[str, dict[str, Any]]]:
+def cut(
+    plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]], known: Blocks
+) -> dict[str, dict[str, dict[str, Any]]]:
     """Block and codec of every variable; those that are known stay, unless the variable is another one now."""
     noisy = _noisy(plan)
     sizes = {path: tuple(len(values) for values in axes[path].values()) for path in layout.groups}
@@ -68,7 +71,9 @@ def cut(plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]],
 
 
 def blocks_of(variables: Sequence[tuple[tuple[int, ...], int, int]]) -> list[tuple[int, ...]]:
-    """The blocks of variables given by sizes of their axes, bytes and chunks of a cell: large enough that there are few shards."""
+    """The blocks of variables given by sizes of their axes, bytes and chunks of a cell: large enough that there are
+    few shards.
+    """
     largest = LARGEST
     while True:
         blocks = [block_of(*one, largest) for one in variables]
@@ -91,7 +96,9 @@ def _noisy(plan: Plan) -> set[str]:
     return found
 
 
-def chunk_shapes(shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
+def chunk_shapes(
+    shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]
+) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
     """Shapes of a chunk and of its shard, from that of a cell; no shard for a single number."""
     return (*(1 for _ in block), *chunk), (*block, *room_of(shape, chunk)) if block or shape else None
 

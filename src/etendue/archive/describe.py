@@ -22,7 +22,8 @@ from etendue.errors import ArchiveError
 
 
 def refuse_changed(folder: Path, running: bool) -> None:
-    """Hold what is no chunk of a cell against the manifest: metadata, coordinates, tables, records. The journal is not read.
+    """Hold what is no chunk of a cell against the manifest: metadata, coordinates, tables, records. The journal is not
+    read.
 
     Raises
     ------
@@ -38,7 +39,8 @@ def refuse_changed(folder: Path, running: bool) -> None:
 
 
 def describe_archive(folder: Path) -> dict[str, Any]:
-    """Stages with their variables and cells, axes, size, how much of what was asked for is done, and whether a run is going on.
+    """Stages with their variables and cells, axes, size, how much of what was asked for is done, and whether a run is
+    going on.
 
     Raises
     ------
@@ -68,19 +70,34 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     ended = _ended(journal)
     stages = [
         {
-            "name": str(name), "variables": _variables(folder, listing, str(name)), "cells": dict(sorted(counts.get(name, {}).items())),
+            "name": str(name),
+            "variables": _variables(folder, listing, str(name)),
+            "cells": dict(sorted(counts.get(name, {}).items())),
             **_progress(journal, ended, [name]),
         }
         for name in order_of(root, record)
-    ]  # fmt: skip
-    size = sum((folder / path).lstat().st_size for top in disk.FOLDERS for path in listing.below(top) if (folder / path).exists())
+    ]
+    size = sum(
+        (folder / path).lstat().st_size
+        for top in disk.FOLDERS
+        for path in listing.below(top)
+        if (folder / path).exists()
+    )
     size += sum((folder / name).lstat().st_size for name in disk.FILES if (folder / name).exists())
     return {
-        "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": running,
-        "began": record["began"], "runs": len(records), "bytes": size, "stages": stages, "libraries": record["libraries"],
+        "archive": str(folder),
+        "store": str(root),
+        "pipeline": record["pipeline"],
+        "axes": record["axes"],
+        "running": running,
+        "began": record["began"],
+        "runs": len(records),
+        "bytes": size,
+        "stages": stages,
+        "libraries": record["libraries"],
         "partial": left_by_compact(folder) or None,
         **progress(journal, str(record["began"]) if running else ""),
-    }  # fmt: skip
+    }
 
 
 def order_of(root: Path, record: dict[str, Any]) -> list[str]:
@@ -94,7 +111,9 @@ def order_of(root: Path, record: dict[str, Any]) -> list[str]:
 
 
 def progress(journal: Read, began: str = "") -> dict[str, Any]:
-    """Of the last run: cells asked for, cells there, and, of one that is going on since ``began``, cells a second and seconds left."""
+    """Of the last run: cells asked for, cells there, and, of one that is going on since ``began``, cells a second
+    and seconds left.
+    """
     return {**_progress(journal, _ended(journal)), **(_pace(journal, began) if began else {"rate": None, "left": None})}
 
 
@@ -109,11 +128,15 @@ def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None 
         return {"planned": None, "finished": None}
     stages = list({**ended, **journal.run.planned} if of is None else of)
     planned, todo = (sum(counts.get(name, 0) for name in stages) for counts in (journal.run.planned, journal.run.todo))
-    return {"planned": planned, "finished": max(planned - todo, 0) + min(sum(ended.get(name, 0) for name in stages), todo)}
+    return {
+        "planned": planned,
+        "finished": max(planned - todo, 0) + min(sum(ended.get(name, 0) for name in stages), todo),
+    }
 
 
 def _pace(journal: Read, began: str) -> dict[str, float | None]:
-    """Of a run that is going on: cells a second since it began, and seconds that are left; None where it cannot be told.
+    """Of a run that is going on: cells a second since it began, and seconds that are left; None where it cannot be
+    told.
 
     What is left is weighed by what the cells of its stage have taken so far: early stages have few cells and dear ones.
     """
@@ -152,8 +175,17 @@ def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str
             raise damaged(folder, [path])
         if document.get("node_type") != "array" or name == "status":
             continue
-        dims, shape, attributes = document.get("dimension_names") or [], document.get("shape"), document.get("attributes", {})
-        if not (isinstance(dims, list) and isinstance(shape, list) and isinstance(attributes, dict) and len(dims) == len(shape)):
+        dims, shape, attributes = (
+            document.get("dimension_names") or [],
+            document.get("shape"),
+            document.get("attributes", {}),
+        )
+        if not (
+            isinstance(dims, list)
+            and isinstance(shape, list)
+            and isinstance(attributes, dict)
+            and len(dims) == len(shape)
+        ):
             raise damaged(folder, [path])
         if dims == [name] or name.endswith(("_um", "_at", "_bounds")):
             continue

@@ -3,8 +3,8 @@
 In:  the folders of two archives.
 Out: a ``StageDifference`` for every stage of either.
 
-Cells are matched by stage and axis values. An axis that only one of them has is matched at the value that the other has fixed.
-Cells whose stored bytes have the same size and digest are not read.
+Cells are matched by stage and axis values. An axis that only one of them has is matched at the value that the other has
+fixed. Cells whose stored bytes have the same size and digest are not read.
 """
 
 from __future__ import annotations
@@ -111,7 +111,9 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
-def differences(first: Path, second: Path, told: Callable[[int, int], None] = lambda done, total: None) -> list[StageDifference]:
+def differences(
+    first: Path, second: Path, told: Callable[[int, int], None] = lambda done, total: None
+) -> list[StageDifference]:
     """By stage, in the order of the first archive; ``told``: how many cells of how many have been looked at.
 
     Raises
@@ -121,7 +123,9 @@ def differences(first: Path, second: Path, told: Callable[[int, int], None] = la
     """
     one, other = _Side(first), _Side(second)
     mine, theirs = one.places(other), other.places(one)
-    order = dict.fromkeys([*one.record.get("order", ()), *other.record.get("order", ()), *(stage for stage, _ in (*mine, *theirs))])
+    order = dict.fromkeys(
+        [*one.record.get("order", ()), *other.record.get("order", ()), *(stage for stage, _ in (*mine, *theirs))]
+    )
     found = {stage: StageDifference(stage) for stage in order}
     for number, (place, name) in enumerate(mine.items()):
         told(number, len(mine))
@@ -137,7 +141,9 @@ def differences(first: Path, second: Path, told: Callable[[int, int], None] = la
     for place, name in theirs.items():
         if place not in mine:
             found[place[0]].only_second.append(name)
-    since = node_changes(*(_unswept(side.record["nodes"], {*one.keys.values(), *other.keys.values()}) for side in (one, other)))
+    since = node_changes(
+        *(_unswept(side.record["nodes"], {*one.keys.values(), *other.keys.values()}) for side in (one, other))
+    )
     for stage, own in found.items():
         own.since = since.get(stage, "")
         if own.differing and not own.since:
@@ -146,15 +152,22 @@ def differences(first: Path, second: Path, told: Callable[[int, int], None] = la
 
 
 def _unswept(nodes: Mapping[str, Any], axes: set[str]) -> dict[str, Any]:
-    """What is recorded of stages without the parameters that one of the archives sweeps: their cells are matched by value."""
+    """What is recorded of stages without the parameters that one of the archives sweeps: their cells are matched by
+    value.
+    """
     return {
-        name: {**node, "parameters": {k: v for k, v in node["parameters"].items() if k not in axes and f"{name}.{k}" not in axes}}
+        name: {
+            **node,
+            "parameters": {k: v for k, v in node["parameters"].items() if k not in axes and f"{name}.{k}" not in axes},
+        }
         for name, node in nodes.items()
     }
 
 
 def _elsewhere(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
-    changed = [f"{k} {v} -> {other['platform'].get(k)}" for k, v in one["platform"].items() if other["platform"].get(k) != v]
+    changed = [
+        f"{k} {v} -> {other['platform'].get(k)}" for k, v in one["platform"].items() if other["platform"].get(k) != v
+    ]
     return f"the platform: {', '.join(changed)}" if changed else ""
 
 
@@ -182,7 +195,10 @@ def _cells(one: Stored, name: str, other: Stored, twin: str) -> list[CellDiffere
 
 def _bytes(cell: StoredArrays) -> list[tuple[Any, ...]]:
     """What is known of the bytes of a cell."""
-    return [(c.variable, c.window, c.form.dtype, c.form.shape, c.form.codec, c.written.size, c.written.digest) for c, _ in cell.chunks]
+    return [
+        (c.variable, c.window, c.form.dtype, c.form.shape, c.form.codec, c.written.size, c.written.digest)
+        for c, _ in cell.chunks
+    ]
 
 
 def document(first: Path, second: Path, found: list[StageDifference]) -> dict[str, Any]:
@@ -212,14 +228,19 @@ def _stage(found: StageDifference) -> dict[str, Any]:
     known = [one for one in found.differing if one.difference is not None]
     worst = sorted(known, key=_size, reverse=True)[:WORST]
     return {
-        "name": found.name, "cells": found.cells, "same": found.same, "differing": found.cells - found.same,
-        "only_first": len(found.only_first), "only_second": len(found.only_second), "since": found.since or None,
+        "name": found.name,
+        "cells": found.cells,
+        "same": found.same,
+        "differing": found.cells - found.same,
+        "only_first": len(found.only_first),
+        "only_second": len(found.only_second),
+        "since": found.since or None,
         "largest": max((one.difference.largest for one in known if one.difference), default=None),
         "rms": max((one.difference.rms for one in known if one.difference), default=None),
         "relative": max((_size(one) for one in known), default=None),
         "worst": [_shown(one) for one in (*worst, *(one for one in found.differing if one.difference is None))][:WORST],
         "named": {"only_first": found.only_first[:WORST], "only_second": found.only_second[:WORST]},
-    }  # fmt: skip
+    }
 
 
 def _size(one: CellDifference) -> float:
@@ -233,6 +254,13 @@ def _shown(one: CellDifference) -> dict[str, Any]:
     if own is None or own.shapes:
         return {"cell": one.cell, "variable": one.variable, "why": own.shapes if own else one.why}
     return {
-        "cell": one.cell, "variable": one.variable, "values": own.values, "differing": own.differing, "undefined": own.undefined,
-        "largest": own.largest, "rms": own.rms, "full_scale": own.scale, "relative": own.relative,
-    }  # fmt: skip
+        "cell": one.cell,
+        "variable": one.variable,
+        "values": own.values,
+        "differing": own.differing,
+        "undefined": own.undefined,
+        "largest": own.largest,
+        "rms": own.rms,
+        "full_scale": own.scale,
+        "relative": own.relative,
+    }

@@ -69,7 +69,14 @@ def _piece(one: Any, other: Any) -> Difference:
     changed = one.view(f"V{one.itemsize}") != other.view(f"V{one.itemsize}")
     square = float(np.mean(np.square(off))) if off.size else 0.0
     return Difference(
-        False, "", one.size, int(changed.sum()), int(one.size - alike.sum()), float(off.max(initial=0.0)), math.sqrt(square), _scale(one)
+        False,
+        "",
+        one.size,
+        int(changed.sum()),
+        int(one.size - alike.sum()),
+        float(off.max(initial=0.0)),
+        math.sqrt(square),
+        _scale(one),
     )
 
 
@@ -91,7 +98,13 @@ def together(parts: Iterable[Difference]) -> Difference:
         count = whole.values + part.values
         square = (whole.values * whole.rms**2 + part.values * part.rms**2) / count if count else 0.0
         whole = Difference(
-            whole.same and part.same, whole.shapes or part.shapes, count, whole.differing + part.differing,
-            whole.undefined + part.undefined, max(whole.largest, part.largest), math.sqrt(square), max(whole.scale, part.scale),
-        )  # fmt: skip
+            whole.same and part.same,
+            whole.shapes or part.shapes,
+            count,
+            whole.differing + part.differing,
+            whole.undefined + part.undefined,
+            max(whole.largest, part.largest),
+            math.sqrt(square),
+            max(whole.scale, part.scale),
+        )
     return whole

@@ -3,9 +3,9 @@
 In:  the folder of an archive (itself no link), paths below it as text, bytes.
 Out: files that appear whole in their place, or not at all; a listing without links.
 
-Folders are opened one after the other and never through a link, so that a link put there in the middle of a run is refused
-by the system itself. A file is written beside its place and renamed: a second (hard) link to the old one keeps the old bytes.
-Files are removed by name, folders only when they are empty.
+Folders are opened one after the other and never through a link, so that a link put there in the middle of a run is
+refused by the system itself. A file is written beside its place and renamed: a second (hard) link to the old one keeps
+the old bytes. Files are removed by name, folders only when they are empty.
 """
 
 from __future__ import annotations
@@ -26,7 +26,16 @@ from etendue.errors import ArchiveError
 PARTIAL = ".partial"
 PART = ".part"  # of a shard in the making: what a journal names of it is kept
 ELSEWHERE = 1_000_000_000  # ns since 1970: the last change of a file whose bytes lie on an object store
-FILES = ("journal.jsonl", "manifest.json", "run.id", "lock", "ro-crate-metadata.json", "CITATION.cff", "contact_sheet.png", "measured.json")
+FILES = (
+    "journal.jsonl",
+    "manifest.json",
+    "run.id",
+    "lock",
+    "ro-crate-metadata.json",
+    "CITATION.cff",
+    "contact_sheet.png",
+    "measured.json",
+)
 FOLDERS = ("data.zarr", "inputs", "runs")
 _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _LINKED = (errno.ELOOP, errno.ENOTDIR)  # what the system says of a link, or a file, in the place of a folder
@@ -34,7 +43,9 @@ _LINKED = (errno.ELOOP, errno.ENOTDIR)  # what the system says of a link, or a f
 
 @contextmanager
 def _folder(root: str, parts: tuple[str, ...], make: bool = False, durable: bool = False) -> Iterator[int]:
-    """The folder below ``root`` as an open handle, made if need be; ``durable``: so that it is found after a power cut."""
+    """The folder below ``root`` as an open handle, made if need be; ``durable``: so that it is found after a power
+    cut.
+    """
     handle = os.open(root, _DIRECTORY)
     try:
         for number, part in enumerate(parts):
@@ -101,7 +112,9 @@ def write_stand_in(root: str | Path, path: str, size: int, tail: bytes) -> None:
     *parts, name = path.split("/")
     temporary = f".{name[:200]}.{os.getpid()}.{threading.get_ident()}{PARTIAL}"
     with _folder(str(root), tuple(parts), make=True) as folder:
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644, dir_fd=folder)
+        handle = os.open(
+            temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644, dir_fd=folder
+        )
         try:
             os.ftruncate(handle, size)
             write_at(handle, [tail], size - len(tail))
@@ -158,7 +171,10 @@ def rename(root: str | Path, path: str, new: str, durable: bool = False) -> None
 def link(root: str | Path, path: str, new: str, durable: bool = False) -> None:
     """Give a file a second name in another folder; its bytes a second place where the disk knows no hard links."""
     (*parts, name), (*others, second) = path.split("/"), new.split("/")
-    with _folder(str(root), tuple(parts)) as here, _folder(str(root), tuple(others), make=True, durable=durable) as there:
+    with (
+        _folder(str(root), tuple(parts)) as here,
+        _folder(str(root), tuple(others), make=True, durable=durable) as there,
+    ):
         try:
             os.link(name, second, src_dir_fd=here, dst_dir_fd=there, follow_symlinks=False)
         except FileExistsError:  # a killed run has done it
@@ -223,7 +239,9 @@ def remove_folder(root: str | Path, path: str) -> None:
 
 
 def set_aside(root: str | Path, path: str, folder: str) -> str:
-    """Move a file, a link or a folder, whatever it is, into a folder of the archive for what does not belong to it; gives where to."""
+    """Move a file, a link or a folder, whatever it is, into a folder of the archive for what does not belong to it;
+    gives where to.
+    """
     *parts, name = path.split("/")
     with _folder(str(root), tuple(parts)) as here, _folder(str(root), (folder,), make=True) as there:
         number, taken = 1, set(os.listdir(there))
@@ -266,7 +284,8 @@ def link_at(root: Path, path: str) -> ArchiveError:
         target = "?"
     short = target if len(target) <= 60 else f"...{target[-57:]}"
     return ArchiveError(
-        f"{root / path} is a link (to {short}); an archive holds no links, since a run writes and removes what is in it. "
+        f"{root / path} is a link (to {short}); an archive holds no links, since a run writes and removes what is in "
+        f"it. "
         f"Put the files themselves in its place, or name another archive with --archive DIR"
     )
 
@@ -330,7 +349,9 @@ class Listing:
                     elif entry.is_symlink():
                         self._refuse(own, link_at(root, own))
                     else:
-                        self._refuse(own, ArchiveError(f"{root / own} is no plain file; an archive holds files and folders only"))
+                        self._refuse(
+                            own, ArchiveError(f"{root / own} is no plain file; an archive holds files and folders only")
+                        )
 
     def has(self, path: str) -> bool:
         folder, _, name = path.rpartition("/")

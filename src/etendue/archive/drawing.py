@@ -1,4 +1,5 @@
-"""What arrays say of how they are drawn, and of which direction is better, so that a program without a plan draws them right.
+"""What arrays say of how they are drawn, and of which direction is better, so that a program without a plan draws them
+right.
 
 In:  a plan, a stage of it, some of its cells, one of its variables.
 Out: attributes: those of ``spec.drawn.Drawn``, in ``drawn_by`` what differs along axes; ``better`` (higher, lower).
@@ -57,7 +58,9 @@ def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[t
 
 
 def _starts(cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], tuple[int, int]]:
-    """The first row and column of each array, 0 along which all begin alike: coordinates are counted from the first sample elsewhere."""
+    """The first row and column of each array, 0 along which all begin alike: coordinates are counted from the first
+    sample elsewhere.
+    """
     lines = [(cell.grids[name].line("y"), cell.grids[name].line("x")) for cell in cells]
     rows, columns = ([round(line.start) for line in along] for along in zip(*lines, strict=True))
     down, across = (len(set(along)) > 1 for along in (rows, columns))

@@ -1,4 +1,5 @@
-"""The last word on every cell of an archive, in columns: some 100 bytes a cell and its name, where an object each takes a thousand.
+"""The last word on every cell of an archive, in columns: some 100 bytes a cell and its name, where an object each takes
+a thousand.
 
 In:  what the lines of a journal say, one after the other.
 Out: ``Entry`` by name of a cell, made when it is asked for.
@@ -67,9 +68,13 @@ class Files:
     def __getitem__(self, number: int) -> Written:
         texts = self.texts
         return Written(
-            texts[self.path[number]], self.slot[number], texts[self.part[number]], self.offset[number], self.size[number],
+            texts[self.path[number]],
+            self.slot[number],
+            texts[self.part[number]],
+            self.offset[number],
+            self.size[number],
             self.digest[number],
-        )  # fmt: skip
+        )
 
 
 class Entries(MutableMapping[str, Entry]):
@@ -81,7 +86,9 @@ class Entries(MutableMapping[str, Entry]):
         self.seconds, self.first, self.count = array("d"), array("q"), array("i")
         self.files = Files()
         self.odd_keys: dict[int, str] = {}  # that are no digests
-        self.rest: dict[int, tuple[float, float, float, str]] = {}  # clipped, clipped_flux, floored, platform: of few cells anything
+        self.rest: dict[
+            int, tuple[float, float, float, str]
+        ] = {}  # clipped, clipped_flux, floored, platform: of few cells anything
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -96,9 +103,17 @@ class Entries(MutableMapping[str, Entry]):
         row = self.rows[name]
         clipped, flux, floored, platform = self.rest.get(row, (0.0, 0.0, 0.0, ""))
         return Entry(
-            EVENTS[self.event[row]], self.key_at(row), tuple(self.written(row)), STATUS[self.status[row]], self.seconds[row], clipped, flux,
-            floored, platform, bool(self.fresh[row]),
-        )  # fmt: skip
+            EVENTS[self.event[row]],
+            self.key_at(row),
+            tuple(self.written(row)),
+            STATUS[self.status[row]],
+            self.seconds[row],
+            clipped,
+            flux,
+            floored,
+            platform,
+            bool(self.fresh[row]),
+        )
 
     def __setitem__(self, name: str, entry: Entry) -> None:
         row = self.say(name, entry.event, entry.key, entry.status, entry.seconds, entry.fresh)
@@ -148,7 +163,9 @@ class Entries(MutableMapping[str, Entry]):
         return map(self.files.__getitem__, self._numbers(row))
 
     def standing(self, name: str, key: str) -> str:
-        """The status of a cell with this key; '' where it has begun again, has another key, or nothing is said of it."""
+        """The status of a cell with this key; '' where it has begun again, has another key, or nothing is said of
+        it.
+        """
         row = self.rows.get(name)
         if row is None or self.event[row] == _EVENT["start"] or self.key_at(row) != key:
             return ""
@@ -180,14 +197,20 @@ class Entries(MutableMapping[str, Entry]):
         return (name for name, row in self.rows.items() if self.event[row] == number)
 
     def told(self) -> Iterator[tuple[str, str, str, float, float]]:
-        """Every name with its event, status, seconds and the share that was clipped: what can be said without its chunks."""
+        """Every name with its event, status, seconds and the share that was clipped: what can be said without its
+        chunks.
+        """
         for name, row in self.rows.items():
             clipped = self.rest[row][0] if row in self.rest else 0.0
             yield name, EVENTS[self.event[row]], STATUS[self.status[row]], self.seconds[row], clipped
 
     def done_among(self, names: Iterable[str]) -> list[str]:
         """Which of some cells are done."""
-        return [name for name in names if name in self.rows and self.event[self.rows[name]] == _EVENT["done"]] if self.rows else []
+        return (
+            [name for name in names if name in self.rows and self.event[self.rows[name]] == _EVENT["done"]]
+            if self.rows
+            else []
+        )
 
     def done_otherwise(self, keys: Iterable[tuple[str, str]]) -> list[str]:
         """Which of some cells are done with another key than the one beside them."""
@@ -203,7 +226,9 @@ class Entries(MutableMapping[str, Entry]):
 
     def counts(self, outdated: Collection[str] = ()) -> Counter[tuple[str, str]]:
         """How many cells of each stage have come to what: a status, ``unfinished``, or ``outdated``."""
-        words = [(event == _EVENT["start"], STATUS[status]) for event, status in zip(self.event, self.status, strict=True)]
+        words = [
+            (event == _EVENT["start"], STATUS[status]) for event, status in zip(self.event, self.status, strict=True)
+        ]
         found: Counter[tuple[str, str]] = Counter()
         for name, row in self.rows.items():
             started, status = words[row]
@@ -211,7 +236,9 @@ class Entries(MutableMapping[str, Entry]):
         return found
 
     def shards(self, beside: Collection[str] = ()) -> dict[str, int]:
-        """Of each shard in which chunks of done cells lie the number of one of them; ``beside``: cells that do not count."""
+        """Of each shard in which chunks of done cells lie the number of one of them; ``beside``: cells that do not
+        count.
+        """
         found = dict[int, int]()
         for name in self.done():
             if name not in beside:

@@ -3,8 +3,9 @@
 In:  what is on the store, what of it the folder has already.
 Out: the folder as a run or a reader expects an archive; by path, which object each file equals.
 
-A shard whose object is still the one that was put needs no request: its index follows from the journal. Of one that nobody vouches for the
-index is fetched; one that is another than was put is fetched whole, and judged like any damaged file.
+A shard whose object is still the one that was put needs no request: its index follows from the journal. Of one that
+nobody vouches for the index is fetched; one that is another than was put is fetched whole, and judged like any damaged
+file.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ TABLE = "objects.json"  # which objects belong to an archive: the tag of each as
 PACK = "documents.zip"  # the small ones of these objects once more, for whoever would fetch them all
 SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes of what is in it
 AT_ONCE = 16  # requests under way
-State = tuple[int, int, int]  # size, last change (ns) and number of a file: a file that is put in its place anew has another
+State = tuple[
+    int, int, int
+]  # size, last change (ns) and number of a file: a file that is put in its place anew has another
 Known = tuple[str, int, int, int]  # the tag of an object, and the state of the file that equals it
 
 
@@ -66,7 +69,10 @@ class Here:
         known = disk.read_document(self.place / STORE) or {}
         if known.get("url") == self.url:
             self.run = str(known.get("run", ""))
-            self.there = {path: (str(one[0]), int(one[1]), int(one[2]), int(one[3])) for path, one in dict(known.get("there", {})).items()}
+            self.there = {
+                path: (str(one[0]), int(one[1]), int(one[2]), int(one[3]))
+                for path, one in dict(known.get("there", {})).items()
+            }
 
     def save(self) -> None:
         disk.write(self.place, STORE, json.dumps({"url": self.url, "run": self.run, "there": self.there}).encode())
@@ -112,10 +118,13 @@ def is_ours(path: str) -> bool:
     return path in disk.FILES or path.partition("/")[0] in disk.FOLDERS
 
 
-def fetch(objects: Objects, here: Here, seen: Seen, found: Mapping[str, Found], exact: bool, inputs: bool = True) -> None:
+def fetch(
+    objects: Objects, here: Here, seen: Seen, found: Mapping[str, Found], exact: bool, inputs: bool = True
+) -> None:
     """Make a folder what is on the store; what a run of this folder has not put yet stays.
 
-    ``exact``: the index of every shard as it is on the store, for whoever looks at all; ``inputs``: also the files of pipelines.
+    ``exact``: the index of every shard as it is on the store, for whoever looks at all; ``inputs``: also the files of
+    pipelines.
     """
     ours = bool(here.run) and here.run == seen.run
     wanted = {path: one for path, one in found.items() if is_ours(path) and (inputs or not path.startswith("inputs/"))}
@@ -208,8 +217,12 @@ def packed(here: Here) -> bytes:
     return data.getvalue()
 
 
-def _pack(objects: Objects, found: Mapping[str, Found], vouched: Mapping[str, str], todo: Collection[str]) -> dict[str, bytes]:
-    """The documents that a run has packed, while the table has the tag of the pack: a run that has begun since has taken it out."""
+def _pack(
+    objects: Objects, found: Mapping[str, Found], vouched: Mapping[str, str], todo: Collection[str]
+) -> dict[str, bytes]:
+    """The documents that a run has packed, while the table has the tag of the pack: a run that has begun since has
+    taken it out.
+    """
     if PACK not in found or vouched.get(PACK) != found[PACK].tag or len(todo) < AT_ONCE:
         return {}
     try:
@@ -238,7 +251,9 @@ class _Indexes:
 
 
 def _backed(data: bytes, found: Mapping[str, Found]) -> bytes:
-    """The lines of a journal of which the bytes are on the store too: cells of a run that was broken off may lie in its own folder only."""
+    """The lines of a journal of which the bytes are on the store too: cells of a run that was broken off may lie in
+    its own folder only.
+    """
     lines = data.split(b"\n")[:-1]
     decoded = [_document(line) for line in lines]
     last: dict[str, Shard] = {}

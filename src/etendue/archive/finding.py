@@ -3,9 +3,9 @@
 In:  the folder of an archive, its journal.
 Out: the place of a chunk, or None where it is lost.
 
-After a run that ended in order no chunk is read: the size of a shard is that of the journal, and its index names the same place.
-What was written since, and what lies in a shard that is not as the journal says, is read back and held against its digest; so one
-flipped bit of an index costs no cell.
+After a run that ended in order no chunk is read: the size of a shard is that of the journal, and its index names the
+same place. What was written since, and what lies in a shard that is not as the journal says, is read back and held
+against its digest; so one flipped bit of an index costs no cell.
 """
 
 from __future__ import annotations
@@ -73,13 +73,19 @@ class Finder:
             at = shard.at(written)
             if at is not None:
                 place = Place(written.path, at, written.size, written.digest)
-                known = state.size == shard.size and state.index is not None and state.index.get(written.slot) == (at, written.size)
+                known = (
+                    state.size == shard.size
+                    and state.index is not None
+                    and state.index.get(written.slot) == (at, written.size)
+                )
                 if (known and not fresh and not shard.fresh) or holds(self.folder, place):
                     return place
         place = Place(part_path(written), written.offset, written.size, written.digest)
         if holds(self.folder, place):
             return place
-        if state is not None and state.index is not None and written.slot in state.index:  # it was renamed, and that is all
+        if (
+            state is not None and state.index is not None and written.slot in state.index
+        ):  # it was renamed, and that is all
             offset, size = state.index[written.slot]
             place = Place(written.path, offset, size, written.digest)
             if size == written.size and holds(self.folder, place):

@@ -30,7 +30,11 @@ def forget(folder: Path, cells: Iterable[str], durable: bool = False) -> int:
         except BlockingIOError:
             raise ArchiveInUse(f"{folder} is in use by a run; mend it when that has ended") from None
         journal = Journal(folder, durable)
-        done = [(cell, journal.entries[cell].key) for cell in cells if cell in journal.entries and journal.entries[cell].event == "done"]
+        done = [
+            (cell, journal.entries[cell].key)
+            for cell in cells
+            if cell in journal.entries and journal.entries[cell].event == "done"
+        ]
         if done:
             journal.open()
             try:

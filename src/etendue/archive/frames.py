@@ -1,4 +1,5 @@
-"""The pictures of an earlier run, as it left them: one table that not every run makes again, so it carries a digest of itself.
+"""The pictures of an earlier run, as it left them: one table that not every run makes again, so it carries a digest of
+itself.
 
 In:  the files of the group ``frames``.
 Out: whether they are whole, and the keys of the cells they show.

@@ -3,9 +3,10 @@
 In:  the cells of a stage; where the journal says that cells are stored, and in which form.
 Out: the group of every cell; a group that has to become another one.
 
-In a new archive a stage has one group, or a child for each shape where its grids differ. What is stored stays where it is: cells of one
-shape stay in the group that they have, whatever else of that shape comes. Only where a second shape joins cells that stand in the group of
-the stage itself do these move into a child, without their bytes: a group with children holds no arrays.
+In a new archive a stage has one group, or a child for each shape where its grids differ. What is stored stays where it
+is: cells of one shape stay in the group that they have, whatever else of that shape comes. Only where a second shape
+joins cells that stand in the group of the stage itself do these move into a child, without their bytes: a group with
+children holds no arrays.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from etendue.plan.model import Cell, CellRef, Node
 
 @dataclass(frozen=True)
 class Before:
-    """What an archive holds: its groups, how their variables are stored, and in which shard a cell begins ('': it is not stored)."""
+    """What an archive holds: its groups, how their variables are stored, and in which shard a cell begins ('': it is
+    not stored).
+    """
 
     groups: Collection[str] = ()
     blocks: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
@@ -33,18 +36,26 @@ class Before:
         return any(group.startswith(f"{stage}/") for group in self.groups)
 
     def of(self, cells: Sequence[Cell], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
-        """The groups in which some cells are stored, in the shapes that their variables have, the one with most of them first."""
+        """The groups in which some cells are stored, in the shapes that their variables have, the one with most of
+        them first.
+        """
         shards = (self.shard(cell.ref) for cell in cells) if self.groups else ()
         found = Counter(path.rsplit("/", 2)[0].removeprefix(f"{DATA}/") for path in shards if path)
         return [group for group, _ in found.most_common() if self._fits(group, shapes)]
 
     def _fits(self, group: str, shapes: Mapping[str, tuple[int, ...]]) -> bool:
-        stored = {name: one["form"].partition(" ")[2] for name, one in self.blocks.get(group, {}).items() if name in shapes}
+        stored = {
+            name: one["form"].partition(" ")[2] for name, one in self.blocks.get(group, {}).items() if name in shapes
+        }
         return bool(stored) and all(form == "x".join(map(str, shapes[name])) for name, form in stored.items())
 
 
-def groups_of(node: Node, cells: Sequence[Cell], kept: Sequence[str], before: Before) -> tuple[str | dict[CellRef, str], str]:
-    """The one group of all cells of a stage, or that of each; and the child that its own group becomes, '' where it stays."""
+def groups_of(
+    node: Node, cells: Sequence[Cell], kept: Sequence[str], before: Before
+) -> tuple[str | dict[CellRef, str], str]:
+    """The one group of all cells of a stage, or that of each; and the child that its own group becomes, '' where it
+    stays.
+    """
     same = alike(cells)
     if same and not before.has_children(node.name):
         return node.name, ""

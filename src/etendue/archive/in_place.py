@@ -3,8 +3,9 @@
 In:  the folder of an archive whose last run has ended in order.
 Out: the same cells, axes sorted, shards as of a fresh sweep; nothing is written where nothing would change.
 
-The new one is made beside the old one, shard by shard; what is right already is no more than a second name. Then the system exchanges the
-two folders in one step, and what was the old one is removed. Killed at any instant, the same command goes on with what is there.
+The new one is made beside the old one, shard by shard; what is right already is no more than a second name. Then the
+system exchanges the two folders in one step, and what was the old one is removed. Killed at any instant, the same
+command goes on with what is there.
 """
 
 from __future__ import annotations
@@ -62,14 +63,18 @@ def _compact_in_place(folder: Path) -> Compacted:
             _clear(aside, set(anew.shards))
             free = shutil.disk_usage(folder).free
             if needed > free:
-                raise MachineError(f"{folder}: {needed / 1e9:.2g} GB are written anew beside it, and {free / 1e9:.2g} GB are free")
+                raise MachineError(
+                    f"{folder}: {needed / 1e9:.2g} GB are written anew beside it, and {free / 1e9:.2g} GB are free"
+                )
             done = anew.write()
             locks.append(locked(aside, fcntl.LOCK_EX))  # whoever comes between finds it in use
             _sync(aside)
             interrupts.check()
             exchange(folder, aside)
             disk.sync_folder(folder.parent)
-        except BaseException:  # also where somebody interrupts it; what stands aside is the new one not yet, or the old one no more
+        except (
+            BaseException
+        ):  # also where somebody interrupts it; what stands aside is the new one not yet, or the old one no more
             shutil.rmtree(aside, ignore_errors=True)
             raise
         shutil.rmtree(aside, ignore_errors=True)
@@ -80,7 +85,9 @@ def _compact_in_place(folder: Path) -> Compacted:
 
 
 def _clear(aside: Path, shards: set[str]) -> None:
-    """Leave of an attempt that was broken off, or of the archive that was here before, the shards that may be of use."""
+    """Leave of an attempt that was broken off, or of the archive that was here before, the shards that may be of
+    use.
+    """
     aside.mkdir(exist_ok=True)
     for entry in list(aside.iterdir()):
         if entry.name == DATA and entry.is_dir() and not entry.is_symlink():
@@ -117,4 +124,6 @@ def exchange(one: Path, other: Path) -> None:
         failed = -1
     if failed:
         why = os.strerror(ctypes.get_errno())
-        raise ArchiveError(f"{one}: its file system cannot exchange two folders ({why}); write it elsewhere: etendue compact {one} NEW")
+        raise ArchiveError(
+            f"{one}: its file system cannot exchange two folders ({why}); write it elsewhere: etendue compact {one} NEW"
+        )

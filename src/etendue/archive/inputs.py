@@ -38,7 +38,9 @@ class Resolved:
     """A pipeline that needs nothing but its archive."""
 
     text: str
-    inputs: dict[str, str] = field(default_factory=dict)  # name below inputs/ -> path of the file or folder it is a copy of
+    inputs: dict[str, str] = field(
+        default_factory=dict
+    )  # name below inputs/ -> path of the file or folder it is a copy of
     written: dict[str, str] = field(default_factory=dict)  # as the pipeline named a file -> as the text here does
 
 
@@ -80,8 +82,12 @@ class _Resolver:
         """A preset of an axis, with what its name stands for written out: another version may say otherwise."""
         whose = self.pipeline.table
         named = preset(table[whose.preset], whose).values() if whose.preset in table else {}
-        known = {name: value for name, value in named.items() if name in self.shared and name not in self.pipeline.shared}
-        return {name: self.value(value, self.shared.get(name, (None,))[0]) for name, value in {**known, **table}.items()}
+        known = {
+            name: value for name, value in named.items() if name in self.shared and name not in self.pipeline.shared
+        }
+        return {
+            name: self.value(value, self.shared.get(name, (None,))[0]) for name, value in {**known, **table}.items()
+        }
 
     def axis(self, key: str, values: Any) -> Any:
         stage, _, name = key.partition(".")
@@ -106,7 +112,12 @@ def resolve_pipeline(plan: Plan) -> Resolved:
         document["description"] = pipeline.description
     if pipeline.variant:
         document["variant"] = pipeline.variant
-    document |= {"seed": pipeline.seed, "tolerance": pipeline.tolerance, "norm": pipeline.norm, "precision": pipeline.precision}
+    document |= {
+        "seed": pipeline.seed,
+        "tolerance": pipeline.tolerance,
+        "norm": pipeline.norm,
+        "precision": pipeline.precision,
+    }
     if not plan.leaves_out:
         document["leave_out"] = False
     if pipeline.wanted is not None:
@@ -122,10 +133,14 @@ def resolve_pipeline(plan: Plan) -> Resolved:
     named = {pipeline.table.preset: pipeline.preset_name} if pipeline.preset_name and not pipeline.preset_swept else {}
     document[pipeline.table.name] = named | shared
     document["stages"] = [
-        {"use": entry.use, "name": entry.name, **({"from": dict(entry.origin)} if entry.origin else {}),
-         **found.table(entry.values, found.kinds[entry.name])}
+        {
+            "use": entry.use,
+            "name": entry.name,
+            **({"from": dict(entry.origin)} if entry.origin else {}),
+            **found.table(entry.values, found.kinds[entry.name]),
+        }
         for entry in pipeline.stages
-    ]  # fmt: skip
+    ]
     if pipeline.sweep:
         document["sweep"] = {key: found.axis(key, values) for key, values in pipeline.sweep.items()}
     return Resolved(toml.dumps(document), found.inputs, found.written)
@@ -137,14 +152,24 @@ def as_recorded(value: Any, written: Mapping[str, str]) -> str:
         found = written.get(value, value)
         return toml.value(Path(found).name if os.path.isabs(found) else found)
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{toml.key(str(name))} = {as_recorded(one, written)}" for name, one in value.items()) + " }"
+        return (
+            "{ "
+            + ", ".join(f"{toml.key(str(name))} = {as_recorded(one, written)}" for name, one in value.items())
+            + " }"
+        )
     if isinstance(value, list | tuple):
         return f"[{', '.join(as_recorded(one, written) for one in value)}]"
-    return toml.value(value) if isinstance(value, bool | int | float | Decimal) or hasattr(value, "item") else toml.value(str(value))
+    return (
+        toml.value(value)
+        if isinstance(value, bool | int | float | Decimal) or hasattr(value, "item")
+        else toml.value(str(value))
+    )
 
 
 def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) -> list[str]:
-    """Every file and folder that a pipeline names into ``inputs/``; of very large ones, what they are. Gives damaged copies it replaced."""
+    """Every file and folder that a pipeline names into ``inputs/``; of very large ones, what they are. Gives damaged
+    copies it replaced.
+    """
     mended = []
     for name, path in inputs.items():
         digest, source = file_digest(path), Path(path)
@@ -163,7 +188,12 @@ def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) 
                 pass
             mended.append(f"inputs/{name}")
         for part in _parts(source) if source.is_dir() else [""]:
-            disk.write(folder, f"inputs/{name}/{part}" if part else f"inputs/{name}", _read(source / part if part else source), durable)
+            disk.write(
+                folder,
+                f"inputs/{name}/{part}" if part else f"inputs/{name}",
+                _read(source / part if part else source),
+                durable,
+            )
         if digest_now(copy) != digest:
             raise ArchiveError(f"{source.name} has changed while it was copied into {folder / 'inputs'}; run again")
     return mended
@@ -192,7 +222,9 @@ def _leads_out(folder: Path) -> bool:
 
 
 def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
-    """The sweep of an earlier run, from its record; nothing where it cannot be read. Files are the copies in the archive."""
+    """The sweep of an earlier run, from its record; nothing where it cannot be read. Files are the copies in the
+    archive.
+    """
     text = record.get("resolved")
     try:
         found = tomllib.loads(text, parse_float=Decimal).get("sweep", {}) if isinstance(text, str) else {}
@@ -205,7 +237,9 @@ def _names_others(value: Any) -> bool:
     """Whether a sweep of a record names files elsewhere than in ``inputs/``: no run has written that."""
     if isinstance(value, dict | list):
         return any(map(_names_others, value.values() if isinstance(value, dict) else value))
-    leads = isinstance(value, str) and (os.path.isabs(value) or value.startswith("package:") or ".." in value.split("/"))
+    leads = isinstance(value, str) and (
+        os.path.isabs(value) or value.startswith("package:") or ".." in value.split("/")
+    )
     return leads and not _COPY.fullmatch(value)
 
 
@@ -214,4 +248,6 @@ def _in_place(value: Any, folder: Path) -> Any:
         return {name: _in_place(one, folder) for name, one in value.items()}
     if isinstance(value, list):
         return [_in_place(one, folder) for one in value]
-    return str(folder / value.removeprefix("../")) if isinstance(value, str) and value.startswith("../inputs/") else value
+    return (
+        str(folder / value.removeprefix("../")) if isinstance(value, str) and value.startswith("../inputs/") else value
+    )

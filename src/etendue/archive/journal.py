@@ -1,14 +1,14 @@
 """The journal: what is finished, and nothing else is.
 
 One JSON line per event, appended by the owner of the archive only. A cell is finished when its **last** line is
-``done`` with the wanted key, and its chunks lie where the lines say, with the size they name. A line ends in a checksum of
-itself; one that does not fit it, and a torn last one, count as absent. What a file's existence suggests is never asked.
-A ``done`` line says to which part of a shard each chunk was appended; a ``shard`` line which bytes of which parts a shard holds.
-Beside the cells stand the axis values of each group (a coordinate array torn by a kill is written again from them), the
-arrays that were made in each group, how each is cut into shards, the record of each run, and how many cells it has to compute.
-``closed`` says
-that a run has ended in order: what stands in front of it need not be read back. ``outdated`` names the cells that a run is about to
-replace: their chunks are there until it does, and nobody is shown them.
+``done`` with the wanted key, and its chunks lie where the lines say, with the size they name. A line ends in a checksum
+of itself; one that does not fit it, and a torn last one, count as absent. What a file's existence suggests is never
+asked. A ``done`` line says to which part of a shard each chunk was appended; a ``shard`` line which bytes of which
+parts a shard holds. Beside the cells stand the axis values of each group (a coordinate array torn by a kill is written
+again from them), the arrays that were made in each group, how each is cut into shards, the record of each run, and how
+many cells it has to compute. ``closed`` says
+that a run has ended in order: what stands in front of it need not be read back. ``outdated`` names the cells that a run
+is about to replace: their chunks are there until it does, and nobody is shown them.
 """
 
 from __future__ import annotations
@@ -32,13 +32,23 @@ from etendue.archive.line_forms import FIELDS, axis_of, block_of, decode_of_a_ce
 from etendue.archive.shards import Shard
 
 LONGEST_LINE = 32 << 20  # bytes; the longest, that of a record, has some megabytes where axes have 100,000 values
-UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)  # of a damaged line
+UNFIT = (
+    msgspec.DecodeError,
+    KeyError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    RecursionError,
+    OverflowError,
+)  # of a damaged line
 SUM = 18  # characters of ',"sum":"01234567"}'
 
 
 @dataclass
 class Going:
-    """The last run: by stage how many cells it was asked for, and which it had to compute; those that have ended since."""
+    """The last run: by stage how many cells it was asked for, and which it had to compute; those that have ended
+    since.
+    """
 
     planned: Mapping[str, int]
     todo: Mapping[str, int]
@@ -52,14 +62,22 @@ class Read:
     entries: MutableMapping[str, Entry] = field(default_factory=Entries)
     axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
-    blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)  # by group and variable: how it is cut and encoded
-    shards: dict[str, Shard] = field(default_factory=dict)  # by path below the archive, as they were put in their places
-    records: dict[str, str] = field(default_factory=dict)  # by path below the archive: the text of the record of each run
+    blocks: dict[str, dict[str, dict[str, Any]]] = field(
+        default_factory=dict
+    )  # by group and variable: how it is cut and encoded
+    shards: dict[str, Shard] = field(
+        default_factory=dict
+    )  # by path below the archive, as they were put in their places
+    records: dict[str, str] = field(
+        default_factory=dict
+    )  # by path below the archive: the text of the record of each run
     run: Going | None = None
     damaged: int = 0  # lines that say nothing
     torn: bool = False  # behind the last whole line stands a piece of one
     files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
-    outdated: set[str] = field(default_factory=set)  # cells called done that the last run was to compute otherwise, and has not yet
+    outdated: set[str] = field(
+        default_factory=set
+    )  # cells called done that the last run was to compute otherwise, and has not yet
 
     @property
     def said(self) -> Entries:
@@ -79,8 +97,19 @@ class Journal:
         self.root, self.durable = root, durable
         self.encoder = msgspec.json.Encoder()
         found = read(root / NAME)
-        self.entries, self.axes, self.arrays, self.run, self.damaged = found.said, found.axes, found.arrays, found.run, found.damaged
-        self.blocks, self.shards, self.files_a_cell, self.torn = found.blocks, found.shards, found.files_a_cell, found.torn
+        self.entries, self.axes, self.arrays, self.run, self.damaged = (
+            found.said,
+            found.axes,
+            found.arrays,
+            found.run,
+            found.damaged,
+        )
+        self.blocks, self.shards, self.files_a_cell, self.torn = (
+            found.blocks,
+            found.shards,
+            found.files_a_cell,
+            found.torn,
+        )
         self.records, self.outdated = found.records, found.outdated
         self.handle: int | None = None
 
@@ -120,17 +149,25 @@ class Journal:
             self.outdated.discard(cell)
 
     def end(self, cells: Iterable[tuple[str, Entry]], remember: bool = True) -> None:
-        """Say that these cells are done (or failed): their chunks stand in their places. ``remember``: also in ``entries``."""
+        """Say that these cells are done (or failed): their chunks stand in their places. ``remember``: also in
+        ``entries``.
+        """
         pairs = list(cells)
         self._append(
             {
-                "event": entry.event, "cell": cell, "key": entry.key, "status": entry.status, "seconds": entry.seconds,
-                "clipped": entry.clipped, "clipped_flux": entry.clipped_flux, "floored": entry.floored,
+                "event": entry.event,
+                "cell": cell,
+                "key": entry.key,
+                "status": entry.status,
+                "seconds": entry.seconds,
+                "clipped": entry.clipped,
+                "clipped_flux": entry.clipped_flux,
+                "floored": entry.floored,
                 **({"platform": entry.platform} if entry.platform else {}),
                 "files": [[f.path, f.slot, f.part, f.offset, f.size, f.digest] for f in entry.files],
             }
             for cell, entry in pairs
-        )  # fmt: skip
+        )
         for cell, entry in pairs:
             if remember:
                 self.entries[cell] = entry
@@ -151,7 +188,11 @@ class Journal:
         """Say which axis values the arrays of each group have, in stored order, before any array changes."""
         changed = {group: dict(values) for group, values in axes.items() if self.axes.get(group) != values}
         self._append(
-            {"event": "axes", "group": group, "axes": {dim: [_written(v) for v in values] for dim, values in own.items()}}
+            {
+                "event": "axes",
+                "group": group,
+                "axes": {dim: [_written(v) for v in values] for dim, values in own.items()},
+            }
             for group, own in changed.items()
         )
         self.axes.update(changed)
@@ -164,7 +205,9 @@ class Journal:
             del self.axes[group]
 
     def set_arrays(self, arrays: Mapping[str, Iterable[str]]) -> None:
-        """Say which arrays will be made in each group, before any is: what is named here was not put there by somebody else."""
+        """Say which arrays will be made in each group, before any is: what is named here was not put there by
+        somebody else.
+        """
         fresh = {group: set(names) | self.arrays.get(group, set()) for group, names in arrays.items()}
         fresh = {group: names for group, names in fresh.items() if names != self.arrays.get(group)}
         self._append({"event": "arrays", "group": group, "names": sorted(names)} for group, names in fresh.items())
@@ -172,13 +215,19 @@ class Journal:
 
     def set_blocks(self, blocks: Mapping[str, Mapping[str, dict[str, Any]]]) -> None:
         """Say how the variables of each group are cut into shards, before any is made: it stays so when axes grow."""
-        changed = {group: {name: dict(one) for name, one in own.items()} for group, own in blocks.items() if self.blocks.get(group) != own}
+        changed = {
+            group: {name: dict(one) for name, one in own.items()}
+            for group, own in blocks.items()
+            if self.blocks.get(group) != own
+        }
         self._append({"event": "blocks", "group": group, "blocks": own} for group, own in changed.items())
         self.blocks.update(changed)
 
     def put(self, shards: Mapping[str, Shard]) -> None:
         """Say that these shards stand in their places."""
-        self._append({"event": "shard", "path": path, "size": one.size, "kept": one.kept} for path, one in shards.items())
+        self._append(
+            {"event": "shard", "path": path, "size": one.size, "kept": one.kept} for path, one in shards.items()
+        )
         self.shards.update(shards)
 
     def record(self, path: str, text: str) -> None:
@@ -288,7 +337,10 @@ def _checked(line: bytes) -> dict[str, Any]:
         raise ValueError("no document")
     checksum = value.pop("sum", None)
     if checksum is not None:
-        fresh = (line[:-SUM] + b"}", msgspec.json.encode(value))  # as it was written; or as somebody wrote it again, with blanks
+        fresh = (
+            line[:-SUM] + b"}",
+            msgspec.json.encode(value),
+        )  # as it was written; or as somebody wrote it again, with blanks
         if all(checksum != f"{zlib.crc32(one):08x}" for one in fresh):
             raise ValueError("the line does not fit its checksum")
     return value
@@ -306,9 +358,13 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
         else:
             found.axes[group] = {of_kind(str, dim): axis_of(of_kind(list, values)) for dim, values in axes.items()}
     elif event == "arrays":
-        found.arrays.setdefault(inside(value["group"]), set()).update(inside(name) for name in of_kind(list, value["names"]))
+        found.arrays.setdefault(inside(value["group"]), set()).update(
+            inside(name) for name in of_kind(list, value["names"])
+        )
     elif event == "run":
-        planned, todo = ({of_kind(str, k): of_kind(int, n) for k, n in value[name].items()} for name in ("planned", "todo"))
+        planned, todo = (
+            {of_kind(str, k): of_kind(int, n) for k, n in value[name].items()} for name in ("planned", "todo")
+        )
         found.run = Going(planned, todo)
     elif event == "blocks":
         found.blocks[inside(value["group"])] = {inside(name): block_of(one) for name, one in value["blocks"].items()}
@@ -332,7 +388,9 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
         numbers = {name: float(of_kind((int, float), value.get(name, 0.0))) for name in words}
         cell = of_kind(str, value["cell"])
         platform = of_kind(str, value.get("platform", ""))
-        found.entries[cell] = Entry(event, of_kind(str, value["key"]), files, status, **numbers, platform=platform, fresh=True)
+        found.entries[cell] = Entry(
+            event, of_kind(str, value["key"]), files, status, **numbers, platform=platform, fresh=True
+        )
         found.files_a_cell += a_cell
         found.outdated.discard(cell)
         if found.run is not None and event in ("done", "failed"):

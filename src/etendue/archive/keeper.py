@@ -29,9 +29,15 @@ class ArchiveKeeper:
     keeps_arrays, draws = False, True
 
     def __init__(
-        self, folder: Path, scheduler: str, durable: bool, recompute: bool, accept_platform: bool, prune: bool,
+        self,
+        folder: Path,
+        scheduler: str,
+        durable: bool,
+        recompute: bool,
+        accept_platform: bool,
+        prune: bool,
         restore: frozenset[str] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.store = Archive(folder, durable)
         self.folder: Path | None = self.store.folder
         self.scheduler, self.recompute, self.accept_platform, self.prune = scheduler, recompute, accept_platform, prune
@@ -69,7 +75,9 @@ class ArchiveKeeper:
             moving.move(store, store.layout.moves)
             store.use(plan)
         finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
-        asked_for = set(cells.values()) | {ref for ref in plan.cells if self.restore and store.names[ref] in self.restore}
+        asked_for = set(cells.values()) | {
+            ref for ref in plan.cells if self.restore and store.names[ref] in self.restore
+        }
         todo = select(plan, finished, asked_for)
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
@@ -77,7 +85,9 @@ class ArchiveKeeper:
         again = {ref[0] for ref in todo}
         reasons = {name: why for name, why in (provenance.reasons(old, plan) if known else {}).items() if name in again}
         for name, count in store.damaged.items():
-            reasons.setdefault(name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk")
+            reasons.setdefault(
+                name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk"
+            )
         store.begin(todo, finished, outdated)
         if self.restore is not None:
             store.change()  # also where nothing is left to do: what vouches for the rest is written anew
@@ -90,16 +100,22 @@ class ArchiveKeeper:
             store.journal.record(path, (store.folder / path).read_text())
             self.recorded = True
         store.behind.begun()
-        return Work(plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended, store.blocks.moved)
+        return Work(
+            plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended, store.blocks.moved
+        )
 
     def _check_platform(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
         folder = self.store.folder
         way_out = "Go on with its finished cells: --accept-platform; compute all again: --recompute"
         if old is None:
             if self.store.journal.entries.any_done():
-                raise ArchiveError(f"no record in {folder / 'runs'} can be read, which say on what its cells were computed. {way_out}")
+                raise ArchiveError(
+                    f"no record in {folder / 'runs'} can be read, which say on what its cells were computed. {way_out}"
+                )
         elif old["platform"] != dict(now):
-            changed = ", ".join(f"{k} {old['platform'].get(k)} -> {now[k]}" for k in now if old["platform"].get(k) != now[k])
+            changed = ", ".join(
+                f"{k} {old['platform'].get(k)} -> {now[k]}" for k in now if old["platform"].get(k) != now[k]
+            )
             raise ArchiveError(f"{folder} was begun on another platform ({changed}), where bits may differ. {way_out}")
 
     def target(self, cell: Cell) -> CellFiles:
@@ -112,7 +128,9 @@ class ArchiveKeeper:
         with self.lock:
             self.store.starting(refs)
 
-    def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def finished(
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
         with self.lock:
             self.store.reported(reports)
         return arrays
@@ -125,9 +143,15 @@ class ArchiveKeeper:
             if entry is not None and entry.event == "done":
                 kept = {(path, slot) for path, slot, _ in store.laid.slots(ref)}
                 yield CellReport(
-                    *ref, entry.status, entry.seconds, clipped=entry.clipped, clipped_flux=entry.clipped_flux, floored=entry.floored,
-                    platform=entry.platform, size=sum(file.size for file in entry.files if (file.path, file.slot) in kept),
-                )  # fmt: skip
+                    *ref,
+                    entry.status,
+                    entry.seconds,
+                    clipped=entry.clipped,
+                    clipped_flux=entry.clipped_flux,
+                    floored=entry.floored,
+                    platform=entry.platform,
+                    size=sum(file.size for file in entry.files if (file.path, file.slot) in kept),
+                )
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
@@ -136,7 +160,9 @@ class ArchiveKeeper:
         found, plan = {}, self.store.plan
         for ref in refs:
             target, writes = self.store.target(plan.cells[ref]), plan.node(ref[0]).writes
-            chosen = [v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})]
+            chosen = [
+                v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})
+            ]
             found[ref] = {v: target.read(v) for v in chosen if named is None or v in named}
         return found
 
@@ -144,7 +170,9 @@ class ArchiveKeeper:
         return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
-        return self.store.shown() != self._keys(shown) or not frames.sheet_is_whole(self.store.folder, self.store.manifest)
+        return self.store.shown() != self._keys(shown) or not frames.sheet_is_whole(
+            self.store.folder, self.store.manifest
+        )
 
     def _keys(self, refs: Iterable[CellRef]) -> list[str]:
         return [self.store.plan.cells[ref].key for ref in refs]
@@ -163,7 +191,10 @@ class ArchiveKeeper:
         if sheet and sheet.table:
             tables = {
                 **tables,
-                "frames": {**sheet.table, "attrs": {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at}},
+                "frames": {
+                    **sheet.table,
+                    "attrs": {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at},
+                },
             }
         if sheet:
             drawn = place.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed

@@ -20,7 +20,8 @@ from etendue.plan.resume import is_of_names, with_stored_values
 
 
 def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[str], int]:
-    """The plan over what an archive holds as well; the stages kept for that reason alone, and how many cells are given up.
+    """The plan over what an archive holds as well; the stages kept for that reason alone, and how many cells are given
+    up.
 
     Raises
     ------
@@ -71,12 +72,14 @@ class Lost:
         raise ArchiveError(
             f"{folder} holds finished results that this run neither keeps nor replaces: {shown}; "
             f"{total} {'cell' if total == 1 else 'cells'}, {self.bytes} bytes in all. "
-            f"Remove them: --prune; keep them: name them under 'keep' and in the sweep, or use another archive, --archive DIR"
+            f"Remove them: --prune; keep them: name them under 'keep' and in the sweep, or use another archive, "
+            f"--archive DIR"
         )
 
 
 def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple[Plan, list[str], Lost]:
-    """The plan that also keeps what is stored and right; the stages that are kept for that reason alone; what would be lost.
+    """The plan that also keeps what is stored and right; the stages that are kept for that reason alone; what would be
+    lost.
 
     A stage of which something is kept goes on with all that is stored of it: one status holds for all its variables.
     """
@@ -94,7 +97,11 @@ def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple
             continue
         if not any((node.name, v) in plan.kept for v in node.writes):
             own = ((cell, entries.get(names[cell.ref])) for cell in plan.of(node.name))
-            wrong = [entry for cell, entry in own if entry and entry.event == "done" and entry.files and entry.key != cell.key]
+            wrong = [
+                entry
+                for cell, entry in own
+                if entry and entry.event == "done" and entry.files and entry.key != cell.key
+            ]
             if wrong:
                 lost.add(node.name, wrong)
                 continue

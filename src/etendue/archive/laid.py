@@ -1,4 +1,5 @@
-"""A plan laid out over what an archive has: axes as they are stored, where each cell stands, and the files around the cells.
+"""A plan laid out over what an archive has: axes as they are stored, where each cell stands, and the files around the
+cells.
 
 In:  a plan; of earlier runs the axis values by group, how variables are cut, and which cells are stored.
 Out: groups, places and chunks of cells; the store in memory (``tree``).
@@ -37,7 +38,9 @@ class Laid:
     nodes : every group and array, by path
     """
 
-    def __init__(self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], blocks: Blocks, entries: Entries) -> None:
+    def __init__(
+        self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], blocks: Blocks, entries: Entries
+    ) -> None:
         self.plan = plan
         self.names = Names(plan)
         self.layout: Layout = layout_of(plan, Before(stored, blocks, lambda ref: entries.first_file(self.names[ref])))
@@ -50,19 +53,27 @@ class Laid:
                 own[dim] += [v for v in values if v not in known]
             self.axes[path] = own
             self.places[path] = [_positions(own[dim], values) for dim, values in group.axes.items()]
-        self.unmoved = {path for path, places in self.places.items() if all(own == list(range(len(own))) for own in places)}
+        self.unmoved = {
+            path for path, places in self.places.items() if all(own == list(range(len(own))) for own in places)
+        }
         self.blocks = cut(plan, self.layout, self.axes, blocks)
         self.nodes = _nodes(self.layout)
         self.whereabouts = {
-            path: [Whereabouts(path, variable, self.blocks[path][variable.name]) for variable in group.variables.values()]
+            path: [
+                Whereabouts(path, variable, self.blocks[path][variable.name]) for variable in group.variables.values()
+            ]
             for path, group in self.layout.groups.items()
         }
 
     def tree(self, entries: Entries, todo: Collection[CellRef]) -> Tree:
-        """Everything in the store that the plan knows, tables aside; ``todo`` cells are not computed yet, whatever is stored."""
+        """Everything in the store that the plan knows, tables aside; ``todo`` cells are not computed yet, whatever
+        is stored.
+        """
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         tree = Tree()
-        attrs: dict[str, Any] = {"etendue": {"format": 2, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}}
+        attrs: dict[str, Any] = {
+            "etendue": {"format": 2, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}
+        }
         if self.plan.pipeline.variant:
             attrs["variant"] = self.plan.pipeline.variant
         tree.put_group("", attrs)
@@ -74,18 +85,26 @@ class Laid:
         self.put_status(tree, entries, todo)
         return tree
 
-    def put_status(self, tree: Tree, entries: Entries, todo: Collection[CellRef] = (), ended: Sequence[int] = ()) -> None:
+    def put_status(
+        self, tree: Tree, entries: Entries, todo: Collection[CellRef] = (), ended: Sequence[int] = ()
+    ) -> None:
         """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold.
 
         ``ended``: by number of a cell, 1 above its status where it has ended in this run.
         """
         number = self.plan.numbers.of
         for path, layout in self.layout.groups.items():
-            status = np.full(tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8)
+            status = np.full(
+                tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8
+            )
             for ref, index in layout.cells.items():
                 if ended and ended[number(ref)]:
                     status[self.place(path, index)] = ended[number(ref)] - 1
-                elif ref not in todo and entries and (found := entries.standing(self.names[ref], self.plan.cells[ref].key)):
+                elif (
+                    ref not in todo
+                    and entries
+                    and (found := entries.standing(self.names[ref], self.plan.cells[ref].key))
+                ):
                     status[self.place(path, index)] = STATUS.index(found)
             tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
 
@@ -95,7 +114,10 @@ class Laid:
             values, attrs = coordinate.values, dict(coordinate.attrs)
             if name in merged:
                 values = merged[name]
-                if not any(isinstance(v, str) for v in values) and values not in (sorted(values), sorted(values, reverse=True)):
+                if not any(isinstance(v, str) for v in values) and values not in (
+                    sorted(values),
+                    sorted(values, reverse=True),
+                ):
                     attrs["order"] = "as the sweep grew; sort with .sortby"
             elif coordinate.dims[:-1] and coordinate.dims[0] in merged:
                 values = self._grown_positions(path, coordinate.dims[:-1], np.asarray(values, dtype=float))
@@ -111,10 +133,16 @@ class Laid:
         whole[np.ix_(*(places[axis] for axis in axes), range(own.shape[-1]))] = own
         return whole
 
-    def _lay_out_variable(self, tree: Tree, path: str, layout: GroupLayout, variable: VariableLayout, merged: dict[str, list[Any]]) -> None:
+    def _lay_out_variable(
+        self, tree: Tree, path: str, layout: GroupLayout, variable: VariableLayout, merged: dict[str, list[Any]]
+    ) -> None:
         sizes = tuple(len(values) for values in merged.values())
         shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
-        beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and not n.endswith(BOUNDS) and set(c.dims) <= set(dims)]
+        beside = [
+            n
+            for n, c in layout.coordinates.items()
+            if c.dims != (n,) and not n.endswith(BOUNDS) and set(c.dims) <= set(dims)
+        ]
         beside += layouts.coordinates_of(layout, variable)
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
         one = self.blocks[path][variable.name]

@@ -120,7 +120,9 @@ def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -
     return {cell.ref: tuple(own[i] for own, i in zip(places, cell.ref[1], strict=True)) for cell in cells}
 
 
-def _fill(plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kept: Sequence[str], cells: Sequence[Cell]) -> None:
+def _fill(
+    plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kept: Sequence[str], cells: Sequence[Cell]
+) -> None:
     """Variables and coordinates of every cell of a group, from ``cells`` among which all its grids are."""
     for dim in group.axes:
         axis = plan.axis(dim)
@@ -132,21 +134,29 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kep
         dims = declaration.dims
         attrs = {"units": declaration.unit, "long_name": variable(name).long_name}
         attrs |= drawing_attributes(plan, node, every, name)
-        averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
+        averaged = [
+            dim
+            for dim in dims
+            if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)
+        ]
         if averaged:  # in the words of the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
         attrs |= _flags(name, cells[0])
         unseen = not_in_it(plan, node, name)
         attrs |= {NOT_IN_IT: ", ".join(unseen)} if unseen else {}
         dtype = plan.precision if declaration.dtype == "float" or plan.expected else declaration.dtype
-        group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs, variable(name).beside)
+        group.variables[name] = VariableLayout(
+            name, node.axes, dims, grid.shape(dims), dtype, attrs, variable(name).beside
+        )
         for dim in dims:
             if dim not in group.coordinates:
                 _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
 
 
 def _flags(name: str, cell: Cell) -> dict[str, Any]:
-    """Attributes that name the values of a variable, in the words of the CF conventions; a NaN among them stands for none."""
+    """Attributes that name the values of a variable, in the words of the CF conventions; a NaN among them stands for
+    none.
+    """
     known = variable(name)
     named = known.flags or known.masks
     if named:
@@ -160,7 +170,11 @@ def _flags(name: str, cell: Cell) -> dict[str, Any]:
 
 def coordinates_of(group: GroupLayout, own: VariableLayout) -> list[str]:
     """The variables of a group that are coordinates of one of them."""
-    return [v.name for v in group.variables.values() if v.beside and v.beside in own.dims and v is not own and not own.beside]
+    return [
+        v.name
+        for v in group.variables.values()
+        if v.beside and v.beside in own.dims and v is not own and not own.beside
+    ]
 
 
 def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[CellRef, Coordinate]) -> None:
@@ -186,7 +200,9 @@ def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[C
         attrs = {"units": first.units, "long_name": said.get(first.units, dim)}
         group.coordinates[dim] = CoordinateLayout((dim,), first.values(), attrs)
     else:
-        group.coordinates[dim] = CoordinateLayout((dim,), list(range(first.size)), {"units": "1", "long_name": f"sample index along {dim}"})
+        group.coordinates[dim] = CoordinateLayout(
+            (dim,), list(range(first.size)), {"units": "1", "long_name": f"sample index along {dim}"}
+        )
     if first.position is not None or not same:
         _positions(node, group, dim, lines)
 

@@ -3,8 +3,8 @@
 In:  the store, what was seen of ``owner.json``.
 Out: the right to write, for as long as it is renewed; the last word on an archive when it is in order.
 
-A run that was killed cannot give it up: it ends by itself ``LEASE`` seconds after it was last renewed. Every put of it has another
-content, so that its tag says whether anybody has written since.
+A run that was killed cannot give it up: it ends by itself ``LEASE`` seconds after it was last renewed. Every put of it
+has another content, so that its tag says whether anybody has written since.
 """
 
 from __future__ import annotations
@@ -50,7 +50,9 @@ def look(objects: Objects) -> Seen:
 
 
 def in_use(url: str, seen: Seen) -> ArchiveInUse:
-    return ArchiveInUse(f"{url} is in use by another run; if that was killed it is free in {seen.held():.0f} s: run again then")
+    return ArchiveInUse(
+        f"{url} is in use by another run; if that was killed it is free in {seen.held():.0f} s: run again then"
+    )
 
 
 class Lease:

@@ -15,7 +15,9 @@ from etendue.contract.ports import Written
 
 LARGEST = 2**62  # of a place in a file
 
-OF_A_CELL = frozenset({"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "platform", "files"})
+OF_A_CELL = frozenset(
+    {"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "platform", "files"}
+)
 FIELDS = {
     "axes": frozenset({"event", "group", "axes"}),
     "arrays": frozenset({"event", "group", "names"}),
@@ -52,7 +54,9 @@ decode_of_a_cell = msgspec.json.Decoder(OfACell).decode
 
 
 def files_of(written: Any) -> tuple[tuple[Written, ...], int]:
-    """The chunks of a cell, and how many of them have a file of their own: of those an archive said only how large each was."""
+    """The chunks of a cell, and how many of them have a file of their own: of those an archive said only how large
+    each was.
+    """
     files, a_cell = [], 0
     for one in written:
         if len(one) == 3:
@@ -101,6 +105,8 @@ def value_of(written: Any) -> Any:
 
 def axis_of(written: list[Any]) -> list[Any]:
     values = [value_of(one) for one in written]
-    if len({isinstance(one, str) for one in values}) > 1 or not all(isinstance(one, str | int | float) for one in values):
+    if len({isinstance(one, str) for one in values}) > 1 or not all(
+        isinstance(one, str | int | float) for one in values
+    ):
         raise ValueError("an axis of no values")
     return values

@@ -1,7 +1,8 @@
-"""The manifest: digests of everything in an archive that is no chunk of a cell. There is one while no run is unfinished.
+"""The manifest: digests of everything in an archive that is no chunk of a cell. There is one while no run is
+unfinished.
 
-A run takes it away before it changes anything and writes it when it has ended, so that what differs from it was changed by
-somebody else, or by a failing disk.
+A run takes it away before it changes anything and writes it when it has ended, so that what differs from it was changed
+by somebody else, or by a failing disk.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ DIGITS = 64  # of a SHA-256, with which the name of an input begins
 
 @dataclass(frozen=True)
 class Manifest:
-    """SHA-256 by path below the archive: metadata, coordinates, status and tables of the store; other files beside it."""
+    """SHA-256 by path below the archive: metadata, coordinates, status and tables of the store; other files beside
+    it.
+    """
 
     metadata: Mapping[str, str]
     files: Mapping[str, str]
@@ -36,7 +39,11 @@ class Manifest:
     def nodes(self) -> set[str]:
         """Groups and arrays of the store, by path below it."""
         end = "/zarr.json"
-        return {path[len(DATA) + 1 : -len(end)] for path in self.metadata if path.startswith(f"{DATA}/") and path.endswith(end)} - {""}
+        return {
+            path[len(DATA) + 1 : -len(end)]
+            for path in self.metadata
+            if path.startswith(f"{DATA}/") and path.endswith(end)
+        } - {""}
 
 
 def digest_of(path: Path) -> str:
@@ -74,9 +81,15 @@ def _sum(metadata: Mapping[str, str], files: Mapping[str, str], journal: str) ->
 def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = False) -> None:
     """``metadata``: the bytes of the store's own files, by path below the archive."""
     runs = (f"runs/{p.name}" for p in sorted((folder / "runs").glob("*.*")))
-    told = (f"inputs/{p.name}" for p in sorted((folder / "inputs").glob("*.json")) if len(p.stem) > DIGITS)  # what a large input is
+    told = (
+        f"inputs/{p.name}" for p in sorted((folder / "inputs").glob("*.json")) if len(p.stem) > DIGITS
+    )  # what a large input is
     beside = ["contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", *runs, *told]
-    files = {path: digest_of(folder / path) for path in beside if (folder / path).is_file() and not path.endswith(disk.PARTIAL)}
+    files = {
+        path: digest_of(folder / path)
+        for path in beside
+        if (folder / path).is_file() and not path.endswith(disk.PARTIAL)
+    }
     digests = {path: hashlib.sha256(data).hexdigest() for path, data in sorted(metadata.items())}
     journal = digest_of(folder / "journal.jsonl")
     whole = {"metadata": digests, "files": files, "journal": journal, "sum": _sum(digests, files, journal)}
@@ -87,6 +100,7 @@ def damaged(folder: Path, paths: Sequence[str]) -> ArchiveError:
     """What is said of files of an archive that are lost, or are not as they were written."""
     more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
     return ArchiveError(
-        f"{folder / paths[0]}{more} {'are missing, or not as they were' if more else 'is missing, or not as it was'} written: "
+        f"{folder / paths[0]}{more} {'are missing, or not as they were' if more else 'is missing, or not as it was'} "
+        f"written: "
         f"the archive is damaged. Mend it: etendue verify {folder} --repair"
     )

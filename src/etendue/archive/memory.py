@@ -20,7 +20,9 @@ from etendue.plan.resume import Work
 
 
 class Standing(Mapping[CellRef, dict[str, Any]]):
-    """The arrays of the cells that have ended, where they stand; ``others``: of those of which more was given than is kept."""
+    """The arrays of the cells that have ended, where they stand; ``others``: of those of which more was given than
+    is kept.
+    """
 
     def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Any]]) -> None:
         self.keeper, self.others = keeper, others
@@ -62,7 +64,10 @@ class MemoryKeeper:
     def begin(self, asked: Plan) -> Work:
         """Make room for all that is kept."""
         self.plan, self.layout = asked, layout_of(asked)
-        self.number, self.status = asked.numbers.of, bytearray(asked.numbers.count)  # 1 above that of a cell that has ended
+        self.number, self.status = (
+            asked.numbers.of,
+            bytearray(asked.numbers.count),
+        )  # 1 above that of a cell that has ended
         for path, group in self.layout.groups.items():
             sizes = tuple(len(values) for values in group.axes.values())
             for variable in group.variables.values():
@@ -79,7 +84,9 @@ class MemoryKeeper:
 
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 
-    def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def finished(
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
         for report in reports:
             self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
         return {ref: self._put(ref, found) for ref, found in arrays.items()}
@@ -113,7 +120,9 @@ class MemoryKeeper:
         return {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
 
     def _put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
-        """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they came)."""
+        """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they
+        came).
+        """
         path = self.layout.home.get(ref)
         placed = {}
         for name, array in arrays.items():
@@ -152,10 +161,14 @@ class MemoryKeeper:
 
     def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
         """Groups by stage, with ledger, summary and frames beside them."""
-        groups: dict[str, xarray.Dataset] = {node: xarray.Dataset(attrs=attrs) for node, attrs in self.layout.parents.items()}
+        groups: dict[str, xarray.Dataset] = {
+            node: xarray.Dataset(attrs=attrs) for node, attrs in self.layout.parents.items()
+        }
         groups |= {path: self._dataset(path, group) for path, group in self.layout.groups.items()}
         for name, table in tables.items():
-            columns = {column: (dims, np.asarray(values), attrs) for column, (dims, values, attrs) in table["arrays"].items()}
+            columns = {
+                column: (dims, np.asarray(values), attrs) for column, (dims, values, attrs) in table["arrays"].items()
+            }
             groups[name] = xarray.Dataset(columns, attrs=table.get("attrs", {}))
         tree = xarray.DataTree.from_dict({f"/{path}": dataset for path, dataset in groups.items()})
         tree.attrs["pipeline"] = self.plan.pipeline.name

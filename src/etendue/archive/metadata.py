@@ -25,7 +25,9 @@ TEXT = "text"
 
 
 def document(node: Mapping[str, Any]) -> bytes:
-    """A node as zarr writes it: the bytes of ``json.dumps(node, indent=2)``, whose indenting alone takes five times as long."""
+    """A node as zarr writes it: the bytes of ``json.dumps(node, indent=2)``, whose indenting alone takes five times
+    as long.
+    """
     compact = json.dumps(node)
     try:
         return msgspec.json.format(compact.encode(), indent=2)
@@ -38,21 +40,35 @@ def group_node(attrs: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def array_node(
-    dtype: str, shape: Sequence[int], chunks: Sequence[int], shards: Sequence[int] | None, codec: str, dims: Sequence[str], separator: str,
+    dtype: str,
+    shape: Sequence[int],
+    chunks: Sequence[int],
+    shards: Sequence[int] | None,
+    codec: str,
+    dims: Sequence[str],
+    separator: str,
     attrs: Mapping[str, Any],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Of an array whose chunks, or shards of chunks, are checksummed; ``dtype``: of numpy, or ``text``."""
     text = dtype == TEXT
     kind = np.dtype("u1" if text else dtype)
     inner = _text_codecs() if text else _codecs(kind, codec)
     if shards is not None:
         little = {"name": "bytes", "configuration": {"endian": "little"}}
-        sharding = {"chunk_shape": list(chunks), "codecs": inner, "index_codecs": [little, CRC], "index_location": "end"}
+        sharding = {
+            "chunk_shape": list(chunks),
+            "codecs": inner,
+            "index_codecs": [little, CRC],
+            "index_location": "end",
+        }
         inner = [{"name": "sharding_indexed", "configuration": sharding}]
     return {
         "shape": list(shape),
         "data_type": "string" if text else kind.name,
-        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(shards if shards is not None else chunks)}},
+        "chunk_grid": {
+            "name": "regular",
+            "configuration": {"chunk_shape": list(shards if shards is not None else chunks)},
+        },
         "chunk_key_encoding": {"name": "default", "configuration": {"separator": separator}},
         "fill_value": "" if text else "NaN" if kind.kind == "f" else 0,
         "codecs": inner,
@@ -65,7 +81,9 @@ def array_node(
 
 
 def _codecs(kind: Any, codec: str) -> list[dict[str, Any]]:
-    first: dict[str, Any] = {"name": "bytes"} if kind.itemsize == 1 else {"name": "bytes", "configuration": {"endian": "little"}}
+    first: dict[str, Any] = (
+        {"name": "bytes"} if kind.itemsize == 1 else {"name": "bytes", "configuration": {"endian": "little"}}
+    )
     if codec == RAW:
         return [first, CRC]
     blosc = {"typesize": kind.itemsize, "cname": CODEC, "clevel": LEVEL, "shuffle": "bitshuffle", "blocksize": 0}
@@ -73,7 +91,11 @@ def _codecs(kind: Any, codec: str) -> list[dict[str, Any]]:
 
 
 def _text_codecs() -> list[dict[str, Any]]:
-    return [{"name": "vlen-utf8", "configuration": {}}, {"name": "zstd", "configuration": {"level": 0, "checksum": False}}, CRC]
+    return [
+        {"name": "vlen-utf8", "configuration": {}},
+        {"name": "zstd", "configuration": {"level": 0, "checksum": False}},
+        CRC,
+    ]
 
 
 def text_chunk(texts: Sequence[str]) -> bytes:

@@ -1,12 +1,14 @@
-"""An archive on an object store while it is written: a run works in a folder here, and every file of it goes up as an object, whole.
+"""An archive on an object store while it is written: a run works in a folder here, and every file of it goes up as an
+object, whole.
 
 In:  a URL.
 Out: the working folder; when all is over, objects that hold an archive in order, byte for byte the files of the folder.
 
-Order of puts: ``owner.json`` (on the condition that nobody else has put it), the manifest goes; what is known before anything is computed;
-shards as soon as nothing of them is left to be computed, behind them the journal that names them; at the end status and tables, metadata,
-the journal, the manifest, the table of objects, and ``owner.json``, which says that all is in order. What is no longer of the archive is
-removed before the manifest is put. A shard that has gone up leaves a stand-in here.
+Order of puts: ``owner.json`` (on the condition that nobody else has put it), the manifest goes; what is known before
+anything is computed; shards as soon as nothing of them is left to be computed, behind them the journal that names them;
+at the end status and tables, metadata, the journal, the manifest, the table of objects, and ``owner.json``, which says
+that all is in order. What is no longer of the archive is removed before the manifest is put. A shard that has gone up
+leaves a stand-in here.
 """
 
 from __future__ import annotations
@@ -51,7 +53,10 @@ def work_place() -> Path:
 def working_folder(url: str) -> Path:
     """The place of one URL, at one endpoint."""
     plain = plain_url(url)
-    return work_place() / f"{plain.rpartition('/')[2]}-{hashlib.sha256(f'{plain} {endpoint_of(plain)}'.encode()).hexdigest()[:12]}"
+    return (
+        work_place()
+        / f"{plain.rpartition('/')[2]}-{hashlib.sha256(f'{plain} {endpoint_of(plain)}'.encode()).hexdigest()[:12]}"
+    )
 
 
 class Mirror:
@@ -111,7 +116,9 @@ class Mirror:
         self.new = ROOT not in found
         self.unfinished = self.seen.state != CLOSED
         if self.here.run not in ("", self.seen.run) and (self.here.changed() or self.here.gone()):
-            self.notes.append("what an earlier run has left here was given up: another one has written to the archive since")
+            self.notes.append(
+                "what an earlier run has left here was given up: another one has written to the archive since"
+            )
         self.manifest_there = MANIFEST in found
         fetch(self.objects, self.here, self.seen, found, self.exact)
         self.here.save()
@@ -158,7 +165,10 @@ class Mirror:
         lease.take()
         self.lease, self.here.run = lease, lease.run
         if not lease.guarded:
-            self.notes.append(f"{self.objects.url}: this store puts nothing on conditions: nothing keeps two runs from writing at once")
+            self.notes.append(
+                f"{self.objects.url}: this store puts nothing on conditions: nothing keeps two runs from writing at "
+                f"once"
+            )
         self.here.save()
         if self.manifest_there:
             self.objects.delete([MANIFEST])
@@ -172,12 +182,18 @@ class Mirror:
             return
         changed = [path for path in self.here.changed() if not is_shard(path) and path not in (JOURNAL, MANIFEST)]
         self._put(path for path in changed if not path.startswith(f"{DATA}/"))
-        self._put(path for path in changed if path == ROOT and not self.new)  # consolidated metadata would go on saying what was the case
+        self._put(
+            path for path in changed if path == ROOT and not self.new
+        )  # consolidated metadata would go on saying what was the case
         with self.lock:
             moved = list(self.going.values())
-        for one in moved:  # shards under another name: the journal names them when they are there, and their old objects go behind it
+        for one in (
+            moved
+        ):  # shards under another name: the journal names them when they are there, and their old objects go behind it
             one.result()
-        self._say_journal((self.folder / JOURNAL).stat().st_size)  # in front of arrays that are new: it says that they are ours
+        self._say_journal(
+            (self.folder / JOURNAL).stat().st_size
+        )  # in front of arrays that are new: it says that they are ours
         if not self.new:
             for level in (2, 3):
                 self._put(path for path in changed if _order(path) == level)
@@ -237,7 +253,9 @@ class Mirror:
         self.objects.put(TABLE, json.dumps({"objects": known}).encode())
 
     def _stand_in(self) -> None:
-        """Shards that have gone up, and that the journal there names, give their room here back. In the thread that makes shards."""
+        """Shards that have gone up, and that the journal there names, give their room here back. In the thread that
+        makes shards.
+        """
         with self.lock:
             known, self.said = self.said, []
             large = [path for path in known if path in self.here.there and self.here.there[path][1] > STOOD_FOR]

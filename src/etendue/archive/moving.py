@@ -1,9 +1,11 @@
-"""A group of the store becomes another one: its shards get a second name there, then the journal says so, then the first name goes.
+"""A group of the store becomes another one: its shards get a second name there, then the journal says so, then the
+first name goes.
 
 In:  an archive opened for a run; groups and what they become.
 Out: the same cells in other groups: no byte of them is copied where the disk knows hard links.
 
-Killed at any instant every cell lies where the journal says: the old names go only when all cells are named under the new ones.
+Killed at any instant every cell lies where the journal says: the old names go only when all cells are named under the
+new ones.
 """
 
 from __future__ import annotations
@@ -50,8 +52,15 @@ def _forget_consolidated(store: Archive) -> None:
 def _name_twice(store: Archive, old: str, new: str, variables: Iterable[str]) -> bool:
     """Give every file of cells a second name; whether that could be: other bytes may stand there already."""
     places = [(f"{DATA}/{old}/{variable}", f"{DATA}/{new}/{variable}") for variable in variables]
-    files = [(f"{a}/{name}", f"{b}/{name}") for a, b in places for name in store.listing.files.get(a, ()) if _is_of_cells(name)]
-    if any(os.path.lexists(store.folder / b) and not os.path.samefile(store.folder / a, store.folder / b) for a, b in files):
+    files = [
+        (f"{a}/{name}", f"{b}/{name}")
+        for a, b in places
+        for name in store.listing.files.get(a, ())
+        if _is_of_cells(name)
+    ]
+    if any(
+        os.path.lexists(store.folder / b) and not os.path.samefile(store.folder / a, store.folder / b) for a, b in files
+    ):
         return False
     store.journal.set_arrays({new: variables})  # before any is there: nobody else has put it there
     store.ours |= {new, *(f"{new}/{variable}" for variable in variables)}

@@ -46,7 +46,9 @@ class Names(Mapping[CellRef, str]):
 
 
 class Homes(Mapping[CellRef, str]):
-    """The group of every cell of which something is kept. ``of``: by stage its one group, or the group of each of its cells."""
+    """The group of every cell of which something is kept. ``of``: by stage its one group, or the group of each of
+    its cells.
+    """
 
     def __init__(self, plan: Plan, of: Mapping[str, str | Mapping[CellRef, str]]) -> None:
         self.plan, self.groups = plan, of

@@ -1,9 +1,12 @@
-"""The door to an object store: whole objects below one URL are put, fetched, listed and removed, and what goes wrong is said in words.
+"""The door to an object store: whole objects below one URL are put, fetched, listed and removed, and what goes wrong is
+said in words.
 
-In:  ``s3://bucket/prefix/name`` (``file:///folder`` and ``memory:///name`` for trials), the usual AWS_* environment variables.
+In:  ``s3://bucket/prefix/name`` (``file:///folder`` and ``memory:///name`` for trials), the usual AWS_* environment
+     variables.
 Out: bytes, tags of objects (ETag), one clear line for every error.
 
-A put replaces an object whole or not at all. What is put on a condition (``if_tag``) leaves an object alone that somebody else has put.
+A put replaces an object whole or not at all. What is put on a condition (``if_tag``) leaves an object alone that
+somebody else has put.
 """
 
 from __future__ import annotations
@@ -25,7 +28,12 @@ EXTRA = "pip install 'etendue[objects]'"
 DATA = "data.zarr"
 LARGE = 16 << 20  # bytes beyond which an object goes up in pieces, which the store puts together
 KEYS = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (AWS_SKIP_SIGNATURE=true: none, for a public bucket)"
-ROLES = ("AWS_ACCESS_KEY_ID", "AWS_WEB_IDENTITY_TOKEN_FILE", "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI", "AWS_CONTAINER_CREDENTIALS_FULL_URI")
+ROLES = (
+    "AWS_ACCESS_KEY_ID",
+    "AWS_WEB_IDENTITY_TOKEN_FILE",
+    "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
+    "AWS_CONTAINER_CREDENTIALS_FULL_URI",
+)
 _memory: dict[str, Any] = {}  # stores in memory, by URL
 
 
@@ -56,11 +64,15 @@ def plain_url(text: str) -> str:
     """
     scheme, _, rest = text.partition("://")
     if scheme not in SCHEMES:
-        raise RequestError(f"{text}: archives are kept in folders or at s3://bucket/prefix/name; {scheme}:// is not known")
+        raise RequestError(
+            f"{text}: archives are kept in folders or at s3://bucket/prefix/name; {scheme}:// is not known"
+        )
     rest = rest.rstrip("/") if scheme == "s3" else "/" + rest.strip("/")
     if scheme == "s3" and "@" in rest.split("/")[0]:
         raise RequestError(f"s3://...: keys do not belong into a URL; set {KEYS}")
-    if not re.fullmatch(r"[^/]+(/[^/]+)+" if scheme == "s3" else r"(/[^/]+)+", rest) or {"..", "."} & set(rest.split("/")):
+    if not re.fullmatch(r"[^/]+(/[^/]+)+" if scheme == "s3" else r"(/[^/]+)+", rest) or {"..", "."} & set(
+        rest.split("/")
+    ):
         raise RequestError(f"{text}: name an archive below a bucket, s3://bucket/prefix/name")
     return f"{scheme}://{rest}"
 
@@ -121,7 +133,8 @@ class Objects:
                 yield bytes(piece)
 
     def put(self, path: str, data: bytes | Path, if_tag: str | None = None) -> str:
-        """Put an object whole; gives its tag. ``if_tag``: only where this is the tag of what is there; '': only where nothing is.
+        """Put an object whole; gives its tag. ``if_tag``: only where this is the tag of what is there; '': only where
+        nothing is.
 
         Raises
         ------
@@ -135,7 +148,9 @@ class Objects:
         with self._asked(f"putting {path}"):
             self.counts["put"] += 1
             try:
-                return str(self.api.put(self.store, path, data, mode=mode, chunk_size=LARGE, max_concurrency=2)["e_tag"] or "")
+                return str(
+                    self.api.put(self.store, path, data, mode=mode, chunk_size=LARGE, max_concurrency=2)["e_tag"] or ""
+                )
             except (known.AlreadyExistsError, known.PreconditionError, FileExistsError):
                 raise Conflict from None
             except (known.NotSupportedError, NotImplementedError):
@@ -182,7 +197,9 @@ def _said(url: str, doing: str, error: Exception) -> Exception:
         return ArchiveError(f"{url}: no credentials were found; set {KEYS}")
     if type(error).__name__ in ("UnauthenticatedError", "PermissionDeniedError", "PermissionError") or " 403 " in text:
         code = re.search(r"<Code>(\w+)</Code>", text)
-        return ArchiveError(f"{url}: the store refuses {doing}{f' ({code.group(1)})' if code else ''}; check {KEYS}, and AWS_REGION")
+        return ArchiveError(
+            f"{url}: the store refuses {doing}{f' ({code.group(1)})' if code else ''}; check {KEYS}, and AWS_REGION"
+        )
     line = shortened(re.sub(r"^Generic \w+ error: ", "", text.partition("\n")[0]).strip(), 240)
     return StoreLost(f"{url}: the store cannot be reached or has failed while {doing} ({line})")
 
@@ -196,16 +213,28 @@ def _store(url: str) -> Any:
     if scheme == "file":
         return LocalStore(url.removeprefix("file://"), mkdir=True)
     config: Any = {}
-    endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or os.environ.get("AWS_ENDPOINT", "")
+    endpoint = (
+        os.environ.get("AWS_ENDPOINT_URL_S3")
+        or os.environ.get("AWS_ENDPOINT_URL")
+        or os.environ.get("AWS_ENDPOINT", "")
+    )
     if endpoint:
         config["endpoint"] = endpoint
-    client: Any = {"timeout": "300s", "connect_timeout": "5s", **({"allow_http": True} if endpoint.startswith("http://") else {})}
+    client: Any = {
+        "timeout": "300s",
+        "connect_timeout": "5s",
+        **({"allow_http": True} if endpoint.startswith("http://") else {}),
+    }
     anonymous = os.environ.get("AWS_SKIP_SIGNATURE", "").lower() in ("1", "true", "yes", "on")
-    if not anonymous and not any(os.environ.get(name) for name in ROLES):  # a machine of the cloud may have a role: asked once
+    if not anonymous and not any(
+        os.environ.get(name) for name in ROLES
+    ):  # a machine of the cloud may have a role: asked once
         import obstore
 
         once: Any = {"max_retries": 0, "retry_timeout": timedelta(seconds=2)}
-        probe = S3Store.from_url(url, config=config, client_options=client | {"timeout": "2s", "connect_timeout": "2s"}, retry_config=once)
+        probe = S3Store.from_url(
+            url, config=config, client_options=client | {"timeout": "2s", "connect_timeout": "2s"}, retry_config=once
+        )
         next(iter(obstore.list(probe, chunk_size=1)), None)
     patient: Any = {"max_retries": 8, "retry_timeout": timedelta(seconds=60)}
     return S3Store.from_url(url, config=config, client_options=client, retry_config=patient)

@@ -30,11 +30,16 @@ def fresh_id() -> str:
 
 def is_id(text: bytes) -> bool:
     """Whether ``run.id`` holds what a run has written there; earlier ones wrote no checksum."""
-    return text == ABANDONED.encode() or len(text) == 32 or (len(text) == 40 and text[32:] == f"{zlib.crc32(text[:32]):08x}".encode())
+    return (
+        text == ABANDONED.encode()
+        or len(text) == 32
+        or (len(text) == 40 and text[32:] == f"{zlib.crc32(text[:32]):08x}".encode())
+    )
 
 
 def take(lock: int) -> None:
-    """Own an archive. Who asks whether it has an owner (``is_running``) holds its lock for an instant: that is waited for.
+    """Own an archive. Who asks whether it has an owner (``is_running``) holds its lock for an instant: that is waited
+    for.
 
     Raises
     ------

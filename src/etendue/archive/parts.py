@@ -1,11 +1,13 @@
 """Parts: shards in the making. Every process appends what it computes to files of its own beside the shards' places.
 
 In:  encoded chunks, the shard each belongs to.
-Out: where they were put. The owner of the run makes shards of parts (``shards.put_shard``); no byte is copied where one process
+Out: where they were put. The owner of the run makes shards of parts (``shards.put_shard``); no byte is copied where one
+     process
 wrote all of a shard.
 
-The threads of a process share its parts. Small chunks are gathered and written together, at the latest when a batch ends (``settle``).
-A part that the owner has taken is left alone: its size is no longer what was written here, and a new one is begun.
+The threads of a process share its parts. Small chunks are gathered and written together, at the latest when a batch
+ends (``settle``). A part that the owner has taken is left alone: its size is no longer what was written here, and a new
+one is begun.
 """
 
 from __future__ import annotations
@@ -95,7 +97,11 @@ class Part:
     def _open(self) -> int:
         if self.handle is None:
             try:
-                self.handle = disk.open_own(self.root, self.path) if self.begun else disk.create(self.root, self.path, self.durable)
+                self.handle = (
+                    disk.open_own(self.root, self.path)
+                    if self.begun
+                    else disk.create(self.root, self.path, self.durable)
+                )
             except FileNotFoundError:
                 raise Taken from None
             self.begun = True
@@ -136,7 +142,9 @@ class Parts:
         self.runs: dict[str, str] = {}  # by archive: whose parts these are
         self.unsettled: dict[str, dict[str, Part]] = {}
 
-    def append(self, root: str, run_id: str, path: str, pieces: Sequence[Any], size: int, durable: bool) -> tuple[str, int]:
+    def append(
+        self, root: str, run_id: str, path: str, pieces: Sequence[Any], size: int, durable: bool
+    ) -> tuple[str, int]:
         """Append a chunk of a shard; gives the name of the part, and the offset in it.
 
         Raises
@@ -150,7 +158,9 @@ class Parts:
                 offset = part.append(pieces, size)
             except Taken:
                 if part.waiting:
-                    raise ArchiveInUse(f"{root}: what another batch has written of {path} is in its place already; run again") from None
+                    raise ArchiveInUse(
+                        f"{root}: what another batch has written of {path} is in its place already; run again"
+                    ) from None
                 self._drop(root, path, part)
                 continue
             with self.lock:  # behind the bytes: another thread may be settling
@@ -160,8 +170,8 @@ class Parts:
     def settle(self, root: str, run_id: str) -> None:
         """Whatever the threads of this process have appended stands in its files.
 
-        A part is on the list until it is settled: a thread that finds nothing left of its own may tell of its cells, and
-        the owner makes a shard of them.
+        A part is on the list until it is settled: a thread that finds nothing left of its own may tell of its cells,
+        and the owner makes a shard of them.
         """
         check_owner(root, run_id)
         with self.lock:

@@ -3,8 +3,9 @@
 In:  dims, shape and bytes of a variable of one cell.
 Out: the shape of its chunks, which part of the cell each of them is; arrays cut so, and put together again.
 
-Who reads a window of a large frame decodes the row bands under it and no others, and who writes one never holds it encoded. Chunks
-of Zarr are all of one shape: where rows do not come out even the last band goes on behind the frame, in fill values, as Zarr has it.
+Who reads a window of a large frame decodes the row bands under it and no others, and who writes one never holds it
+encoded. Chunks of Zarr are all of one shape: where rows do not come out even the last band goes on behind the frame, in
+fill values, as Zarr has it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ Window = tuple[tuple[int, int], ...]  # from where to where along each dim of a 
 def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
     """The shape of the chunks of a cell; its own where it is one chunk."""
     whole = tuple(max(n, 1) for n in shape)
-    if len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE:  # it is made by band; Blosc refuses 2 GiB
+    if (
+        len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE
+    ):  # it is made by band; Blosc refuses 2 GiB
         whole = (1, *whole[1:])
     size = itemsize * prod(whole)
     if size <= LARGEST_CHUNK or tuple(dims)[-2:] != ("y", "x"):
@@ -102,14 +105,21 @@ class Cutter:
 
 
 def joined(parts: Iterable[tuple[Window | None, Any]], windows: Sequence[Window | None]) -> Any:
-    """What the parts at these windows make up together, each as it is stored: the whole cell, or the bands that they cover."""
-    around = [(min(begin), max(end)) for begin, end in (zip(*one, strict=True) for one in zip(*filter(None, windows), strict=True))]
+    """What the parts at these windows make up together, each as it is stored: the whole cell, or the bands that they
+    cover.
+    """
+    around = [
+        (min(begin), max(end))
+        for begin, end in (zip(*one, strict=True) for one in zip(*filter(None, windows), strict=True))
+    ]
     whole: Any = None
     for window, array in parts:
         if window is None:
             return array
         if whole is None:
             whole = np.empty([end - begin for begin, end in around], array.dtype)
-        place = tuple(slice(begin - first, end - first) for (begin, end), (first, _) in zip(window, around, strict=True))
+        place = tuple(
+            slice(begin - first, end - first) for (begin, end), (first, _) in zip(window, around, strict=True)
+        )
         whole[place] = array[tuple(slice(end - begin) for begin, end in window)]
     return whole

@@ -43,8 +43,8 @@ def is_url(place: object) -> bool:
 def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iterator[Path]:
     """A folder from which an archive can be read.
 
-    Of one on an object store what is small is fetched, the rest when it is read, and nothing is put. ``exact``: nothing is taken from the
-    journal that can be looked at; ``inputs``: also the files that pipelines name.
+    Of one on an object store what is small is fetched, the rest when it is read, and nothing is put. ``exact``: nothing
+    is taken from the journal that can be looked at; ``inputs``: also the files that pipelines name.
 
     Raises
     ------
@@ -151,7 +151,10 @@ def _said(url: str, folder: Path) -> Iterator[None]:
     try:
         yield
     except RequestError as error:
-        faults = [dataclasses.replace(f, place=named(f.place, folder, url), message=named(f.message, folder, url)) for f in error.faults]
+        faults = [
+            dataclasses.replace(f, place=named(f.place, folder, url), message=named(f.message, folder, url))
+            for f in error.faults
+        ]
         raise RequestError(faults, named(error.file, folder, url)) from None
     except EtendueError as error:
         error.args = tuple(named(one, folder, url) for one in error.args)
@@ -182,13 +185,14 @@ def placed(outcome: Any, folder: Path, place: str | Path) -> Any:
 def open_archive(place: str | Path) -> xarray.DataTree:
     """An archive as a lazy ``xarray.DataTree``: arrays are read when they are asked for.
 
-    In a folder also while its run goes on and after it was broken off: every cell that is finished, wherever it lies by now, and ``status``
-    says which are. Of an object store what runs have published, as plain xarray sees it.
+    In a folder also while its run goes on and after it was broken off: every cell that is finished, wherever it lies by
+    now, and ``status`` says which are. Of an object store what runs have published, as plain xarray sees it.
 
     Raises
     ------
     ArchiveError
-        There is none, or nothing of it can be read yet. So does reading an array of which something is lost, in a folder.
+        There is none, or nothing of it can be read yet. So does reading an array of which something is lost, in a
+        folder.
     """
     if not is_url(place):
         from etendue.archive.vouched import open_archive as opened

@@ -109,7 +109,15 @@ def record_paths(folder: Path) -> list[Path]:
     return sorted(p for p in (folder / "runs").glob("*.json") if p.stem.isdigit()) if (folder / "runs").is_dir() else []
 
 
-_WORDS = {"pipeline": str, "began": str, "shared": dict, "axes": dict, "nodes": dict, "platform": dict, "libraries": dict}
+_WORDS = {
+    "pipeline": str,
+    "began": str,
+    "shared": dict,
+    "axes": dict,
+    "nodes": dict,
+    "platform": dict,
+    "libraries": dict,
+}
 
 
 def is_record(record: Mapping[str, Any]) -> bool:
@@ -117,12 +125,18 @@ def is_record(record: Mapping[str, Any]) -> bool:
     if not all(isinstance(record.get(name), kind) for name, kind in _WORDS.items()):
         return False
     nodes = record["nodes"].values()
-    whole = all(isinstance(node, dict) and all(isinstance(node.get(name), dict) for name in ("parameters", "shown")) for node in nodes)
+    whole = all(
+        isinstance(node, dict) and all(isinstance(node.get(name), dict) for name in ("parameters", "shown"))
+        for node in nodes
+    )
     return whole and all(isinstance(values, list) for values in record["axes"].values())
 
 
-def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False) -> str:
-    """Record a run before it starts: ``runs/<number>.json``, and its pipeline as ``runs/<number>.toml``; gives the path of the record.
+def write_record(
+    folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False
+) -> str:
+    """Record a run before it starts: ``runs/<number>.json``, and its pipeline as ``runs/<number>.toml``; gives the path
+    of the record.
 
     ``plan`` holds the axis values of earlier runs too, ``asked`` those of this one; ``resolved`` is its pipeline.
     """
@@ -134,7 +148,9 @@ def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, opti
 
 
 def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any]) -> dict[str, Any]:
-    """What is recorded of a run: compared with what is computed again (``studies.checked``), a field more by default too."""
+    """What is recorded of a run: compared with what is computed again (``studies.checked``), a field more by default
+    too.
+    """
     text = asked.pipeline.text
     for written, copy in resolved.written.items():
         text = text.replace(written, copy) if os.path.isabs(written) else text
@@ -168,7 +184,9 @@ def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
     for node in plan.nodes:
         if found.get(node.name) == OTHER_CODE and isinstance(before, dict):
             other = [name for name, own in sources_of([node]).items() if before.get(name) != own]
-            found[node.name] += f": {', '.join(other[:3])}" * bool(other) + f" and {len(other) - 3} more" * (len(other) > 3)
+            found[node.name] += f": {', '.join(other[:3])}" * bool(other) + f" and {len(other) - 3} more" * (
+                len(other) > 3
+            )
     return found
 
 
@@ -179,7 +197,9 @@ def sources_of(nodes: Iterable[Node]) -> dict[str, str]:
 
 
 def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
-    """By stage what differs of what its keys are made of, old and new; of the first stages, and of those that read from them."""
+    """By stage what differs of what its keys are made of, old and new; of the first stages, and of those that read
+    from them.
+    """
     found: dict[str, str] = {}
     for name, after in new.items():
         before = old.get(name)
@@ -194,7 +214,9 @@ def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, st
         else:
             changed = [k for k in after["parameters"] if before["parameters"].get(k) != after["parameters"][k]]
             if changed:
-                found[name] = "; ".join(f"{k}: {before['shown'].get(k)} -> {after['shown'].get(k)}" for k in changed[:3])
+                found[name] = "; ".join(
+                    f"{k}: {before['shown'].get(k)} -> {after['shown'].get(k)}" for k in changed[:3]
+                )
             else:
                 source = next((s for s in after["inputs"] if s in found), None)
                 if source:

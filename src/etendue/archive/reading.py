@@ -3,8 +3,9 @@
 In:  the folder of an archive, finished, interrupted or being written.
 Out: cells with their chunks; arrays; what is damaged. Nothing is written.
 
-What is known stands in the journal: which part or shard holds the bytes of a chunk, its size and digest, how the variables of a group
-are cut and encoded. Metadata of the store is asked only in archives that have a file for every chunk.
+What is known stands in the journal: which part or shard holds the bytes of a chunk, its size and digest, how the
+variables of a group are cut and encoded. Metadata of the store is asked only in archives that have a file for every
+chunk.
 """
 
 from __future__ import annotations
@@ -150,9 +151,15 @@ class StoredArchive:
         return {name: StoredCell(name, entry, tuple(map(self.chunk, entry.files))) for name, entry in done.items()}
 
     def place(self, chunk: StoredChunk, fresh: bool = False) -> Place | None:
-        """Where the bytes of a chunk lie now; None where they are lost. ``fresh``: they are read and held against their digest."""
+        """Where the bytes of a chunk lie now; None where they are lost. ``fresh``: they are read and held against
+        their digest.
+        """
         if self.journal.files_a_cell:
-            return Place(chunk.written.path, 0, chunk.written.size, 0) if (self.folder / chunk.written.path).is_file() else None
+            return (
+                Place(chunk.written.path, 0, chunk.written.size, 0)
+                if (self.folder / chunk.written.path).is_file()
+                else None
+            )
         return self.finder.find(chunk.written, chunk.form.slots, fresh)
 
     def read(self, cell: StoredCell, variable: str) -> Any:
@@ -169,8 +176,14 @@ class StoredArchive:
         return joined(((chunk.window, self._array(chunk)) for chunk in own), [chunk.window for chunk in own])
 
     def check(self, cells: Iterable[StoredCell] | None = None) -> Iterator[Damage]:
-        """Read every chunk of some cells (all), in the order of the files, and every index beside them; gives what is damaged."""
-        chunks = [(cell, chunk, self._lies(chunk)) for cell in (self.cells.values() if cells is None else cells) for chunk in cell.chunks]
+        """Read every chunk of some cells (all), in the order of the files, and every index beside them; gives what
+        is damaged.
+        """
+        chunks = [
+            (cell, chunk, self._lies(chunk))
+            for cell in (self.cells.values() if cells is None else cells)
+            for chunk in cell.chunks
+        ]
         chunks.sort(key=lambda one: (one[2].file, one[2].offset))
         with Files(self.folder) as files:
             for cell, chunk, place in chunks:
@@ -184,7 +197,14 @@ class StoredArchive:
         for path, count in sorted(slots.items()):
             if self.finder.odd(path, count):
                 state = self.finder.state(path, count)
-                yield Damage(path, "missing" if state is None else "its index is damaged" if state.index is None else "its size is another")
+                yield Damage(
+                    path,
+                    "missing"
+                    if state is None
+                    else "its index is damaged"
+                    if state.index is None
+                    else "its size is another",
+                )
 
     def _lies(self, chunk: StoredChunk) -> Place:
         """Where a chunk lies, or would lie."""
@@ -193,7 +213,10 @@ class StoredArchive:
             self.files.add(place.file)
             return place
         return Place(
-            written.path if written.path in self.journal.shards else part_path(written), written.offset, written.size, written.digest
+            written.path if written.path in self.journal.shards else part_path(written),
+            written.offset,
+            written.size,
+            written.digest,
         )
 
     def _damage(self, chunk: StoredChunk, place: Place, files: Files) -> str:
@@ -214,7 +237,12 @@ class StoredArchive:
         if not fits(data, place):
             return "cut off" if len(data) < place.size else "its bytes do not fit their checksum"
         state = self.finder.state(chunk.written.path, chunk.form.slots)
-        if place.file == chunk.written.path and state and state.index and state.index.get(chunk.written.slot) != (place.offset, place.size):
+        if (
+            place.file == chunk.written.path
+            and state
+            and state.index
+            and state.index.get(chunk.written.slot) != (place.offset, place.size)
+        ):
             return ELSEWHERE
         return ""
 
@@ -273,7 +301,8 @@ class StoredArchive:
 
 @contextmanager
 def metadata_of(folder: Path) -> Iterator[None]:
-    """Around a library that reads the metadata of a store: where it breaks off, somebody has written what no run writes.
+    """Around a library that reads the metadata of a store: where it breaks off, somebody has written what no run
+    writes.
 
     Raises
     ------
@@ -287,7 +316,8 @@ def metadata_of(folder: Path) -> Iterator[None]:
     except Exception as error:
         text = " ".join(str(error).split())[:200] or type(error).__name__
         raise ArchiveError(
-            f"{folder / DATA}: its metadata says what no run writes ({text}). What is changed is found by etendue verify {folder}, "
+            f"{folder / DATA}: its metadata says what no run writes ({text}). What is changed is found by etendue "
+            f"verify {folder}, "
             f"and by etendue reproduce {folder} where digests were made anew"
         ) from error
 

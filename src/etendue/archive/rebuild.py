@@ -1,4 +1,5 @@
-"""What of a damaged archive is known twice, put back: records, inputs from elsewhere, axis values; and what a run has to compute again.
+"""What of a damaged archive is known twice, put back: records, inputs from elsewhere, axis values; and what a run has
+to compute again.
 
 In:  the folder of an archive, what is damaged in it, places where its inputs may be found.
 Out: an archive that a run of its own pipeline can make whole; what was done, in words.
@@ -39,7 +40,9 @@ def prepare(found: Verified, sources: Iterable[Path]) -> list[str]:
         if damage.kind in ("odd", "added") and os.path.lexists(folder / damage.path):
             done.append(f"{damage.path} was moved to {disk.set_aside(folder, damage.path, STRAYS)}")
     if not remembered.whole(folder):
-        done.append(f"{remembered.NAME} was moved to {disk.set_aside(folder, remembered.NAME, STRAYS)}: run --measure again")
+        done.append(
+            f"{remembered.NAME} was moved to {disk.set_aside(folder, remembered.NAME, STRAYS)}: run --measure again"
+        )
     done += _inputs(folder, [d.path for d in found.damages if d.path.startswith("inputs/")], sources)
     with Archive(folder) as store:
         store.journal.open()
@@ -101,8 +104,12 @@ def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) ->
             yield path, file.read_text()
 
 
-def _blocks(folder: Path, axes: Mapping[str, Mapping[str, list[Any]]], stored: Stored) -> dict[str, dict[str, dict[str, Any]]]:
-    """How variables are cut into shards, from their metadata, where that is as it was written and the journal does not say so."""
+def _blocks(
+    folder: Path, axes: Mapping[str, Mapping[str, list[Any]]], stored: Stored
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """How variables are cut into shards, from their metadata, where that is as it was written and the journal does
+    not say so.
+    """
     found: dict[str, dict[str, dict[str, Any]]] = {}
     for node in sorted(stored.nodes):
         group, _, name = node.rpartition("/")
@@ -119,7 +126,9 @@ def _blocks(folder: Path, axes: Mapping[str, Mapping[str, list[Any]]], stored: S
             continue  # no variable of cells
         found.setdefault(group, {})[name] = _block(document, len(axes[group]))
     known = stored.journal.blocks
-    whole = {group: {**known.get(group, {}), **own} for group, own in found.items()}  # an array that is lost may stand in the journal
+    whole = {
+        group: {**known.get(group, {}), **own} for group, own in found.items()
+    }  # an array that is lost may stand in the journal
     return {group: own for group, own in whole.items() if known.get(group) != own}
 
 

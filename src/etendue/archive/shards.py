@@ -3,8 +3,9 @@
 In:  chunks by their number in a shard (slot), and the files in which their bytes lie.
 Out: a shard in its place, whole; which bytes of which files it holds.
 
-The form is Zarr's ``sharding_indexed`` with the index at the end: offset and length of every slot as little-endian uint64, all
-ones where there is no chunk, and the crc32c of these bytes. Chunks may lie in any order, with gaps between them.
+The form is Zarr's ``sharding_indexed`` with the index at the end: offset and length of every slot as little-endian
+uint64, all ones where there is no chunk, and the crc32c of these bytes. Chunks may lie in any order, with gaps between
+them.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ NOTHING = 2**64 - 1
 
 
 def block_of(sizes: tuple[int, ...], cell_bytes: int, pieces: int = 1, largest: int = LARGEST) -> tuple[int, ...]:
-    """How many values of each axis share a shard: the innermost axes whole, as far as bytes and chunks allow, then evenly cut."""
+    """How many values of each axis share a shard: the innermost axes whole, as far as bytes and chunks allow, then
+    evenly cut.
+    """
     block, room = [1] * len(sizes), max(min(largest // max(cell_bytes, 1), MOST // pieces), 1)
     for number in reversed(range(len(sizes))):
         size = max(sizes[number], 1)
@@ -132,7 +135,9 @@ class Shard:
     """A shard as it was put in its place."""
 
     size: int
-    kept: tuple[tuple[str, int, int, int], ...]  # part, from, to, length: these bytes of the part stand there in the shard
+    kept: tuple[
+        tuple[str, int, int, int], ...
+    ]  # part, from, to, length: these bytes of the part stand there in the shard
     fresh: bool = False  # since the last run that ended in order
 
     def at(self, written: Written) -> int | None:
@@ -166,13 +171,17 @@ def fits(data: bytes, place: Place) -> bool:
 
 
 def read_bytes(root: Path, place: Place) -> bytes:
-    """What stands in the place of a chunk; fewer bytes where the file ends before, none where no chunk can be as large."""
+    """What stands in the place of a chunk; fewer bytes where the file ends before, none where no chunk can be as
+    large.
+    """
     with Files(root) as files:
         return files.read(place)
 
 
 class Files:
-    """Chunks of one file after the other, which is opened once for those that follow each other. Use as a context manager."""
+    """Chunks of one file after the other, which is opened once for those that follow each other. Use as a context
+    manager.
+    """
 
     def __init__(self, root: Path) -> None:
         self.root, self.file, self.handle, self.stands_in = root, "", -1, False
@@ -194,7 +203,9 @@ class Files:
             return b""
         if self.handle < 0 or place.file != self.file:
             self._close()
-            self.handle = os.open(f"{self.root}/{place.file}", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            self.handle = os.open(
+                f"{self.root}/{place.file}", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+            )
             self.file, self.stands_in = place.file, standins.is_stand_in(self.handle)
         if self.stands_in:
             return standins.read(self.root, place.file, self.handle, place.offset, place.size)
@@ -219,11 +230,13 @@ class Put:
     copied: int  # bytes
 
 
-def put_shard(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[Written, Place]], durable: bool = False) -> Put:
+def put_shard(
+    root: Path, path: str, slots: int, chunks: Mapping[int, tuple[Written, Place]], durable: bool = False
+) -> Put:
     """Make a shard of chunks that lie in parts, or in the shard that stands there, and put it in its place.
 
-    The part that holds most becomes the shard: what lies elsewhere is appended to it, then the index, then it is renamed. Nothing
-    that stands in its place already is changed.
+    The part that holds most becomes the shard: what lies elsewhere is appended to it, then the index, then it is
+    renamed. Nothing that stands in its place already is changed.
     """
     base = _base(root, path, slots, chunks)
     folder, _, name = path.rpartition("/")
@@ -254,7 +267,9 @@ def put_shard(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[Writ
     finally:
         os.close(handle)
     moved = {slot: (written, Place(path, *places[slot], written.digest)) for slot, (written, _) in chunks.items()}
-    return Put(Shard(copied + len(data), kept_of(moved), True), Index.of(slots, places) if slots else places, copied - end)
+    return Put(
+        Shard(copied + len(data), kept_of(moved), True), Index.of(slots, places) if slots else places, copied - end
+    )
 
 
 def kept_of(chunks: Mapping[int, tuple[Written, Place]]) -> tuple[tuple[str, int, int, int], ...]:
@@ -263,7 +278,9 @@ def kept_of(chunks: Mapping[int, tuple[Written, Place]]) -> tuple[tuple[str, int
 
 
 def _base(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[Written, Place]]) -> str:
-    """The part that becomes the shard: the one that holds most, unless too much of it is waste, or it has a second name."""
+    """The part that becomes the shard: the one that holds most, unless too much of it is waste, or it has a second
+    name.
+    """
     held: dict[str, int] = {}
     for _, place in chunks.values():
         if place.file != path:

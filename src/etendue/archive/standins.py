@@ -1,9 +1,11 @@
-"""Stand-ins: shards of an archive whose bytes lie on an object store. Here is a file of their size that holds their index alone.
+"""Stand-ins: shards of an archive whose bytes lie on an object store. Here is a file of their size that holds their
+index alone.
 
 In:  the folder of an archive beside ``store.json``, which names the store.
 Out: bytes of chunks, fetched when they are asked for; a shard fetched whole before it is copied from.
 
-A stand-in is told by the time of its last change, which no other file has. Whoever overlooks that reads zeros, which fit no checksum.
+A stand-in is told by the time of its last change, which no other file has. Whoever overlooks that reads zeros, which
+fit no checksum.
 """
 
 from __future__ import annotations

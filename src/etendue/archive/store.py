@@ -8,9 +8,9 @@ paper/
   runs/               a record of every run: pipeline, versions, platform
   lock  run.id        who owns it
 
-Chunks of cells are trusted where the journal names them and they lie where it says; everything else in the store is known from the
-plan (``tree``), compared with what is there, and written again where it differs. Nothing is removed but by its name, and nothing is
-written where nothing has changed.
+Chunks of cells are trusted where the journal names them and they lie where it says; everything else in the store is
+known from the plan (``tree``), compared with what is there, and written again where it differs. Nothing is removed but
+by its name, and nothing is written where nothing has changed.
 """
 
 from __future__ import annotations
@@ -64,7 +64,9 @@ class Archive:
         if self.folder.is_symlink():  # Python 3.13 gives a circle of links back as it is
             raise ArchiveError(f"{folder} leads nowhere: it is a link to itself")
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
-        self.held: dict[CellRef, tuple[Written, ...]] = {}  # of cells of which more is asked for than is stored: what stays
+        self.held: dict[
+            CellRef, tuple[Written, ...]
+        ] = {}  # of cells of which more is asked for than is stored: what stays
         self.touched = False  # whether anything has been changed
         self.mended: list[str] = []  # what was missing or changed and has been written again
         self.former = Former()  # of the platform of the last run, where that is accepted
@@ -91,7 +93,8 @@ class Archive:
                     raise BlockingIOError  # the archive was written anew between the two
             except BlockingIOError:
                 raise ArchiveInUse(
-                    f"{self.folder} is in use by another run: wait for it (etendue show says how far it is), or give another --archive"
+                    f"{self.folder} is in use by another run: wait for it (etendue show says how far it is), or give "
+                    f"another --archive"
                 ) from None
             self.listing = disk.Listing(self.folder)
             self.manifest = read_manifest(self.folder)
@@ -105,9 +108,13 @@ class Archive:
         if self.manifest is None and (self.folder / "manifest.json").exists():
             self.mended.append("manifest.json")
         if self.journal.damaged:
-            self.mended.append(f"journal.jsonl ({self.journal.damaged} of its lines: what they named is computed again)")
+            self.mended.append(
+                f"journal.jsonl ({self.journal.damaged} of its lines: what they named is computed again)"
+            )
         made = self.journal.arrays.items()
-        self.ours = (self.manifest.nodes() if self.manifest else set()) | {f"{group}/{name}" for group, names in made for name in names}
+        self.ours = (self.manifest.nodes() if self.manifest else set()) | {
+            f"{group}/{name}" for group, names in made for name in names
+        }
         self.ours |= {"/".join(path.split("/")[:n]) for path in self.ours for n in range(1, path.count("/") + 1)}
         return self
 
@@ -133,7 +140,8 @@ class Archive:
         """
         if self.journal.files_a_cell:
             raise ArchiveError(
-                f"{self.folder} has a file for every cell, as earlier versions wrote it: it can be looked at, and nothing can be added. "
+                f"{self.folder} has a file for every cell, as earlier versions wrote it: it can be looked at, and "
+                f"nothing can be added. "
                 f"Make one of the present form of it: etendue compact {self.folder} {self.folder.name}-2"
             )
         self.plan, self.laid = plan, Laid(plan, self.journal.axes, self.journal.blocks, self.journal.entries)
@@ -154,11 +162,17 @@ class Archive:
 
     def stored(self) -> set[tuple[str, str]]:
         """The (stage, variable) pairs of which the archive has an array."""
-        there = [node for node in self.ours if node.rpartition("/")[2] in self.listing.folders.get(f"{DATA}/{node}".rpartition("/")[0], ())]
+        there = [
+            node
+            for node in self.ours
+            if node.rpartition("/")[2] in self.listing.folders.get(f"{DATA}/{node}".rpartition("/")[0], ())
+        ]
         return {(node.split("/")[0], node.rpartition("/")[2]) for node in there if "/" in node}
 
     def finished(self, ref: CellRef) -> bool:
-        """Whether a cell needs no computing: the journal says done with its key, and its files are as the journal says."""
+        """Whether a cell needs no computing: the journal says done with its key, and its files are as the journal
+        says.
+        """
         entry, key = self.journal.entries.get(self.names[ref]), self.plan.cells[ref].key
         if entry is None or not (is_done(entry, key) or is_done(entry, self.former.keys.get(ref, key))):
             return False
@@ -175,7 +189,9 @@ class Archive:
         return False
 
     def _found(self, entry: Entry, chunks: Slots) -> Stored | None:
-        """Of the chunks of a cell those that its entry names, as they were written and where they lie; None where one is lost."""
+        """Of the chunks of a cell those that its entry names, as they were written and where they lie; None where
+        one is lost.
+        """
         known = {(file.path, file.slot): file for file in entry.files}
         found: dict[tuple[str, int], tuple[Written, Place]] = {}
         for path, slot, slots in chunks:
@@ -195,8 +211,11 @@ class Archive:
 
     # -- beginning ------------------------------------------------------------------------------------
 
-    def begin(self, todo: Collection[CellRef], finished: Collection[CellRef], outdated: Collection[CellRef] = ()) -> None:
-        """Make the store ready for a run that computes ``todo``: own it, create and grow arrays, drop what is not planned.
+    def begin(
+        self, todo: Collection[CellRef], finished: Collection[CellRef], outdated: Collection[CellRef] = ()
+    ) -> None:
+        """Make the store ready for a run that computes ``todo``: own it, create and grow arrays, drop what is not
+        planned.
 
         ``outdated`` cells stand at axis values of earlier runs and would come out differently now: they are removed.
         """
@@ -209,7 +228,10 @@ class Archive:
             blocks.expect(self.laid.slots(ref), self.held.get(ref, ()))
         for ref in outdated:
             blocks.drop(self.laid.slots(ref))
-        self.todo, self.ended = todo, bytearray(self.plan.numbers.count)  # of cells that have ended: their status, from 1
+        self.todo, self.ended = (
+            todo,
+            bytearray(self.plan.numbers.count),
+        )  # of cells that have ended: their status, from 1
         left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
         left += self.journal.entries.done_beside(self.names)
         self.tree = self.laid.tree(self.journal.entries, todo)
@@ -221,25 +243,45 @@ class Archive:
         journal, known = self.journal, self.manifest
         if known is None or self.mended or journal.torn or not self.recorded or known.changed(self.folder):
             return False
-        others = {node for node in self.ours - self.nodes if node.split("/")[0] not in TABLES and self.listing.has(f"{DATA}/{node}/{ROOT}")}
-        if journal.axes != self.laid.axes or {group: journal.blocks.get(group) for group in journal.axes} != self.laid.blocks or others:
+        others = {
+            node
+            for node in self.ours - self.nodes
+            if node.split("/")[0] not in TABLES and self.listing.has(f"{DATA}/{node}/{ROOT}")
+        }
+        if (
+            journal.axes != self.laid.axes
+            or {group: journal.blocks.get(group) for group in journal.axes} != self.laid.blocks
+            or others
+        ):
             return False
         if half_written(self.listing):
             return False
-        own = {f"{DATA}/{path}": hashlib.sha256(data).hexdigest() for path, data in self.tree.held.items() if path != ROOT}
+        own = {
+            f"{DATA}/{path}": hashlib.sha256(data).hexdigest() for path, data in self.tree.held.items() if path != ROOT
+        }
         others = {path for path in known.metadata if path not in own and path != f"{DATA}/{ROOT}"}
         return own.items() <= known.metadata.items() and all(path.split("/")[1] in TABLES for path in others)
 
     def _change(self, finished: set[CellRef], outdated: Collection[CellRef], left: Iterable[str]) -> None:
         self.change()
-        names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
-        earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.laid.axes}
+        names = {
+            path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path]
+            for path in self.layout.groups
+        }
+        earlier = {
+            group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group]
+            for group in self.laid.axes
+        }
         self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
-        self.journal.set_outdated(self.journal.entries.done_otherwise((self.names[ref], self.plan.cells[ref].key) for ref in self.todo))
+        self.journal.set_outdated(
+            self.journal.entries.done_otherwise((self.names[ref], self.plan.cells[ref].key) for ref in self.todo)
+        )
         self.journal.give_up(left)
         self._say_what_was_damaged()
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
-        sweep(self.folder, self.listing, self._parts_of_done_cells() | self.blocks.parts())  # of a copy: shards that it has not yet
+        sweep(
+            self.folder, self.listing, self._parts_of_done_cells() | self.blocks.parts()
+        )  # of a copy: shards that it has not yet
         self._drop_unplanned()
         self.journal.forget_axes([path for path in self.journal.axes if path not in self.layout.groups])
         self.journal.set_axes(self.laid.axes)
@@ -301,12 +343,17 @@ class Archive:
         files = self.tree.files()
         for path, group in self.layout.groups.items():
             for name, coordinate in group.coordinates.items():
-                if dims_on_disk(self.listing, f"{path}/{name}") not in (0, len(coordinate.dims)):  # files where there will be folders
+                if dims_on_disk(self.listing, f"{path}/{name}") not in (
+                    0,
+                    len(coordinate.dims),
+                ):  # files where there will be folders
                     remove_node(self.folder, self.listing, f"{path}/{name}")
             for name in group.variables:
                 folder = f"{DATA}/{path}/{name}"
                 old = disk.read_document(self.folder / folder / ROOT)
-                fresh = incompatible(old, json.loads(files[f"{path}/{name}/{ROOT}"]))  # of another form, those with finished cells aside
+                fresh = incompatible(
+                    old, json.loads(files[f"{path}/{name}/{ROOT}"])
+                )  # of another form, those with finished cells aside
                 for file in filter(CHUNK.fullmatch, self.listing.files.get(folder, ())):
                     own = self.blocks.wanted.get(f"{folder}/{file}")
                     if own is None or (fresh and not own):
@@ -314,7 +361,9 @@ class Archive:
                         self.finder.states[f"{folder}/{file}"] = None
 
     def _put(self, files: Mapping[str, bytes]) -> None:
-        """Files of the store in their places, where others are there; what describes the rest of a group or array comes last."""
+        """Files of the store in their places, where others are there; what describes the rest of a group or array
+        comes last.
+        """
         for path in sorted(files, key=lambda path: (path.endswith(ROOT), -path.count("/"))):
             if disk.content_of(self.folder / DATA / path) != files[path]:
                 self.change()
@@ -323,7 +372,9 @@ class Archive:
     def target(self, cell: Cell) -> CellFiles:
         held: tuple[Written, ...] = self.held.get(cell.ref, ())
         chunks = self.laid.chunks(cell)
-        found: dict[tuple[str, int], tuple[Written, Place | None]] = dict(self.blocks.found((c.path, c.slot) for c in chunks))
+        found: dict[tuple[str, int], tuple[Written, Place | None]] = dict(
+            self.blocks.found((c.path, c.slot) for c in chunks)
+        )
         return CellFiles(self.place, self.run_id, chunks, self.durable, held, found)
 
     # -- progress of a run ----------------------------------------------------------------------------
@@ -353,9 +404,13 @@ class Archive:
         return frames.attributes(frames.stored(self.folder, self.listing)).get("shown")
 
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
-        """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the one before."""
+        """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the
+        one before.
+        """
         lacking = (ref for ref in self.todo if not self.ended[self.plan.numbers.of(ref)] and ref not in self.held)
-        self.journal.give_up(self.journal.entries.done_among(map(self.names.__getitem__, lacking)))  # shards are made without them
+        self.journal.give_up(
+            self.journal.entries.done_among(map(self.names.__getitem__, lacking))
+        )  # shards are made without them
         self.blocks.close()
         self.laid.put_status(self.tree, self.journal.entries, self.todo, self.ended)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
@@ -370,7 +425,9 @@ class Archive:
             if name == FRAMES:  # which is not made again by every run
                 self.tree.take(frames.sealed(self.tree.files(name), attrs))
             own = self.tree.files(name)
-            stale = [node for node in nodes_on_disk(self.listing, name) if f"{node}/{ROOT}" not in own and node in self.ours]
+            stale = [
+                node for node in nodes_on_disk(self.listing, name) if f"{node}/{ROOT}" not in own and node in self.ours
+            ]
             for node in sorted(stale, key=lambda node: -node.count("/")):
                 remove_node(self.folder, self.listing, node)
             self._put(own)

@@ -1,7 +1,8 @@
 """The finished cells of an archive by name, with all that is needed to read them elsewhere, such as in a worker.
 
 In:  the folder of an archive.
-Out: names, and arrays held against the digests in the journal: what is not as it was written is refused, never filled in.
+Out: names, and arrays held against the digests in the journal: what is not as it was written is refused, never filled
+     in.
 """
 
 from __future__ import annotations
@@ -53,12 +54,20 @@ class StoredArrays:
             Something of it is missing, or not as it was written.
         """
         own = [one for one in self.chunks if one[0].variable == variable]
-        return joined(((chunk.window, self._array(chunk, place)) for chunk, place in own), [chunk.window for chunk, _ in own])
+        return joined(
+            ((chunk.window, self._array(chunk, place)) for chunk, place in own), [chunk.window for chunk, _ in own]
+        )
 
     def read_band(self, variable: str, band: int) -> Any:
         """One band of a variable that is stored by band."""
-        own = [(c, place) for c, place in self.chunks if c.variable == variable and c.window and c.window[0] == (band, band + 1)]
-        return joined(((chunk.window, self._array(chunk, place)) for chunk, place in own), [chunk.window for chunk, _ in own])[0]
+        own = [
+            (c, place)
+            for c, place in self.chunks
+            if c.variable == variable and c.window and c.window[0] == (band, band + 1)
+        ]
+        return joined(
+            ((chunk.window, self._array(chunk, place)) for chunk, place in own), [chunk.window for chunk, _ in own]
+        )[0]
 
     def parts(self, variable: str) -> Iterator[tuple[Window | None, Any]]:
         """The parts that a variable is stored in, one by one: which of the cell, and their arrays."""
@@ -93,13 +102,17 @@ class StoredArrays:
 
 
 def _whole(path: Path) -> Any:
-    """All of an array that stands for axes, status or a table: as large as what is read of it, whatever its metadata says."""
+    """All of an array that stands for axes, status or a table: as large as what is read of it, whatever its metadata
+    says.
+    """
     import zarr
 
     check_array(path)
     array = zarr.open_array(str(path), mode="r")
     if array.nbytes > LARGEST_TABLE:
-        raise ArchiveError(f"{array.name} is said to have the shape {array.shape}, more than an archive's axes and tables have")
+        raise ArchiveError(
+            f"{array.name} is said to have the shape {array.shape}, more than an archive's axes and tables have"
+        )
     return array[...]
 
 
@@ -135,12 +148,21 @@ class Stored:
         return self.manifest is None or f"{group}/{variable}" in self.nodes
 
     def axes(self) -> dict[str, dict[str, list[Any]]]:
-        """Axis values by group, from the coordinates in the store; of groups whose coordinates are as they were written."""
+        """Axis values by group, from the coordinates in the store; of groups whose coordinates are as they were
+        written.
+        """
         found = {}
         for group in sorted({node.rpartition("/")[0] for node in self.nodes if node.endswith("/status")}):
-            dims = [str(dim) for dim in (disk.read_document(self._path(group, "status", "zarr.json")) or {}).get("dimension_names") or []]
+            dims = [
+                str(dim)
+                for dim in (disk.read_document(self._path(group, "status", "zarr.json")) or {}).get("dimension_names")
+                or []
+            ]
             shown = {
-                path for node in (*dims, "status") for path in self._files(group, node) if node != "status" or path.endswith("zarr.json")
+                path
+                for node in (*dims, "status")
+                for path in self._files(group, node)
+                if node != "status" or path.endswith("zarr.json")
             }
             if all(f"{group}/{dim}" in self.nodes for dim in dims) and self._hold(shown):
                 arrays = {dim: _whole(self._path(group, dim)) for dim in dims}
@@ -148,7 +170,9 @@ class Stored:
         return found
 
     def by_status(self) -> Iterator[tuple[str, str]]:
-        """(group, name) of every cell that is finished by its status, where status and coordinates are as they were written."""
+        """(group, name) of every cell that is finished by its status, where status and coordinates are as they were
+        written.
+        """
         for group, axes in self.axes().items():
             if not self._hold(self._files(group, "status")):
                 continue
@@ -158,7 +182,9 @@ class Stored:
                 yield group, cell_label(group.split("/")[0], labels)
 
     def by_ledger(self) -> set[tuple[Any, ...]] | None:
-        """(stage, key, status, clipped, clipped_flux) of every cell of the last run; None where its table is not as it was written."""
+        """(stage, key, status, clipped, clipped_flux) of every cell of the last run; None where its table is not as
+        it was written.
+        """
         columns = ("stage", "key", "status", "clipped", "clipped_flux")
         if any(f"{LEDGER}/{name}" not in self.nodes or not self._hold(self._files(LEDGER, name)) for name in columns):
             return None
@@ -169,19 +195,28 @@ class Stored:
         return self.folder.joinpath(DATA, *parts)
 
     def _files(self, group: str, name: str) -> list[str]:
-        return [path for path in (self.manifest.metadata if self.manifest else ()) if path.startswith(f"{DATA}/{group}/{name}/")]
+        return [
+            path
+            for path in (self.manifest.metadata if self.manifest else ())
+            if path.startswith(f"{DATA}/{group}/{name}/")
+        ]
 
     def _hold(self, paths: Iterable[str]) -> bool:
         return self.manifest is not None and all(
-            self.manifest.metadata[path] == digest_of(self.folder / path) and not self.archive.finder.behind_link(path) for path in paths
+            self.manifest.metadata[path] == digest_of(self.folder / path) and not self.archive.finder.behind_link(path)
+            for path in paths
         )
 
     def odd(self) -> list[str]:
-        """Files of chunks that are missing, or whose size or index is not as they were put in their places; no chunk is read."""
+        """Files of chunks that are missing, or whose size or index is not as they were put in their places; no chunk
+        is read.
+        """
         if self.journal.files_a_cell:
             return []
         said = self.journal.said
-        chunks = [self.archive.chunk(said.files[number]) for number in said.shards(self.journal.outdated).values()]  # one of each shard
+        chunks = [
+            self.archive.chunk(said.files[number]) for number in said.shards(self.journal.outdated).values()
+        ]  # one of each shard
         kept = [chunk for chunk in chunks if self.keeps(chunk.group, chunk.variable)]
         return [c.written.path for c in kept if self.archive.finder.odd(c.written.path, c.form.slots)]
 

@@ -26,7 +26,9 @@ from etendue.errors import ArchiveError, ArchiveInUse
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder of somebody else, and links. What another run is just beginning looks like neither, and is in use."""
+    """Refuse a folder of somebody else, and links. What another run is just beginning looks like neither, and is in
+    use.
+    """
     for again in (False, True):
         try:
             check_ours(folder)
@@ -42,7 +44,9 @@ def check_folder(folder: Path) -> None:
 def check_ours(folder: Path) -> None:
     """Refuse a directory that holds something else."""
     names = {name for name in os.listdir(folder) if not ASIDE.fullmatch(name)} if folder.is_dir() else {""}
-    begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(p.is_dir() for p in (folder / DATA).glob("*"))
+    begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(
+        p.is_dir() for p in (folder / DATA).glob("*")
+    )
     if begun or "etendue" in _root_attributes(folder):
         return
     known = DATA in names and (latest_record(folder) or _is_journal(folder / "journal.jsonl"))
@@ -73,16 +77,25 @@ def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any
 
 
 def other_stages(
-    folder: Path, old: Mapping[str, Any], new: Mapping[str, Any], wanted: Iterable[str] | None, record: Mapping[str, Any] | None
-) -> str:  # fmt: skip
-    """Why a run of other stages or axes cannot go on here, and what to type instead. ``wanted``: what alone it asks for."""
+    folder: Path,
+    old: Mapping[str, Any],
+    new: Mapping[str, Any],
+    wanted: Iterable[str] | None,
+    record: Mapping[str, Any] | None,
+) -> str:
+    """Why a run of other stages or axes cannot go on here, and what to type instead. ``wanted``: what alone it asks
+    for.
+    """
     lacking, over = [n for n in new if n not in old], sorted(set(old) - set(new))
     axes = [n for n in new if n in old and old[n] != new[n]]
     there, here = ({dim for dims in own.values() for dim in dims} for own in (old, new))
     parts = {
-        "it lacks": lacking, "this run lacks": over, "this run sweeps also": sorted(here - there) if axes else (),
-        "it sweeps also": sorted(there - here) if axes else (), "they reach other stages": axes if here == there else (),
-    }  # fmt: skip
+        "it lacks": lacking,
+        "this run lacks": over,
+        "this run sweeps also": sorted(here - there) if axes else (),
+        "it sweeps also": sorted(there - here) if axes else (),
+        "they reach other stages": axes if here == there else (),
+    }
     told = [f"{what}: {_some(names)}" for what, names in parts.items() if names]
     free = next(name for n in itertools.count(2) if not (folder.parent / (name := f"{folder.name}-{n}")).exists())
     ways = [f"Use another archive: --archive {free}"]
@@ -95,7 +108,10 @@ def other_stages(
     if lacking and wanted and isinstance(before, list) and before:
         both = dict.fromkeys([*map(str, before), *wanted])
         ways.append(f"for both in one: --archive {free} --want {' --want '.join(map(shlex.quote, both))}")
-    return f"{folder} was made with other stages or axes ({'; '.join(told)}); both are fixed when an archive is created. {'; '.join(ways)}"
+    return (
+        f"{folder} was made with other stages or axes ({'; '.join(told)}); both are fixed when an archive is "
+        f"created. {'; '.join(ways)}"
+    )
 
 
 def _some(names: Sequence[str]) -> str:
@@ -103,7 +119,9 @@ def _some(names: Sequence[str]) -> str:
 
 
 def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours: set[str]) -> None:
-    """A group of somebody else beside ours may stay; in the place of ours, or in them, it would be lost or break the tree."""
+    """A group of somebody else beside ours may stay; in the place of ours, or in them, it would be lost or break the
+    tree.
+    """
     for name in sorted(listing.folders.get(DATA, ())):
         found = [name] if name not in stages and name not in TABLES else []
         if found and name not in ours:
@@ -115,6 +133,7 @@ def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours
             found = [node for node in inside if node not in ours]
         if found:
             raise ArchiveError(
-                f"{folder / DATA / found[0]} was not written by a run of this archive, and stands where its own results do; "
+                f"{folder / DATA / found[0]} was not written by a run of this archive, and stands where its own "
+                f"results do; "
                 f"move it elsewhere (a group of your own may stand in {DATA} itself)"
             )

@@ -49,31 +49,48 @@ class Tree:
         values, path = np.asarray(values), f"{group}/{name}"
         text = values.dtype.kind in "UO"
         chunks = tuple(max(s, 1) for s in values.shape)
-        self._put(path, array_node(TEXT if text else values.dtype.str, values.shape, chunks, None, CODEC, dims, "/", attrs))
+        self._put(
+            path, array_node(TEXT if text else values.dtype.str, values.shape, chunks, None, CODEC, dims, "/", attrs)
+        )
         if values.size:
             data = text_chunk(list(map(str, values.ravel().tolist()))) if text else encode(values)
             self.held["/".join([path, "c", *["0"] * values.ndim])] = data
 
     def put_cells(
-        self, group: str, name: str, shape: tuple[int, ...], chunks: tuple[tuple[int, ...], tuple[int, ...] | None], dtype: str, codec: str,
-        dims: tuple[str, ...], attrs: Mapping[str, Any],
-    ) -> None:  # fmt: skip
-        """A variable whose chunks are cells, in shards: its metadata alone. Shards have flat names: a folder an axis costs 0.2 ms."""
+        self,
+        group: str,
+        name: str,
+        shape: tuple[int, ...],
+        chunks: tuple[tuple[int, ...], tuple[int, ...] | None],
+        dtype: str,
+        codec: str,
+        dims: tuple[str, ...],
+        attrs: Mapping[str, Any],
+    ) -> None:
+        """A variable whose chunks are cells, in shards: its metadata alone. Shards have flat names: a folder an axis
+        costs 0.2 ms.
+        """
         self._put(f"{group}/{name}", array_node(dtype, shape, *chunks, codec, dims, ".", attrs))
 
     def consolidated(self, others: Mapping[str, bytes]) -> bytes:
-        """The root's metadata with that of all nodes in it; ``others``: metadata of groups that are not ours, left out where unfit."""
+        """The root's metadata with that of all nodes in it; ``others``: metadata of groups that are not ours, left
+        out where unfit.
+        """
         if others:
             try:
                 return _consolidated({**self.held, **others})
             except Exception:  # whatever zarr says of metadata that somebody else has written
                 pass
-        nodes = {path: self.nodes.get(path) or json.loads(data) for path, data in self.held.items() if path.endswith(ROOT)}
+        nodes = {
+            path: self.nodes.get(path) or json.loads(data) for path, data in self.held.items() if path.endswith(ROOT)
+        }
         return document(consolidated({path[: -len(ROOT)].rstrip("/"): node for path, node in nodes.items()}))
 
 
 def _consolidated(files: Mapping[str, bytes]) -> bytes:
-    """By zarr, which knows what to make of metadata that others have written; its import is not paid for without them."""
+    """By zarr, which knows what to make of metadata that others have written; its import is not paid for without
+    them.
+    """
     import zarr
     from zarr.core.buffer import default_buffer_prototype
     from zarr.storage import MemoryStore
@@ -87,7 +104,9 @@ def _consolidated(files: Mapping[str, bytes]) -> bytes:
 
 
 def incompatible(old: Mapping[str, Any] | None, new: Mapping[str, Any]) -> bool:
-    """Whether chunks written for the old metadata of an array cannot be read by the new: of unknown metadata they may not be."""
+    """Whether chunks written for the old metadata of an array cannot be read by the new: of unknown metadata they
+    may not be.
+    """
     if old is None:
         return True
     words = ("data_type", "codecs", "chunk_key_encoding", "chunk_grid")

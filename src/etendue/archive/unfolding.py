@@ -33,7 +33,9 @@ def _refuse(size: int | None, length: int) -> None:
 
 
 def check_array(folder: Path) -> None:
-    """Refuse an array of the store that a library would make far more of than it is; shards of cells are not looked at."""
+    """Refuse an array of the store that a library would make far more of than it is; shards of cells are not looked
+    at.
+    """
     try:
         refuse_codecs(disk.read_document(folder / "zarr.json") or {})
         for chunk in (folder / "c").rglob("*"):
@@ -53,7 +55,9 @@ def refuse_other_size(body: bytes, size: int) -> None:
     """Refuse what Blosc has written, unless it unfolds to so many bytes and is all that its header says."""
     said, own = (int.from_bytes(body[at : at + 4], "little") for at in (4, 12))
     if len(body) < 16 or (said, own) != (size, len(body)):
-        raise ArchiveError(f"the stored bytes say that they unfold to {said} from {own}; they are {len(body)}, of {size}")
+        raise ArchiveError(
+            f"the stored bytes say that they unfold to {said} from {own}; they are {len(body)}, of {size}"
+        )
 
 
 def refuse_codecs(node: Mapping[str, Any]) -> None:

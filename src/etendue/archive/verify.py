@@ -3,8 +3,9 @@
 In:  the folder of an archive.
 Out: ``Verified``: what is damaged, by file, array and cell; what is not of the archive; bytes and seconds.
 
-Chunks are held against the journal, the journal, metadata, coordinates, status, tables, pictures and records against the manifest, the
-manifest against itself, inputs against their names. What nothing vouches for (bytes between the chunks of a shard) holds nothing.
+Chunks are held against the journal, the journal, metadata, coordinates, status, tables, pictures and records against
+the manifest, the manifest against itself, inputs against their names. What nothing vouches for (bytes between the
+chunks of a shard) holds nothing.
 """
 
 from __future__ import annotations
@@ -110,13 +111,26 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
         found.damages += [Damage("missing", DATA, "missing")] if DATA not in odd else []
         return found
     if not (folder / JOURNAL).is_file():
-        found.damages += [Damage("missing", JOURNAL, "missing: what it named is computed again")] if JOURNAL not in odd else []
+        found.damages += (
+            [Damage("missing", JOURNAL, "missing: what it named is computed again")] if JOURNAL not in odd else []
+        )
     look = _Look(folder, listing, found, told, set(odd), journal)
-    for part in (look.manifest, look.journal, look.metadata, look.chunks, look.inputs, look.records, look.small_files, look.added):
+    for part in (
+        look.manifest,
+        look.journal,
+        look.metadata,
+        look.chunks,
+        look.inputs,
+        look.records,
+        look.small_files,
+        look.added,
+    ):
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))
     if found.damages and is_written(folder, before):
-        raise ArchiveInUse(f"{folder} is being written by a run that has begun meanwhile; verify it when that has ended")
+        raise ArchiveInUse(
+            f"{folder} is being written by a run that has begun meanwhile; verify it when that has ended"
+        )
     found.partial = left_by_compact(folder)
     found.seconds = time.perf_counter() - began
     return found
@@ -127,13 +141,18 @@ class _Look:
 
     def __init__(
         self, folder: Path, listing: disk.Listing, found: Verified, told: Told, odd: set[str], journal: Read | None
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.folder, self.listing, self.found, self.told, self.odd = folder, listing, found, told, odd
         self.stored = Stored(folder, journal, frozenset(odd))
         self.known = self.stored.manifest
         self.expected: set[str] = set()  # files of the store that are named
         self.lines_lost = False
-        own = [c for cell in self.stored.archive.held.values() for c in cell.chunks if self.stored.keeps(c.group, c.variable)]
+        own = [
+            c
+            for cell in self.stored.archive.held.values()
+            for c in cell.chunks
+            if self.stored.keeps(c.group, c.variable)
+        ]
         files = {**self.known.metadata, **self.known.files} if self.known else {}
         self.sizes = {path: _size(f"{folder}/{path}") for path in files}
         self.total = sum(c.written.size for c in own) + sum(filter(None, self.sizes.values()))
@@ -146,7 +165,9 @@ class _Look:
 
     def manifest(self) -> Iterator[Damage]:
         if self.known is None and (self.folder / MANIFEST).exists():
-            yield Damage("changed", MANIFEST, "it is not as it was written; what it says of other files is not believed")
+            yield Damage(
+                "changed", MANIFEST, "it is not as it was written; what it says of other files is not believed"
+            )
         elif self.known is None:
             yield Damage("unfinished", MANIFEST, "missing: a run was broken off, or it was removed")
 
@@ -170,7 +191,9 @@ class _Look:
             yield from self._forgotten()
 
     def _forgotten(self) -> Iterator[Damage]:
-        """Cells that are finished by their status, and not by the journal; those of which it says something else than the ledger."""
+        """Cells that are finished by their status, and not by the journal; those of which it says something else
+        than the ledger.
+        """
         ledger = self.stored.by_ledger()
         for name, cell in self.stored.archive.held.items() if ledger is not None else ():
             said = (cell.stage, cell.entry.key, cell.entry.status, cell.entry.clipped, cell.entry.clipped_flux)
@@ -221,7 +244,13 @@ class _Look:
                 yield Damage("changed", damage.path, f"{damage.what} for {damage.cell}, whose bytes are right", array)
             elif damage.cell:
                 named.add(damage.path)
-                kind = "odd" if (self.folder / damage.path).is_dir() else "missing" if damage.what == "missing" else "changed"
+                kind = (
+                    "odd"
+                    if (self.folder / damage.path).is_dir()
+                    else "missing"
+                    if damage.what == "missing"
+                    else "changed"
+                )
                 yield Damage(kind, damage.path, damage.what, array, damage.cell)
             elif damage.path not in named:
                 yield Damage("changed", damage.path, damage.what, array)
@@ -238,7 +267,9 @@ class _Look:
             one = next(iter(own.values()))
             state = self.stored.archive.finder.state(path, one.form.slots)
             for slot in sorted(set((state.index if state else None) or ()) - set(own)):
-                yield Damage("changed", path, f"its index names a chunk ({slot}) that the journal does not name", _array(path))
+                yield Damage(
+                    "changed", path, f"its index names a chunk ({slot}) that the journal does not name", _array(path)
+                )
 
     # -- files beside the store ---------------------------------------------------------------------------------------
 
@@ -246,7 +277,11 @@ class _Look:
         ours = self.known.files if self.known else None  # a record that no run has written has nothing to say
         runs = every_record(self.folder, ours) if "runs" not in self.odd else ()
         wanted = {name for run in runs for name in run.inputs}
-        wanted |= {name for text in self.stored.journal.records.values() for name in re.findall(r"\.\./inputs/([0-9a-f]{64}[\w.]*)", text)}
+        wanted |= {
+            name
+            for text in self.stored.journal.records.values()
+            for name in re.findall(r"\.\./inputs/([0-9a-f]{64}[\w.]*)", text)
+        }
         place = self.folder / "inputs"
         there = {path.name for path in place.iterdir()} if place.is_dir() and "inputs" not in self.odd else set()
         for name in sorted(wanted):
@@ -276,7 +311,9 @@ class _Look:
     def records(self) -> Iterator[Damage]:
         kept, place = self.stored.journal.records, self.folder / "runs"
         files = self.known.files if self.known else {}
-        there = {f"runs/{path.name}" for path in place.iterdir()} if place.is_dir() and "runs" not in self.odd else set()
+        there = (
+            {f"runs/{path.name}" for path in place.iterdir()} if place.is_dir() and "runs" not in self.odd else set()
+        )
         for path, text in kept.items():
             if path not in files and not _same(self.folder / path, text):
                 yield Damage("changed" if path in there else "missing", path, "not as the journal has it")
@@ -299,7 +336,9 @@ class _Look:
 
     def added(self) -> Iterator[Damage]:
         """Files that nobody vouches for."""
-        ours = {node.split("/")[0] for node in self.stored.nodes} | {group.split("/")[0] for group in self.stored.journal.arrays}
+        ours = {node.split("/")[0] for node in self.stored.nodes} | {
+            group.split("/")[0] for group in self.stored.journal.arrays
+        }
         ours |= set(TABLES)
         unfinished = self.stored.archive.files
         foreign: dict[str, None] = {}
@@ -326,7 +365,9 @@ class _Look:
     def _stranger(self, path: str) -> Iterator[Damage]:
         """A file in the place of ours that no run has written: or one whose lines in the journal are lost."""
         array = _array(path)
-        if self.known is None and (path.startswith(tuple(f"{DATA}/{t}/" for t in TABLES)) or re.search("/c(/|$)", path)):
+        if self.known is None and (
+            path.startswith(tuple(f"{DATA}/{t}/" for t in TABLES)) or re.search("/c(/|$)", path)
+        ):
             return  # of a table or coordinate: without a manifest nobody can tell
         group = array.rpartition("/")[0]
         chunk = re.fullmatch(r"c(\.\d+)*", path.rpartition("/")[2]) and array in self.stored.nodes
@@ -337,7 +378,8 @@ class _Look:
 
 
 def sha256_of(folder: Path) -> str:
-    """One digest of an archive: of the paths and contents of all its files, but the lock and who owns it. A copy has the same.
+    """One digest of an archive: of the paths and contents of all its files, but the lock and who owns it. A copy has
+    the same.
 
     Raises
     ------

@@ -3,10 +3,10 @@
 In:  the folder of an archive, finished, interrupted or being written.
 Out: a Zarr store to read from, and the tree of it. Nothing is written.
 
-A shard is made up, when somebody reads of it, from the chunks that the journal calls done, wherever they lie; so is ``status``. A chunk
-that is lost, or is not as it was written, is an error and no fill value; so are coordinates and tables that differ from the manifest.
-Where a run was broken off while arrays grew, axes are those of the journal; tables are those of a run that has ended, and not there
-before.
+A shard is made up, when somebody reads of it, from the chunks that the journal calls done, wherever they lie; so is
+``status``. A chunk that is lost, or is not as it was written, is an error and no fill value; so are coordinates and
+tables that differ from the manifest. Where a run was broken off while arrays grew, axes are those of the journal;
+tables are those of a run that has ended, and not there before.
 """
 
 from __future__ import annotations
@@ -93,7 +93,9 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     # -- what Zarr asks -----------------------------------------------------------------------------------------------
 
-    async def get(self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None) -> Buffer | None:
+    async def get(
+        self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
         prototype = prototype or default_buffer_prototype()
         group, _, file = key.rpartition("/")
         if self._hidden(key):
@@ -112,14 +114,14 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     async def get_partial_values(
         self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, ByteRequest | None]]
-    ) -> list[Buffer | None]:  # fmt: skip
+    ) -> list[Buffer | None]:
         return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
 
     # Ways past ``get`` that Zarr 3.4 and later take through a wrapper to the files:
 
     async def get_ranges(
         self, key: str, byte_ranges: Sequence[ByteRequest | None], *, prototype: BufferPrototype, **_: Any
-    ) -> AsyncIterator[Sequence[tuple[int, Buffer | None]]]:  # fmt: skip
+    ) -> AsyncIterator[Sequence[tuple[int, Buffer | None]]]:
         for number, byte_range in enumerate(byte_ranges):
             yield [(number, await self.get(key, prototype, byte_range))]
 
@@ -199,7 +201,9 @@ class VouchedStore(WrapperStore[LocalStore]):
         return file.startswith("c") and name in journal.blocks.get(group, ())
 
     def _cells(self, path: str, asked: ByteRequest | None) -> bytes | None:
-        """Some bytes of a shard that holds the chunks of finished cells, in the order of their slots, and nothing else."""
+        """Some bytes of a shard that holds the chunks of finished cells, in the order of their slots, and nothing
+        else.
+        """
         own = self.shards.get(path)
         if not own:
             return None
@@ -212,7 +216,9 @@ class VouchedStore(WrapperStore[LocalStore]):
             size += own[slot][1].written.size
         begin, end = _range(asked, size + index_size(slots))
         wanted = {slot: start for slot, (start, length) in places.items() if start < end and start + length > begin}
-        data = b"".join([*(self._chunk(*own[slot]) for slot in wanted), index_bytes(slots, places) if end > size else b""])
+        data = b"".join(
+            [*(self._chunk(*own[slot]) for slot in wanted), index_bytes(slots, places) if end > size else b""]
+        )
         first = min(wanted.values(), default=size)
         return data[begin - first : end - first]
 
@@ -254,7 +260,9 @@ class VouchedStore(WrapperStore[LocalStore]):
         if document is None or document.get("node_type") != "array":
             return {}
         dims = tuple(document.get("dimension_names") or ())
-        shape = tuple(len(axes[dim]) if dim in axes else size for dim, size in zip(dims, document["shape"], strict=True))
+        shape = tuple(
+            len(axes[dim]) if dim in axes else size for dim, size in zip(dims, document["shape"], strict=True)
+        )
         tree, attrs = Tree(), document.get("attributes", {})
         if name == "status":
             tree.put_array(group, name, self._status(group, axes), dims, attrs)
@@ -300,7 +308,9 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @cached_property
     def _ended(self) -> dict[str, dict[tuple[int, ...], str]]:
-        """By group and position: the cells that came to an end without a result. Which group they are of only their axis values say."""
+        """By group and position: the cells that came to an end without a result. Which group they are of only their
+        axis values say.
+        """
         entries = self.archive.journal.said
         left = {name: entries[name].status for name in entries.having("failed")}
         places: dict[str, list[tuple[str, tuple[int, ...]]]] = {}

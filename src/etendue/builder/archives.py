@@ -48,7 +48,9 @@ class Archive(Extended):
 
     def __init__(self, place: str | Path) -> None:
         self.place = place if places.is_url(place) else Path(place)
-        if isinstance(self.place, str) or not (self.place / JOURNAL).is_file():  # of one that is damaged, what is can be asked
+        if (
+            isinstance(self.place, str) or not (self.place / JOURNAL).is_file()
+        ):  # of one that is damaged, what is can be asked
             places.open_archive(self.place).close()
 
     @property
@@ -86,7 +88,9 @@ class Archive(Extended):
         return found
 
     def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
-        """Compute every cell again from the archive alone and compare, with all else: what ``etendue reproduce --json`` prints."""
+        """Compute every cell again from the archive alone and compare, with all else: what
+        ``etendue reproduce --json`` prints.
+        """
         from etendue.trust.reproducing import document, reproduce
 
         with places.reading(self.place, exact=True) as folder:
@@ -96,12 +100,16 @@ class Archive(Extended):
         return found
 
     def diff(self, other: Archive | str | Path) -> dict[str, Any]:
-        """Which cells differ from those of another archive, by how much, and why: what ``etendue diff --json`` prints."""
+        """Which cells differ from those of another archive, by how much, and why: what ``etendue diff --json``
+        prints.
+        """
         from etendue.archive.differences import differences, document
 
         place = other.place if isinstance(other, Archive) else other
         with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:
-            found: dict[str, Any] = places.named(places.named(document(a, b, differences(a, b)), a, self.place), b, place)
+            found: dict[str, Any] = places.named(
+                places.named(document(a, b, differences(a, b)), a, self.place), b, place
+            )
         return found
 
     def view(self, height: int = 900) -> Any:
@@ -117,7 +125,8 @@ class Archive(Extended):
 
         if places.is_url(self.place):
             raise RequestError(
-                f"{self.place}: a widget shows an archive in a folder; of an object store there is: etendue view {self.place}"
+                f"{self.place}: a widget shows an archive in a folder; of an object store there is: etendue view "
+                f"{self.place}"
             )
         return view(self.place, height)
 

@@ -1,4 +1,5 @@
-"""Methods that distributions bring for pipelines and archives: ``etendue_methods``, ``{"Pipeline.compare": "module:function"}``.
+"""Methods that distributions bring for pipelines and archives: ``etendue_methods``,
+``{"Pipeline.compare": "module:function"}``.
 
 In:  the name of a class and of a method.
 Out: the function, bound to what it is called on.
@@ -26,7 +27,8 @@ class Extended:
                     function = EntryPoint(name, str(brought.value), "").load()
                 return update_wrapper(partial(called(function), self), function)
         raise AttributeError(
-            f"{type(self).__name__} has no {name!r}{discovery.installed().missed('methods', name) if name[:1] != '_' else ''}"
+            f"{type(self).__name__} has no "
+            f"{name!r}{discovery.installed().missed('methods', name) if name[:1] != '_' else ''}"
         )
 
     def __dir__(self) -> list[str]:

@@ -60,7 +60,10 @@ class Planned:
 
     def __repr__(self) -> str:
         own = self.document()
-        return f"<plan of {own['name']}: {len(own['stages'])} stages, {own['cells']} cells, about {own['seconds']:.2g} s of thread time>"
+        return (
+            f"<plan of {own['name']}: {len(own['stages'])} stages, {own['cells']} cells, about {own['seconds']:.2g} "
+            f"s of thread time>"
+        )
 
     def _repr_html_(self) -> str:
         return plan_page(self.document())
@@ -111,7 +114,9 @@ class Pipeline(Extended, Source):
 
     @classmethod
     def read(cls, path: str | Path) -> Pipeline:
-        """The pipeline of a file, to be changed; its comments are lost. Relative paths go on to start at the file's folder."""
+        """The pipeline of a file, to be changed; its comments are lost. Relative paths go on to start at the file's
+        folder.
+        """
         written = read_pipeline(Path(path))
         if written.faults:
             raise RequestError(written.located(written.faults), written.file)
@@ -119,10 +124,14 @@ class Pipeline(Extended, Source):
         made = cls(name=written.name)
         words = {key: value for key, value in document.items() if key not in (*APART, *tables())}
         return made._with(
-            stages=tuple(_placed(table) for table in document["stages"]), words={"name": written.name, **words},
-            quantities=document.get(written.table.name, {}), table=written.table.name, axes=dict(written.sweep),
-            told=document.get("about", {}), folder=Path(path).parent.absolute(),
-        )  # fmt: skip
+            stages=tuple(_placed(table) for table in document["stages"]),
+            words={"name": written.name, **words},
+            quantities=document.get(written.table.name, {}),
+            table=written.table.name,
+            axes=dict(written.sweep),
+            told=document.get("about", {}),
+            folder=Path(path).parent.absolute(),
+        )
 
     def _with(self, **parts: Any) -> Pipeline:
         made = copy.copy(self)
@@ -170,7 +179,9 @@ class Pipeline(Extended, Source):
         return self._with(table=name).shared
 
     def sweep(self, **axes: Any) -> Pipeline:
-        """Axes: ``QUANTITY=[2, 4]``, ``QUANTITY=span("1 um", "3 um", 5)``, ``STAGE__PARAMETER=[0, 1]``, ``STAGE__use=["a", s.b()]``."""
+        """Axes: ``QUANTITY=[2, 4]``, ``QUANTITY=span("1 um", "3 um", 5)``, ``STAGE__PARAMETER=[0, 1]``,
+        ``STAGE__use=["a", s.b()]``.
+        """
         found = {}
         for name, values in axes.items():
             if isinstance(values, str) or not isinstance(values, Mapping | Iterable):
@@ -180,20 +191,30 @@ class Pipeline(Extended, Source):
         return self._with(axes={**self.axes, **found})
 
     def want(self, *variables: str) -> Pipeline:
-        """The variables that are computed for: ``rgb_display``, or ``stage.variable``; what nobody needs for them does not run."""
+        """The variables that are computed for: ``rgb_display``, or ``stage.variable``; what nobody needs for them
+        does not run.
+        """
         return self._with(words={**self.words, "wanted": list(variables)})
 
     def keep(self, *variables: str) -> Pipeline:
-        """What is stored; without it all that is computed is. ``looks``: pictures and figures, not the bands of light."""
+        """What is stored; without it all that is computed is. ``looks``: pictures and figures, not the bands of
+        light.
+        """
         return self._with(words={**self.words, "keep": list(variables)})
 
     def set(self, **words: Any) -> Pipeline:
-        """Other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``, ``description``; shared quantities as ``shared`` does."""
-        quantities = {word: words.pop(word) for word in [*words] if _bare(word) in (*preset_keys(), *shared_quantities.names())}
+        """Other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``, ``description``; shared quantities
+        as ``shared`` does.
+        """
+        quantities = {
+            word: words.pop(word) for word in [*words] if _bare(word) in (*preset_keys(), *shared_quantities.names())
+        }
         faults = [Fault(word, _no_word(word)) for word in words if word not in TOP or word in APART]
         if faults:
             raise RequestError(faults)
-        return self.shared(**quantities)._with(words={**self.words, **{key: plain(value) for key, value in words.items()}})
+        return self.shared(**quantities)._with(
+            words={**self.words, **{key: plain(value) for key, value in words.items()}}
+        )
 
     def about(self, **words: Any) -> Pipeline:
         """Who made it and under which licence: the table ``[about]``."""
@@ -202,7 +223,14 @@ class Pipeline(Extended, Source):
     def _position(self, name: str) -> int:
         names = [one.name for one in self.stages]
         if name not in names:
-            raise RequestError([Fault("", f"no stage of the pipeline is named {name!r}{nearest(name, names)}; it has {', '.join(names)}")])
+            raise RequestError(
+                [
+                    Fault(
+                        "",
+                        f"no stage of the pipeline is named {name!r}{nearest(name, names)}; it has {', '.join(names)}",
+                    )
+                ]
+            )
         return names.index(name)
 
     # -- given on -----------------------------------------------------------------------------------------------------
@@ -235,9 +263,16 @@ class Pipeline(Extended, Source):
         return Planned(make_plan(self.written(), installed_stages(), leave_out))
 
     def run(
-        self, archive: str | Path | None = None, *, want: str | Iterable[str] | None = None, scheduler: str = "threads", workers: int = 0,
-        leave_out: bool = True, progress: bool = True, durable: bool = False,
-    ) -> Outcome:  # fmt: skip
+        self,
+        archive: str | Path | None = None,
+        *,
+        want: str | Iterable[str] | None = None,
+        scheduler: str = "threads",
+        workers: int = 0,
+        leave_out: bool = True,
+        progress: bool = True,
+        durable: bool = False,
+    ) -> Outcome:
         """Compute what is not there yet, with a progress bar in terminals and notebooks.
 
         Parameters
@@ -255,7 +290,10 @@ class Pipeline(Extended, Source):
         chosen = self if want is None else self.want(*([want] if isinstance(want, str) else want))
         made = chosen.plan(leave_out).plan
         outcome = execute(
-            made, archive, Options(check_scheduler(scheduler), workers, durable), TerminalProgress(made) if progress else None
+            made,
+            archive,
+            Options(check_scheduler(scheduler), workers, durable),
+            TerminalProgress(made) if progress else None,
         )
         if archive is not None:
             import xarray
@@ -271,11 +309,16 @@ class Pipeline(Extended, Source):
         return f"<pipeline {self.words['name']}: {chain or 'no stages yet'}{axes}>"
 
     def _repr_html_(self) -> str:
-        rows = [(one.name, one.use, ", ".join(f"{key} = {value}" for key, value in one.values.items())) for one in self.stages]
+        rows = [
+            (one.name, one.use, ", ".join(f"{key} = {value}" for key, value in one.values.items()))
+            for one in self.stages
+        ]
         shared_text = ", ".join(f"{key} = {value}" for key, value in self.quantities.items())
         axes = ", ".join(self.axes)
         notes = [f"{self.table}: {shared_text}"] * bool(shared_text) + [f"swept: {axes}"] * bool(axes)
-        return table_page(f"pipeline {self.words['name']}", ("stage", "use", "parameters"), rows, [escape(note) for note in notes])
+        return table_page(
+            f"pipeline {self.words['name']}", ("stage", "use", "parameters"), rows, [escape(note) for note in notes]
+        )
 
 
 def replaced(pipeline: Pipeline, stages: tuple[Any, ...]) -> Pipeline:
@@ -324,7 +367,10 @@ def _no_stage(one: Any) -> str:
     if callable(one):
         return f"expected a placed stage, got the function {one!r}: call it"
     if isinstance(one, Stage):
-        return f"expected a placed stage, got {one!r} itself: a stage of your own is installed, and then etendue.stages.NAME(...)"
+        return (
+            f"expected a placed stage, got {one!r} itself: a stage of your own is installed, and then "
+            f"etendue.stages.NAME(...)"
+        )
     return f"expected a placed stage such as etendue.stages.NAME(), got {one!r}"
 
 

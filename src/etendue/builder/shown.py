@@ -25,14 +25,22 @@ def plan_page(document: dict[str, Any]) -> str:
     """What ``etendue plan`` prints."""
     rows = [
         (
-            stage["name"], " \u00d7 ".join(stage["axes"]) or "-", stage["cells"], stage["left_out"]["cells"] if stage["left_out"] else "",
-            human_bytes(stage["bytes"]), human_seconds(stage["seconds"]),
+            stage["name"],
+            " \u00d7 ".join(stage["axes"]) or "-",
+            stage["cells"],
+            stage["left_out"]["cells"] if stage["left_out"] else "",
+            human_bytes(stage["bytes"]),
+            human_seconds(stage["seconds"]),
         )
         for stage in document["stages"]
-    ]  # fmt: skip
+    ]
     whole = (
-        f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), {human_bytes(document['bytes'])}, "
-        f"about {human_seconds(document['seconds'])} of thread time, {human_bytes(document['peak_memory'])} held at most"
+        f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
+        f"{human_bytes(document['bytes'])}, "
+        f"about {human_seconds(document['seconds'])} of thread time, {human_bytes(document['peak_memory'])} held at "
+        f"most"
     )
     notes = [whole, *(f"note: {escape(text)}" for text in document["warnings"])]
-    return table_page(f"plan of {document['name']}", ("stage", "axes", "cells", "left out", "stored", "time"), rows, notes)
+    return table_page(
+        f"plan of {document['name']}", ("stage", "axes", "cells", "left out", "stored", "time"), rows, notes
+    )

@@ -1,4 +1,5 @@
-"""Installed stages as functions that place them in a pipeline: ``from etendue import stages as s``; ``s.diffraction(terms=6)``.
+"""Installed stages as functions that place them in a pipeline: ``from etendue import stages as s``;
+``s.diffraction(terms=6)``.
 
 In:  names of stages, those of plugins included, and their parameters as a pipeline file has them.
 Out: ``Placed`` values. Nothing is computed, and a stage is imported when its signature, its help or a call asks for it.
@@ -24,7 +25,9 @@ from etendue.errors import Fault, RequestError, nearest
 
 @dataclasses.dataclass(frozen=True)
 class Placed:
-    """One stage of a pipeline: which it is, what it is called there, its parameters as written, from which stages it reads."""
+    """One stage of a pipeline: which it is, what it is called there, its parameters as written, from which stages it
+    reads.
+    """
 
     use: str
     values: Mapping[str, Any]
@@ -60,10 +63,16 @@ class Maker:
     def __init__(self, use: str) -> None:
         self.__name__ = self.__qualname__ = use
 
-    def __call__(self, *, name: str | None = None, reads_from: Mapping[str, str] | None = None, **values: Any) -> Placed:
+    def __call__(
+        self, *, name: str | None = None, reads_from: Mapping[str, str] | None = None, **values: Any
+    ) -> Placed:
         own = self._own()
         given = {key: plain(value) for key, value in values.items() if value is not None}
-        faults = [Fault(f"{self.__name__}.{key}", _unknown(key, own, parameters_of(self._kind))) for key in given if key not in own]
+        faults = [
+            Fault(f"{self.__name__}.{key}", _unknown(key, own, parameters_of(self._kind)))
+            for key in given
+            if key not in own
+        ]
         if faults:
             raise RequestError(faults)
         return Placed(self.__name__, given, name or self.__name__, dict(reads_from or {}))
@@ -80,7 +89,9 @@ class Maker:
     def __signature__(self) -> inspect.Signature:
         keyword = inspect.Parameter.KEYWORD_ONLY
         parameters = [
-            inspect.Parameter(name, keyword, default=inspect.Parameter.empty if default is MISSING else default, annotation=kind)
+            inspect.Parameter(
+                name, keyword, default=inspect.Parameter.empty if default is MISSING else default, annotation=kind
+            )
             for name, (_, kind, default) in self._own().items()
         ]
         parameters += [
@@ -122,7 +133,9 @@ class Stages:
     def __getattr__(self, name: str) -> Any:
         if not name.startswith("_") and name in installed_stages():
             return maker(name)
-        raise AttributeError(f"there is no stage {name!r}{nearest(name, installed_stages().names())}; all of them: etendue stages")
+        raise AttributeError(
+            f"there is no stage {name!r}{nearest(name, installed_stages().names())}; all of them: etendue stages"
+        )
 
     def __dir__(self) -> list[str]:
         return installed_stages().names()
@@ -148,7 +161,14 @@ def maker(use: str) -> Maker:
         There is no such stage.
     """
     if use not in installed_stages():
-        raise RequestError([Fault("", f"there is no stage {use!r}{nearest(use, installed_stages().names())}; all of them: etendue stages")])
+        raise RequestError(
+            [
+                Fault(
+                    "",
+                    f"there is no stage {use!r}{nearest(use, installed_stages().names())}; all of them: etendue stages",
+                )
+            ]
+        )
     return _MAKERS.setdefault(use, Maker(use))
 
 
@@ -175,6 +195,10 @@ def _unknown(name: str, own: Mapping[str, Any], every: Mapping[str, Any]) -> str
 
 def _form(parameter: Parameter, default: Any) -> str:
     parts = [parameter.units] if parameter.units not in ("", "1") else []
-    parts += [f"one of {', '.join(parameter.choices)}"] if parameter.choices else [text for text in (parameter.range_text(),) if text]
+    parts += (
+        [f"one of {', '.join(parameter.choices)}"]
+        if parameter.choices
+        else [text for text in (parameter.range_text(),) if text]
+    )
     parts += ["required"] if default is MISSING else [f"default {as_written(default)}"]
     return ", ".join(parts)

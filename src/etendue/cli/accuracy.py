@@ -14,31 +14,62 @@ from etendue.cli.saying import command, say, show
 @command("accuracy")
 @options.FILE
 @click.option(
-    "--knob", "knobs", multiple=True, metavar="STAGE.KNOB[=V,V,..]",
-    help="Try this knob, also one that the file writes, or precision; settings from the cheapest to the reference" + options.REPEAT,
-)  # fmt: skip
+    "--knob",
+    "knobs",
+    multiple=True,
+    metavar="STAGE.KNOB[=V,V,..]",
+    help="Try this knob, also one that the file writes, or precision; settings from the cheapest to the reference"
+    + options.REPEAT,
+)
 @options.settings()
 @options.SWEEPS
 @options.WANT
 @options.TOLERANCE
-@click.option("--cells", default=1, show_default=True, type=click.IntRange(1), metavar="N", help="Points of the sweep; one is its middle.")
-@click.option("--repeat", default=3, show_default=True, type=click.IntRange(1), metavar="N", help="Runs of a trial; the least time counts.")
-@click.option("--trials", default=24, show_default=True, type=click.IntRange(0), metavar="N", help="Combinations at most.")
 @click.option(
-    "--verify", multiple=True, metavar="NAME=VALUE", help="Try the cheapest settings there too: scene.file=other.png" + options.REPEAT
-)  # fmt: skip
+    "--cells",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1),
+    metavar="N",
+    help="Points of the sweep; one is its middle.",
+)
+@click.option(
+    "--repeat",
+    default=3,
+    show_default=True,
+    type=click.IntRange(1),
+    metavar="N",
+    help="Runs of a trial; the least time counts.",
+)
+@click.option(
+    "--trials", default=24, show_default=True, type=click.IntRange(0), metavar="N", help="Combinations at most."
+)
+@click.option(
+    "--verify",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Try the cheapest settings there too: scene.file=other.png" + options.REPEAT,
+)
 @options.output("Table as CSV and JSON, diagram; default ./<name>-accuracy.")
 @options.JSON
 @options.gather
 def accuracy(
-    given: options.Given, as_json: bool, knobs: tuple[str, ...], cells: int, repeat: int, trials: int, verify: tuple[str, ...],
+    given: options.Given,
+    as_json: bool,
+    knobs: tuple[str, ...],
+    cells: int,
+    repeat: int,
+    trials: int,
+    verify: tuple[str, ...],
     output: Path | None,
-) -> None:  # fmt: skip
-    """Error against run time: every fidelity knob alone, the front over combinations, the cheapest setting for a tolerance.
+) -> None:
+    """Error against run time: every fidelity knob alone, the front over combinations, the cheapest setting for a
+    tolerance.
 
-    Every trial is held against the reference (all knobs at their best setting, nothing left out, 64 bits), both without noise and
-    rounding. Without --knob all knobs are tried that the file does not write, and precision; how the scene is drawn is tried where it is
-    asked for. The order of convergence is that of the stage's own error. Errors below the noise of one frame cannot be seen in one.
+    Every trial is held against the reference (all knobs at their best setting, nothing left out, 64 bits), both without
+    noise and rounding. Without --knob all knobs are tried that the file does not write, and precision; how the scene is
+    drawn is tried where it is asked for. The order of convergence is that of the stage's own error. Errors below the
+    noise of one frame cannot be seen in one.
 
     Exit codes: 0 done, 2 the request is wrong.
     """
@@ -54,7 +85,17 @@ def accuracy(
     folder = output or Path(f"{pipeline.name}-accuracy")
     check_folder(folder)
     with trying(silent=as_json) as told:
-        found = measure(pipeline, installed_stages(), asked, cells, repeat, trials, told, elsewhere, dict(w.split("=", 1) for w in verify))
+        found = measure(
+            pipeline,
+            installed_stages(),
+            asked,
+            cells,
+            repeat,
+            trials,
+            told,
+            elsewhere,
+            dict(w.split("=", 1) for w in verify),
+        )
     made = finite(document(found))
     files = write_whole(folder, files_of(made))
     if as_json:

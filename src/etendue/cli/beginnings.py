@@ -9,14 +9,21 @@ import click
 from etendue.cli.saying import command
 from etendue.contract.tables import preset_keys
 
-FOLDER = click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Where; default here.")
+FOLDER = click.option(
+    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Where; default here."
+)
 
 
 @command("new")
 @click.argument("name")
 @click.option("--template", default="", metavar="NAME", help="Which of those that are installed; default: the first.")
 @click.option(
-    "--preset", *(f"--{key}" for key in sorted(preset_keys())), "chosen", default="", metavar="NAME", help="Default: the template's."
+    "--preset",
+    *(f"--{key}" for key in sorted(preset_keys())),
+    "chosen",
+    default="",
+    metavar="NAME",
+    help="Default: the template's.",
 )
 @FOLDER
 def new(name: str, template: str, chosen: str, output: Path | None) -> None:
@@ -52,7 +59,8 @@ def _kept(text: str) -> dict[str, str]:
 @click.option("--like", metavar="STAGE", help="The installed stage it begins as; default: a simple one of the role.")
 @FOLDER
 def new_plugin(name: str, role: str | None, like: str | None, output: Path | None) -> None:
-    """A distribution that brings a stage of your own: it installs, passes the laws of its kind and is ranked by `compare` as it stands.
+    """A distribution that brings a stage of your own: it installs, passes the laws of its kind and is ranked by
+    `compare` as it stands.
 
     It inherits the arithmetic of an installed stage; write yours in the place of one line.
     """
@@ -64,4 +72,6 @@ def new_plugin(name: str, role: str | None, like: str | None, output: Path | Non
     place = (output or Path()) / one.distribution
     for path in write_folder(place, files(one)):
         click.echo(path)
-    click.echo(f"next: pip install -e '{place}[test]', pytest {place}, etendue stages {one.stage}; begins as {one.like}")
+    click.echo(
+        f"next: pip install -e '{place}[test]', pytest {place}, etendue stages {one.stage}; begins as {one.like}"
+    )

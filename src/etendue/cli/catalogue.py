@@ -13,7 +13,9 @@ from etendue.cli.options import JSON, NAME
 from etendue.cli.saying import command, say, tell
 
 
-def tell_one(as_json: bool, name: str | None, names: Sequence[str], document: Callable[[str], Any], one: Any, all: Any) -> None:
+def tell_one(
+    as_json: bool, name: str | None, names: Sequence[str], document: Callable[[str], Any], one: Any, all: Any
+) -> None:
     """The document of what is named, or those of all."""
     documents = [document(own) for own in ([name] if name else names)]
     if name and not as_json:
@@ -27,7 +29,9 @@ def _check(what: str, name: str | None, names: Sequence[str], hook: str) -> None
     from etendue.plugins import discovery
 
     if name is not None and name not in names:
-        raise RequestError(f"there is no {what} {name!r}{nearest(name, names)}{discovery.installed().missed(hook, name)}")
+        raise RequestError(
+            f"there is no {what} {name!r}{nearest(name, names)}{discovery.installed().missed(hook, name)}"
+        )
 
 
 @command("stages")
@@ -60,16 +64,25 @@ def quantities(name: str | None, as_json: bool) -> None:
     name = tail if tail and head in tables() else name
     _check(f"{next(iter(tables()))} quantity", name, shared.names(), "quantities")
     registry = installed_stages() if name else None
-    tell_one(as_json, name, shared.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities)
+    tell_one(
+        as_json, name, shared.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities
+    )
 
 
 @command("schema")
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="A file instead of the terminal.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="A file instead of the terminal.",
+)
 def schema(output: Path | None) -> None:
-    """A JSON Schema of pipeline files, with the stages and quantities of installed plugins: editors complete and check by it.
+    """A JSON Schema of pipeline files, with the stages and quantities of installed plugins: editors complete and check
+    by it.
 
-    With the schema in a file, `#:schema ./etendue.schema.json` as the first line of a pipeline tells editors that use taplo (such as
-    VS Code with Even Better TOML) where it is.
+    With the schema in a file, `#:schema ./etendue.schema.json` as the first line of a pipeline tells editors that use
+    taplo (such as VS Code with Even Better TOML) where it is.
     """
     from etendue.contract.registry import installed_stages
     from etendue.pipeline.schema import schema as make

@@ -14,7 +14,9 @@ import click
 
 @dataclasses.dataclass(frozen=True)
 class Command:
-    """``place``: ``module:function`` of a click command; ``usage``: what is typed behind its name; ``doc``: a few words for ``--help``."""
+    """``place``: ``module:function`` of a click command; ``usage``: what is typed behind its name; ``doc``: a few
+    words for ``--help``.
+    """
 
     place: str
     usage: str = ""
@@ -23,7 +25,9 @@ class Command:
 
 _HERE = "etendue.cli"
 OWN = {
-    "run": Command(f"{_HERE}.runs:run", "FILE", "run a pipeline, archive it, show it; an archive that exists is resumed"),
+    "run": Command(
+        f"{_HERE}.runs:run", "FILE", "run a pipeline, archive it, show it; an archive that exists is resumed"
+    ),
     "plan": Command(f"{_HERE}.runs:plan", "FILE", "what would run: cells, bytes, time, what is left out and why"),
     "rerun": Command(f"{_HERE}.runs:rerun", "DIR", "run an archive again into itself, from the archive alone"),
     "stages": Command(f"{_HERE}.catalogue:stages", "[NAME]", "what is installed: reads, writes, parameters"),
@@ -36,9 +40,13 @@ OWN = {
     "reproduce": Command(f"{_HERE}.trust:reproduce", "DIR", "compute it again and compare, cell by cell"),
     "diff": Command(f"{_HERE}.trust:diff", "DIR DIR", "which cells of two archives differ, by how much, since what"),
     "compact": Command(f"{_HERE}.compacting:compact", "OLD NEW", "an archive written anew, its axes sorted"),
-    "accuracy": Command(f"{_HERE}.accuracy:accuracy", "FILE", "error against run time, of every knob and of combinations"),
+    "accuracy": Command(
+        f"{_HERE}.accuracy:accuracy", "FILE", "error against run time, of every knob and of combinations"
+    ),
     "new": Command(f"{_HERE}.beginnings:new", "NAME", "a commented pipeline to begin with"),
-    "new-plugin": Command(f"{_HERE}.beginnings:new_plugin", "NAME --role R", "a stage of your own, in a distribution that installs"),
+    "new-plugin": Command(
+        f"{_HERE}.beginnings:new_plugin", "NAME --role R", "a stage of your own, in a distribution that installs"
+    ),
     "schema": Command(f"{_HERE}.catalogue:schema", "", "the form of pipeline files, for editors"),
 }
 

@@ -20,8 +20,9 @@ SHOWN = 6  # groups of which the name is said
 def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
     """Write an archive anew: axes that grew sorted, shards as of a fresh sweep, the same bits in every array.
 
-    In its place: killed at any instant the archive is whole, the old one or the new one, and the same command goes on. With NEW, DIR is
-    only read, and NEW is whole or not there. Also of an archive with a file for every cell, as earlier versions wrote it.
+    In its place: killed at any instant the archive is whole, the old one or the new one, and the same command goes on.
+    With NEW, DIR is only read, and NEW is whole or not there. Also of an archive with a file for every cell, as earlier
+    versions wrote it.
     """
     if new is None:
         if not isinstance(place, Path):
@@ -36,9 +37,14 @@ def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
         with places.reading(place) as folder:
             done = write_anew(folder, new)
     document: dict[str, Any] = {
-        "archive": str(done.folder), "cells": done.cells, "shards": done.shards, "bytes": done.bytes, "sorted": dict(done.sorted),
-        "written": done.written, "amplification": done.amplification,
-    }  # fmt: skip
+        "archive": str(done.folder),
+        "cells": done.cells,
+        "shards": done.shards,
+        "bytes": done.bytes,
+        "sorted": dict(done.sorted),
+        "written": done.written,
+        "amplification": done.amplification,
+    }
     tell(as_json, document, _print)
 
 

@@ -33,7 +33,11 @@ class _Folder(click.ParamType):  # type: ignore[type-arg]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         if "://" in str(value):
-            self.fail(f"{value}: only a folder can be written to here; copy it to an object store when it is whole", param, ctx)
+            self.fail(
+                f"{value}: only a folder can be written to here; copy it to an object store when it is whole",
+                param,
+                ctx,
+            )
         return Path(value)
 
 
@@ -44,9 +48,15 @@ SETTING = "QUANTITY=4, STAGE.PARAMETER=0.3" + REPEAT
 FILE = click.argument("file", type=click.Path(path_type=Path))
 NAME = click.argument("name", required=False)
 SWEEPS = click.option(
-    "--sweep", "sweeps", multiple=True, metavar="AXIS=V,V,..", help="QUANTITY=1,2,4, STAGE.PARAMETER=0,1 or STAGE.use=a,b" + REPEAT
+    "--sweep",
+    "sweeps",
+    multiple=True,
+    metavar="AXIS=V,V,..",
+    help="QUANTITY=1,2,4, STAGE.PARAMETER=0,1 or STAGE.use=a,b" + REPEAT,
 )
-WANT = click.option("--want", multiple=True, metavar="VARIABLE", help="Compute this, or stage.variable, and nothing else" + REPEAT)
+WANT = click.option(
+    "--want", multiple=True, metavar="VARIABLE", help="Compute this, or stage.variable, and nothing else" + REPEAT
+)
 TOLERANCE = click.option("--tolerance", metavar="T", help="What may be left out or approximated, of full scale.")
 NOTHING_LEFT_OUT = click.option("--nothing-left-out", is_flag=True, help="Compute also what the scene does not need.")
 JSON = click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
@@ -63,7 +73,9 @@ MOST_CELLS = click.option(
     metavar="N",
     help="Cells that the archive's pipeline may ask for; default 1,000,000, whatever it says.",
 )
-WORKERS = click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
+WORKERS = click.option(
+    "--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core."
+)
 
 
 def from_here(here: Path, place: Path | str) -> Path | str:

@@ -14,7 +14,11 @@ from etendue.cli.saying import blaming, command, say
 @command("report")
 @click.argument("place", type=PLACE, metavar="ARCHIVE")
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), metavar="FILE", help="Default ./ARCHIVE-report.html; an older one is replaced."
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Default ./ARCHIVE-report.html; an older one is replaced.",
 )
 @click.option("--blame", is_flag=True, help="Also what each stage is owed of what is lost; computed now.")
 @JSON
@@ -41,7 +45,10 @@ def report(place: Path | str, output: Path | None, blame: bool, as_json: bool) -
         )
         return
     with streams.results():
-        click.echo(f"{written.path}  {written.bytes / 1e6:.2f} MB, figures of {written.cells} cells, pictures of {written.pictured}")
+        click.echo(
+            f"{written.path}  {written.bytes / 1e6:.2f} MB, figures of {written.cells} cells, pictures of "
+            f"{written.pictured}"
+        )
 
 
 @command("view")

@@ -30,13 +30,25 @@ from etendue.cli.saying import blaming, command, say, show
 @click.option("--y", default="", metavar="DIM", help="What runs along y of a map.")
 @click.option("--lines", default="", metavar="DIM", help="What lines of curves tell apart.")
 @click.option("--panels", default="", metavar="DIM,DIM", help="What panels tell apart, at most two.")
-@click.option("--better", default="", metavar="WORD,WORD", help="Of a front: higher or lower, for each figure in order.")
+@click.option(
+    "--better", default="", metavar="WORD,WORD", help="Of a front: higher or lower, for each figure in order."
+)
 @click.option("--blame", is_flag=True, help="Of a budget: also what each stage is owed of what is lost; computed now.")
 @JSON
 def plot(
-    place: Path | str, words: tuple[str, ...], output: Path | None, listing: bool, at: tuple[str, ...], x: str, y: str, lines: str,
-    panels: str, better: str, blame: bool, as_json: bool,
-) -> None:  # fmt: skip
+    place: Path | str,
+    words: tuple[str, ...],
+    output: Path | None,
+    listing: bool,
+    at: tuple[str, ...],
+    x: str,
+    y: str,
+    lines: str,
+    panels: str,
+    better: str,
+    blame: bool,
+    as_json: bool,
+) -> None:
     """Draw what an archive holds: figures over axes, curves, fronts, pictures, budgets.
 
     \b
@@ -77,9 +89,20 @@ def plot(
             start = _begun_at(folder) if shares else None
             found = shares(folder, start) if shares else None
         made = draw(holdings, kind, replace(asked, figures=figures, blame=found, blamed_at=start))
-        path = made.save(output or Path("-".join([folder.resolve().name, kind, *(name.replace(".", "-") for name in figures)]) + ".png"))
+        path = made.save(
+            output
+            or Path("-".join([folder.resolve().name, kind, *(name.replace(".", "-") for name in figures)]) + ".png")
+        )
     if as_json:
-        say({"file": str(path), "kind": kind, "columns": list(made.columns), "rows": [list(row) for row in made.rows], "notes": made.notes})
+        say(
+            {
+                "file": str(path),
+                "kind": kind,
+                "columns": list(made.columns),
+                "rows": [list(row) for row in made.rows],
+                "notes": made.notes,
+            }
+        )
         return
     with streams.results():
         click.echo(str(path))

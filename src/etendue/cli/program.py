@@ -58,7 +58,9 @@ class _Main(click.Group):
             return super().invoke(ctx)
         except RequestError as error:
             if as_json:
-                faults = [{"file": error.file, "line": f.line, "place": f.place, "message": f.message} for f in error.faults]
+                faults = [
+                    {"file": error.file, "line": f.line, "place": f.place, "message": f.message} for f in error.faults
+                ]
                 say({"faults": faults})
             else:
                 click.echo(refusal(str(error)), err=True)
@@ -74,7 +76,11 @@ class _Main(click.Group):
         except OSError as error:
             self._refused(ctx, error)
         except MemoryError as error:
-            click.echo(f"the machine is short of memory ({plain(str(error)) or 'nothing more is known'}); the archive is intact", err=True)
+            click.echo(
+                f"the machine is short of memory ({plain(str(error)) or 'nothing more is known'}); the archive is "
+                f"intact",
+                err=True,
+            )
             ctx.exit(5)
         except KeyboardInterrupt as error:
             click.echo(interrupts.line(), err=True)
@@ -84,7 +90,10 @@ class _Main(click.Group):
         except Exception as error:
             if os.environ.get("ETENDUE_TRACEBACK"):
                 raise
-            text = f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what ETENDUE_TRACEBACK=1 shows"
+            text = (
+                f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what "
+                f"ETENDUE_TRACEBACK=1 shows"
+            )
             click.echo(refusal(text), err=True)
             ctx.exit(1)
 
@@ -99,4 +108,6 @@ class _Main(click.Group):
 @click.group(cls=_Main, context_settings=CONTEXT)
 @click.version_option(package_name="etendue")
 def main() -> None:
-    """Any graph of replaceable stages on labelled arrays: planned, swept on Dask, archived in Zarr, shown, reproduced."""
+    """Any graph of replaceable stages on labelled arrays: planned, swept on Dask, archived in Zarr, shown,
+    reproduced.
+    """

@@ -16,7 +16,9 @@ from etendue.cli.saying import command, say, show, tell
 
 def _pipeline(given: Given) -> Any:
     pipeline = given.pipeline()
-    if given.want and pipeline.keep is not None and pipeline.wanted is not None:  # what is asked for now is kept, whatever the file keeps
+    if (
+        given.want and pipeline.keep is not None and pipeline.wanted is not None
+    ):  # what is asked for now is kept, whatever the file keeps
         pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
     if not given.nothing_left_out:
         return pipeline
@@ -46,8 +48,8 @@ def _plan(given: Given, quiet: bool, pipeline: Any = None) -> Any:
 def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> None:
     """What would run: stages, cells, bytes, time, what is left out and why.
 
-    What `run` would refuse because the machine is too small, with these workers and into the archive of that name here, is said behind
-    it; the exit code is then 5, as that of `run`.
+    What `run` would refuse because the machine is too small, with these workers and into the archive of that name here,
+    is said behind it; the exit code is then 5, as that of `run`.
     """
     from etendue.plan.planner import summary, without_collecting
     from etendue.run.machine import check_machine
@@ -72,12 +74,15 @@ def _how(function: Any) -> Any:
     """How a run is done: nothing here changes a bit of the result."""
     for option in (
         click.option("--quiet", is_flag=True, help="No progress."),
-        click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep."),
+        click.option(
+            "--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep."
+        ),
         click.option(
             "--cell-timeout",
             type=click.FloatRange(0, min_open=True),
             metavar="SECONDS",
-            help="A cell that takes longer is stopped and counts as failed. With processes or a cluster only: a thread cannot be stopped.",
+            help="A cell that takes longer is stopped and counts as failed. With processes or a cluster only: a thread "
+            "cannot be stopped.",
         ),
         click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform."),
         click.option("--recompute", is_flag=True, help="Compute again what is already finished."),
@@ -92,10 +97,15 @@ def _how(function: Any) -> Any:
 @command("run")
 @pipeline_options
 @click.option(
-    "--archive", type=PLACE, metavar="DIR|URL", help="Where results are kept: a folder or s3://bucket/prefix/name; default ./<its name>."
-)  # fmt: skip
+    "--archive",
+    type=PLACE,
+    metavar="DIR|URL",
+    help="Where results are kept: a folder or s3://bucket/prefix/name; default ./<its name>.",
+)
 @_how
-@click.option("--measure", is_flag=True, help="Measure the global error of what is wanted, on sample cells against the reference.")
+@click.option(
+    "--measure", is_flag=True, help="Measure the global error of what is wanted, on sample cells against the reference."
+)
 @click.option(
     "--hold",
     type=click.FloatRange(0, 1, min_open=True),
@@ -103,14 +113,22 @@ def _how(function: Any) -> Any:
     help="Find the loosest tolerance with which what is wanted stays within E of the reference, and run with it.",
 )
 def run(
-    given: Given, as_json: bool, archive: Path | str | None, scheduler: str, workers: int | None, measure: bool, hold: float | None,
-    quiet: bool, **how: Any,
-) -> None:  # fmt: skip
+    given: Given,
+    as_json: bool,
+    archive: Path | str | None,
+    scheduler: str,
+    workers: int | None,
+    measure: bool,
+    hold: float | None,
+    quiet: bool,
+    **how: Any,
+) -> None:
     """Run a pipeline: compute what is not there yet, keep it, show it.
 
     On an archive that exists this resumes. A cell whose stage breaks off, kills its worker process or takes longer than
-    --cell-timeout is recorded as failed, the rest goes on. Exit codes: 0 done, 2 the request is wrong, 3 some cells failed,
-    4 the archive is in use, 5 the machine is short or the cluster is gone, 130 or 143 interrupted (the archive is intact).
+    --cell-timeout is recorded as failed, the rest goes on. Exit codes: 0 done, 2 the request is wrong, 3 some cells
+    failed, 4 the archive is in use, 5 the machine is short or the cluster is gone, 130 or 143 interrupted (the archive
+    is intact).
     """
     interrupts.say(interrupts.INTACT)
     here = Path.cwd()  # a plugin may change it
@@ -158,10 +176,11 @@ def run(
 @MOST_CELLS
 @JSON
 def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None, quiet: bool, **how: Any) -> None:
-    """Run an archive again into itself, from the archive alone: the pipeline of its last run, with the files in its inputs.
+    """Run an archive again into itself, from the archive alone: the pipeline of its last run, with the files in its
+    inputs.
 
-    What is there and right stays; what is missing, damaged, or would come out differently now is computed. Exit codes as those
-    of `run`.
+    What is there and right stays; what is missing, damaged, or would come out differently now is computed. Exit codes
+    as those of `run`.
     """
     interrupts.say(interrupts.INTACT)
     place = from_here(Path.cwd(), place)  # a plugin may change it
@@ -198,7 +217,14 @@ def _held(pipeline: Any, asked: float, folder: Path, options: Any, quiet: bool) 
     from etendue.present.terminal.global_error import say_held
     from etendue.present.terminal.terminal import TerminalProgress
 
-    found = hold(pipeline, installed_stages(), asked, options=options, progress=None if quiet else TerminalProgress, archive=folder)
+    found = hold(
+        pipeline,
+        installed_stages(),
+        asked,
+        options=options,
+        progress=None if quiet else TerminalProgress,
+        archive=folder,
+    )
     for text in say_held(found):
         click.echo(text, err=True)
     return found

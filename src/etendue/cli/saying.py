@@ -25,7 +25,9 @@ command = functools.partial(click.command, cls=_Command)
 
 
 def say(document: Any) -> None:
-    """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor infinity."""
+    """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor
+    infinity.
+    """
     from etendue.result_files import finite
 
     with streams.results():

@@ -24,18 +24,26 @@ UNCHANGED = "interrupted; the archive is as it was"
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
 def reproduce(
-    place: Path | str, into: Path | None, scheduler: str, workers: int | None, most_cells: int | None, quiet: bool, as_json: bool
-) -> None:  # fmt: skip
-    """Compute an archive again, from the archive alone, and compare every cell with the stored one while it is computed.
+    place: Path | str,
+    into: Path | None,
+    scheduler: str,
+    workers: int | None,
+    most_cells: int | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Compute an archive again, from the archive alone, and compare every cell with the stored one while it is
+    computed.
 
-    Then everything else that it says: coordinates, dims, units, types, attributes, status, tables, pictures, journal, records. What no
-    computing can tell (seconds, dates, versions, authors) is listed as not checked.
+    Then everything else that it says: coordinates, dims, units, types, attributes, status, tables, pictures, journal,
+    records. What no computing can tell (seconds, dates, versions, authors) is listed as not checked.
 
-    On the same platform every bit has to agree. On another one (processor features, numpy, scipy, Python) a cell may differ by
-    what its stage and those in front of it state as their errors. Stages that are not installed are named, and so is other code
-    than that of then. Nothing is kept without --into.
+    On the same platform every bit has to agree. On another one (processor features, numpy, scipy, Python) a cell may
+    differ by what its stage and those in front of it state as their errors. Stages that are not installed are named,
+    and so is other code than that of then. Nothing is kept without --into.
 
-    Exit codes: 0 reproduced, 1 not, 2 the request is wrong or something is missing here, 4 a run is writing to the archive.
+    Exit codes: 0 reproduced, 1 not, 2 the request is wrong or something is missing here, 4 a run is writing to the
+    archive.
     """
     interrupts.say(UNCHANGED)
     here = Path.cwd()  # a plugin may change it
@@ -63,9 +71,9 @@ def reproduce(
 def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
     """Which cells of two archives differ, by how much, and since which parameter, code or input.
 
-    Cells are matched by stage and axis values; an axis that only one archive has is matched at the value that the other has fixed.
-    Figures are those of the worst cell of a stage; relative ones are rms over full scale. Exit codes: 0 equal, 1 not, 2 the request
-    is wrong.
+    Cells are matched by stage and axis values; an axis that only one archive has is matched at the value that the other
+    has fixed. Figures are those of the worst cell of a stage; relative ones are rms over full scale. Exit codes: 0
+    equal, 1 not, 2 the request is wrong.
     """
     interrupts.say(UNCHANGED)
     from etendue.archive import places
@@ -80,11 +88,17 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
 
 @command("verify")
 @_ARCHIVE
-@click.option("--repair", is_flag=True, help="Put back what is known, and compute again what is damaged, and nothing else.")
 @click.option(
-    "--from", "sources", multiple=True, type=click.Path(path_type=Path), metavar="PATH",
+    "--repair", is_flag=True, help="Put back what is known, and compute again what is damaged, and nothing else."
+)
+@click.option(
+    "--from",
+    "sources",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="PATH",
     help="Where lost inputs may be found, by their content: files, folders, another archive; may be repeated.",
-)  # fmt: skip
+)
 @click.option("--digest", is_flag=True, help="Print one SHA-256 of all of it, to be kept elsewhere.")
 @click.option("--accept-platform", is_flag=True, help="Repair with cells computed on another platform than the others.")
 @SCHEDULER
@@ -93,18 +107,28 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
 def verify(
-    place: Path | str, repair: bool, sources: tuple[Path, ...], digest: bool, accept_platform: bool, scheduler: str, workers: int | None,
-    most_cells: int | None, quiet: bool, as_json: bool,
-) -> None:  # fmt: skip
-    """Read every byte of an archive and name what is not as it was written: array and cell, metadata, table, record, input, journal.
+    place: Path | str,
+    repair: bool,
+    sources: tuple[Path, ...],
+    digest: bool,
+    accept_platform: bool,
+    scheduler: str,
+    workers: int | None,
+    most_cells: int | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Read every byte of an archive and name what is not as it was written: array and cell, metadata, table, record,
+    input, journal.
 
-    Needs no stage to be installed and changes nothing. With --repair what is known twice is put back, the rest computed again from
-    the archive's own pipeline; what does not belong to the archive is moved to its folder 'strays'.
+    Needs no stage to be installed and changes nothing. With --repair what is known twice is put back, the rest computed
+    again from the archive's own pipeline; what does not belong to the archive is moved to its folder 'strays'.
 
-    Who makes all digests in an archive anew is not found: reproduce finds what does not come out again, and the one digest of --digest,
-    kept elsewhere, anything else.
+    Who makes all digests in an archive anew is not found: reproduce finds what does not come out again, and the one
+    digest of --digest, kept elsewhere, anything else.
 
-    Exit codes: 0 whole (or whole now), 1 damaged, 2 the request is wrong, or it cannot be repaired from what is there, 4 in use.
+    Exit codes: 0 whole (or whole now), 1 damaged, 2 the request is wrong, or it cannot be repaired from what is there,
+    4 in use.
     """
     interrupts.say(interrupts.INTACT if repair else UNCHANGED)
     here = Path.cwd()  # a plugin may change it
@@ -128,7 +152,9 @@ def verify(
             from etendue.trust.repairing import document as of_repaired
             from etendue.trust.repairing import repair as mend
 
-            options = Options(check_scheduler(scheduler), workers or 0, accept_platform=accept_platform, most_cells=most_cells)
+            options = Options(
+                check_scheduler(scheduler), workers or 0, accept_platform=accept_platform, most_cells=most_cells
+            )
             sought = [here / path for path in sources]
             with places.writing(place, far(scheduler), exact=True) as folder:
                 mended = mend(folder, sought, options, None if quiet or as_json else TerminalProgress, told)

@@ -96,7 +96,10 @@ class StageBands(Banded):
         with foreign(f"{self.job.ref[0]!r}"):
             plane = np.asarray(arrays[self.variable])[0]
         if plane.shape != self.shape[1:]:
-            raise PluginError(f"{self.job.ref[0]!r} gave band {band} of {self.variable} with shape {plane.shape}, not {self.shape[1:]}")
+            raise PluginError(
+                f"{self.job.ref[0]!r} gave band {band} of {self.variable} with shape {plane.shape}, not "
+                f"{self.shape[1:]}"
+            )
         plane = plane.astype(self.dtype, copy=False)
         flat = plane.reshape(-1)
         if not np.isfinite(np.dot(flat, flat)) and not np.isfinite(flat).all():
@@ -130,18 +133,33 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
     outputs = {v: _cut(g, bands) for v, g in job.grids.items()}
     with foreign(f"{type(stage).__name__}.by_band"):
         prepared = stage.by_band(prepared_of(stage, job.input_grids, job.grids), bands)
-    known = {**coordinates_of(outputs), **coordinates_of(inputs), **coordinates_of(outputs, "out_"), "prepared": prepared}
+    known = {
+        **coordinates_of(outputs),
+        **coordinates_of(inputs),
+        **coordinates_of(outputs, "out_"),
+        "prepared": prepared,
+    }
     if not pixels:
-        known |= {name: value[:1] for name, value in known.items() if name.removeprefix("out_").split("_")[0] in ("y", "x")}
+        known |= {
+            name: value[:1] for name, value in known.items() if name.removeprefix("out_").split("_")[0] in ("y", "x")
+        }
     for port, array in given.items():
         dims = declared[port].dims
         if not pixels and dims[-2:] == ("y", "x"):
             known[port] = np.zeros((bands.stop - bands.start, 1, 1), dtype=job.precision)
             continue
         cut = _of_bands(array, dims, job.input_grids[port], bands)
-        if stage.negative != "keep" and dims[-2:] == ("y", "x") and cut.dtype.kind == "f" and cut.size and cut.min() < 0:
+        if (
+            stage.negative != "keep"
+            and dims[-2:] == ("y", "x")
+            and cut.dtype.kind == "f"
+            and cut.size
+            and cut.min() < 0
+        ):
             if stage.negative == "error":
-                raise PluginError(f"{port} holds negative values (smallest {cut.min():.3g}), which {job.ref[0]!r} refuses")
+                raise PluginError(
+                    f"{port} holds negative values (smallest {cut.min():.3g}), which {job.ref[0]!r} refuses"
+                )
             cut = np.maximum(cut, 0)
         known[port] = cut if isinstance(cut, Banded) else frozen(cut)
     own = handed(stage, {name: for_reading(known[name]) for name in arguments_of(type(stage))})

@@ -31,7 +31,9 @@ from etendue.telling import plain, told
 
 
 def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:
-    """What a stage gave back, held against its declaration, or against some of it; floats are brought to the plan's precision."""
+    """What a stage gave back, held against its declaration, or against some of it; floats are brought to the plan's
+    precision.
+    """
     form, name = form_of(job), type(job.stage).__name__
     if not isinstance(arrays, dict):
         raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
@@ -73,7 +75,9 @@ def smallest(array: Any) -> float:
 
 
 def finite(array: Any) -> bool:
-    """Whether no value is NaN or infinite: one pass of the sum of squares, looked at closely only where that overflows."""
+    """Whether no value is NaN or infinite: one pass of the sum of squares, looked at closely only where that
+    overflows.
+    """
     if not array.ndim:
         return math.isfinite(array)
     flat = array.reshape(-1)
@@ -91,8 +95,10 @@ def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
         if not job.writes[variable].nan:
             bad = int(array.size - np.isfinite(array).sum())
             raise PluginError(
-                f"{type(job.stage).__name__} wrote {bad} of {array.size} values of {variable} that are NaN or infinite; likely causes: "
-                "an input beyond the declared range, an ill-conditioned step, missing data. A stage that means it declares '[unit] nan'"
+                f"{type(job.stage).__name__} wrote {bad} of {array.size} values of {variable} that are NaN or "
+                f"infinite; likely causes: "
+                "an input beyond the declared range, an ill-conditioned step, missing data. A stage that means it "
+                "declares '[unit] nan'"
             )
         found[variable] = float("nan")
     return found
@@ -106,7 +112,9 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     began = time.thread_time() if began is None else began
     for ref in job.needs:
         if results[ref].failed:
-            return Result(failed=results[ref].failed), CellReport(*job.ref, "skipped", message=f"{results[ref].failed} failed")
+            return Result(failed=results[ref].failed), CellReport(
+                *job.ref, "skipped", message=f"{results[ref].failed} failed"
+            )
     clipped: Clipped = []
     elsewhere.seconds = 0.0
     try:
@@ -126,7 +134,9 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
         return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", time.thread_time() - began, message=text)
 
 
-def kept(job: Job, result: Result, arrays: dict[str, Any], clipped: Clipped, seconds_of: Callable[[], float]) -> tuple[Result, CellReport]:
+def kept(
+    job: Job, result: Result, arrays: dict[str, Any], clipped: Clipped, seconds_of: Callable[[], float]
+) -> tuple[Result, CellReport]:
     """Store what is to be stored of a cell, and leave in its result what others read."""
     seconds = seconds_of()
     written: tuple[Any, ...] = ()
@@ -140,17 +150,25 @@ def kept(job: Job, result: Result, arrays: dict[str, Any], clipped: Clipped, sec
     share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
     status = "left_out" if job.left_out else "done"
     floored = sum(float(np.nansum(arrays[v])) for v in form_of(job).counted if v in arrays)
-    return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
+    return result, CellReport(
+        *job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored
+    )
 
 
 def in_words(error: BaseException) -> bool:
-    """Whether an exception's text says what to do: one of ours, or a ValueError that our own code raised about a value."""
+    """Whether an exception's text says what to do: one of ours, or a ValueError that our own code raised about a
+    value.
+    """
     if isinstance(error, EtendueError):
         return True
     place = error.__traceback__
     while place is not None and place.tb_next is not None:
         place = place.tb_next
-    return isinstance(error, ValueError) and place is not None and guests.is_ours(place.tb_frame.f_globals.get("__name__", ""))
+    return (
+        isinstance(error, ValueError)
+        and place is not None
+        and guests.is_ours(place.tb_frame.f_globals.get("__name__", ""))
+    )
 
 
 def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:

@@ -62,11 +62,14 @@ class Form:
     def outputs(self) -> tuple[Output, ...]:
         return tuple(
             Output(
-                name, declared, self.grids[name].shape(declared.dims),
-                np.dtype(self.precision if declared.dtype == "float" else declared.dtype), bool(variable(name).counted),
+                name,
+                declared,
+                self.grids[name].shape(declared.dims),
+                np.dtype(self.precision if declared.dtype == "float" else declared.dtype),
+                bool(variable(name).counted),
             )
             for name, declared in self.writes.items()
-        )  # fmt: skip
+        )
 
     @cached_property
     def counted(self) -> tuple[str, ...]:

@@ -31,13 +31,17 @@ def with_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...] = (
     return replace(job, stage=stage, seed=seed, waiting=None, segment=segment, looking=looking)
 
 
-def _each(stages: tuple[Any, ...], found: tuple[Found, ...], results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]) -> Any:
+def _each(
+    stages: tuple[Any, ...], found: tuple[Found, ...], results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]
+) -> Any:
     return tuple(_made_again(stage, own, results, job, at) for stage, own in zip(stages, found, strict=True))
 
 
 def stage_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> Stage:
     """The stage of a job with what was found for it, or for a slice of it."""
-    return _made_again(job.stage, job.waiting.found, results, job, at) if job.waiting and job.waiting.found else job.stage
+    return (
+        _made_again(job.stage, job.waiting.found, results, job, at) if job.waiting and job.waiting.found else job.stage
+    )
 
 
 def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> bytes:
@@ -80,7 +84,9 @@ def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job:
         value = values[name] = _value(results, ref, variable, job, at)
         low, high = allowed[name].held or (value, value)
         if not (allowed[name].allows(value) and low <= value <= high):
-            raise ValueError(f"{name} = {value:g}, which {ref[0]!r} has found, is out of range: {allowed[name].shown_range()}")
+            raise ValueError(
+                f"{name} = {value:g}, which {ref[0]!r} has found, is out of range: {allowed[name].shown_range()}"
+            )
     return made(type(stage), values)
 
 

@@ -77,7 +77,9 @@ def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: 
 
 
 def clipped_figures(array: Any) -> tuple[int, Any, Any]:
-    """How many values are negative; what they and all values amount to in each row: sums over a frame are those over its strips."""
+    """How many values are negative; what they and all values amount to in each row: sums over a frame are those over
+    its strips.
+    """
     taken = -np.minimum(array, 0).sum(axis=-1, dtype=np.float64)
     return int(np.count_nonzero(array < 0)), taken, np.abs(array).sum(axis=-1, dtype=np.float64)
 
@@ -113,8 +115,8 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
 
 
 class _Seen(Sequence[tuple[Any, ...]]):
-    """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light that is made by band is made whole where it is
-    asked for: who goes from stage to stage holds that of one."""
+    """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light that is made by band is made
+    whole where it is asked for: who goes from stage to stage holds that of one."""
 
     def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Any]) -> None:
         self.seen, self.grids = seen, grids
@@ -135,7 +137,9 @@ class _Seen(Sequence[tuple[Any, ...]]):
 
 
 def _prepared(job: Job) -> Any:
-    """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
+    """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the
+    channels.
+    """
     if type(job.stage).prepare is not Stage.prepare or not (job.looking and job.looking.transfers):
         return prepared_of(job.stage, job.input_grids, job.grids, form_of(job).key_of_prepared(job.stage))
     return None if job.looking.channel_weights is None else weights_of(job.looking.channel_weights, job.looking.bands)

@@ -1,7 +1,9 @@
-"""A job: everything needed to compute one cell, and nothing of the plan besides. A plain value that travels to another process.
+"""A job: everything needed to compute one cell, and nothing of the plan besides. A plain value that travels to another
+process.
 
 In:  what the owner of a run knows of a cell.
-Out: ``Job``, with what a segment, looking at other stages, waiting for what a run finds and being run in slices add to it.
+Out: ``Job``, with what a segment, looking at other stages, waiting for what a run finds and being run in slices add to
+     it.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ Found = tuple[tuple[str, CellRef, str], ...]  # shared quantities, and the cells
 
 @dataclass(eq=False)
 class Segment:
-    """Of a transfer function: the cell before it whose transform it goes on from, or the stages between it and the segment's input."""
+    """Of a transfer function: the cell before it whose transform it goes on from, or the stages between it and the
+    segment's input.
+    """
 
     previous: CellRef | None = None
     joined: tuple[Transfer, ...] | None = None  # reads the segment's input itself
@@ -37,14 +41,20 @@ class Segment:
 class Looking:
     """Of a stage that looks at others: through which port at what, and the transfer functions in front of it."""
 
-    ports: tuple[tuple[str, str, tuple[tuple[str, CellRef], ...]], ...] = ()  # port, 'transfer', 'datasheet' or variable, (stage, cell)
+    ports: tuple[
+        tuple[str, str, tuple[tuple[str, CellRef], ...]], ...
+    ] = ()  # port, 'transfer', 'datasheet' or variable, (stage, cell)
     sheets: tuple[Sheet, ...] = ()
     transfers: tuple[Transfer, ...] = ()
     found: tuple[Found, ...] = ()  # what each of them awaits; (): none does
     bands: tuple[float, ...] = ()
     channel_weights: Summed | None = None
-    chains: tuple[tuple[int, ...], ...] = ()  # for each of ``transfers``: which of them it stands behind, itself last; (): all before it
-    whole: tuple[bool, ...] = ()  # for each of ``transfers``: nothing else has moved light in front of it; (): so for all
+    chains: tuple[
+        tuple[int, ...], ...
+    ] = ()  # for each of ``transfers``: which of them it stands behind, itself last; (): all before it
+    whole: tuple[
+        bool, ...
+    ] = ()  # for each of ``transfers``: nothing else has moved light in front of it; (): so for all
     rendered: tuple[float, float] | None = None  # with what the scene in front of them was drawn
     light: tuple[float, ...] | None = None  # of white, by band, in front of the pixel
     grids: Mapping[str, tuple[Grid, ...]] = field(default_factory=dict)  # by port, of what is looked at
@@ -73,7 +83,9 @@ class Look(Protocol):
     def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]: ...
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Any:
-        """What takes the rows of a variable in order, ``take(start, rows)``, and gives what stands in its place, ``made()``; or None."""
+        """What takes the rows of a variable in order, ``take(start, rows)``, and gives what stands in its place,
+        ``made()``; or None.
+        """
 
 
 @dataclass(eq=False)
@@ -85,7 +97,9 @@ class Walk:
     rows: int  # of a strip
     whole: tuple[str, ...] = ()  # of what this cell writes: what is kept, or read by others
     seen: tuple[str, ...] = ()  # of what this cell writes: what the caller only looks at
-    places: Mapping[str, Any] = field(default_factory=dict)  # where the caller wants some of that put; in the caller's process only
+    places: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # where the caller wants some of that put; in the caller's process only
 
 
 @dataclass(eq=False)  # written once; freezing it would cost more than making it

@@ -36,8 +36,8 @@ def make_jobs(
     """Jobs for the cells to compute and for the stored cells they read, in order.
 
     ``deliver_all`` keeps every kept variable in memory (no archive); ``show`` marks cells whose arrays the caller
-    wants to look at; ``looks`` makes of them what it looks at, where they are made; ``place`` says where a variable is to be put that is
-    made strip by strip.
+    wants to look at; ``looks`` makes of them what it looks at, where they are made; ``place`` says where a variable is
+    to be put that is made strip by strip.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
     if not jobs.any_large():
@@ -46,22 +46,38 @@ def make_jobs(
 
 
 class Jobs(Mapping[CellRef, Job]):
-    """The jobs of a run, each made when it is asked for and kept by nobody: a sweep has many more of them than are under way.
+    """The jobs of a run, each made when it is asked for and kept by nobody: a sweep has many more of them than are
+    under way.
 
-    Of every cell stands here which of its variables others read, whether they go on from its transform, and whether it has a job at all.
+    Of every cell stands here which of its variables others read, whether they go on from its transform, and whether it
+    has a job at all.
     """
 
     def __init__(
-        self, plan: Plan, todo: Set[CellRef], target: Callable[[Cell], Target | None], deliver_all: bool, show: frozenset[CellRef],
+        self,
+        plan: Plan,
+        todo: Set[CellRef],
+        target: Callable[[Cell], Target | None],
+        deliver_all: bool,
+        show: frozenset[CellRef],
         looks: Mapping[CellRef, Look],
-    ) -> None:  # fmt: skip
-        self.plan, self.todo, self.target, self.deliver_all, self.show, self.looks = plan, todo, target, deliver_all, show, looks
+    ) -> None:
+        self.plan, self.todo, self.target, self.deliver_all, self.show, self.looks = (
+            plan,
+            todo,
+            target,
+            deliver_all,
+            show,
+            looks,
+        )
         self.nodes = {node.name: node for node in plan.nodes}
         self.kept = {node.name: tuple(v for v in node.writes if (node.name, v) in plan.kept) for node in plan.nodes}
         self.finding = {node.name for node in plan.nodes if node.found}
         self.number = plan.numbers.of
         self.direct: dict[CellRef, tuple[tuple[CellRef, str], tuple[Cell, ...]]] = {}
-        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # of every cell: the variables that others read, () of most
+        self.read: list[tuple[str, ...]] = [
+            ()
+        ] * plan.numbers.count  # of every cell: the variables that others read, () of most
         self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination of variables once
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
         self.costs: dict[tuple[Any, ...], tuple[float, tuple[str, ...]]] = {}
@@ -139,22 +155,38 @@ class Jobs(Mapping[CellRef, Job]):
         if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            segment = Segment(None, tuple(c.stage for c in before), _found_of(before), transform, plan.cells[source].key)  # type: ignore[misc]
+            segment = Segment(
+                None, tuple(c.stage for c in before), _found_of(before), transform, plan.cells[source].key
+            )  # type: ignore[misc]
         elif node.segment:
             segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=transform)
         grids, input_grids = self._grids(cell)
         seconds, bands = self._cost(node, cell)
         return Job(
-            ref=cell.ref, task="compute" if computed else "load", stage=cell.stage, writes=node.writes,
-            grids=grids, input_grids=input_grids, inputs=inputs, left_out=cell.left_out is not None, seed=cell.seed,
-            pattern_of=_pattern_of(cell.stage), precision=plan.precision, store=store,
-            deliver=tuple(dict.fromkeys((*read, *give))) if give else read, target=target, give=give,
-            seconds=seconds, by_band=bands, segment=segment,
+            ref=cell.ref,
+            task="compute" if computed else "load",
+            stage=cell.stage,
+            writes=node.writes,
+            grids=grids,
+            input_grids=input_grids,
+            inputs=inputs,
+            left_out=cell.left_out is not None,
+            seed=cell.seed,
+            pattern_of=_pattern_of(cell.stage),
+            precision=plan.precision,
+            store=store,
+            deliver=tuple(dict.fromkeys((*read, *give))) if give else read,
+            target=target,
+            give=give,
+            seconds=seconds,
+            by_band=bands,
+            segment=segment,
             looking=self._looking(cell) if cell.looks_at else None,
             waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
-            mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None, expected=plan.expected,
+            mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None,
+            expected=plan.expected,
             look=self.looks.get(ref),
-        )  # fmt: skip
+        )
 
     # -- what is asked of all of them, before any is made -------------------------------------------------------------
 
@@ -199,7 +231,9 @@ class Jobs(Mapping[CellRef, Job]):
         return awaited, cell.inputs[: len(cell.inputs) - len(awaited)]
 
     def _grids(self, cell: Cell) -> tuple[Mapping[str, Grid], Mapping[str, Grid]]:
-        """The grids of a cell; those of the one before it where they are equal: what is the same thing is found equal at once."""
+        """The grids of a cell; those of the one before it where they are equal: what is the same thing is found
+        equal at once.
+        """
         known = self.grids.get(cell.node)
         if known is None or known[0] is not cell.grids or known[1] is not cell.input_grids:
             grids, input_grids = cell.grids, cell.input_grids
@@ -221,7 +255,10 @@ class Jobs(Mapping[CellRef, Job]):
         place = (node.name, type(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None)
         known = self.costs.get(place)
         if known is None:
-            known = self.costs[place] = cell_seconds(node, cell, self.plan.precision), by_band(node, cell, self.plan.precision)
+            known = self.costs[place] = (
+                cell_seconds(node, cell, self.plan.precision),
+                by_band(node, cell, self.plan.precision),
+            )
         return known
 
 
@@ -252,10 +289,11 @@ def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
 
 
 def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[CellRef, str], tuple[Cell, ...]] | None:
-    """What a transfer cell reads that starts from the segment's input itself: the input, and the cells in force in front of it.
+    """What a transfer cell reads that starts from the segment's input itself: the input, and the cells in force in
+    front of it.
 
-    So do all cells of a segment whose input is too large to be held, or is means over grid cells, and an end whose sum over
-    bands is expanded.
+    So do all cells of a segment whose input is too large to be held, or is means over grid cells, and an end whose sum
+    over bands is expanded.
     """
     node = nodes[cell.node]
     if not node.segment or cell.segment_input is None:
@@ -284,7 +322,9 @@ def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Looking:
         refs = looked[port]
         found["ports"] += ((port, what, tuple((ref[0], ref) for ref in refs)),)
         cells = tuple(plan.cells[ref] for ref in refs)
-        found["grids"][port] = tuple(next(iter(c.grids.values())) if looks_at_stages(what) else c.grids[what] for c in cells)
+        found["grids"][port] = tuple(
+            next(iter(c.grids.values())) if looks_at_stages(what) else c.grids[what] for c in cells
+        )
         if what == "datasheet":
             found["sheets"] = tuple(Sheet.of(c.stage) for c in cells)
         if what == "transfer" and cells:

@@ -1,4 +1,5 @@
-"""A stage run one by one over the dims that it does not work on: frames, channels of full planes, whatever a plugin adds.
+"""A stage run one by one over the dims that it does not work on: frames, channels of full planes, whatever a plugin
+adds.
 
 In:  a ``Job`` with mapped dims and the results it reads.
 Out: its arrays; each slice has the bits that the stage gives of that slice alone.
@@ -28,12 +29,16 @@ Check = Callable[[Job, Any], dict[str, Any]]
 
 
 def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> dict[str, Any]:
-    """Every variable of every slice, the mapped dims in front; ``check`` holds what comes back against the declaration."""
+    """Every variable of every slice, the mapped dims in front; ``check`` holds what comes back against the
+    declaration.
+    """
     slices = _Slices(job, results, clipped)
     if isinstance(job.stage, Transfer):
         return slices.joined([transferred(*slices.alone(at))[1] for at in np.ndindex(*slices.sizes)], check)
     names = job.asks
-    if job.stage.elementwise and not (slices.found or slices.along or (is_random(type(job.stage)) and not job.averages)):
+    if job.stage.elementwise and not (
+        slices.found or slices.along or (is_random(type(job.stage)) and not job.averages)
+    ):
         return slices.at_once(names, check)
     called = "mean" if job.averages else "run"
     arrays: dict[str, Any] = {}
@@ -84,29 +89,44 @@ class _Slices:
         self.labels = [list(coordinate.values()) for _, coordinate in mapped.dims]
         self.sizes = tuple(len(own) for own in self.labels)
         declared = {d.variable: d for d in writes_of(type(job.stage)).values() if d.variable in job.writes}
-        self.led = [v for v, d in declared.items() if job.writes[v].dims != d.dims]  # the others have the dim themselves
+        self.led = [
+            v for v, d in declared.items() if job.writes[v].dims != d.dims
+        ]  # the others have the dim themselves
         grids = {v: job.grids[v].take(d.dims) for v, d in declared.items()}
         self.core = replace(job, mapped=None, waiting=None, writes=declared, grids=grids)
-        self.along = {n: self.dims.index(p.along) for n, p in quantities_of(type(job.stage)).items() if p.along in self.dims}
-        self.given = [(port, looked_through(job, results, port, ref, v), mapped.leading[ref[0], v]) for port, ref, v in job.inputs]
-        self.negative = {p for p, ref, v in job.inputs if job.stage.negative == "clip" and results[ref].lowest.get(v, 0.0) < 0}
+        self.along = {
+            n: self.dims.index(p.along) for n, p in quantities_of(type(job.stage)).items() if p.along in self.dims
+        }
+        self.given = [
+            (port, looked_through(job, results, port, ref, v), mapped.leading[ref[0], v]) for port, ref, v in job.inputs
+        ]
+        self.negative = {
+            p for p, ref, v in job.inputs if job.stage.negative == "clip" and results[ref].lowest.get(v, 0.0) < 0
+        }
         self.prepares_anew = bool((self.found or self.along) and type(job.stage).prepare is not Stage.prepare)
 
     def stage_at(self, at: tuple[int, ...]) -> Stage:
         """The stage of a slice, with what was found for it and the labels it stands at."""
         stage = stage_found(self.job, self.results, at)
-        return replace(stage, **{name: self.labels[i][at[i]] for name, i in self.along.items()}) if self.along else stage
+        return (
+            replace(stage, **{name: self.labels[i][at[i]] for name, i in self.along.items()}) if self.along else stage
+        )
 
     def arrays_at(self, at: tuple[int, ...]) -> dict[str, Any]:
         """What a slice reads; of arrays that nobody can write to."""
-        found = {port: array[tuple([at[i] for i in lead])] if lead else for_reading(array) for port, array, lead in self.given}
+        found = {
+            port: array[tuple([at[i] for i in lead])] if lead else for_reading(array)
+            for port, array, lead in self.given
+        }
         for port in self.negative:
             found[port] = not_negative(self.job, self.results, port, found[port], self.clipped)
         return found
 
     def alone(self, at: tuple[int, ...]) -> tuple[Job, dict[CellRef, Result]]:
         """A slice as a job of its own, and what it reads."""
-        own = replace(with_found(self.job, self.results, at), mapped=None, writes=self.core.writes, grids=self.core.grids)
+        own = replace(
+            with_found(self.job, self.results, at), mapped=None, writes=self.core.writes, grids=self.core.grids
+        )
         seen = dict(self.results)
         for (_, ref, variable), array in zip(own.inputs, self.arrays_at(at).values(), strict=True):
             seen[ref] = Result(arrays={variable: array}, lowest=self.results[ref].lowest)
@@ -115,7 +135,10 @@ class _Slices:
     def joined(self, found: list[dict[str, Any]], check: Check) -> dict[str, Any]:
         """All slices of a transfer function."""
         every = [check(self.core, arrays) for arrays in found]
-        return {name: np.stack([arrays[name] for arrays in every]).reshape(*self.sizes, *every[0][name].shape) for name in every[0]}
+        return {
+            name: np.stack([arrays[name] for arrays in every]).reshape(*self.sizes, *every[0][name].shape)
+            for name in every[0]
+        }
 
     def at_once(self, names: tuple[str, ...], check: Check) -> dict[str, Any]:
         """All slices in one call, of a stage to whom it makes no difference; what has no place is the same for all."""

@@ -3,8 +3,9 @@
 In:  an array that a stage gave back.
 Out: the same values, contiguous, in memory to which nobody else holds a reference; read-only views of it for readers.
 
-numpy lets an array that owns its memory be made writeable again by whoever holds it, a view of one that is read-only not. So
-readers are given views. What a stage still holds on to, or shows a view of, is copied: nobody knows when it is changed.
+numpy lets an array that owns its memory be made writeable again by whoever holds it, a view of one that is read-only
+not. So readers are given views. What a stage still holds on to, or shows a view of, is copied: nobody knows when it is
+changed.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ def for_reading(array: Any) -> Any:
 
 
 def handed(stage: Any, given: dict[str, Any]) -> dict[str, Any]:
-    """What the ``run`` of a stage is called with. Another distribution's gets arrays of its own: numpy's flag binds numpy alone."""
+    """What the ``run`` of a stage is called with. Another distribution's gets arrays of its own: numpy's flag binds
+    numpy alone.
+    """
     return {name: _apart(value) for name, value in given.items()} if guests.is_guest(type(stage)) else given
 
 
@@ -55,7 +58,9 @@ def frozen(array: Any) -> Any:
 
 
 def taken(arrays: dict[str, Any], variable: str) -> Any:
-    """Take an array out of what a stage gave back: contiguous, frozen, and its own where anybody else could change it."""
+    """Take an array out of what a stage gave back: contiguous, frozen, and its own where anybody else could change
+    it.
+    """
     array = arrays.pop(variable)
     if not array.flags.c_contiguous:  # what is read back from an archive is: sums must not depend on it
         return frozen(array.copy(order="C"))
@@ -98,7 +103,10 @@ _HELD, _BASE = _calibrate()
 def as_array(name: str, variable: str, value: Any) -> Any:
     """What a stage gave back as a plain array of numbers."""
     if isinstance(value, np.ma.MaskedArray):
-        raise PluginError(f"{name} gave {variable} as a masked array, whose mask nobody would see; fill it, or write NaN and declare nan")
+        raise PluginError(
+            f"{name} gave {variable} as a masked array, whose mask nobody would see; fill it, or write NaN and declare "
+            f"nan"
+        )
     try:
         array = np.asarray(value)
     except Exception as error:
@@ -117,7 +125,9 @@ def guests_of(job: Job) -> AbstractContextManager[None]:
 
 @contextmanager
 def in_its_place() -> Iterator[None]:
-    """The working directory is put back behind some cells: asking for it costs more than all else around a small cell."""
+    """The working directory is put back behind some cells: asking for it costs more than all else around a small
+    cell.
+    """
     who, folder = FOLDER.begin()
     try:
         yield
@@ -130,10 +140,11 @@ _QUIET.run(np.seterr, over="ignore", divide="ignore", invalid="ignore")
 
 
 def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _Given.kwargs) -> _Found:
-    """What ``work`` gives; whatever it changes about how its process warns and handles errors of numpy is put back behind it.
+    """What ``work`` gives; whatever it changes about how its process warns and handles errors of numpy is put back
+    behind it.
 
-    What is not finite is looked for in what it gives, and said once: numpy says nothing. How numpy handles errors stands in a
-    context, of which every call has a fresh copy.
+    What is not finite is looked for in what it gives, and said once: numpy says nothing. How numpy handles errors
+    stands in a context, of which every call has a fresh copy.
     """
     who, warned = WARNED.begin()
     try:

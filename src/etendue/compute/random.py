@@ -104,8 +104,8 @@ def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: in
     Returns
     -------
     (rows, columns) array of float64, dimensionless
-        Multiples of 2^-53, whatever the precision of a run: of 24 bits the share below a threshold of 1e-6 would be 1.3 % too
-        large, below 1e-8 six times.
+        Multiples of 2^-53, whatever the precision of a run: of 24 bits the share below a threshold of 1e-6 would be 1.3
+        % too large, below 1e-8 six times.
     """
     return _tiled(_uniform_tile, seed_words, first_row, first_column, rows, columns, np.float64)
 

@@ -3,8 +3,8 @@
 In:  a plan.
 Out: for a cell its frame and the rows around a row that it needs.
 
-A cell goes in strips where its frame is large and its stage needs no more than a few rows around a row (``Haloed``, or ``elementwise``).
-Neighbours of one frame that do are worked together: what only they read is never whole.
+A cell goes in strips where its frame is large and its stage needs no more than a few rows around a row (``Haloed``, or
+``elementwise``). Neighbours of one frame that do are worked together: what only they read is never whole.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 In:  the jobs of a walk and the results they read.
 Out: results and reports, with the bits of the cells computed one by one.
 
-Every cell goes on as far as the rows it reads allow, and keeps no more of them than it needs again. What goes wrong in a strip is said
-by the cells computed whole: then a walk gives nothing.
+Every cell goes on as far as the rows it reads allow, and keeps no more of them than it needs again. What goes wrong in
+a strip is said by the cells computed whole: then a walk gives nothing.
 """
 
 from __future__ import annotations
@@ -39,11 +39,15 @@ Ended = list[tuple[Result, CellReport]]
 
 
 class _Unfit(Exception):
-    """Something that only the cells computed whole can say, or do: input that a stage refuses, what is found while the run goes on."""
+    """Something that only the cells computed whole can say, or do: input that a stage refuses, what is found while
+    the run goes on.
+    """
 
 
 def walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | None = None) -> Ended | None:
-    """Compute the cells of a walk; None where they are to be computed one by one. ``at``: told which of them is worked at."""
+    """Compute the cells of a walk; None where they are to be computed one by one. ``at``: told which of them is
+    worked at.
+    """
     if any(ref in results and results[ref].failed for job in jobs for ref in job.needs):
         return None
     try:
@@ -84,7 +88,8 @@ def _walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | N
         return [member.ended() for member in members]
     finally:
         for flow in flows.values():
-            flow.readers.clear()  # who reads a flow refers to it: whole frames would be held until somebody looks for circles
+            # who reads a flow refers to it: whole frames would be held until somebody looks for circles
+            flow.readers.clear()
 
 
 def _fronts(member: _Member) -> Iterator[int]:
@@ -136,7 +141,9 @@ class _Flow:
 class _Member:
     """One cell of a walk, and how far it is."""
 
-    def __init__(self, number: int, job: Job, planned: Job, results: Results, flows: Mapping[tuple[CellRef, str], _Flow]) -> None:
+    def __init__(
+        self, number: int, job: Job, planned: Job, results: Results, flows: Mapping[tuple[CellRef, str], _Flow]
+    ) -> None:
         self.number, self.job, self.planned, self.form = number, job, planned, form_of(planned)
         self.stage: Any = job.stage
         self.seconds, self.next = 0.0, 0
@@ -156,7 +163,9 @@ class _Member:
                 flow = self.flows[name]
                 flow.seen = planned.look.gathering(name, o.shape) if name in walk.seen and planned.look else None
                 flow.whole = _room(walk, o) if flow.seen is None else None
-        self.figures: dict[str, list[Any]] = {name: [] for name, o in self.outputs.items() if not has_rows(o.declaration.dims)}
+        self.figures: dict[str, list[Any]] = {
+            name: [] for name, o in self.outputs.items() if not has_rows(o.declaration.dims)
+        }
         self.sizes: list[int] = []
         self.cut: dict[str, Any] = {}  # by port: a flow, or an array of all rows
         self.fixed: dict[str, Any] = {}
@@ -183,7 +192,11 @@ class _Member:
             else:
                 array = looked_through(self.job, results, port, ref, variable)
                 (self.cut if has_rows(ports[port].dims) else self.fixed)[port] = array
-                if self.stage.negative == "clip" and array.dtype.kind == "f" and results[ref].lowest.get(variable, 0.0) < 0:
+                if (
+                    self.stage.negative == "clip"
+                    and array.dtype.kind == "f"
+                    and results[ref].lowest.get(variable, 0.0) < 0
+                ):
                     if not has_rows(ports[port].dims) or self.halo:
                         raise _Unfit
                     self.negative[port] = _Negative()
@@ -218,7 +231,9 @@ class _Member:
                 source = self.cut.get(port, self.fixed.get(port))
                 if isinstance(source, _Flow):
                     self.flows[variable].undefined |= source.undefined
-                self._put(variable, self._rows(port, start, stop) if port in self.cut else self._fixed(port), start, stop)
+                self._put(
+                    variable, self._rows(port, start, stop) if port in self.cut else self._fixed(port), start, stop
+                )
 
     def _put(self, variable: str, array: Any, start: int, stop: int) -> None:
         flow = self.flows[variable]
@@ -262,7 +277,9 @@ class _Member:
         given = handed(self.stage, {name: given[name] for name in self.job.asks if name in given})
         with guests_of(self.job):
             found = self.job.run(**given)
-        expected = tuple(self._shaped(o, high - low) for o in self.outputs.values() if first or not o.declaration.optional)
+        expected = tuple(
+            self._shaped(o, high - low) for o in self.outputs.values() if first or not o.declaration.optional
+        )
         figures = {name: found[name] for name in self.figures if isinstance(found, dict) and name in found}
         held = [found]
         del found  # a name here would count as somebody who may change what was given

@@ -24,7 +24,9 @@ from etendue.contract.stage import Stage, state_of
 from etendue.telling import foreign
 
 LARGEST_CACHE = 256 << 20
-LARGEST_PATTERN = LARGEST_CACHE // 4  # bytes of the pattern of a frame: of a larger one strips are not kept, none would be found again
+LARGEST_PATTERN = (
+    LARGEST_CACHE // 4
+)  # bytes of the pattern of a frame: of a larger one strips are not kept, none would be found again
 LASTING = 50  # runs for which something is kept that none of them asks for
 LARGEST_SHARED = 1 << 18  # pixels up to which a pattern is kept beside what is made of it, for another strength of it
 Window = tuple[int, int, int, int]  # first row, first column, rows, columns
@@ -53,7 +55,8 @@ class _Entry:
 
 
 class Cache:
-    """Values by key, least recently used dropped first: bounded in bytes, and in runs of the process that have not asked for them.
+    """Values by key, least recently used dropped first: bounded in bytes, and in runs of the process that have not
+    asked for them.
 
     Shared by the threads of a process.
     """
@@ -129,10 +132,11 @@ TABLES = Cache(LARGEST_CACHE)
 
 
 class PatternRandom:
-    """Random numbers by absolute position, for places, rows and columns: the same in every cell, frame, window and precision.
+    """Random numbers by absolute position, for places, rows and columns: the same in every cell, frame, window and
+    precision.
 
-    They are named by whose they are, how they are drawn, and the pattern's own name: stages that ask for one pattern are given one.
-    ``frame``: pixels of the whole frame, where the grid holds some of its rows.
+    They are named by whose they are, how they are drawn, and the pattern's own name: stages that ask for one pattern
+    are given one. ``frame``: pixels of the whole frame, where the grid holds some of its rows.
     """
 
     def __init__(self, serial: bytes, grid: Grid, precision: str, frame: int = 0) -> None:
@@ -151,7 +155,9 @@ class PatternRandom:
         return self._normals("normal", pattern, self.pixels)
 
     def spread(self, pattern: str, rms: float) -> Any:
-        """(y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of this name. Made once."""
+        """(y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of this
+        name. Made once.
+        """
 
         def make() -> Any:
             if self.pixels[2] * self.pixels[3] <= LARGEST_SHARED:
@@ -168,7 +174,9 @@ class PatternRandom:
     def uniform(self, pattern: str) -> Any:
         """(y, x) uniforms, 0 <= u < 1, float64 in every run: a share of 1e-8 is no other in single precision."""
         words = self._words("uniform", pattern)
-        return self._kept(("uniform", pattern), self.pixels, np.dtype(np.float64), lambda: tiled_uniform(words, *self.pixels))
+        return self._kept(
+            ("uniform", pattern), self.pixels, np.dtype(np.float64), lambda: tiled_uniform(words, *self.pixels)
+        )
 
     def row_normal(self, pattern: str) -> Any:
         """(y, 1) standard normals: one for each row, whichever columns the window holds."""
@@ -211,7 +219,9 @@ def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mappin
     return Key(("prepare", state, tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))), not state[1]
 
 
-def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid], key: Key | None = None) -> Any:
+def prepared_of(
+    stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid], key: Key | None = None
+) -> Any:
     """``stage.prepare``, once per (parameters, coordinates) and process; ``key``: where it is known already."""
     if type(stage).prepare is Stage.prepare:
         return None
@@ -219,7 +229,9 @@ def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[st
 
     def make() -> Any:
         with foreign(f"{type(stage).__name__}.prepare"):
-            return own.prepare({**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")})
+            return own.prepare(
+                {**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")}
+            )
 
     return TABLES.get(key or key_of_prepared(stage, input_grids, grids)[0], make)
 

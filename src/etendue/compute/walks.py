@@ -3,9 +3,10 @@
 In:  the jobs of a run.
 Out: the same jobs; those of a walk know it.
 
-A walk is a chain of cells of one frame whose stages need no more than a few rows around a row (``Haloed``, or ``elementwise``). It ends
-in front of a stage that needs the whole frame, and where a sweep forks. Walks hang together without circles: every cell has a depth,
-which grows by one from a walk to whatever reads of it as a whole, and a walk holds cells of one depth.
+A walk is a chain of cells of one frame whose stages need no more than a few rows around a row (``Haloed``, or
+``elementwise``). It ends in front of a stage that needs the whole frame, and where a sweep forks. Walks hang together
+without circles: every cell has a depth, which grows by one from a walk to whatever reads of it as a whole, and a walk
+holds cells of one depth.
 """
 
 from __future__ import annotations
@@ -21,11 +22,15 @@ from etendue.plan.model import CellRef
 
 
 def with_walks(
-    jobs: dict[CellRef, Job], can: Callable[[CellRef], Walker | None], place: Callable[[CellRef, str], Any] | None = None
+    jobs: dict[CellRef, Job],
+    can: Callable[[CellRef], Walker | None],
+    place: Callable[[CellRef, str], Any] | None = None,
 ) -> dict[CellRef, Job]:
-    """Tell the jobs of each walk of it; ``can``: what a cell needs of its frame, where a few rows do; ``place``: where the caller wants
-    a variable put, which nobody else reads."""
-    small: set[tuple[str, int, int]] = set()  # stages and grids whose frames are computed whole: most cells of a sweep share them
+    """Tell the jobs of each walk of it; ``can``: what a cell needs of its frame, where a few rows do; ``place``: where
+    the caller wants a variable put, which nobody else reads."""
+    small: set[tuple[str, int, int]] = (
+        set()
+    )  # stages and grids whose frames are computed whole: most cells of a sweep share them
     walkers: dict[CellRef, Walker] = {}
     for ref, job in jobs.items():
         alike = ref[0], id(job.grids), id(job.input_grids)
@@ -42,7 +47,9 @@ def with_walks(
     home: dict[CellRef, CellRef] = {}
     for ref, job in jobs.items():
         own = walkers.get(ref)
-        joined = {need for need in job.needs if own and need in walkers and _walks_on(jobs, walkers, readers, need, job)}
+        joined = {
+            need for need in job.needs if own and need in walkers and _walks_on(jobs, walkers, readers, need, job)
+        }
         depth[ref] = max((depth[need] + (need in walkers and need not in joined) for need in job.needs), default=0)
         if own:
             home[ref] = ref
@@ -73,8 +80,17 @@ def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellR
     for ref, job in jobs.items():
         read = {(source, variable) for _, source, variable in job.inputs}
         if job.looking:
-            read |= {(source, what) for _, what, pairs in job.looking.ports if not looks_at_stages(what) for _, source in pairs}
-        for each in (job.segment and job.segment.found, job.looking and job.looking.found, job.waiting and (job.waiting.found,)):
+            read |= {
+                (source, what)
+                for _, what, pairs in job.looking.ports
+                if not looks_at_stages(what)
+                for _, source in pairs
+            }
+        for each in (
+            job.segment and job.segment.found,
+            job.looking and job.looking.found,
+            job.waiting and (job.waiting.found,),
+        ):
             read |= {(source, variable) for one in each or () for _, source, variable in one}
         if job.waiting:
             read |= {(word.ref, word.variable) for word in job.waiting.words}
@@ -84,10 +100,15 @@ def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellR
 
 
 def _walks_on(
-    jobs: Mapping[CellRef, Job], walkers: Mapping[CellRef, Walker], readers: Mapping[tuple[CellRef, str], set[CellRef]],
-    need: CellRef, job: Job,
-) -> bool:  # fmt: skip
-    """Whether a job can go on from the strips of a cell that it reads: of the same frame, alone of its stage, and of rows only."""
+    jobs: Mapping[CellRef, Job],
+    walkers: Mapping[CellRef, Walker],
+    readers: Mapping[tuple[CellRef, str], set[CellRef]],
+    need: CellRef,
+    job: Job,
+) -> bool:
+    """Whether a job can go on from the strips of a cell that it reads: of the same frame, alone of its stage, and of
+    rows only.
+    """
     if walkers[need].frame != walkers[job.ref].frame or need in job.awaited or job.stage.negative == "clip":
         return False
     for _, source, variable in job.inputs:

@@ -33,7 +33,11 @@ def dotted_fault(text: str) -> Fault | None:
     found = _DOTTED.search(text)
     if found is None:
         return None
-    return Fault("", f"not a pipeline: a key of more than {MOST_PARTS} parts, {found[0][:20]}...", text.count("\n", 0, found.start()) + 1)
+    return Fault(
+        "",
+        f"not a pipeline: a key of more than {MOST_PARTS} parts, {found[0][:20]}...",
+        text.count("\n", 0, found.start()) + 1,
+    )
 
 
 def more_values(text: str, most_cells: int) -> Fault | None:

@@ -3,7 +3,8 @@
 In:  a class of stages.
 Out: whether it is a source, a transfer function, made by band, may be left out, looks at other stages.
 
-Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of all stages in front of it, see ``Probe``.
+Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of all stages in front of it, see
+``Probe``.
 """
 
 from __future__ import annotations
@@ -18,7 +19,16 @@ from typing import Any, ClassVar
 from etendue.contract.dims import banded, is_light
 from etendue.contract.facts import Facts
 from etendue.contract.grid import Bands, Grid, Labels, Line
-from etendue.contract.stage import Stage, arguments_of, identity_of, names_asked, patterns_of, per_kind, reads_of, writes_of
+from etendue.contract.stage import (
+    Stage,
+    arguments_of,
+    identity_of,
+    names_asked,
+    patterns_of,
+    per_kind,
+    reads_of,
+    writes_of,
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -29,8 +39,8 @@ class Source(Stage):
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
 
     def white_light(self, edges: tuple[float, ...]) -> Any:
-        """(band,): light of a white surface in bands with these edges, of any scale, by which figures weigh them; None: not
-        known, and they take light that is equally strong in all bands."""
+        """(band,): light of a white surface in bands with these edges, of any scale, by which figures weigh them; None:
+        not known, and they take light that is equally strong in all bands."""
         return None
 
 
@@ -45,15 +55,15 @@ class Tinting(Stage):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Transfer(Stage):
-    """A linear shift-invariant stage: a transfer function in the place of ``run``. ``radial``: it depends on the size of the frequency
-    alone. It reads and writes one variable."""
+    """A linear shift-invariant stage: a transfer function in the place of ``run``. ``radial``: it depends on the size
+    of the frequency alone. It reads and writes one variable."""
 
     radial: ClassVar[bool] = False
 
     @abstractmethod
     def transfer(self, *given: Any, **named: Any) -> Any:
-        """At separable frequencies: ``(fy, fx, middles of the bands)``, cycles/um and the unit in which their dim is asked, and
-        ``prepared`` where ``prepare`` gives something."""
+        """At separable frequencies: ``(fy, fx, middles of the bands)``, cycles/um and the unit in which their dim is
+        asked, and ``prepared`` where ``prepare`` gives something."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -64,12 +74,16 @@ class Summed(Transfer):
     def weights(self, prepared: Any) -> Any:
         """(channel, band)."""
 
-    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+    def segment_error(
+        self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str
+    ) -> tuple[float | None, str]:
         """Its error behind the stages that are joined before it."""
         return self.error(facts, grid, precision)
 
     def terms(self) -> int:
-        """Of an expansion of the sum, where it is to be taken before the transfer functions; 0: every band has its own."""
+        """Of an expansion of the sum, where it is to be taken before the transfer functions; 0: every band has its
+        own.
+        """
         return 0
 
     def kept(self) -> float:
@@ -79,8 +93,10 @@ class Summed(Transfer):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ChannelTransfer(Stage):
-    """A stage behind the sum over bands that moves charge from pixel to pixel, whatever their filters are: linear, and over the
-    pixels of a channel shift-invariant on average. Whoever looks at transfer functions sees it with those of the pixel."""
+    """A stage behind the sum over bands that moves charge from pixel to pixel, whatever their filters are: linear, and
+    over the pixels of a channel shift-invariant on average. Whoever looks at transfer functions sees it with those of
+    the pixel.
+    """
 
     @abstractmethod
     def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
@@ -109,10 +125,12 @@ class Banded(Stage):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Haloed(Stage):
-    """A stage of which every row follows from the rows near it: ``run`` may be given some rows of a frame, and gives them the same bits.
+    """A stage of which every row follows from the rows near it: ``run`` may be given some rows of a frame, and gives
+    them the same bits.
 
-    What it reads with rows, and ``y`` and its like, is cut; all else (tables, figures) is whole. Random numbers must be asked for once,
-    in the order of the rows, and only without a halo. Strips begin on even rows, and hold as many rows as the halo has at least.
+    What it reads with rows, and ``y`` and its like, is cut; all else (tables, figures) is whole. Random numbers must be
+    asked for once, in the order of the rows, and only without a halo. Strips begin on even rows, and hold as many rows
+    as the halo has at least.
     """
 
     def halo(self) -> int | None:
@@ -120,11 +138,13 @@ class Haloed(Stage):
         return 0
 
     def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
-        """What is written without rows, from what was given for each strip; ``sizes``: values of a strip's first variable. The same
-        for all strips, unless a stage without a halo says otherwise."""
+        """What is written without rows, from what was given for each strip; ``sizes``: values of a strip's first
+        variable. The same for all strips, unless a stage without a halo says otherwise."""
         apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
         if apart:
-            raise ValueError(f"{type(self).__name__} gives some rows another {', '.join(apart)} than others: write joined()")
+            raise ValueError(
+                f"{type(self).__name__} gives some rows another {', '.join(apart)} than others: write joined()"
+            )
         return {name: values[0] for name, values in parts.items()}
 
 
@@ -141,21 +161,22 @@ class Bounded(Stage):
 class Sampled(Stage):
     """A stage that draws random numbers or rounds, and knows what it writes on average.
 
-    Errors of a pipeline are found by comparing expected values: an error d in front of rounding by q is sqrt(d q) behind it, and two
-    draws differ by their noise.
+    Errors of a pipeline are found by comparing expected values: an error d in front of rounding by q is sqrt(d q)
+    behind it, and two draws differ by their noise.
     """
 
     @abstractmethod
     def mean(self, *given: Any, **named: Any) -> Any:
-        """What ``run`` gives on average, before rounding: the same variables, as floats. It asks by name for what ``run`` may ask for,
-        random numbers aside."""
+        """What ``run`` gives on average, before rounding: the same variables, as floats. It asks by name for what
+        ``run`` may ask for, random numbers aside."""
 
 
 class Noisy(Stage):
     """A stage that adds noise to the level of a place, and knows how much.
 
-    ``by_line``: whole rows or columns share the noise. ``inherent``: it follows from the level alone, as counts scatter, so that who
-    counts noise knows it without a datasheet. Rounding is noise too: a twelfth of the square of its step.
+    ``by_line``: whole rows or columns share the noise. ``inherent``: it follows from the level alone, as counts
+    scatter, so that who counts noise knows it without a datasheet. Rounding is noise too: a twelfth of the square of
+    its step.
     """
 
     by_line: ClassVar[bool] = False
@@ -176,7 +197,9 @@ class Datasheet(Stage):
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """What a port that looks at ``"*.datasheet"`` is given of a stage: its role and its figures; none of one that has no datasheet."""
+    """What a port that looks at ``"*.datasheet"`` is given of a stage: its role and its figures; none of one that
+    has no datasheet.
+    """
 
     role: str
     figures: Mapping[str, float]
@@ -190,10 +213,11 @@ class Sheet:
 class Probe(Stage):
     """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
 
-    ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and including
-    that stage (``etendue.compute.joined.otf.Otf``), or the array itself; with ``with_grids`` arrays come as (stage name, array, grid).
-    Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in order, whose names ``run`` may ask
-    for as ``stage``; those seen through the ports in ``beside`` alone have no place in it, and a ``ChannelTransfer`` shares the pixel's.
+    ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and
+    including that stage (``etendue.compute.joined.otf.Otf``), or the array itself; with ``with_grids`` arrays come as
+    (stage name, array, grid). Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in
+    order, whose names ``run`` may ask for as ``stage``; those seen through the ports in ``beside`` alone have no place
+    in it, and a ``ChannelTransfer`` shares the pixel's.
     """
 
     with_grids: ClassVar[bool] = False
@@ -210,14 +234,23 @@ class Viewed(Stage):
 
 
 CAPABILITIES = {
-    "describe": Source, "transfer": Transfer, "weights": Summed, "channel_transfer": ChannelTransfer, "by_band": Banded,
+    "describe": Source,
+    "transfer": Transfer,
+    "weights": Summed,
+    "channel_transfer": ChannelTransfer,
+    "by_band": Banded,
     "negligible": Bounded,
-    "viewing_white": Viewed, "mean": Sampled, "halo": Haloed, "joined": Haloed,
-}  # fmt: skip
+    "viewing_white": Viewed,
+    "mean": Sampled,
+    "halo": Haloed,
+    "joined": Haloed,
+}
 
 
 def no_coordinates(kind: type[Stage]) -> str:
-    """What ``creates`` should be in place of what it is, '' where it is right: a list of names or numbers becomes Labels."""
+    """What ``creates`` should be in place of what it is, '' where it is right: a list of names or numbers becomes
+    Labels.
+    """
     creates: Any = kind.creates
     given = creates.items() if isinstance(creates, Mapping) else ()
     wrong = [(dim, one) for dim, one in given if not isinstance(one, Line | Bands | Labels)]
@@ -227,16 +260,24 @@ def no_coordinates(kind: type[Stage]) -> str:
     for dim, one in wrong:
         if isinstance(one, list | tuple) and all(isinstance(entry, str | int | float) for entry in one):
             return f"{said} a coordinate for {dim!r}: Labels({tuple(one)!r}), from etendue.api import Labels"
-    return f"{said} dims and their coordinates, such as {{'channel': RGB}} or {{'angle': Labels((0.0, 90.0), 'deg')}}, of etendue.api"
+    return (
+        f"{said} dims and their coordinates, such as {{'channel': RGB}} or {{'angle': Labels((0.0, 90.0), 'deg')}}, "
+        f"of etendue.api"
+    )
 
 
 def check_class(kind: type[Stage]) -> None:
-    """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where it is another."""
+    """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where
+    it is another.
+    """
     name, gain, rate = kind.__name__, kind.gain, kind.nanoseconds
     number = isinstance(gain, int | float) and not isinstance(gain, bool) and math.isfinite(gain) and gain >= 0
     if gain is not None and not number:
         raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
-    for attribute, word, allowed in (("nan", kind.nan, ("error", "keep")), ("negative", kind.negative, ("error", "keep", "clip"))):
+    for attribute, word, allowed in (
+        ("nan", kind.nan, ("error", "keep")),
+        ("negative", kind.negative, ("error", "keep", "clip")),
+    ):
         if word not in allowed:
             raise TypeError(f"{name}.{attribute} is {word!r}; allowed are {', '.join(map(repr, allowed))}")
     if isinstance(kind.keeps, str) or not set(kind.keeps) <= {"order", "sum"}:
@@ -248,7 +289,10 @@ def check_class(kind: type[Stage]) -> None:
     for method, base in CAPABILITIES.items():
         own = inspect.getattr_static(kind, method, None)
         if inspect.isfunction(own) and not issubclass(kind, base):
-            raise TypeError(f"{name} has {method}, as a {base.__name__} has, and is none: derive it from etendue.api.{base.__name__}")
+            raise TypeError(
+                f"{name} has {method}, as a {base.__name__} has, and is none: derive it from "
+                f"etendue.api.{base.__name__}"
+            )
     lacking = sorted(method for method in dir(kind) if _abstract(kind, method))
     if lacking:
         raise TypeError(f"{name} has no {', '.join(lacking)}, which its bases ask for")
@@ -288,7 +332,9 @@ def _equal(one: Any, other: Any) -> bool:
 
 
 def halo_of(stage: Stage) -> int | None:
-    """Rows above and below that a row of what a stage writes depends on; None: on the whole frame, as far as is known."""
+    """Rows above and below that a row of what a stage writes depends on; None: on the whole frame, as far as is
+    known.
+    """
     kind = type(stage)
     if isinstance(stage, Haloed):
         rows = stage.halo()

@@ -1,7 +1,8 @@
 """Coordinates as arrays: what stages are given beside what they read.
 
 In:  grids by name.
-Out: read-only arrays: ``y`` ``x`` as they stand on the grid, ``y_um`` ``x_um`` on the image plane, middles of bands with their edges.
+Out: read-only arrays: ``y`` ``x`` as they stand on the grid, ``y_um`` ``x_um`` on the image plane, middles of bands
+     with their edges.
 """
 
 from __future__ import annotations

@@ -20,10 +20,10 @@ PLACE = ("y", "x")  # the dims of a picture
 class Dim:
     """What a distribution says of a dim.
 
-    ``bins``: it is cut into bands with edges; stages are given their middles, and the edges as ``NAME_edges``. ``units``: of both.
-    ``asked_in``: the unit in which transfer functions are given the middles; '' where it is the same. ``long_name`` and
-    ``standard_name``: as archives name it. ``example``: edges, evenly spaced places or names with which stages are tried; ``spacing``:
-    the shared quantity that is the distance of its samples.
+    ``bins``: it is cut into bands with edges; stages are given their middles, and the edges as ``NAME_edges``.
+    ``units``: of both. ``asked_in``: the unit in which transfer functions are given the middles; '' where it is the
+    same. ``long_name`` and ``standard_name``: as archives name it. ``example``: edges, evenly spaced places or names
+    with which stages are tried; ``spacing``: the shared quantity that is the distance of its samples.
     """
 
     bins: bool = False

@@ -1,4 +1,5 @@
-"""What a picture of an array needs besides the array: how it is shown, its white and black, its filters, the eye that it is meant for.
+"""What a picture of an array needs besides the array: how it is shown, its white and black, its filters, the eye that
+it is meant for.
 
 In:  what distributions say of a variable; attributes of an array.
 Out: ``Drawn``, and the attributes that say the same to a program without a plan.
@@ -21,8 +22,8 @@ BY = "drawn_by"  # attributes of some places on the axes alone, as JSON: [[{dim:
 class Drawn:
     """``shown`` and ``white`` to ``log``: as in ``spec.variables.Variable``.
 
-    ``pattern``: rows of filters in front of the pixels, '' for none; ``viewer``: XYZ of the white to which whoever looks is adapted,
-    () for that of the display.
+    ``pattern``: rows of filters in front of the pixels, '' for none; ``viewer``: XYZ of the white to which whoever
+    looks is adapted, () for that of the display.
     """
 
     shown: str
@@ -56,9 +57,14 @@ class Drawn:
     def attributes(self) -> dict[str, Any]:
         """As they stand in an archive: what is not as usual."""
         found = {
-            "drawn_white": self.white, "drawn_scale": self.scale, "drawn_range": list(self.range or ()), "drawn_log": int(self.log),
-            "drawn_black": self.black, "drawn_pattern": self.pattern, "drawn_for": list(self.viewer),
-        }  # fmt: skip
+            "drawn_white": self.white,
+            "drawn_scale": self.scale,
+            "drawn_range": list(self.range or ()),
+            "drawn_log": int(self.log),
+            "drawn_black": self.black,
+            "drawn_pattern": self.pattern,
+            "drawn_for": list(self.viewer),
+        }
         return {"drawn_as": self.shown} | {name: value for name, value in found.items() if value}
 
 
@@ -72,10 +78,15 @@ def read(name: str, attrs: Mapping[str, Any], at: Mapping[str, Any]) -> Drawn:
             own |= more
     white, ends = own.get("drawn_white"), own.get("drawn_range")
     return Drawn(
-        str(own["drawn_as"]), None if white is None else float(white), str(own.get("drawn_scale", "")),
-        (float(ends[0]), float(ends[1])) if ends is not None and len(ends) == 2 else None, bool(own.get("drawn_log")),
-        float(own.get("drawn_black", 0.0)), str(own.get("drawn_pattern", "")), tuple(float(one) for one in own.get("drawn_for", ())),
-    )  # fmt: skip
+        str(own["drawn_as"]),
+        None if white is None else float(white),
+        str(own.get("drawn_scale", "")),
+        (float(ends[0]), float(ends[1])) if ends is not None and len(ends) == 2 else None,
+        bool(own.get("drawn_log")),
+        float(own.get("drawn_black", 0.0)),
+        str(own.get("drawn_pattern", "")),
+        tuple(float(one) for one in own.get("drawn_for", ())),
+    )
 
 
 class Pictured(NamedTuple):
@@ -95,8 +106,9 @@ class Pictured(NamedTuple):
 def lit_by(pictures: Sequence[Pictured], number: int) -> int:
     """Which of a cell's pictures, in the order of the light, says what is bright for one of them.
 
-    The first of its variable, so that what gets darker looks darker; of variables that share a scale the last: what a well cannot
-    hold is no brightness. It has the same frames and no axes besides: a picture is one wherever it is drawn.
+    The first of its variable, so that what gets darker looks darker; of variables that share a scale the last: what a
+    well cannot hold is no brightness. It has the same frames and no axes besides: a picture is one wherever it is
+    drawn.
     """
     own = pictures[number]
     able = [n for n, one in enumerate(pictures) if set(one.axes) <= set(own.axes) and one.frames == own.frames]

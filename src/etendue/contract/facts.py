@@ -41,7 +41,8 @@ class Content:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
 
     def scaled(self, low: float, high: float, smooth: bool = False) -> Content:
-        """Light times a factor, from 0, that changes over the frame between two values: with what it makes of even light.
+        """Light times a factor, from 0, that changes over the frame between two values: with what it makes of even
+        light.
 
         Of that the share beyond a frequency falls as 1/f, as of an edge; ``smooth``: as 1/f^3, as of a mirrored slope.
         """
@@ -69,15 +70,21 @@ class Content:
         if largest <= 0:
             return replace(self, full=0.0, **self._nothing())
         own = [f / largest for f in factors]
-        rings = [tuple(tuple(f**n * v for v in row) for f, row in zip(own, rows, strict=True)) for n, rows in self._rows()]
-        low, mean, high = (tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high))
+        rings = [
+            tuple(tuple(f**n * v for v in row) for f, row in zip(own, rows, strict=True)) for n, rows in self._rows()
+        ]
+        low, mean, high = (
+            tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high)
+        )
         return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high)
 
     def _rows(self) -> tuple[tuple[int, Rings], tuple[int, Rings]]:
         return (2, self.power), (1, self.amplitude)
 
     def filtered(self, passed: Rings) -> Content:
-        """Behind a blur that leaves so much of every ring, by band or (one row) of all bands alike. The range stays as it was."""
+        """Behind a blur that leaves so much of every ring, by band or (one row) of all bands alike. The range stays
+        as it was.
+        """
         rows = passed if len(passed) > 1 else passed * len(self.power)
         power, amplitude = (
             tuple(tuple(p**n * v for p, v in zip(own, row, strict=True)) for own, row in zip(rows, rings, strict=True))
@@ -86,8 +93,8 @@ class Content:
         return replace(self, power=power, amplitude=amplitude)
 
     def bands_of_light(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Smallest and largest value of every band, a little wider than the samples: light between them, and behind a transfer function
-        that the grid cuts off, swings as far beyond them as the finest detail there is."""
+        """Smallest and largest value of every band, a little wider than the samples: light between them, and behind a
+        transfer function that the grid cuts off, swings as far beyond them as the finest detail there is."""
         fine = [i for i, edge in enumerate(self.edges[:-1]) if edge > 0.25 * self.edges[-1]]
         low, high = [], []
         for own, most, row in zip(self.low, self.high, self.power, strict=True):
@@ -123,9 +130,11 @@ class Facts:
     low, high : bounds on the values, in the variable's unit
     contrast : largest over smallest value; inf where the scene holds exact black
     band_limit : frequency above which the scene holds less than a hundredth of its contrast, cycles/um
-    rendered : of a scene, with what its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
+    rendered : of a scene, with what its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which
+    values
         are means), um, each 0 where it does not apply
-    content : of light, what it holds by band and frequency; the planner finds it of a scene, and passes it on through transfer functions
+    content : of light, what it holds by band and frequency; the planner finds it of a scene, and passes it on through
+    transfer functions
     """
 
     uniform: bool | None = None
@@ -137,7 +146,9 @@ class Facts:
     content: Content | None = None
 
     def scaled(self, low: float, high: float | None = None, smooth: bool = False) -> Facts:
-        """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0), ``smooth``: one that changes slowly."""
+        """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0), ``smooth``: one that
+        changes slowly.
+        """
         high = low if high is None else high
         return replace(
             self,

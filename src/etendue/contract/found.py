@@ -16,7 +16,9 @@ class NotKnown(Exception):
 
 @dataclass(frozen=True)
 class Found:
-    """Stands for a number between ``low`` and ``high``; whoever reckons with it or compares it is stopped by ``NotKnown``."""
+    """Stands for a number between ``low`` and ``high``; whoever reckons with it or compares it is stopped by
+    ``NotKnown``.
+    """
 
     name: str
     low: float
@@ -26,10 +28,12 @@ class Found:
         raise NotKnown(self.name)
 
     __float__ = __int__ = __index__ = __bool__ = __round__ = __neg__ = __abs__ = _unknown
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __pow__ = __rpow__ = _unknown
-    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __lt__ = __le__ = __gt__ = __ge__ = __array__ = __format__ = __array_ufunc__ = (
-        __array_function__
-    ) = _unknown
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __pow__ = __rpow__ = (
+        _unknown
+    )
+    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __lt__ = __le__ = __gt__ = __ge__ = __array__ = __format__ = (
+        __array_ufunc__
+    ) = __array_function__ = _unknown
 
 
 def ends(value: Any) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """Stages written on labels: ``run`` gets an ``xarray.Dataset`` and gives one back.
 
 In:  a class of stages whose ``run(self, data, ...)`` works on a Dataset of what ``reads`` declares.
-Out: the same class with a ``run`` on plain arrays, which fills in coordinates and attributes and holds the answer to its declaration.
+Out: the same class with a ``run`` on plain arrays, which fills in coordinates and attributes and holds the answer to
+     its declaration.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ _Kind = TypeVar("_Kind", bound=type[Stage])
 def labelled(kind: _Kind) -> _Kind:
     """Let ``run`` of a stage work on labels.
 
-    ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims: middles of bands, ``y``, ``x`` (with ``y_um``,
-    ``x_um`` on the image plane), and the attributes of the vocabulary; the coordinates of dims that only ``writes`` declares stand in
-    ``data`` too. It returns a Dataset (or a mapping of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask
-    for ``prepared``, ``rng``, fixed patterns and ``asked``.
+    ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims: middles of bands, ``y``, ``x`` (with
+    ``y_um``, ``x_um`` on the image plane), and the attributes of the vocabulary; the coordinates of dims that only
+    ``writes`` declares stand in ``data`` too. It returns a Dataset (or a mapping of arrays) of what ``writes``
+    declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, fixed patterns and ``asked``.
 
     Raises
     ------
@@ -39,9 +40,15 @@ def labelled(kind: _Kind) -> _Kind:
     asked = [name for name in list(inspect.signature(body).parameters)[1:] if name != "data"]
     unknown = [name for name in asked if not (name in SPECIAL or identity_of(name))]
     if unknown:
-        raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)} beside data; allowed are {', '.join(sorted(SPECIAL))}")
+        raise TypeError(
+            f"{kind.__name__}.run asks for {', '.join(unknown)} beside data; allowed are {', '.join(sorted(SPECIAL))}"
+        )
     reads, writes = reads_of(kind), writes_of(kind)
-    dims = tuple(dict.fromkeys(own for declared in (*reads.values(), *writes.values()) for own in declared.dims if own != "stage"))
+    dims = tuple(
+        dict.fromkeys(
+            own for declared in (*reads.values(), *writes.values()) for own in declared.dims if own != "stage"
+        )
+    )
     wanted = [name for own in dims for name in ((own, f"{own}_um") if own in PLACE else (own,))]
 
     def run(self: Stage, *arrays: Any, **given: Any) -> dict[str, Any]:
@@ -59,7 +66,9 @@ def labelled(kind: _Kind) -> _Kind:
     return kind
 
 
-def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], dims: Iterable[str], given: Mapping[str, Any]) -> xr.Dataset:
+def _dataset(
+    arrays: Mapping[str, tuple[Declaration, Any]], dims: Iterable[str], given: Mapping[str, Any]
+) -> xr.Dataset:
     """What is read, with labels; and the coordinates of what is to be written."""
     import xarray as xr
 
@@ -68,7 +77,11 @@ def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], dims: Iterable[str],
         if given.get(own) is not None:
             coordinates[own] = (own, given[own], {"units": dim(own).units} if dim(own).units else {})
         if own in PLACE and given.get(f"{own}_um") is not None:
-            coordinates[f"{own}_um"] = (own, given[f"{own}_um"], {"units": "um", "long_name": f"{own} on the image plane"})
+            coordinates[f"{own}_um"] = (
+                own,
+                given[f"{own}_um"],
+                {"units": "um", "long_name": f"{own} on the image plane"},
+            )
     variables = {}
     for port, (declared, array) in arrays.items():
         attributes = {"units": declared.unit, "long_name": variable(declared.variable).long_name}
@@ -90,27 +103,38 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
     if not isinstance(found, Mapping):
         raise PluginError(f"{name}.run gave {type(found).__name__}, not a Dataset of the variables it writes")
     arrays: dict[str, Any] = {}
-    extra = sorted(set(map(str, found)) - {d.variable for d in writes.values()} - set(data.variables) - {"y_um", "x_um"})
+    extra = sorted(
+        set(map(str, found)) - {d.variable for d in writes.values()} - set(data.variables) - {"y_um", "x_um"}
+    )
     if extra:
         raise PluginError(f"{name}.run gave {', '.join(extra)}, which it does not write")
-    carried = {str(one.attrs.get("units")) for one in (*data.data_vars.values(), *data.coords.values())}  # kept by arithmetic: no claim
+    carried = {
+        str(one.attrs.get("units")) for one in (*data.data_vars.values(), *data.coords.values())
+    }  # kept by arithmetic: no claim
     for declared in writes.values():
         if declared.variable not in found:
             if declared.optional:
                 continue
-            raise PluginError(f"{name}.run gave {', '.join(map(str, found)) or 'nothing'}, but declares {declared.variable}")
+            raise PluginError(
+                f"{name}.run gave {', '.join(map(str, found)) or 'nothing'}, but declares {declared.variable}"
+            )
         array = found[declared.variable]
         if not isinstance(array, xr.DataArray):
             arrays[declared.variable] = np.asarray(array)
             continue
         if set(array.dims) != set(declared.dims):
             dims = " ".join(map(str, array.dims))
-            raise PluginError(f"{name} gave {declared.variable} with the dims '{dims}', but declares '{' '.join(declared.dims)}'")
+            raise PluginError(
+                f"{name} gave {declared.variable} with the dims '{dims}', but declares '{' '.join(declared.dims)}'"
+            )
         unit = array.attrs.get("units", declared.unit)
         if unit not in carried and not same_unit(unit, declared.unit):
             raise PluginError(f"{name} gave {declared.variable} in {unit}, but declares {declared.unit}")
         for own in declared.dims:
             if own in array.coords and own in data.coords and not array.coords[own].equals(data.coords[own]):
-                raise PluginError(f"{name} gave {declared.variable} at another {own} than it read; what changes the grid says so in grid()")
+                raise PluginError(
+                    f"{name} gave {declared.variable} at another {own} than it read; what changes the grid says so in "
+                    f"grid()"
+                )
         arrays[declared.variable] = array.transpose(*declared.dims).to_numpy()
     return arrays

@@ -1,4 +1,5 @@
-"""Names that become folders, dims and columns of an archive: which are free, and which would take the place of something else.
+"""Names that become folders, dims and columns of an archive: which are free, and which would take the place of
+something else.
 
 In:  names of stages and of variables, as a pipeline or a plugin gives them.
 Out: '' where a name may be used, else why not.

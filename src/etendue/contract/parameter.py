@@ -26,32 +26,50 @@ class Parameter:
     shared: bool = False
     fidelity: bool = False
     reference: str = ""
-    settings: tuple[Any, ...] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
-    costs: tuple[float, ...] = ()  # of the stage with each of its settings, relative to one of them; none where nobody has measured them
-    studied: bool = False  # of a fidelity parameter: it changes a grid, what a scene shows or an interval; studies vary it, no plan does
-    dear: bool = False  # of a fidelity parameter: settings finer than its default may not be had; no plan chooses them, and no reference
-    exact: bool = False  # of a fidelity parameter: its reference leaves nothing out, though it is neither 0 nor without end
+    settings: tuple[
+        Any, ...
+    ] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
+    costs: tuple[
+        float, ...
+    ] = ()  # of the stage with each of its settings, relative to one of them; none where nobody has measured them
+    # of a fidelity parameter: it changes a grid, what a scene shows or an interval; studies vary it, no plan does
+    studied: bool = False
+    # of a fidelity parameter: settings finer than its default may not be had; no plan chooses them, and no reference
+    dear: bool = False
+    exact: bool = (
+        False  # of a fidelity parameter: its reference leaves nothing out, though it is neither 0 nor without end
+    )
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
     along: str = ""  # mapped over this dim, a stage has the label of its slice in the place of the value
-    held: tuple[float, float] | None = None  # ends beyond which its stages do not compute: the plan refuses, with the reason
+    held: tuple[float, float] | None = (
+        None  # ends beyond which its stages do not compute: the plan refuses, with the reason
+    )
     length: int | None = None
     one_for_all: bool = False  # a list that may be written as the one number in it
     infinite: bool = False
-    example: Any = None  # with which a stage is tried, where it has no default or a large one; a file as in a pipeline, "package:..."
+    # with which a stage is tried, where it has no default or a large one; a file as in a pipeline, "package:..."
+    example: Any = None
     doc: str = ""
 
     @property
     def closed_form(self) -> bool:
         """Whether the reference setting is exact: 0 or no limit, as knobs say that leave nothing out."""
         last = self.settings[-1] if self.settings else None
-        return self.exact or (isinstance(last, int | float) and not isinstance(last, bool) and (last == 0 or math.isinf(last)))
+        return self.exact or (
+            isinstance(last, int | float) and not isinstance(last, bool) and (last == 0 or math.isinf(last))
+        )
 
     def range_text(self) -> str:
         """The allowed range in words, '' when everything is."""
         parts = []
-        for word, limit in (("above", self.above), ("at least", self.at_least), ("below", self.below), ("at most", self.at_most)):
+        for word, limit in (
+            ("above", self.above),
+            ("at least", self.at_least),
+            ("below", self.below),
+            ("at most", self.at_most),
+        ):
             if limit is not None:
                 parts.append(f"{word} {limit:g}")
         text = " and ".join(parts)
@@ -78,11 +96,21 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
     if parameter.fidelity and not parameter.reference:
         raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
     if not parameter.fidelity and (parameter.settings or parameter.studied):
-        raise TypeError("only a fidelity parameter has settings or is studied: param(..., fidelity=True, reference='...', settings=(...))")
+        raise TypeError(
+            "only a fidelity parameter has settings or is studied: param(..., fidelity=True, reference='...', "
+            "settings=(...))"
+        )
     if parameter.settings and not _lies_within(default, parameter.settings):
-        raise TypeError(f"settings go from the cheapest to the reference, the default {default!r} among them; got {parameter.settings}")
-    if parameter.costs and (len(parameter.costs) != len(parameter.settings) or not all(cost > 0 for cost in parameter.costs)):
-        raise TypeError(f"costs are numbers above 0, one for each of {len(parameter.settings)} settings; got {parameter.costs}")
+        raise TypeError(
+            f"settings go from the cheapest to the reference, the default {default!r} among them; got "
+            f"{parameter.settings}"
+        )
+    if parameter.costs and (
+        len(parameter.costs) != len(parameter.settings) or not all(cost > 0 for cost in parameter.costs)
+    ):
+        raise TypeError(
+            f"costs are numbers above 0, one for each of {len(parameter.settings)} settings; got {parameter.costs}"
+        )
     return (
         dataclasses.field(default=default, metadata={"parameter": parameter})
         if default is not MISSING

@@ -1,7 +1,7 @@
 """Ports between rooms that do not know each other: where results go, and who is told.
 
-``run`` computes and hands results to a ``Target`` of the run's ``Keeper``; ``archive`` implements both, on disk and in memory;
-``report`` draws a ``Sheet``; ``session`` joins them.
+``run`` computes and hands results to a ``Target`` of the run's ``Keeper``; ``archive`` implements both, on disk and in
+memory; ``report`` draws a ``Sheet``; ``session`` joins them.
 """
 
 from __future__ import annotations
@@ -72,7 +72,9 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class Sheet:
-    """Pictures of the shown cells: as a table of the archive, empty where that of an earlier run stays, and drawn into one PNG."""
+    """Pictures of the shown cells: as a table of the archive, empty where that of an earlier run stays, and drawn
+    into one PNG.
+    """
 
     table: dict[str, Any]
     draw: Callable[[Path], None]
@@ -81,7 +83,8 @@ class Sheet:
 
 
 class Keeper(Protocol):
-    """Where the results of a run are kept, and what is kept from earlier ones. Used as a context manager, by the owner of the run.
+    """Where the results of a run are kept, and what is kept from earlier ones. Used as a context manager, by the owner
+    of the run.
 
     Attributes
     ----------
@@ -105,11 +108,15 @@ class Keeper(Protocol):
     def target(self, cell: Cell) -> Target | None: ...
 
     def place(self, ref: CellRef, variable: str) -> Any:
-        """Where a variable that is made piece by piece may be put at once, an array to be filled; None: it is taken when it is whole."""
+        """Where a variable that is made piece by piece may be put at once, an array to be filled; None: it is taken
+        when it is whole.
+        """
 
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 
-    def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def finished(
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
         """Take what became of cells, in any thread; gives their arrays where they stand from now on."""
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]: ...
@@ -119,7 +126,9 @@ class Keeper(Protocol):
     ) -> dict[CellRef, dict[str, Any]]: ...
 
     def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
-        """At the end: the arrays of all cells that it has taken, and ``others``, that it was given and does not keep."""
+        """At the end: the arrays of all cells that it has taken, and ``others``, that it was given and does not
+        keep.
+        """
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 

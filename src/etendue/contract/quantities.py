@@ -1,7 +1,7 @@
 """Quantities that several stages share, brought by distributions, declared once.
 
-``quantity("NAME")`` is the field of a stage that uses it. In a pipeline file they stand under one table (``contract.tables``): one value,
-however many stages use it.
+``quantity("NAME")`` is the field of a stage that uses it. In a pipeline file they stand under one table
+(``contract.tables``): one value, however many stages use it.
 """
 
 from __future__ import annotations
@@ -19,11 +19,14 @@ from etendue.plugins import discovery
 
 @dataclasses.dataclass(frozen=True)
 class Quantity(Parameter):
-    """What a distribution says of a shared quantity: the words of ``param()``, its name as an axis, a default unless it must be given.
+    """What a distribution says of a shared quantity: the words of ``param()``, its name as an axis, a default unless it
+    must be given.
 
-    ``prefix`` stands in front of its values in the place of its name; ``off`` is the value that says that it does not count.
+    ``prefix`` stands in front of its values in the place of its name; ``off`` is the value that says that it does not
+    count.
 
-    ``scales``: a quantity whose every value it multiplies: a preset's value of the one does not fit a pipeline's own of the other.
+    ``scales``: a quantity whose every value it multiplies: a preset's value of the one does not fit a pipeline's own of
+    the other.
     """
 
     shared: bool = True
@@ -66,8 +69,14 @@ def declared(name: str) -> Quantity:
     """
     brought = discovery.installed().first("quantities", name)
     if brought is None:
-        hint = nearest(name, names()) or "; a distribution brings one by etendue_quantities() in a manifest that is a module of its own"
-        raise PluginError(f"there is no {next(iter(tables()))} quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}")
+        hint = (
+            nearest(name, names())
+            or "; a distribution brings one by etendue_quantities() in a manifest that is a module of its own"
+        )
+        raise PluginError(
+            f"there is no {next(iter(tables()))} quantity "
+            f"{name!r}{hint}{discovery.installed().missed('quantities', name)}"
+        )
     return discovery.made_of(Quantity, f"the {next(iter(tables()))} quantity {name!r}", brought)
 
 

@@ -46,7 +46,10 @@ class Registry:
     def makers(self, variable: str) -> Iterator[str]:
         """The stages that write a variable without reading it."""
         return self.fitting(
-            lambda kind: variable in {d.variable for d in writes_of(kind).values()} - {d.variable for d in reads_of(kind).values()}
+            lambda kind: (
+                variable
+                in {d.variable for d in writes_of(kind).values()} - {d.variable for d in reads_of(kind).values()}
+            )
         )
 
     def installed(self, name: str) -> Brought:
@@ -59,7 +62,8 @@ class Registry:
         Raises
         ------
         PluginError
-            Two distributions offer it, its module cannot be imported, has no such class, or the class breaks the form of a stage.
+            Two distributions offer it, its module cannot be imported, has no such class, or the class breaks the form
+            of a stage.
         """
         with self._lock:
             if name not in self._loaded:
@@ -73,8 +77,12 @@ class Registry:
             raise PluginError(f"the stage {name!r} is {clash}")
         if isinstance(kind, str):
             if ":" not in kind:
-                raise PluginError(f"{origin} cannot be loaded: it stands at {kind!r}; expected 'module:Class', or the class")
-            with foreign(f"{origin} cannot be loaded", "" if brought.distribution == OWN else f"{origin}, when it was imported,"):
+                raise PluginError(
+                    f"{origin} cannot be loaded: it stands at {kind!r}; expected 'module:Class', or the class"
+                )
+            with foreign(
+                f"{origin} cannot be loaded", "" if brought.distribution == OWN else f"{origin}, when it was imported,"
+            ):
                 kind = EntryPoint(name, kind, "").load()
         try:
             reads_of(kind), writes_of(kind), parameters_of(kind), arguments_of(kind)

@@ -20,7 +20,9 @@ PATTERN = "pattern"  # the one name that is no dim
 
 @dataclass(frozen=True)
 class Pattern:
-    """Letters that repeat over y and x: ``rows`` of one period from position (0, 0), ``tints`` the colour of each letter."""
+    """Letters that repeat over y and x: ``rows`` of one period from position (0, 0), ``tints`` the colour of each
+    letter.
+    """
 
     rows: tuple[str, ...]
     tints: Mapping[str, tuple[float, float, float]]
@@ -63,5 +65,7 @@ def pattern(text: str) -> Pattern:
     """
     read = function(PATTERN)
     if read is None:
-        raise PluginError(f"nothing that is installed reads the pattern {text!r}{discovery.installed().missed('seen', PATTERN)}")
+        raise PluginError(
+            f"nothing that is installed reads the pattern {text!r}{discovery.installed().missed('seen', PATTERN)}"
+        )
     return Pattern(*read(text))

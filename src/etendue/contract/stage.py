@@ -3,8 +3,8 @@
 In:  class attributes and methods of ``Stage``.
 Out: declarations, parameters and arguments of a class, found out once.
 
-A stage class is a frozen, keyword-only dataclass deriving from ``Stage``; what it can do beyond ``run`` stands in the typed bases of
-``capabilities``, never in the name of an attribute.
+A stage class is a frozen, keyword-only dataclass deriving from ``Stage``; what it can do beyond ``run`` stands in the
+typed bases of ``capabilities``, never in the name of an attribute.
 """
 
 from __future__ import annotations
@@ -43,33 +43,34 @@ SPECIAL = frozenset({"asked", "prepared", "rng"})
 class Stage:
     """Base of all stages. Class attributes are the declaration; every method but ``run`` may stay as it is here.
 
-    Must be known: ``reads`` and ``writes`` (port to ``"dims [unit]"``), ``run``, parameters (``param``, ``quantity``), ``role``.
+    Must be known: ``reads`` and ``writes`` (port to ``"dims [unit]"``), ``run``, parameters (``param``, ``quantity``),
+    ``role``.
 
-    ``run(self, <ports>, <coordinates>, prepared, rng, asked) -> {variable: array}`` names what it needs, fixed patterns too
-    (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the optional variables that are asked for. Over dims
-    that a stage does not declare it is mapped.
+    ``run(self, <ports>, <coordinates>, prepared, rng, asked) -> {variable: array}`` names what it needs, fixed patterns
+    too (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the optional variables that
+    are asked for. Over dims that a stage does not declare it is mapped.
 
-    ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"sharpening"``, ``"glare"``,
-    ``"resolution"``). Among stages that read and write the same, those of another role are not offered in each other's place; '' says
-    nothing: what it reads and writes decides alone.
-    ``creates``: coordinates of dims that nothing it reads has, such as ``{"channel": RGB}``, where ``grid`` has nothing to add.
-    ``gain``: the largest factor by which an error, relative to the full scale of what is read, can grow relative to
-    the full scale of what is written, for every allowed parameter value. ``None``: not known, so claims end here.
-    ``nan`` and ``negative`` say what happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative only).
-    ``libraries`` names distributions whose version can change the result.
+    ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"sharpening"``,
+    ``"glare"``, ``"resolution"``). Among stages that read and write the same, those of another role are not offered in
+    each other's place; '' says nothing: what it reads and writes decides alone.
+    ``creates``: coordinates of dims that nothing it reads has, such as ``{"channel": RGB}``, where ``grid`` has nothing
+    to add. ``gain``: the largest factor by which an error, relative to the full scale of what is read, can grow
+    relative to the full scale of what is written, for every allowed parameter value. ``None``: not known, so claims end
+    here. ``nan`` and ``negative`` say what happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative
+    only). ``libraries`` names distributions whose version can change the result.
     ``nanoseconds``: what a value it writes costs, before it has ever been measured.
-    ``working``: what it holds while it computes beside what it reads and writes, in times the larger of the two as floats of the run.
-    ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer functions in front and behind
-    may be multiplied as if it were not there.
-    ``elementwise``: every value follows from the values at its own place alone, so that many frames may be given to ``run`` at once.
-    ``once``: physics that is met once on the way (``"diffraction"``, ``"fall-off"``): a second stage with the same
-    on the way counts it twice, which the plan notes.
-    ``decides``: by its nature it rounds, counts or chooses, so that a small change of what it is given may be a large one of what it
-    gives. Of any other stage the conformance kit says where it jumps.
-    ``keeps``: what it promises of its values, for the conformance kit: ``"order"`` (none falls where what is read rises), ``"sum"``
-    (what leaves one place arrives at another).
-    ``unseen``: by figure that it writes, the roles of stages that change what the figure is about and cannot enter it. Where a pipeline
-    has such stages, tables, plots and reports name them beside the figure.
+    ``working``: what it holds while it computes beside what it reads and writes, in times the larger of the two as
+    floats of the run. ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer
+    functions in front and behind may be multiplied as if it were not there.
+    ``elementwise``: every value follows from the values at its own place alone, so that many frames may be given to
+    ``run`` at once. ``once``: physics that is met once on the way (``"diffraction"``, ``"fall-off"``): a second stage
+    with the same on the way counts it twice, which the plan notes.
+    ``decides``: by its nature it rounds, counts or chooses, so that a small change of what it is given may be a large
+    one of what it gives. Of any other stage the conformance kit says where it jumps.
+    ``keeps``: what it promises of its values, for the conformance kit: ``"order"`` (none falls where what is read
+    rises), ``"sum"`` (what leaves one place arrives at another).
+    ``unseen``: by figure that it writes, the roles of stages that change what the figure is about and cannot enter it.
+    Where a pipeline has such stages, tables, plots and reports name them beside the figure.
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -108,7 +109,9 @@ class Stage:
         return UNKNOWN
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
-        """A bound relative to full scale, and how it is known: proved, fitted, measured. Literals: ``error = proved(2e-7, 4e-16)``."""
+        """A bound relative to full scale, and how it is known: proved, fitted, measured. Literals:
+        ``error = proved(2e-7, 4e-16)``.
+        """
         return None, "unknown"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
@@ -120,7 +123,9 @@ class Stage:
         return []
 
     def assumes(self) -> Mapping[str, Any]:
-        """What it takes for granted of things that others take for granted too; the plan notes where one before it has another value."""
+        """What it takes for granted of things that others take for granted too; the plan notes where one before it
+        has another value.
+        """
         return {}
 
 
@@ -128,7 +133,9 @@ WORDS = frozenset(name for name in vars(Stage) if not name.startswith("_"))
 
 
 def looks(declaration: Declaration) -> str:
-    """What a port looks at in all earlier stages: ``transfer``, ``datasheet``, a variable, or '' where it reads one array."""
+    """What a port looks at in all earlier stages: ``transfer``, ``datasheet``, a variable, or '' where it reads one
+    array.
+    """
     return declaration.variable.removeprefix("*.") if declaration.variable.startswith("*.") else ""
 
 
@@ -146,7 +153,9 @@ def reads_of(kind: type[Stage]) -> Mapping[str, Declaration]:
 def writes_of(kind: type[Stage]) -> Mapping[str, Declaration]:
     found = {port: parse_declaration(port, text) for port, text in kind.writes.items()}
     dims = {own for declaration in found.values() for own in declaration.dims}
-    unfit = [f"it may write no {d.variable!r}: {why}" for d in found.values() if (why := unfit_variable(d.variable, dims))]
+    unfit = [
+        f"it may write no {d.variable!r}: {why}" for d in found.values() if (why := unfit_variable(d.variable, dims))
+    ]
     if unfit:
         raise ValueError("; ".join(unfit))
     return found
@@ -159,14 +168,18 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
     Raises
     ------
     TypeError
-        A parameter has the name of a word of the contract, such as ``gain``: its value would be taken for what the class says.
+        A parameter has the name of a word of the contract, such as ``gain``: its value would be taken for what the
+        class says.
     """
     taken = sorted(WORDS & {field.name for field in dataclasses.fields(kind)})
     if taken:
-        raise TypeError(f"the parameter {', '.join(taken)} has the name of a word that every stage has; give it another name")
+        raise TypeError(
+            f"the parameter {', '.join(taken)} has the name of a word that every stage has; give it another name"
+        )
     hints = typing.get_type_hints(kind)
     return {
-        field.name: (field.metadata.get("parameter", Parameter()), hints[field.name], field.default) for field in dataclasses.fields(kind)
+        field.name: (field.metadata.get("parameter", Parameter()), hints[field.name], field.default)
+        for field in dataclasses.fields(kind)
     }
 
 
@@ -183,21 +196,26 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     Raises
     ------
     TypeError
-        It has ``*args`` or ``**kwargs``: an argument nobody declared cannot be given. It asks for fixed patterns and not for whose.
+        It has ``*args`` or ``**kwargs``: an argument nobody declared cannot be given. It asks for fixed patterns and
+        not for whose.
     """
     names = () if kind.run is None else names_asked(kind, "run")
     patterns = _patterns_among(kind, names)
     for name, identity in patterns.items():
         if identity not in quantities_of(kind):
             hint = f'write {identity}: str = quantity("{identity}") among its parameters'
-            raise TypeError(f"{kind.__name__}.run asks for {name}, whose patterns follow {identity}, but not for that: {hint}")
+            raise TypeError(
+                f"{kind.__name__}.run asks for {name}, whose patterns follow {identity}, but not for that: {hint}"
+            )
     if len({*patterns.values()}) > 1:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(patterns)}; allowed are patterns of one kind")
     return names
 
 
 def identity_of(name: str) -> str:
-    """The quantity that says whose the patterns are that an argument of this name draws; '' of what is no pattern generator."""
+    """The quantity that says whose the patterns are that an argument of this name draws; '' of what is no pattern
+    generator.
+    """
     brought = discovery.installed().first("patterns", name)
     return str(brought.value) if brought is not None else ""
 
@@ -232,8 +250,8 @@ def _dims_of(kind: type[Stage]) -> frozenset[str]:
 
 
 def _is_coordinate(name: str, dims: frozenset[str]) -> bool:
-    """Whether an argument is a coordinate of a dim that the stage names or a distribution declares, as it is read or written (``out_``):
-    where its points stand, on the image plane (``_um``), or its edges, where it is one of bands."""
+    """Whether an argument is a coordinate of a dim that the stage names or a distribution declares, as it is read or
+    written (``out_``): where its points stand, on the image plane (``_um``), or its edges, where it is one of bands."""
     own = name.removeprefix("out_")
     if own in COORDINATES or own in dims or own.removesuffix("_um") in dims:
         return True
@@ -245,23 +263,31 @@ def _is_coordinate(name: str, dims: frozenset[str]) -> bool:
 def optional_ports(kind: type[Stage]) -> frozenset[str]:
     """Ports that nobody need write: their arguments of ``run`` have a default."""
     given = inspect.signature(kind.run).parameters if kind.run is not None else {}
-    return frozenset(name for name in kind.reads if name in given and given[name].default is not inspect.Parameter.empty)
+    return frozenset(
+        name for name in kind.reads if name in given and given[name].default is not inspect.Parameter.empty
+    )
 
 
 def files_of(stage: Stage) -> dict[str, str]:
     """Paths of the files that parameters stand for."""
     values = {name: (parameter, getattr(stage, name)) for name, (parameter, _, _) in parameters_of(type(stage)).items()}
-    paths = {name: file_behind(value, parameter) for name, (parameter, value) in values.items() if isinstance(value, str)}
+    paths = {
+        name: file_behind(value, parameter) for name, (parameter, value) in values.items() if isinstance(value, str)
+    }
     return {name: path for name, path in paths.items() if path}
 
 
 def file_behind(value: str, parameter: Parameter) -> str:
-    """The file that a value stands for, as it is named; of a table that a distribution brings its path; '' for what is no file."""
+    """The file that a value stands for, as it is named; of a table that a distribution brings its path; '' for what
+    is no file.
+    """
     return value if parameter.file else table_file(value) if parameter.table else ""
 
 
 def file_state(path: str) -> tuple[int, int]:
-    """Time and size of a file, or of all files of a folder: what is remembered of a path is forgotten when they change."""
+    """Time and size of a file, or of all files of a folder: what is remembered of a path is forgotten when they
+    change.
+    """
     try:
         found = os.stat(path)
         if not stat.S_ISDIR(found.st_mode):

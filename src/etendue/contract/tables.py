@@ -18,8 +18,8 @@ SHARED = "shared"
 
 @dataclass(frozen=True)
 class Table:
-    """``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that brings such sets; ``listed``: the
-    command that lists them."""
+    """``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that brings such
+    sets; ``listed``: the command that lists them."""
 
     preset: str = ""
     presets: str = ""

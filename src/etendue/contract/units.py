@@ -15,7 +15,19 @@ from etendue.plugins import discovery
 
 # symbol -> (factor, base dimension symbols with exponents)
 _PREFIX = {"": 0, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "k": 3}  # micro sign and Greek mu
-_BASE = {"m": "m", "s": "s", "A": "A", "W": "W", "sr": "sr", "cd": "cd", "K": "K", "V": "V", "Hz": "Hz", "lx": "lx", "Pa": "Pa"}
+_BASE = {
+    "m": "m",
+    "s": "s",
+    "A": "A",
+    "W": "W",
+    "sr": "sr",
+    "cd": "cd",
+    "K": "K",
+    "V": "V",
+    "Hz": "Hz",
+    "lx": "lx",
+    "Pa": "Pa",
+}
 _PLAIN = {
     "pixel": (Decimal(1), {"pixel": 1}),
     "cycle": (Decimal(1), {}),
@@ -94,7 +106,9 @@ def parse_unit(text: str) -> tuple[Decimal, dict[str, int]]:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """Whether two units are the same number for number, as ``um-1`` and ``cycles/um`` are; of units that are not in the table, as text."""
+    """Whether two units are the same number for number, as ``um-1`` and ``cycles/um`` are; of units that are not in
+    the table, as text.
+    """
     if one == other:
         return True
     try:

@@ -27,24 +27,26 @@ BETTER = ("", "higher", "lower")
 class Variable:
     """What a distribution says of a variable: meaning, unit, and how a contact sheet shows it.
 
-    ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a pattern through its own filters);
-    ``encoded`` values for a display, as they are; ``unencoded`` what they are before their gamma, as it would look on the display without
-    it; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as white, None: what is bright in the first
-    picture; variables with one ``scale`` share what is bright in the last of them. ``black`` is a shared quantity that stands for
-    nothing; ``pattern`` one that names the filters in front of y and x. ``range`` has both ends of a map, None: its own; ``log``: in
-    equal ratios. ``full``: what errors of it are relative to, where that does not follow from its declaration: 1 for a share. ``index``:
-    it is a place in a list, right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added
-    up. ``beside``: it is a coordinate of the variables of its group that have this dim. ``counted``: where it is above 0, the end of a
-    run says that something was lifted to a floor, or lies above saturation. ``better``: whether ``higher`` or ``lower`` is, where that is
-    always so; '' where it depends. ``subject``: what a figure is about, such as ``detail`` or ``noise``: reports fold figures by it, and
-    open with that of the lowest ``rank``.
+    ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a pattern through its own
+    filters); ``encoded`` values for a display, as they are; ``unencoded`` what they are before their gamma, as it would
+    look on the display without it; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as
+    white, None: what is bright in the first picture; variables with one ``scale`` share what is bright in the last of
+    them. ``black`` is a shared quantity that stands for nothing; ``pattern`` one that names the filters in front of y
+    and x. ``range`` has both ends of a map, None: its own; ``log``: in equal ratios. ``full``: what errors of it are
+    relative to, where that does not follow from its declaration: 1 for a share. ``index``: it is a place in a list,
+    right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added up.
+    ``beside``: it is a coordinate of the variables of its group that have this dim. ``counted``: where it is above 0,
+    the end of a run says that something was lifted to a floor, or lies above saturation. ``better``: whether ``higher``
+    or ``lower`` is, where that is always so; '' where it depends. ``subject``: what a figure is about, such as
+    ``detail`` or ``noise``: reports fold figures by it, and open with that of the lowest ``rank``.
 
-    ``quiet``: it is no figure that is shown first. ``usable``: where it is above, a cell is not chosen to open a page with. ``instead``
-    names a variable beside which it says little more. ``curve``: of the curves of a page the one with the highest stands first;
-    ``base``: its curves have a line at 0; ``end``: its value is where an axis of its unit ends for good, and what that is called.
-    Of an index, ``asks`` is what it answers, ``said`` what its names are in a sentence, ``tints`` their colours, and ``cap`` that of
-    them beyond which nothing else counts, with ``cap_said`` behind it. ``dims``: those of every stage that writes it. ``below_zero``:
-    noise takes it there, and whoever reads it has a word for that.
+    ``quiet``: it is no figure that is shown first. ``usable``: where it is above, a cell is not chosen to open a page
+    with. ``instead`` names a variable beside which it says little more. ``curve``: of the curves of a page the one with
+    the highest stands first; ``base``: its curves have a line at 0; ``end``: its value is where an axis of its unit
+    ends for good, and what that is called. Of an index, ``asks`` is what it answers, ``said`` what its names are in a
+    sentence, ``tints`` their colours, and ``cap`` that of them beyond which nothing else counts, with ``cap_said``
+    behind it. ``dims``: those of every stage that writes it. ``below_zero``: noise takes it there, and whoever reads it
+    has a word for that.
     """
 
     long_name: str = ""
@@ -112,16 +114,20 @@ def without(attrs: Mapping[str, Any]) -> str:
 def disagree(name: str) -> str:
     """The distributions that say different things of a variable, '' where all say the same."""
     brought = discovery.installed().all("variables", name)
-    return " and ".join(one.distribution for one in brought) if any(one.value != brought[0].value for one in brought) else ""
+    return (
+        " and ".join(one.distribution for one in brought)
+        if any(one.value != brought[0].value for one in brought)
+        else ""
+    )
 
 
 @dataclass(frozen=True)
 class Declaration:
     """What a port carries.
 
-    ``dims`` are those a stage works on; over any others that lead what it is given, the engine maps it. ``dtype`` is ``float`` (the
-    plan's precision) or an unsigned integer type. ``nan`` allows undefined values. What is ``optional`` is computed where
-    it is asked for.
+    ``dims`` are those a stage works on; over any others that lead what it is given, the engine maps it. ``dtype`` is
+    ``float`` (the plan's precision) or an unsigned integer type. ``nan`` allows undefined values. What is ``optional``
+    is computed where it is asked for.
     """
 
     variable: str
@@ -134,13 +140,19 @@ class Declaration:
     def __str__(self) -> str:
         flags = "".join(
             f" {flag}"
-            for flag in (self.dtype if self.dtype != "float" else "", "nan" if self.nan else "", "optional" if self.optional else "")
+            for flag in (
+                self.dtype if self.dtype != "float" else "",
+                "nan" if self.nan else "",
+                "optional" if self.optional else "",
+            )
             if flag
         )
         return f"{self.variable}: {' '.join(self.dims)} [{self.unit}]{flags}".replace("  ", " ")
 
     def mapped(self, dims: tuple[str, ...]) -> tuple[str, ...] | None:
-        """The dims over which a stage is mapped that is given an array with these dims; None where it cannot take it."""
+        """The dims over which a stage is mapped that is given an array with these dims; None where it cannot take
+        it.
+        """
         extra = dims[: len(dims) - len(self.dims)]
         return extra if dims == (*extra, *self.dims) and not set(extra) & set(self.dims) else None
 
@@ -166,5 +178,7 @@ def parse_declaration(port: str, text: str) -> Declaration:
         elif flag in DTYPES:
             dtype = flag
         else:
-            raise ValueError(f"unknown word {flag!r} in the declaration of {port!r}; valid: nan, optional, {', '.join(DTYPES)}")
+            raise ValueError(
+                f"unknown word {flag!r} in the declaration of {port!r}; valid: nan, optional, {', '.join(DTYPES)}"
+            )
     return Declaration(match["name"] or port, tuple(match["dims"].split()), match["unit"].strip(), dtype, nan, optional)

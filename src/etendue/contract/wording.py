@@ -36,8 +36,9 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Subject:
-    """What figures may be about. ``said``: what its first figure is called in a sentence; ``short``: at the head of a column, '' its own
-    name. ``opens``: whether one of its figures stands open on a page, and may stand against another's."""
+    """What figures may be about. ``said``: what its first figure is called in a sentence; ``short``: at the head of a
+    column, '' its own name. ``opens``: whether one of its figures stands open on a page, and may stand against
+    another's."""
 
     said: str = ""
     short: str = ""
@@ -46,8 +47,9 @@ class Subject:
 
 @dataclass(frozen=True)
 class Unit:
-    """``said``: how it is written beside a plot; ``full``: an ordinary full scale, of which stages are tried; ``bits``: the shared quantity
-    that says how many digits of two its largest number has; ``noise``: noise says its variance in its square."""
+    """``said``: how it is written beside a plot; ``full``: an ordinary full scale, of which stages are tried; ``bits``:
+    the shared quantity that says how many digits of two its largest number has; ``noise``: noise says its variance in
+    its square."""
 
     said: str = ""
     full: float = 1.0
@@ -70,7 +72,9 @@ def first(place: str) -> tuple[str, ...]:
 
 @cache
 def words(of: frozenset[str] = frozenset()) -> Mapping[str, str]:
-    """What things are called in sentences; with names of distributions, what these say alone: those whose stages a graph has."""
+    """What things are called in sentences; with names of distributions, what these say alone: those whose stages a
+    graph has.
+    """
     every, found = discovery.installed(), dict(WORDS)
     for name in every.names("words"):
         brought = [one for one in every.all("words", name) if not of or one.distribution in of]

@@ -79,7 +79,12 @@ def _author(written: Any, faults: list[Fault]) -> Author | None:
     place = "about.author"
     table = {"name": written} if isinstance(written, str) else written
     if not isinstance(table, Mapping) or not isinstance(table.get("name"), str) or not table["name"].strip():
-        faults.append(Fault(place, f'expected a name, or {{ name = "..", orcid = "..", affiliation = ".." }}, got {as_written(written)}'))
+        faults.append(
+            Fault(
+                place,
+                f'expected a name, or {{ name = "..", orcid = "..", affiliation = ".." }}, got {as_written(written)}',
+            )
+        )
         return None
     for key in table:
         if key not in OF_AN_AUTHOR:
@@ -87,5 +92,9 @@ def _author(written: Any, faults: list[Fault]) -> Author | None:
     orcid = _text(table, "orcid", faults, place)
     found = _ORCID.fullmatch(orcid)
     if orcid and not found:
-        faults.append(Fault(f"{place}.orcid", f"expected an ORCID iD such as 0000-0002-1825-0097, got {as_written(orcid)}"))
-    return Author(_text(table, "name", faults, place), found[1] if found else "", _text(table, "affiliation", faults, place))
+        faults.append(
+            Fault(f"{place}.orcid", f"expected an ORCID iD such as 0000-0002-1825-0097, got {as_written(orcid)}")
+        )
+    return Author(
+        _text(table, "name", faults, place), found[1] if found else "", _text(table, "affiliation", faults, place)
+    )

@@ -18,8 +18,8 @@ from etendue.plugins import discovery
 
 @dataclass(frozen=True)
 class Template:
-    """``path``: the text, with NAME and PRESET to be replaced and KEPT where the choices of `keep` stand; ``keep``: what each keeps;
-    ``preset``: the one that is taken where none is named, '' where the text names none."""
+    """``path``: the text, with NAME and PRESET to be replaced and KEPT where the choices of `keep` stand; ``keep``:
+    what each keeps; ``preset``: the one that is taken where none is named, '' where the text names none."""
 
     path: Path
     preset: str = ""
@@ -42,7 +42,9 @@ def template(name: str = "") -> Template:
     brought = discovery.installed().first("templates", name or (names[0] if names else ""))
     if brought is None:
         raise RequestError(
-            f"there is no template {name!r}{nearest(name, names)}" if names else "nothing that is installed brings a template"
+            f"there is no template {name!r}{nearest(name, names)}"
+            if names
+            else "nothing that is installed brings a template"
         )
     return discovery.made_of(Template, f"the template {name!r}", brought)
 
@@ -59,7 +61,9 @@ def text_of(name: str, chosen: str = "", kept: Mapping[str, str] | None = None, 
     if of.preset:
         preset(chosen or of.preset)
     words = {"all": '"all"'} | {word: f'["{word}"]' for word in of.keep if word != "all"}
-    choices = "\n".join(f"#   {words[word]:17s}{what}{f', {kept[word]}' if kept else ''}" for word, what in of.keep.items())
+    choices = "\n".join(
+        f"#   {words[word]:17s}{what}{f', {kept[word]}' if kept else ''}" for word, what in of.keep.items()
+    )
     text = (
         Path(of.path)
         .read_text(encoding="utf-8")
@@ -70,5 +74,7 @@ def text_of(name: str, chosen: str = "", kept: Mapping[str, str] | None = None, 
         .replace("KEPT", choices)
     )
     if '"' in name or "\\" in name or "\n" in name or parse_pipeline(text).faults:
-        raise RequestError(f"{name!r} is no name for a pipeline: no slash, quotes or control characters, no dot in front")
+        raise RequestError(
+            f"{name!r} is no name for a pipeline: no slash, quotes or control characters, no dot in front"
+        )
     return text

@@ -1,4 +1,5 @@
-"""A distribution that brings one stage, as it stands a copy of an installed one of its role: it installs, keeps the laws and is ranked.
+"""A distribution that brings one stage, as it stands a copy of an installed one of its role: it installs, keeps the
+laws and is ranked.
 
 In:  the name of the stage, its role, the stage it begins as.
 Out: the texts of its files. The arithmetic is inherited until its author writes another.
@@ -56,23 +57,47 @@ def beginning(registry: Registry, stage: str, role: str | None, like: str | None
     faults, stage = [], stage.replace("-", "_").removeprefix("etendue_")
     roles = _by_role(registry)
     unfit = unfit_stage(stage)
-    if unfit or not stage.isidentifier() or keyword.iskeyword(stage) or not stage.isascii() or not re.match(r"[a-z]", stage):
-        faults.append(Fault("NAME", f"{stage!r} is no name for a stage: small letters, digits and _, a letter in front"))
+    if (
+        unfit
+        or not stage.isidentifier()
+        or keyword.iskeyword(stage)
+        or not stage.isascii()
+        or not re.match(r"[a-z]", stage)
+    ):
+        faults.append(
+            Fault("NAME", f"{stage!r} is no name for a stage: small letters, digits and _, a letter in front")
+        )
     elif stage in registry:
-        faults.append(Fault("NAME", f"{stage!r} is installed already, from {registry.installed(stage).distribution}; give another"))
+        faults.append(
+            Fault(
+                "NAME", f"{stage!r} is installed already, from {registry.installed(stage).distribution}; give another"
+            )
+        )
     if like is not None and like not in registry:
         faults.append(Fault("--like", f"there is no stage {like!r}{nearest(like, registry.names())}"))
     if role is not None and role not in roles:
-        faults.append(Fault("--role", f"no installed stage has the role {role!r}{nearest(role, roles)}; roles: {', '.join(roles)}"))
+        faults.append(
+            Fault(
+                "--role", f"no installed stage has the role {role!r}{nearest(role, roles)}; roles: {', '.join(roles)}"
+            )
+        )
     if role is None and like is None:
         faults.append(Fault("--role", f"say what it is for: {', '.join(roles)}; or --like STAGE"))
-    if like is not None and role is not None and like in registry and role in roles and registry.load(like).role != role:
+    if (
+        like is not None
+        and role is not None
+        and like in registry
+        and role in roles
+        and registry.load(like).role != role
+    ):
         faults.append(Fault("--like", f"{like} has the role {registry.load(like).role!r}, not {role!r}"))
     if faults:
         raise RequestError(faults)
     if like is None:
         assert role is not None
-        like = _simplest().get(role) or next((n for n in roles[role] if registry.installed(n).distribution == OWN), roles[role][0])
+        like = _simplest().get(role) or next(
+            (n for n in roles[role] if registry.installed(n).distribution == OWN), roles[role][0]
+        )
     kind = registry.load(like)
     return Beginning(stage, kind.role, like, kind)
 
@@ -92,7 +117,9 @@ def files(one: Beginning) -> Mapping[str, str]:
 def _simplest() -> dict[str, str]:
     """Of roles with several built-in stages: the one whose arithmetic is read fastest."""
     found = discovery.installed()
-    return {role: str(brought.value) for role in found.names("beginnings") if (brought := found.first("beginnings", role))}
+    return {
+        role: str(brought.value) for role in found.names("beginnings") if (brought := found.first("beginnings", role))
+    }
 
 
 def _by_role(registry: Registry) -> dict[str, list[str]]:
@@ -148,8 +175,8 @@ def _readme(one: Beginning) -> str:
     return f"""\
 # {one.distribution}
 
-The stage `{one.stage}` of etendue ({one.role}). As it stands it computes what `{one.like}` does; write your own arithmetic in
-`src/{one.module}/stages.py`.
+The stage `{one.stage}` of etendue ({one.role}). As it stands it computes what `{one.like}` does;
+write your own arithmetic in `src/{one.module}/stages.py`.
 
     pip install -e ".[test]"
     pytest                          # the laws that every stage keeps
@@ -204,14 +231,19 @@ class {one.name}({one.kind.__name__}):
 {taken}
     # One of your own, with its unit and range (from etendue.api import param):
     #     {_free(one.kind)}: float = param(1.0, at_least=0, at_most=10, doc="what it changes")
-    # What it says of its error and its gain is inherited too: say your own where your arithmetic differs, the tests hold you to it.
+    # What it says of its error and its gain is inherited too: say your own where your arithmetic differs, the tests
+    # hold you to it.
 {_method(one)}'''
 
 
 def _free(kind: Any) -> str:
-    """A name for a parameter that the class has nothing of yet: one that is inherited would change what stands in its place."""
+    """A name for a parameter that the class has nothing of yet: one that is inherited would change what stands in
+    its place.
+    """
     return next(
-        name for name in ("strength", "amount", "extent", "own_strength") if not hasattr(kind, name) and name not in parameters_of(kind)
+        name
+        for name in ("strength", "amount", "extent", "own_strength")
+        if not hasattr(kind, name) and name not in parameters_of(kind)
     )
 
 
@@ -227,7 +259,8 @@ def _listed(word: str, ports: Mapping[str, Any]) -> str:
 
 
 COORDINATES = {
-    "y": "rows: where they stand, in pixels of the whole frame behind what takes it, in um on the image plane in front of it",
+    "y": "rows: where they stand, in pixels of the whole frame behind what takes it, in um on the image plane in front "
+    "of it",
     "x": "columns, in the same way",
     "y_um": "rows: where they stand on the image plane, um",
     "x_um": "columns, in the same way",

@@ -1,4 +1,5 @@
-"""A pipeline file: shared quantities, stages, sweep, what is wanted. Text in, values and faults out; no stage is imported here.
+"""A pipeline file: shared quantities, stages, sweep, what is wanted. Text in, values and faults out; no stage is
+imported here.
 
 In:  TOML text (or the same as a mapping), overrides from the command line.
 Out: a ``Pipeline`` whose entries still hold values as written; ``plan.graph`` resolves them against the stages.
@@ -93,7 +94,14 @@ class Pipeline(Source):
         shared = {**({self.table.preset: self.preset_name} if self.preset_name else {}), **self.shared}
         origins = {one.name: {"from": dict(one.origin)} if one.origin else {} for one in self.stages}
         stages = [{"use": one.use, "name": one.name, **origins[one.name], **one.values} for one in self.stages]
-        return {**words, **names, self.table.name: shared, "sweep": dict(self.sweep), "about": self.about.document(), "stages": stages}
+        return {
+            **words,
+            **names,
+            self.table.name: shared,
+            "sweep": dict(self.sweep),
+            "about": self.about.document(),
+            "stages": stages,
+        }
 
     def located(self, faults: Iterable[Fault]) -> list[Fault]:
         """The same faults with their lines in the file, in the order in which they stand there."""
@@ -125,7 +133,9 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
         if len(content) > LARGEST_FILE:
             raise RequestError(f"the file is larger than {LARGEST_FILE} bytes; that is no pipeline", name)
         if content.count(b",") > MOST_LISTED:
-            raise RequestError(f"the file lists more than {MOST_LISTED} values; of an axis write {{ from, to, steps }}", name)
+            raise RequestError(
+                f"the file lists more than {MOST_LISTED} values; of an axis write {{ from, to, steps }}", name
+            )
         text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except IsADirectoryError:
         raise RequestError("is a directory; name the pipeline file in it", name) from None
@@ -138,7 +148,9 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
     return parse_pipeline(text, name, path.parent, overrides)
 
 
-def parse_pipeline(text: str, file: str = "", folder: Path = Path("."), overrides: Mapping[str, Any] | None = None) -> Pipeline:
+def parse_pipeline(
+    text: str, file: str = "", folder: Path = Path("."), overrides: Mapping[str, Any] | None = None
+) -> Pipeline:
     """The pipeline in a TOML text; ``file`` and ``folder`` serve messages and relative paths.
 
     Faults of form (unknown keys, two stages of one name) are kept in ``faults``, so that the planner can report them
@@ -168,9 +180,14 @@ def overridden(pipeline: Pipeline, overrides: Mapping[str, Any]) -> Pipeline:
     lines = {**pipeline.lines, **dict.fromkeys(apply_overrides(document, given, pipeline.file), 0)}
     made = from_document(document, pipeline.file)
     return replace(
-        made, folder=pipeline.folder, text=pipeline.text, lines=lines, overrides=tuple({**dict(pipeline.overrides), **given}.items()),
-        faults=tuple(dict.fromkeys((*pipeline.faults, *made.faults))), whole=pipeline.whole and made.whole,
-    )  # fmt: skip
+        made,
+        folder=pipeline.folder,
+        text=pipeline.text,
+        lines=lines,
+        overrides=tuple({**dict(pipeline.overrides), **given}.items()),
+        faults=tuple(dict.fromkeys((*pipeline.faults, *made.faults))),
+        whole=pipeline.whole and made.whole,
+    )
 
 
 def refuse_large(document: Mapping[str, Any], file: str = "", lines: Mapping[str, int] = {}) -> None:
@@ -221,27 +238,47 @@ def _lines(text: str) -> dict[str, int]:
             name = re.sub(r"\s", "", key[1]) if key[1][0] not in "\"'" else key[1][1:-1]
             found.setdefault(f"{table}.{name}" if table else name, number)
         inside = next((mark for mark in ('"""', "'''") if line.count(mark) % 2), "")
-    axes = {f"sweep.{axis_name(place.removeprefix('sweep.'), {})}": n for place, n in found.items() if place.startswith("sweep.")}
+    axes = {
+        f"sweep.{axis_name(place.removeprefix('sweep.'), {})}": n
+        for place, n in found.items()
+        if place.startswith("sweep.")
+    }
     return {**axes, **found}
 
 
 def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
-    """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is refused."""
+    """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is
+    refused.
+    """
     refuse_large(document, file, {})
     faults: list[Fault] = []
     table = table_in(document)
     for key in document:
         if key not in (*TOP, table.name):
             known = [*TOP, *tables()]
-            hint = f"; {key} is a {table.name} quantity: set it under [{table.name}]" if key in quantities.names() else nearest(key, known)
+            hint = (
+                f"; {key} is a {table.name} quantity: set it under [{table.name}]"
+                if key in quantities.names()
+                else nearest(key, known)
+            )
             hint = f"; quantities stand under [{table.name}] already" if key in tables() else hint
             faults.append(Fault(key, f"unknown key{hint}"))
 
     def text_of(key: str, default: str) -> str:
         value = document.get(key, default)
-        if not isinstance(value, str) or (key == "name" and not _plain(value)) or (key != "description" and unprintable(value)):
-            what = f"; at most {LONGEST} characters, no slash, no control characters, no dot in front" if key == "name" else ""
-            faults.append(Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}{what}"))
+        if (
+            not isinstance(value, str)
+            or (key == "name" and not _plain(value))
+            or (key != "description" and unprintable(value))
+        ):
+            what = (
+                f"; at most {LONGEST} characters, no slash, no control characters, no dot in front"
+                if key == "name"
+                else ""
+            )
+            faults.append(
+                Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}{what}")
+            )
             return default
         return value
 
@@ -275,7 +312,9 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         leave_out = True
     precision = text_of("precision", "auto")
     if precision not in ("auto", "float32", "float64"):
-        faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, ('auto', 'float32', 'float64'))}"))
+        faults.append(
+            Fault("precision", f"{precision!r} is not a precision{nearest(precision, ('auto', 'float32', 'float64'))}")
+        )
     norm = text_of("norm", "rms")
     if norm not in ("rms", "max"):
         faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, ('rms', 'max'))}; allowed are rms and max"))
@@ -314,7 +353,13 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
 
 def _plain(name: str) -> bool:
     """Whether a name can be that of a folder, on any system."""
-    return bool(name) and len(name.encode()) <= LONGEST and name[0] not in ".-" and not set(name) & set("/\\") and not unprintable(name)
+    return (
+        bool(name)
+        and len(name.encode()) <= LONGEST
+        and name[0] not in ".-"
+        and not set(name) & set("/\\")
+        and not unprintable(name)
+    )
 
 
 def _preset(table: Table, shared: Mapping[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
@@ -357,7 +402,9 @@ def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bo
             continue
         place = f"{place} {name}"
         if name in seen:
-            faults.append(Fault(place, f"two stages are named {name!r}, this and {seen[name]}; give one of them another 'name'"))
+            faults.append(
+                Fault(place, f"two stages are named {name!r}, this and {seen[name]}; give one of them another 'name'")
+            )
             continue
         seen[name] = place.partition(" ")[0]
         origin = table.get("from", {})

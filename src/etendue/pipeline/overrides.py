@@ -1,4 +1,5 @@
-"""What is put in the place of a file's words, and the names by which they are meant: ``NAME`` and ``TABLE.NAME`` of a quantity are one.
+"""What is put in the place of a file's words, and the names by which they are meant: ``NAME`` and ``TABLE.NAME`` of a
+quantity are one.
 
 In:  a document of a pipeline, overrides such as ``{"NAME": 4, "sweep.TABLE.NAME": [2, 3]}``.
 Out: the document changed; overrides and axes by one name each: ``TABLE.NAME`` for a value, the bare name for an axis.
@@ -14,13 +15,28 @@ from etendue.contract.tables import table_in, tables
 from etendue.errors import Fault, RequestError, nearest
 
 TOP = (
-    "name", "seed", "tolerance", "norm", "leave_out", "precision", "wanted", "keep", "stages", "sweep", "variant", "description",
-    "requires", "most_cells", "about",
-)  # fmt: skip
+    "name",
+    "seed",
+    "tolerance",
+    "norm",
+    "leave_out",
+    "precision",
+    "wanted",
+    "keep",
+    "stages",
+    "sweep",
+    "variant",
+    "description",
+    "requires",
+    "most_cells",
+    "about",
+)
 
 
 def axis_name(key: str, document: Mapping[str, Any]) -> str:
-    """The name of an axis: a quantity's own, also where it is written ``TABLE.NAME``; a stage may be called as a table is."""
+    """The name of an axis: a quantity's own, also where it is written ``TABLE.NAME``; a stage may be called as a
+    table is.
+    """
     head, dot, name = key.partition(".")
     if not dot or head not in tables() or (head in _stages(document) and name not in _quantities(document)):
         return key
@@ -28,7 +44,9 @@ def axis_name(key: str, document: Mapping[str, Any]) -> str:
 
 
 def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
-    """The same overrides by the names under which an archive records them; of two that mean one thing the last counts."""
+    """The same overrides by the names under which an archive records them; of two that mean one thing the last
+    counts.
+    """
     found: dict[str, Any] = {}
     for key, value in overrides.items():
         if key.startswith("sweep."):
@@ -61,7 +79,9 @@ def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
         if name in found:
             faults.append(
                 Fault(
-                    f"sweep.{key}", f"{name} and {table_in(document).place(name)} are one axis, and both are given; leave one of them out"
+                    f"sweep.{key}",
+                    f"{name} and {table_in(document).place(name)} are one axis, and both are given; leave one of them "
+                    f"out",
                 )
             )
         found[name] = values
@@ -103,7 +123,11 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
         else:
             valid = [*named, *tables(), "sweep"] if tail else [*TOP, *_quantities(document)]
             called = next((name for name, (_, s) in named.items() if s.get("use") == head), "")
-            hint = f"; the stage {head} is called {called!r} here: {called}.{tail}" if called and tail else nearest(head, valid)
+            hint = (
+                f"; the stage {head} is called {called!r} here: {called}.{tail}"
+                if called and tail
+                else nearest(head, valid)
+            )
             faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{hint}"))
     if faults:
         raise RequestError(faults, file)

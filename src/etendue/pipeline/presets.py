@@ -1,4 +1,5 @@
-"""Presets: values of many shared quantities under one name, brought by distributions, each with the source it comes from.
+"""Presets: values of many shared quantities under one name, brought by distributions, each with the source it comes
+from.
 
 In:  a table and the name that its preset word has.
 Out: a ``Preset``: values as they would stand in the table; what the pipeline itself says goes before them.
@@ -82,7 +83,10 @@ def preset(name: str, table: Table | None = None) -> Preset:
         if not isinstance(document, Mapping):
             document = tomllib.loads(Path(document).read_text(encoding="utf-8"), parse_float=Decimal)
         read = {
-            part: {key: Sourced(entry["value"], entry["source"], entry.get("note", "")) for key, entry in document.get(part, {}).items()}
+            part: {
+                key: Sourced(entry["value"], entry["source"], entry.get("note", ""))
+                for key, entry in document.get(part, {}).items()
+            }
             for part in (table.name, "facts")
         }
         words = (document["title"], document["kind"], document["description"])

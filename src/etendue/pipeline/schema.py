@@ -1,7 +1,9 @@
-"""The form of a pipeline file as a JSON Schema, so that editors complete and check it: stages and quantities of plugins included.
+"""The form of a pipeline file as a JSON Schema, so that editors complete and check it: stages and quantities of plugins
+included.
 
 In:  the registry, shared quantities.
-Out: a schema of draft 7. What hangs on values of other keys (names of stages in a sweep, units, files) it cannot know: that is the plan's.
+Out: a schema of draft 7. What hangs on values of other keys (names of stages in a sweep, units, files) it cannot know:
+     that is the plan's.
 """
 
 from __future__ import annotations
@@ -26,12 +28,14 @@ NAMES = {"type": "array", "items": {"type": "string", "pattern": PLAIN}}
 SPACED = {
     "type": "object",
     "properties": {
-        "from": {"type": ["number", "string"]}, "to": {"type": ["number", "string"]}, "steps": {"type": "integer", "minimum": 1},
+        "from": {"type": ["number", "string"]},
+        "to": {"type": ["number", "string"]},
+        "steps": {"type": "integer", "minimum": 1},
         "spacing": {"enum": ["linear", "log"]},
     },
     "additionalProperties": False,
     "required": ["from", "to", "steps"],
-}  # fmt: skip
+}
 OF_A_STAGE = {"anyOf": [{"type": "array"}, SPACED]}  # axes in a table of their stage
 
 
@@ -40,19 +44,31 @@ def schema(registry: Registry) -> dict[str, Any]:
     kinds = {name: kind for name in registry.names() if (kind := _loaded(registry, name)) is not None}
     every = [(name, *found) for kind in kinds.values() for name, found in parameters_of(kind).items()]
     types = {name: of for name, parameter, of, _ in every if parameter.shared}
-    given = {name: _value(quantities.declared(name), quantities.declared(name).default, types.get(name)) for name in quantities.names()}
+    given = {
+        name: _value(quantities.declared(name), quantities.declared(name).default, types.get(name))
+        for name in quantities.names()
+    }
     own = {name: _value(parameter, default, of) for name, parameter, of, default in every if parameter.shared}
     return {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "a pipeline of etendue",
         "type": "object",
         "properties": {
-            "name": {"type": "string", "minLength": 1, "maxLength": LONGEST, "pattern": r"^[^/\\.\-\x00-\x1f\x7f][^/\\\x00-\x1f\x7f]*$"},
+            "name": {
+                "type": "string",
+                "minLength": 1,
+                "maxLength": LONGEST,
+                "pattern": r"^[^/\\.\-\x00-\x1f\x7f][^/\\\x00-\x1f\x7f]*$",
+            },
             "description": {"type": "string"},
             "seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of random numbers"},
             "tolerance": {
-                "type": "number", "minimum": 0, "exclusiveMaximum": 1, "default": 1e-4,
-                "description": "what each approximation or omission may add to its stage's output, relative to full scale",
+                "type": "number",
+                "minimum": 0,
+                "exclusiveMaximum": 1,
+                "default": 1e-4,
+                "description": "what each approximation or omission may add to its stage's output, relative to full "
+                "scale",
             },
             "norm": {"enum": ["rms", "max"], "default": "rms"},
             "leave_out": {"type": "boolean", "default": True},
@@ -60,7 +76,8 @@ def schema(registry: Registry) -> dict[str, Any]:
             "wanted": {"anyOf": [NAMES, {"type": "string"}], "description": "variables that are computed for"},
             "keep": {
                 "anyOf": [NAMES, {"type": "string"}],
-                "description": "variables that are stored; all: everything computed; looks: pictures and figures, not the bands of light",
+                "description": "variables that are stored; all: everything computed; looks: pictures and figures, not "
+                "the bands of light",
             },
             "requires": {"anyOf": [NAMES, {"type": "string"}], "description": "distributions whose stages are used"},
             "most_cells": {"type": "integer", "minimum": 1},
@@ -73,13 +90,15 @@ def schema(registry: Registry) -> dict[str, Any]:
                     **{table.preset: _presets(table, {**own, **given}) for table in tables().values() if table.preset},
                     **{name: _axis(name, types.get(name)) for name in quantities.names()},
                 },
-                "additionalProperties": {"anyOf": [_list({}), SPACED, {"type": "object", "additionalProperties": OF_A_STAGE}]},
+                "additionalProperties": {
+                    "anyOf": [_list({}), SPACED, {"type": "object", "additionalProperties": OF_A_STAGE}]
+                },
             },
             "stages": {"type": "array", "minItems": 1, "items": _stages(registry.names(), kinds)},
         },
         "additionalProperties": False,
         "required": ["stages"],
-    }  # fmt: skip
+    }
 
 
 def _stages(names: Sequence[str], kinds: Mapping[str, Any]) -> dict[str, Any]:
@@ -88,7 +107,9 @@ def _stages(names: Sequence[str], kinds: Mapping[str, Any]) -> dict[str, Any]:
         "type": "object",
         "properties": {"use": {"enum": list(names), "description": "the stage"}},
         "required": ["use"],
-        "allOf": [{"if": {"properties": {"use": {"const": name}}}, "then": _stage(name, kind)} for name, kind in kinds.items()],
+        "allOf": [
+            {"if": {"properties": {"use": {"const": name}}}, "then": _stage(name, kind)} for name, kind in kinds.items()
+        ],
     }
 
 
@@ -105,10 +126,12 @@ def _stage(name: str, kind: Any) -> dict[str, Any]:
         "use": {"const": name, "description": cleandoc(kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")},
         "name": {"type": "string", "pattern": r"^\w+$", "description": "what it is called here; default: what it is"},
         "from": {
-            "type": "object", "description": "stages it reads from, by port", "additionalProperties": False,
+            "type": "object",
+            "description": "stages it reads from, by port",
+            "additionalProperties": False,
             "properties": {port: {"type": "string"} for port in reads_of(kind)},
         },
-    }  # fmt: skip
+    }
     properties |= {key: _value(parameter, default, of) for key, (parameter, of, default) in own.items()}
     needed = [key for key, (_, _, default) in own.items() if default is MISSING]
     return {"properties": properties, "additionalProperties": False, **({"required": needed} if needed else {})}
@@ -121,22 +144,34 @@ def _value(parameter: Parameter, default: Any, kind: Any = None) -> dict[str, An
     said = "; ".join(word for word in words if word)
     if said:
         found["description"] = said
-    if default is not MISSING and isinstance(default, bool | int | float | str) and default not in (float("inf"), float("-inf")):
+    if (
+        default is not MISSING
+        and isinstance(default, bool | int | float | str)
+        and default not in (float("inf"), float("-inf"))
+    ):
         found["default"] = default
     return found
 
 
 def _form(parameter: Parameter, default: Any, kind: Any) -> dict[str, Any]:
     if get_origin(kind) is tuple or (kind is None and isinstance(default, tuple)):
-        item = _form(Parameter(**{**_limits(parameter), "choices": parameter.choices}), MISSING, get_args(kind)[0] if kind else None)
-        whole = _list(item) | ({"minItems": parameter.length, "maxItems": parameter.length} if parameter.length is not None else {})
+        item = _form(
+            Parameter(**{**_limits(parameter), "choices": parameter.choices}),
+            MISSING,
+            get_args(kind)[0] if kind else None,
+        )
+        whole = _list(item) | (
+            {"minItems": parameter.length, "maxItems": parameter.length} if parameter.length is not None else {}
+        )
         return {"anyOf": [whole, item]} if parameter.one_for_all else whole
     if parameter.choices:
         return {"enum": list(parameter.choices)}
     if kind is bool or (kind is None and isinstance(default, bool)):
         return {"type": "boolean"}
     if kind is str:
-        return {"type": "string", "pattern": PLAIN} if parameter.file else {"type": ["string", "number"], "pattern": PLAIN}
+        return (
+            {"type": "string", "pattern": PLAIN} if parameter.file else {"type": ["string", "number"], "pattern": PLAIN}
+        )
     if kind in (int, float):
         number = {"type": "integer" if kind is int else "number", **_bounds(parameter)}
         return {"anyOf": [number, {"type": "string", "pattern": TEXT_OF_A_NUMBER}]}
@@ -165,20 +200,37 @@ def _axis(name: str, kind: Any) -> dict[str, Any]:
 def _shared(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
     """A table of shared quantities, with the word that names many of them at once."""
     named = {"enum": list(preset_names(table)), "description": f"values of a known {table.preset}"}
-    return {"type": "object", "properties": {**({table.preset: named} if table.preset else {}), **given}, "additionalProperties": False}
+    return {
+        "type": "object",
+        "properties": {**({table.preset: named} if table.preset else {}), **given},
+        "additionalProperties": False,
+    }
 
 
 def _presets(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
     """The axis of presets: names, or tables of quantities."""
     name = {"enum": list(preset_names(table))}
     own = {
-        "type": "object", "properties": {table.preset: name, "label": {"type": "string", "pattern": PLAIN}, **given},
-        "additionalProperties": False, "anyOf": [{"required": [table.preset]}, {"required": ["label"]}],
-    }  # fmt: skip
-    return _list({"anyOf": [name, own]}) | {"minItems": 1, "description": f"{table.preset}s, each many shared quantities at once"}
+        "type": "object",
+        "properties": {table.preset: name, "label": {"type": "string", "pattern": PLAIN}, **given},
+        "additionalProperties": False,
+        "anyOf": [{"required": [table.preset]}, {"required": ["label"]}],
+    }
+    return _list({"anyOf": [name, own]}) | {
+        "minItems": 1,
+        "description": f"{table.preset}s, each many shared quantities at once",
+    }
 
 
 def _about() -> dict[str, Any]:
-    author = {"type": "object", "properties": {key: {"type": "string"} for key in OF_AN_AUTHOR}, "additionalProperties": False}
+    author = {
+        "type": "object",
+        "properties": {key: {"type": "string"} for key in OF_AN_AUTHOR},
+        "additionalProperties": False,
+    }
     texts = {key: {"type": "string"} for key in KEYS if key != "author"}
-    return {"type": "object", "properties": {**texts, "author": {"anyOf": [author, _list(author)]}}, "additionalProperties": False}
+    return {
+        "type": "object",
+        "properties": {**texts, "author": {"anyOf": [author, _list(author)]}},
+        "additionalProperties": False,
+    }

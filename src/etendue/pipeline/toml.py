@@ -17,7 +17,10 @@ _ESCAPES = {"\\": "\\\\", '"': '\\"', "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f
 
 
 def _text(value: str) -> str:
-    written = [_ESCAPES.get(c) or (c if c.isprintable() else f"\\U{ord(c):08X}" if ord(c) > 0xFFFF else f"\\u{ord(c):04X}") for c in value]
+    written = [
+        _ESCAPES.get(c) or (c if c.isprintable() else f"\\U{ord(c):08X}" if ord(c) > 0xFFFF else f"\\u{ord(c):04X}")
+        for c in value
+    ]
     return f'"{"".join(written)}"'
 
 
@@ -39,7 +42,11 @@ def value(found: Any) -> str:
     if isinstance(found, str):
         return _text(found)
     if isinstance(found, Mapping):
-        return "{ " + ", ".join(f"{key(str(name))} = {value(one)}" for name, one in found.items()) + " }" if found else "{}"
+        return (
+            "{ " + ", ".join(f"{key(str(name))} = {value(one)}" for name, one in found.items()) + " }"
+            if found
+            else "{}"
+        )
     if isinstance(found, list | tuple):
         return f"[{', '.join(map(value, found))}]"
     if hasattr(found, "item") and not isinstance(found, Decimal):
@@ -56,7 +63,11 @@ def value(found: Any) -> str:
 def dumps(document: Mapping[str, Any]) -> str:
     """The whole text of a document whose tables hold plain values."""
     tables = {name: found for name, found in document.items() if isinstance(found, Mapping)}
-    lists = {name: found for name, found in document.items() if isinstance(found, list) and found and isinstance(found[0], Mapping)}
+    lists = {
+        name: found
+        for name, found in document.items()
+        if isinstance(found, list) and found and isinstance(found[0], Mapping)
+    }
     parts = [_lines({name: found for name, found in document.items() if name not in tables and name not in lists})]
     parts += [f"[{key(name)}]\n{_lines(found)}" for name, found in tables.items()]
     parts += [f"[[{key(name)}]]\n{_lines(one)}" for name, found in lists.items() for one in found]

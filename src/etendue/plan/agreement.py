@@ -21,7 +21,9 @@ def _taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
     """Where a stage assumes of something shared what no stage before it on its way did."""
     assumed: dict[CellRef, dict[str, tuple[str, Any]]] = {}
     notes: dict[str, None] = {}
-    alike: dict[tuple[Any, ...], dict[str, tuple[str, Any]]] = {}  # of cells of one stage that read cells alike: they say the same
+    alike: dict[
+        tuple[Any, ...], dict[str, tuple[str, Any]]
+    ] = {}  # of cells of one stage that read cells alike: they say the same
     for ref, cell in cells.items():
         place = (cell.node, id(cell.stage), *[id(assumed[source]) for _, source, _ in cell.inputs])
         known = alike.get(place)
@@ -60,6 +62,8 @@ def _met_twice(nodes: Iterable[Node]) -> list[str]:
         once = dict.fromkeys(what for one in node.alternatives for what in one.kind.once)
         for what in once:
             if what in met:
-                notes.append(f"{node.name}: {what} counts twice: {met[what]!r}, before it, has it already; leave one of them out")
+                notes.append(
+                    f"{node.name}: {what} counts twice: {met[what]!r}, before it, has it already; leave one of them out"
+                )
         before[node.name] = met | dict.fromkeys(once, node.name)
     return notes

@@ -66,7 +66,9 @@ def meaning(parameter: Parameter) -> str:
     return f"{parameter.doc}{expected(parameter)}".removeprefix(", ").strip() or "it has no default"
 
 
-def _alternative(request: Request, stage: str, use: str, label: str, written: Mapping[str, Any], place: str) -> Alternative | None:
+def _alternative(
+    request: Request, stage: str, use: str, label: str, written: Mapping[str, Any], place: str
+) -> Alternative | None:
     kind = _load(request, use, place)
     if kind is None:
         return None
@@ -77,14 +79,18 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
         if name not in declared:
             hint = nearest(name, own)
             if name in quantities.names():
-                hint = f"; {name} is a {request.pipeline.table.name} quantity: set it under [{request.pipeline.table.name}]"
+                hint = (
+                    f"; {name} is a {request.pipeline.table.name} quantity: set it under "
+                    f"[{request.pipeline.table.name}]"
+                )
             else:
                 hint = hint or ("; see: etendue stages " + use if own else "; it has none of its own")
             request.fault(f"{place}.{name}", f"{use} has no parameter {name!r}{hint}")
         elif declared[name][0].shared:
             request.fault(
                 f"{place}.{name}",
-                f"{name} is shared by several stages: set {request.pipeline.table.place(name)} under [{request.pipeline.table.name}]",
+                f"{name} is shared by several stages: set {request.pipeline.table.place(name)} under "
+                f"[{request.pipeline.table.name}]",
             )
         else:
             try:
@@ -105,7 +111,9 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
     try:
         code = code_digest(kind)
     except OSError as error:
-        request.fault(place, f"{use} of {installed.origin}: its code cannot be read: {error.strerror or type(error).__name__}")
+        request.fault(
+            place, f"{use} of {installed.origin}: its code cannot be read: {error.strerror or type(error).__name__}"
+        )
         return None
     return Alternative(use, label, kind, values, installed.distribution, installed.version, code, frozenset(written))
 
@@ -140,7 +148,11 @@ def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
     """
     writes = [{str(d) for d in writes_of(kind).values() if not d.optional} for _, kind in both]
     (one, first), (another, second) = both
-    if lacking := [(a, b, own) for a, b, own in ((one, another, writes[0] - writes[1]), (another, one, writes[1] - writes[0])) if own]:
+    if lacking := [
+        (a, b, own)
+        for a, b, own in ((one, another, writes[0] - writes[1]), (another, one, writes[1] - writes[0]))
+        if own
+    ]:
         return [f"{a} writes {_some(own)}, which {b} does not; alternatives write the same" for a, b, own in lacking]
     if is_transfer(first) != is_transfer(second):
         return [f"of {one} and {another} only one is a transfer function; sweep them in two files"]

@@ -26,7 +26,9 @@ def ancestry(plan: Plan, refs: Iterable[CellRef]) -> set[CellRef]:
 
 
 def _needed_by(plan: Plan, nodes: dict[str, Node], ref: CellRef) -> list[CellRef]:
-    """What a cell reads, waits for and looks at; of transfer functions it looks at the stages, and needs what these wait for."""
+    """What a cell reads, waits for and looks at; of transfer functions it looks at the stages, and needs what these
+    wait for.
+    """
     cell = plan.cells[ref]
     refs = [source for _, source, _ in cell.inputs] + [word.ref for word in cell.open_words]
     what_of = {port: what for port, what, _ in nodes[ref[0]].looks_at}
@@ -50,7 +52,9 @@ def behind(plan: Plan, names: Iterable[str]) -> set[str]:
 
 
 def in_front(plan: Plan, names: Iterable[str]) -> set[str]:
-    """The names of some nodes and of all nodes whose decisions can change what they write: those they read and those they look at."""
+    """The names of some nodes and of all nodes whose decisions can change what they write: those they read and those
+    they look at.
+    """
     found = set(names)
     for node in reversed(plan.nodes):
         if node.name in found:

@@ -1,7 +1,8 @@
 """Approximating: of every knob of fidelity that the file leaves open, the cheapest setting within the local tolerance.
 
-A knob lists its settings from the cheapest to the reference (``Parameter.settings``); the stage says how wrong it is with each
-(``error``). What the file writes is the model and stays; a knob that only studies vary is no plan's to choose.
+A knob lists its settings from the cheapest to the reference (``Parameter.settings``); the stage says how wrong it is
+with each (``error``). What the file writes is the model and stays; a knob that only studies vary is no plan's to
+choose.
 """
 
 from __future__ import annotations
@@ -50,26 +51,40 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
     )
 
 
-def choose(stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked) -> tuple[Stage, tuple[Approximated, ...]]:
-    """A stage with its open knobs set, one after the other, and what was chosen where that adds something to the reference.
+def choose(
+    stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked
+) -> tuple[Stage, tuple[Approximated, ...]]:
+    """A stage with its open knobs set, one after the other, and what was chosen where that adds something to the
+    reference.
 
-    Of each knob the first setting from the cheap end with which the stage's whole error is within the tolerance. Where the stage stays
-    above it so, all knobs begin at their finest; where even that is above the tolerance, coarser settings add a tenth of the tolerance at
-    most, so that what is asked for is held as far as knobs can. But a stage of which finer settings may not be had (``dear``) is not made
-    dearer for what its other knobs cannot mend: it stays as it is, and so does one that does not know its error. A setting that the stage
-    refuses is passed over for a finer one.
+    Of each knob the first setting from the cheap end with which the stage's whole error is within the tolerance. Where
+    the stage stays above it so, all knobs begin at their finest; where even that is above the tolerance, coarser
+    settings add a tenth of the tolerance at most, so that what is asked for is held as far as knobs can. But a stage of
+    which finer settings may not be had (``dear``) is not made dearer for what its other knobs cannot mend: it stays as
+    it is, and so does one that does not know its error. A setting that the stage refuses is passed over for a finer
+    one.
     """
     found, chosen = _walked(stage, knobs, tolerance, asked)
     error = asked(found)[0] if knobs else None
-    if error is None or error <= tolerance or any(parameter.dear for parameter, _, _ in parameters_of(type(stage)).values()):
+    if (
+        error is None
+        or error <= tolerance
+        or any(parameter.dear for parameter, _, _ in parameters_of(type(stage)).values())
+    ):
         return found, chosen
     best = _finest(stage, knobs)
     floor = None if best is None else asked(best)[0]
-    return (found, chosen) if best is None or floor is None else _walked(best, knobs, max(tolerance, floor + 0.1 * tolerance), asked)
+    return (
+        (found, chosen)
+        if best is None or floor is None
+        else _walked(best, knobs, max(tolerance, floor + 0.1 * tolerance), asked)
+    )
 
 
 def _walked(stage: Stage, knobs: tuple[str, ...], most: float, asked: Asked) -> tuple[Stage, tuple[Approximated, ...]]:
-    """A stage with each knob at the first setting with which its error is at most so much; as it was where no setting is."""
+    """A stage with each knob at the first setting with which its error is at most so much; as it was where no
+    setting is.
+    """
     chosen: list[Approximated] = []
     for name in knobs:
         parameter, _, default = parameters_of(type(stage))[name]

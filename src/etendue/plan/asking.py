@@ -1,7 +1,9 @@
-"""What a plan asks of a stage, and what may come back: a plugin's method that breaks off or answers nonsense is a fault of the file.
+"""What a plan asks of a stage, and what may come back: a plugin's method that breaks off or answers nonsense is a fault
+of the file.
 
 In:  a stage and what its method is given.
-Out: the answer in the form that the contract states; ``PluginError`` that names stage and method. A ``ValueError`` is how a stage
+Out: the answer in the form that the contract states; ``PluginError`` that names stage and method. A ``ValueError`` is
+     how a stage
 refuses, and stays one.
 """
 
@@ -56,7 +58,9 @@ def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
     try:
         hash(stage)
     except Exception as error:
-        raise PluginError(f"{kind.__name__} is no value: {error}; write @dataclass(frozen=True, kw_only=True)") from None
+        raise PluginError(
+            f"{kind.__name__} is no value: {error}; write @dataclass(frozen=True, kw_only=True)"
+        ) from None
     return stage
 
 
@@ -70,7 +74,8 @@ def unchecked(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
 
 def _needed_before(stage: Stage, method: str, name: str) -> PluginError:
     return PluginError(
-        f"{_name(stage, method)} depends on {name}, which an earlier stage finds while the run goes on: what a grid depends on is known "
+        f"{_name(stage, method)} depends on {name}, which an earlier stage finds while the run goes on: what a grid "
+        f"depends on is known "
         f"before; give {name} as a value, behind no stage that writes it"
     )
 
@@ -81,7 +86,9 @@ def _grids(stage: Stage, method: str, found: Any) -> Mapping[str, Grid]:
         raise _nonsense(stage, method, found, form)
     unknown = sorted({str(name) for name in found} - {d.variable for d in writes_of(type(stage)).values()})
     if unknown:
-        raise PluginError(f"{_name(stage, method)} speaks of {', '.join(unknown)}, which {type(stage).__name__} does not write")
+        raise PluginError(
+            f"{_name(stage, method)} speaks of {', '.join(unknown)}, which {type(stage).__name__} does not write"
+        )
     return found
 
 
@@ -193,6 +200,8 @@ def common_draws(stage: Stage) -> bool:
 def lacking(kind: type[Stage], dim: str, variable: str) -> str:
     """What to say where nobody knows the coordinate of a dim that a stage writes."""
     return (
-        f"{kind.__name__} writes {variable} with the dim {dim!r}, which nothing it reads has, and does not say what it is: give the class "
-        f"creates = {{{dim!r}: RGB}} (or Labels, a Line, Bands), or a method grid(self, inputs) if it depends on what is read"
+        f"{kind.__name__} writes {variable} with the dim {dim!r}, which nothing it reads has, and does not say what it "
+        f"is: give the class "
+        f"creates = {{{dim!r}: RGB}} (or Labels, a Line, Bands), or a method grid(self, inputs) if it depends on what "
+        f"is read"
     )

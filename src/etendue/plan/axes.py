@@ -47,7 +47,9 @@ def resolve_axes(
                     for user in users_of(name, entries):
                         direct.setdefault(user, []).append((shared.presets.dim, name))
             continue
-        target = _parameter_of(request, key, entries, shared) if "." in key else _quantity_of(request, key, entries, shared)
+        target = (
+            _parameter_of(request, key, entries, shared) if "." in key else _quantity_of(request, key, entries, shared)
+        )
         if target is None:
             continue
         place = f"sweep.{key}"
@@ -101,7 +103,9 @@ def _quantity_of(request: Request, key: str, entries: Entries, shared: Quantitie
             request.fault(place, f"there is nothing named {key!r} to sweep{nearest(key, known)}")
         return None
     one = shared.declared[key]
-    dim = f"{request.pipeline.table.name}_{key}" if key in shared.written else key  # the name of a variable is that variable's
+    dim = (
+        f"{request.pipeline.table.name}_{key}" if key in shared.written else key
+    )  # the name of a variable is that variable's
     return _Target(one.parameter, one.kind, dim, key, users_of(key, entries))
 
 

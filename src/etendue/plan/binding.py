@@ -10,7 +10,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from etendue.contract.capabilities import Datasheet, Probe, Tinting, ends_in_sum, is_seen_as_transfer, is_transfer
-from etendue.contract.stage import looks, looks_at_stages, optional_ports, parameters_of, quantities_of, reads_of, writes_of
+from etendue.contract.stage import (
+    looks,
+    looks_at_stages,
+    optional_ports,
+    parameters_of,
+    quantities_of,
+    reads_of,
+    writes_of,
+)
 from etendue.contract.units import same_unit
 from etendue.contract.variables import Declaration
 from etendue.errors import nearest
@@ -40,7 +48,9 @@ def link(
         mapped = _mapped(request, entry, made, inputs, nodes)
         looks_at = _looks(request, made, inputs, nodes)
         use_axis = swapped[entry.name].dim if entry.name in swapped else None
-        own_direct = tuple((dim, name) for dim, name in direct.get(entry.name, []) if _taken_as_shared(name, made, inputs))
+        own_direct = tuple(
+            (dim, name) for dim, name in direct.get(entry.name, []) if _taken_as_shared(name, made, inputs)
+        )
         own = {dim for dim, _ in own_direct} | ({use_axis} if use_axis else set())
         reach = own | _reach(inputs, looks_at, nodes)
         node = Node(
@@ -79,7 +89,11 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
         if node is None:
             continue
         written = node.writes[variable]
-        if declaration.mapped(written.dims) is None or not same_unit(declaration.unit, written.unit) or declaration.dtype != written.dtype:
+        if (
+            declaration.mapped(written.dims) is None
+            or not same_unit(declaration.unit, written.unit)
+            or declaration.dtype != written.dtype
+        ):
             request.fault(
                 entry.place,
                 f"{one.use} reads {variable} as '{declaration}', but {node.name!r} writes '{written}'; "
@@ -87,7 +101,9 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
             )
         bound.append((port, node.name, variable))
     for name, parameter in quantities.items():
-        writer = _named_writer(request, entry, name, name, earlier) if name in entry.origin else _found_by(name, earlier)
+        writer = (
+            _named_writer(request, entry, name, name, earlier) if name in entry.origin else _found_by(name, earlier)
+        )
         if writer is None:
             continue
         if not same_unit(writer.writes[name].unit, parameter.units) or writer.writes[name].dtype != "float":
@@ -126,18 +142,26 @@ def _mapped(
         leading = sorted({dims for dims in found if dims}, key=len)
         dims = leading[-1] if leading else ()
         own = {dim: None for port, source, v in bound if port not in reads for dim in by_name[source].writes[v].dims}
-        dims = (*(dim for dim in own if dim not in dims), *dims)  # a quantity with a value for each frame, of planes: frames of planes
+        dims = (
+            *(dim for dim in own if dim not in dims),
+            *dims,
+        )  # a quantity with a value for each frame, of planes: frames of planes
         if any([dim for dim in dims if dim in few] != list(few) for few in leading):
             shown = " and ".join(" ".join(dims) for dims in leading)
             request.fault(entry.place, f"{one.use} reads {shown}: the same dims must lead")
         worked_on = {dim for d in reads.values() for dim in d.dims}
         for d in writes_of(one.kind).values():
             for dim in set(d.dims) & set(dims) - worked_on:
-                text = f"{one.use} is run for each {dim} of what it reads, but writes {d.variable} with a {dim} of its own"
+                text = (
+                    f"{one.use} is run for each {dim} of what it reads, but writes {d.variable} with a {dim} of its own"
+                )
                 request.fault(entry.place, text)
         every.append(dims)
     if len(set(every)) > 1:
-        request.fault(entry.place, f"alternatives are run one by one over {' and '.join(' '.join(d) or 'nothing' for d in set(every))}")
+        request.fault(
+            entry.place,
+            f"alternatives are run one by one over {' and '.join(' '.join(d) or 'nothing' for d in set(every))}",
+        )
     return every[0]
 
 
@@ -153,7 +177,8 @@ def _named_writer(request: Request, entry: StageEntry, port: str, variable: str,
         elif names.index(source) >= names.index(entry.name):
             request.fault(
                 place,
-                f"{source!r} stands {'later' if source != entry.name else 'here'}; a stage reads what an earlier one writes, "
+                f"{source!r} stands {'later' if source != entry.name else 'here'}; a stage reads what an earlier one "
+                f"writes, "
                 "so there are no cycles",
             )
         return None
@@ -164,7 +189,9 @@ def _named_writer(request: Request, entry: StageEntry, port: str, variable: str,
     return node
 
 
-def _nearest_writer(request: Request, entry: StageEntry, one: Alternative, port: str, variable: str, earlier: list[Node]) -> Node | None:
+def _nearest_writer(
+    request: Request, entry: StageEntry, one: Alternative, port: str, variable: str, earlier: list[Node]
+) -> Node | None:
     """The last node before a stage that writes what it reads."""
     node = next((n for n in reversed(earlier) if variable in n.writes), None)
     if node is None and request.whole and port not in optional_ports(one.kind):
@@ -188,7 +215,11 @@ def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound,
             probe = issubclass(one.kind, Probe)
             before = _before({source for _, source, _ in bound}, earlier)
             if not probe and not looks_at_stages(what):
-                request.fault(port, f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at a variable of all stages")
+                request.fault(
+                    port,
+                    f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at a variable of all "
+                    f"stages",
+                )
             if what == "transfer":
                 looked = [n for n in earlier if any(is_seen_as_transfer(a.kind) for a in n.alternatives)]
                 chosen = [n.name for n in looked if probe or n.name in before]
@@ -212,10 +243,17 @@ def _reach(inputs: tuple[Bound, ...], looks_at: Looks, earlier: list[Node]) -> s
     for looked in (n for n in earlier for _, what, names in looks_at if what == "transfer" and n.name in names):
         # a transfer function depends on its stage, and its mean over bands on the scenes and the filters in front of it
         before = _ancestors(looked, earlier)
-        for node in [looked, *(n for n in before if n.is_source or any(issubclass(a.kind, Tinting) for a in n.alternatives))]:
+        for node in [
+            looked,
+            *(n for n in before if n.is_source or any(issubclass(a.kind, Tinting) for a in n.alternatives)),
+        ]:
             reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
         # and on whether one of its alternatives moves light, which no product of transfer functions holds
-        reach |= {n.use_axis for n in before if n.use_axis and len({a.kind.pointwise or is_transfer(a.kind) for a in n.alternatives}) > 1}
+        reach |= {
+            n.use_axis
+            for n in before
+            if n.use_axis and len({a.kind.pointwise or is_transfer(a.kind) for a in n.alternatives}) > 1
+        }
     return reach
 
 

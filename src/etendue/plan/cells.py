@@ -44,7 +44,9 @@ class Choice:
     precision: str  # auto, float32 or float64
     norm: str = "rms"
     expected: bool = False  # means in the place of draws and rounding
-    versions: Mapping[str, str] = field(default_factory=dict)  # of libraries, in keys, in the place of those that are installed
+    versions: Mapping[str, str] = field(
+        default_factory=dict
+    )  # of libraries, in keys, in the place of those that are installed
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
 
 
@@ -82,7 +84,9 @@ class _Expansion:
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
         self.readings: dict[tuple[str, int], Reading] = {}
         self.forms: dict[tuple[Any, ...], Form] = {}
-        self.decisions: dict[tuple[Any, ...], Decisions] = {}  # of cells of one stage and form that read what nothing is known of
+        self.decisions: dict[
+            tuple[Any, ...], Decisions
+        ] = {}  # of cells of one stage and form that read what nothing is known of
         self.grids: dict[Grid, Grid] = {}
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
         self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what they were chosen from
@@ -121,7 +125,9 @@ class _Expansion:
         return stage
 
     def found(self, one: Alternative, inputs: Any) -> tuple[Found, ...]:
-        """What stands for the quantities that earlier cells write: between the ends which those know of what they write first."""
+        """What stands for the quantities that earlier cells write: between the ends which those know of what they
+        write first.
+        """
         quantities = quantities_of(one.kind)
         stand = []
         for name, ref, variable in inputs:
@@ -153,14 +159,22 @@ class _Expansion:
             largest = max(self.graph.nodes, key=lambda node: counts[node.name])
             product = " x ".join(f"{self.axes[dim].key} {len(self.axes[dim].values)}" for dim in largest.axes)
             text = beyond(total, "cells", self.pipeline.most_cells, f"{largest.name} alone has {product}")
-            hint = f"; shorten an axis, ask for less with 'wanted', or set most_cells = {total}" if total < 1e9 else "; shorten an axis"
+            hint = (
+                f"; shorten an axis, ask for less with 'wanted', or set most_cells = {total}"
+                if total < 1e9
+                else "; shorten an axis"
+            )
             raise RequestError([Fault("sweep", text + hint)], self.pipeline.file)
         free = available_memory()
         if total > MOST_CELLS and free and BYTES_OF_A_CELL * total > free:
             longest = max(self.axes.values(), key=lambda axis: len(axis.values))
-            need = f"a plan of {number(total)} cells takes about {human_bytes(BYTES_OF_A_CELL * total)}, {human_bytes(free)} are free"
+            need = (
+                f"a plan of {number(total)} cells takes about {human_bytes(BYTES_OF_A_CELL * total)}, "
+                f"{human_bytes(free)} are free"
+            )
             raise MachineError(
-                f"{need}; shorten the axis {longest.key}, which has {len(longest.values)} values, or ask for less with 'wanted'"
+                f"{need}; shorten the axis {longest.key}, which has {len(longest.values)} values, or ask for less with "
+                f"'wanted'"
             )
         return total
 
@@ -212,14 +226,22 @@ class _Expansion:
         cells, by_dim = self.cells, dict(zip(node.axes, index, strict=True))
         number = by_dim[node.use_axis] if node.use_axis else 0
         one, reading = node.alternatives[number], self.reading(node, number)
-        inputs = tuple([(port, cells[source, at(index)].ref, variable) for port, source, variable, at in reading.inputs])
+        inputs = tuple(
+            [(port, cells[source, at(index)].ref, variable) for port, source, variable, at in reading.inputs]
+        )
         stage = self.stage_at(node, number, by_dim, self.found(one, inputs) if reading.quantities else ())
-        looks_at = tuple([(port, tuple([cells[name, at(index)].ref for name, at in seen])) for port, seen in reading.looks_at])
+        looks_at = tuple(
+            [(port, tuple([cells[name, at(index)].ref for name, at in seen])) for port, seen in reading.looks_at]
+        )
         input_facts = {p: self.cells[ref].facts for p, ref, _ in inputs if p in reading.ports}
         try:
             form = self.form(node, number, stage, inputs)
             input_grids, grids = form.input_grids, form.grids
-            like = (node.name, id(stage), id(form)) if reading.alike and all(f is UNKNOWN for f in input_facts.values()) else None
+            like = (
+                (node.name, id(stage), id(form))
+                if reading.alike and all(f is UNKNOWN for f in input_facts.values())
+                else None
+            )
             decisions = self.decisions.get(like) if like else None
             if decisions is None:
                 decisions = self.decide(node, number, stage, inputs, input_facts, form, by_dim)
@@ -235,13 +257,28 @@ class _Expansion:
             text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
             self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", text))
             return
-        versions, key = self.recipes.key(node, stage, one, inputs, looks_at, decided, form, seed, open_words, self.precision)
+        versions, key = self.recipes.key(
+            node, stage, one, inputs, looks_at, decided, form, seed, open_words, self.precision
+        )
         cell = Cell(
-            ref=(node.name, index), stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, versions=versions,
-            seed=seed, open_words=open_words, input_grids=input_grids, grids=grids, facts=facts,
-            left_out=decided, approximated=approximated, error=error_bound,
-            segment_input=self.segment_input(node, inputs), mapped=form.mapped,
-        )  # fmt: skip
+            ref=(node.name, index),
+            stage=stage,
+            use=one.use,
+            inputs=inputs,
+            looks_at=looks_at,
+            key=key,
+            versions=versions,
+            seed=seed,
+            open_words=open_words,
+            input_grids=input_grids,
+            grids=grids,
+            facts=facts,
+            left_out=decided,
+            approximated=approximated,
+            error=error_bound,
+            segment_input=self.segment_input(node, inputs),
+            mapped=form.mapped,
+        )
         self.cells[cell.ref] = cell
 
     @staticmethod
@@ -251,7 +288,9 @@ class _Expansion:
         return f"{one.use} of {one.distribution} {one.version}: {error}"
 
     def form(self, node: Node, number: int, stage: Stage, inputs: Any) -> Form:
-        """The grids of a cell, found once for all cells of the node that read the same ones (and of one stage, where it makes grids)."""
+        """The grids of a cell, found once for all cells of the node that read the same ones (and of one stage, where
+        it makes grids).
+        """
         ports, own = reads_of(node.alternatives[number].kind), node.is_source or type(stage).grid is not Stage.grid
         whole = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
         place = (node.name, number, stage if own else None, *map(id, whole.values()))
@@ -265,22 +304,36 @@ class _Expansion:
         else:
             declared, seen = asking.grids_of(stage, input_grids), self.seen(node)
         if mapped:
-            declared = {d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped)) for d in writes_of(type(stage)).values()}
+            declared = {
+                d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped))
+                for d in writes_of(type(stage)).values()
+            }
         writes = {**node.writes, **node.optional}
         grids = {v: output_grid(stage, d, declared.get(v), input_grids, seen) for v, d in writes.items()}
-        grids = {v: self.grids.setdefault(grid, grid) for v, grid in grids.items()}  # one of equal ones: told apart by identity
+        grids = {
+            v: self.grids.setdefault(grid, grid) for v, grid in grids.items()
+        }  # one of equal ones: told apart by identity
         found = self.forms[place] = Form(whole, input_grids, grids, mapped)
         return found
 
     def decide(
-        self, node: Node, number: int, stage: Stage, inputs: Any, facts_in: Mapping[str, Facts], form: Form, by_dim: Mapping[str, int]
+        self,
+        node: Node,
+        number: int,
+        stage: Stage,
+        inputs: Any,
+        facts_in: Mapping[str, Facts],
+        form: Form,
+        by_dim: Mapping[str, int],
     ) -> Decisions:
         """What a scene's facts decide of a cell, and what is known behind it."""
         grids_in = form.input_grids
         facts = self.describe(node, stage)[0] if node.is_source else asking.carried(stage, facts_in, grids_in)
         left_out = None
         if node.name not in self.choice.computed:
-            left_out = leave_out.decide(self.rule, stage, facts_in, form.whole_grids, form.grids, lambda: self.noises(by_dim))
+            left_out = leave_out.decide(
+                self.rule, stage, facts_in, form.whole_grids, form.grids, lambda: self.noises(by_dim)
+            )
         approximated: tuple[Approximated, ...] = ()
         if not left_out and self.knobs[node.name, number]:
             stage, approximated = self.approximate(node, number, stage, inputs, facts_in, grids_in)
@@ -292,12 +345,18 @@ class _Expansion:
         return Decisions(stage, left_out, approximated, error, facts)
 
     def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
-        """Every stage that adds noise, as it is at a combination; None where one of them is not known before the run."""
+        """Every stage that adds noise, as it is at a combination; None where one of them is not known before the
+        run.
+        """
         found: list[Noisy] = []
         for node in self.graph.nodes:
             if not all(issubclass(one.kind, Noisy) for one in node.alternatives):
                 continue
-            if node.found or (node.use_axis and node.use_axis not in by_dim) or any(dim not in by_dim for dim, _ in node.direct):
+            if (
+                node.found
+                or (node.use_axis and node.use_axis not in by_dim)
+                or any(dim not in by_dim for dim, _ in node.direct)
+            ):
                 return None
             stage = self.stage_at(node, by_dim[node.use_axis] if node.use_axis else 0, by_dim)
             assert isinstance(stage, Noisy)
@@ -328,7 +387,9 @@ class _Expansion:
         return known
 
     def behind(self, stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, Grid], own: Facts) -> Facts:
-        """What is known behind a transfer function beside what the stage says: less detail, and nearly the range there was."""
+        """What is known behind a transfer function beside what the stage says: less detail, and nearly the range
+        there was.
+        """
         if not isinstance(stage, Transfer) or isinstance(stage, Summed):
             return own
         (port,) = reads_of(type(stage))
@@ -340,13 +401,19 @@ class _Expansion:
         except ValueError:  # it refuses, and says why in its own place
             return own
         low, high = content.range_of_light()
-        return replace(own, content=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high)
+        return replace(
+            own, content=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high
+        )
 
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
         beside = node.kind.beside if issubclass(node.kind, Probe) else ()
         found = [(what, name) for port, what, own in node.looks_at for name in own if port not in beside]
-        names = {name for what, name in found if not looks_at_stages(what) or (what == "transfer" and self.nodes[name].is_transfer)}
+        names = {
+            name
+            for what, name in found
+            if not looks_at_stages(what) or (what == "transfer" and self.nodes[name].is_transfer)
+        }
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
 
     def segment_input(self, node: Node, inputs: Any) -> tuple[CellRef, str] | None:

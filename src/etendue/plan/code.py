@@ -1,11 +1,14 @@
-"""The code behind a stage, as a digest: all that its module imports, of whatever distribution, and the engine that runs it.
+"""The code behind a stage, as a digest: all that its module imports, of whatever distribution, and the engine that runs
+it.
 
 In:  the class of a stage.
-Out: 128-bit BLAKE2b digests, whole and by module, so that a change can be named. An edited kernel is seen, an edited report is not.
+Out: 128-bit BLAKE2b digests, whole and by module, so that a change can be named. An edited kernel is seen, an edited
+     report is not.
 
-Imports are followed from file to file, in functions and behind conditions too. What a library that knows nothing of etendue imports is
-not looked for: it counts whole, with what it requires, as does a distribution in which an import cannot be followed. The standard library
-stands in the platform, and so do numpy and scipy; other libraries of the engine count by their version.
+Imports are followed from file to file, in functions and behind conditions too. What a library that knows nothing of
+etendue imports is not looked for: it counts whole, with what it requires, as does a distribution in which an import
+cannot be followed. The standard library stands in the platform, and so do numpy and scipy; other libraries of the
+engine count by their version.
 """
 
 from __future__ import annotations
@@ -30,7 +33,9 @@ from etendue.plan.keys import digest
 from etendue.plugins import discovery
 
 OWN = "etendue"
-DOOR = "api"  # of a package of this distribution it only hands on: what is taken out of it is followed to where it stands
+DOOR = (
+    "api"  # of a package of this distribution it only hands on: what is taken out of it is followed to where it stands
+)
 IN_PLATFORM = {"numpy", "scipy"}
 
 
@@ -50,7 +55,9 @@ def code_digest(kind: type[Stage]) -> str:
 
 
 def libraries_of(kind: type[Stage]) -> frozenset[str]:
-    """The distributions whose version is part of the keys of a stage: those that it names, and those that its code imports."""
+    """The distributions whose version is part of the keys of a stage: those that it names, and those that its code
+    imports.
+    """
     return code_of(kind).libraries.union(kind.libraries)
 
 
@@ -68,7 +75,9 @@ def code_of(kind: type[Stage]) -> Code:
 
 
 def _said_of(kind: type[Stage]) -> Iterator[tuple[str, str]]:
-    """What manifests say of the dims and fixed patterns of a stage: by it, it is asked at other places, or given another's patterns."""
+    """What manifests say of the dims and fixed patterns of a stage: by it, it is asked at other places, or given
+    another's patterns.
+    """
     if bands := bands_of(kind):
         yield f"the dim {bands}", digest(f"{dim(bands).factor!r}".encode())
     for name, identity in patterns_of(kind).items():
@@ -84,7 +93,9 @@ def engine() -> dict[str, str]:
 @cache
 def code_at(module: str) -> str:
     """Digest of a module of the package and of all it reaches, the engine's modules too."""
-    return digest("\n".join(f"{name} {one}" for name, one in sorted({**engine(), **_reached([module]).sources}.items())).encode())
+    return digest(
+        "\n".join(f"{name} {one}" for name, one in sorted({**engine(), **_reached([module]).sources}.items())).encode()
+    )
 
 
 def _modules_in(values: Iterable[Any]) -> Iterator[str]:
@@ -93,7 +104,9 @@ def _modules_in(values: Iterable[Any]) -> Iterator[str]:
         value = value.func if isinstance(value, partial) else getattr(value, "__func__", value)
         if isinstance(value, FunctionType):
             yield value.__module__
-            yield from (inner.__module__ for cell in value.__closure__ or () if isinstance(inner := _inside(cell), FunctionType))
+            yield from (
+                inner.__module__ for cell in value.__closure__ or () if isinstance(inner := _inside(cell), FunctionType)
+            )
 
 
 def _inside(cell: Any) -> Any:
@@ -150,7 +163,9 @@ def _step(name: str) -> _Step:
         return _of_own(name, above)
     if name.endswith(".*"):
         place = place_of(package)
-        return _Step(behind=(*above, *(f"{package}.{one.name}" for one in iter_modules(place.folders if place else ()))))
+        return _Step(
+            behind=(*above, *(f"{package}.{one.name}" for one in iter_modules(place.folders if place else ())))
+        )
     return _of_others(name, above)
 
 
@@ -218,10 +233,14 @@ def _own_file(module: str) -> Path | None:
 
 @cache
 def _models() -> dict[str, str]:
-    """The modules of the stages of this distribution by the names of their classes, as ``models`` of a package gives them."""
+    """The modules of the stages of this distribution by the names of their classes, as ``models`` of a package gives
+    them.
+    """
     found = discovery.installed()
     brought = (found.first("stages", name) for name in found.names("stages"))
-    places = (one.value for one in brought if one is not None and one.distribution == OWN and isinstance(one.value, str))
+    places = (
+        one.value for one in brought if one is not None and one.distribution == OWN and isinstance(one.value, str)
+    )
     return {kind: module for module, _, kind in (place.partition(":") for place in places)}
 
 
@@ -256,13 +275,19 @@ def _under(folder: Path) -> tuple[Path, ...]:
     found = []
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
-        if path.is_file() and path.suffix not in CODE[1:] and not any(part.startswith(".") or part == "__pycache__" for part in parts):
+        if (
+            path.is_file()
+            and path.suffix not in CODE[1:]
+            and not any(part.startswith(".") or part == "__pycache__" for part in parts)
+        ):
             found.append(path)
     return tuple(found)
 
 
 def _around(top: Path) -> Iterator[Path]:
-    """The modules and packages that stand beside one in its folder of the path: a distribution that is not installed, but edited."""
+    """The modules and packages that stand beside one in its folder of the path: a distribution that is not
+    installed, but edited.
+    """
     beside = [top] if top.parent.name in SITES else sorted(top.parent.iterdir())
     for path in beside:
         if path.is_dir() and (path == top or (path / "__init__.py").is_file()):
@@ -272,10 +297,19 @@ def _around(top: Path) -> Iterator[Path]:
 
 
 def _data(file: Path, top: Path, owner: Installed | None, source: sources.Source) -> dict[str, str]:
-    """What a module may read that is no code: all such files of its distribution or package; of a module alone what lies beside it."""
+    """What a module may read that is no code: all such files of its distribution or package; of a module alone what
+    lies beside it.
+    """
     if owner is not None:
         return _data_of(owner)
-    package = next((folder for folder in reversed(file.parents) if folder.is_relative_to(top) and (folder / "__init__.py").is_file()), None)
+    package = next(
+        (
+            folder
+            for folder in reversed(file.parents)
+            if folder.is_relative_to(top) and (folder / "__init__.py").is_file()
+        ),
+        None,
+    )
     if package is not None:
         return _digests(_under(package), top.parent)
     if not source.beside or top.parent.name in SITES:
@@ -295,4 +329,8 @@ def _digests(paths: tuple[Path, ...], root: Path) -> dict[str, str]:
 @cache
 def _data_of(owner: Installed) -> dict[str, str]:
     site = owner.folder.parent
-    return {path.relative_to(site).as_posix(): known or sha256(path) for path, known in owner.files() if path.suffix not in CODE}
+    return {
+        path.relative_to(site).as_posix(): known or sha256(path)
+        for path, known in owner.files()
+        if path.suffix not in CODE
+    }

@@ -1,7 +1,8 @@
 """Cost before running: bytes stored, seconds expected.
 
-Seconds are an estimate from a stage's ``nanoseconds`` per value written (per padded value and band for transfer functions), which is
-what it takes at its defaults, and from the costs of its knobs; the table at the end of a run has the measured ones.
+Seconds are an estimate from a stage's ``nanoseconds`` per value written (per padded value and band for transfer
+functions), which is what it takes at its defaults, and from the costs of its knobs; the table at the end of a run has
+the measured ones.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
 
 
 def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
-    """Of the cells of a node one of each that cost the same, being of one stage and of the same grids, and how many there are."""
+    """Of the cells of a node one of each that cost the same, being of one stage and of the same grids, and how many
+    there are.
+    """
     found: dict[tuple[Any, ...], list[Any]] = {}
     for cell in cells:
         place = id(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None
@@ -61,12 +64,16 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
         grid = cell.input_grids[cell.inputs[0][0]]
         values = 1.6 * grid.count * gathered_share(cell.stage, grid)
     else:
-        values = max([grid.count for grid in cell.grids.values()] + [grid.count / 4 for grid in cell.input_grids.values()])
+        values = max(
+            [grid.count for grid in cell.grids.values()] + [grid.count / 4 for grid in cell.input_grids.values()]
+        )
     return 5e-5 + 1e-9 * rate * knobs_cost(cell.stage) * values * (1.0 if precision == "float32" else 1.6)
 
 
 def knobs_cost(stage: Stage) -> float:
-    """How many times what it takes at its defaults a stage takes with its settings: the product over knobs of which that is known."""
+    """How many times what it takes at its defaults a stage takes with its settings: the product over knobs of which
+    that is known.
+    """
     found = 1.0
     for name, (parameter, _, default) in parameters_of(type(stage)).items():
         if parameter.costs:
@@ -78,7 +85,9 @@ def _cost(parameter: Parameter, value: Any) -> float:
     """Of a setting, or of the next finer one where a file writes a value between two of them."""
     if value in parameter.settings:
         return parameter.costs[parameter.settings.index(value)]
-    falling = parameter.settings[0] > parameter.settings[-1] and parameter.settings[-1] != 0  # ladders of counts may end in 0, all of them
+    falling = (
+        parameter.settings[0] > parameter.settings[-1] and parameter.settings[-1] != 0
+    )  # ladders of counts may end in 0, all of them
     finer = (i for i, one in enumerate(parameter.settings) if one != 0 and (value >= one if falling else value <= one))
     return parameter.costs[next(finer, -1)]
 

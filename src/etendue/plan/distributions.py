@@ -1,4 +1,5 @@
-"""Where the code of others stands: files of modules, found as an import finds them and without importing, and the distribution they are of.
+"""Where the code of others stands: files of modules, found as an import finds them and without importing, and the
+distribution they are of.
 
 In:  names of modules, paths of their files.
 Out: paths; ``Installed`` for what an installer has put in its place, whose files and digests stand in its record.
@@ -21,10 +22,20 @@ from etendue.plan.keys import digest
 
 # Libraries that the engine itself depends on, by the name under which they are imported: each counts by its version.
 VERSIONED = {
-    "PIL": "pillow", "colour": "colour-science", "dask": "dask", "distributed": "distributed", "h5py": "h5py", "matplotlib": "matplotlib",
-    "numcodecs": "numcodecs", "numpy": "numpy", "pandas": "pandas", "scipy": "scipy", "tifffile": "tifffile", "xarray": "xarray",
+    "PIL": "pillow",
+    "colour": "colour-science",
+    "dask": "dask",
+    "distributed": "distributed",
+    "h5py": "h5py",
+    "matplotlib": "matplotlib",
+    "numcodecs": "numcodecs",
+    "numpy": "numpy",
+    "pandas": "pandas",
+    "scipy": "scipy",
+    "tifffile": "tifffile",
+    "xarray": "xarray",
     "zarr": "zarr",
-}  # fmt: skip
+}
 SITES = ("site-packages", "dist-packages")  # folders that hold the distributions of many
 CODE = (".py", ".pyc", ".pyo")
 _OF_ETENDUE = re.compile(r"^Requires-Dist: *etendue(?![\w.-])", re.MULTILINE)
@@ -33,7 +44,9 @@ _REQUIRED = re.compile(r"^Requires-Dist: *([\w.-]+)([^\n]*)", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Place:
-    """Where a module stands: its file, none of a namespace; the folders of its submodules, none of what is no package."""
+    """Where a module stands: its file, none of a namespace; the folders of its submodules, none of what is no
+    package.
+    """
 
     file: Path | None
     folders: tuple[str, ...] = ()
@@ -94,15 +107,23 @@ class Installed:
     def knows_etendue(self) -> bool:
         """Whether it builds upon etendue, or brings something: what of it a stage reaches is followed file by file."""
         points = self.folder / "entry_points.txt"
-        return bool(_OF_ETENDUE.search(self.metadata)) or (points.is_file() and "[etendue]" in points.read_text(encoding="utf-8"))
+        return bool(_OF_ETENDUE.search(self.metadata)) or (
+            points.is_file() and "[etendue]" in points.read_text(encoding="utf-8")
+        )
 
     def files(self) -> Iterator[tuple[Path, str]]:
-        """What it has put beside its metadata, with the digests of the record; '' where that has none, or the file is newer."""
+        """What it has put beside its metadata, with the digests of the record; '' where that has none, or the file
+        is newer.
+        """
         record, site = self.folder / "RECORD", self.folder.parent
         since = record.stat().st_mtime_ns
         with record.open(encoding="utf-8", newline="") as file:
             for path, known, *_ in csv.reader(file):
-                if path.startswith(("..", "/", self.folder.name + "/")) or "__pycache__" in path.split("/") or path.endswith(CODE[1:]):
+                if (
+                    path.startswith(("..", "/", self.folder.name + "/"))
+                    or "__pycache__" in path.split("/")
+                    or path.endswith(CODE[1:])
+                ):
                     continue
                 place = site / path
                 try:
@@ -114,13 +135,23 @@ class Installed:
     @cached_property
     def digest(self) -> str:
         """Of all its files."""
-        lines = sorted(f"{path.relative_to(self.folder.parent).as_posix()} {known or sha256(path)}" for path, known in self.files())
+        lines = sorted(
+            f"{path.relative_to(self.folder.parent).as_posix()} {known or sha256(path)}" for path, known in self.files()
+        )
         return digest("\n".join(lines).encode())
 
     @cached_property
     def requires(self) -> tuple[str, ...]:
         """The distributions that it requires, extras aside, as they are named."""
-        return tuple(sorted({_plain(name) for name, rest in _REQUIRED.findall(self.metadata) if "extra" not in rest.partition(";")[2]}))
+        return tuple(
+            sorted(
+                {
+                    _plain(name)
+                    for name, rest in _REQUIRED.findall(self.metadata)
+                    if "extra" not in rest.partition(";")[2]
+                }
+            )
+        )
 
 
 def sha256(path: Path) -> str:
@@ -136,12 +167,18 @@ def _plain(name: str) -> str:
 @cache
 def _metadata_in(site: Path) -> dict[str, Path]:
     """The folders of metadata in a folder of the path, by the plain name of the distribution."""
-    return {_plain(path.name.partition("-")[0]): path for path in sorted(site.glob("*.dist-info")) if (path / "RECORD").is_file()}
+    return {
+        _plain(path.name.partition("-")[0]): path
+        for path in sorted(site.glob("*.dist-info"))
+        if (path / "RECORD").is_file()
+    }
 
 
 @cache
 def owner_of(top: Path) -> Installed | None:
-    """The distribution that an installer has put into a folder of the path with something of this name; None of what is edited in place."""
+    """The distribution that an installer has put into a folder of the path with something of this name; None of what
+    is edited in place.
+    """
     every = _metadata_in(top.parent)
     name, first = top.name.encode(), _plain(top.name.partition(".")[0])
     for plain in sorted(every, key=lambda plain: plain != first):
@@ -153,7 +190,9 @@ def owner_of(top: Path) -> Installed | None:
 
 @cache
 def whole(one: Installed) -> tuple[dict[str, str], frozenset[str]]:
-    """Digests, by name and version, of a distribution and of all that it requires; libraries of the engine among that by their name."""
+    """Digests, by name and version, of a distribution and of all that it requires; libraries of the engine among
+    that by their name.
+    """
     found, libraries, open_ = dict[str, str](), set[str](), [one]
     versioned = {_plain(name): name for name in VERSIONED.values()}
     while open_:
@@ -164,5 +203,9 @@ def whole(one: Installed) -> tuple[dict[str, str], frozenset[str]]:
         found[title] = each.digest
         beside = _metadata_in(each.folder.parent)
         libraries |= {versioned[name] for name in each.requires if name in versioned}
-        open_ += [Installed(beside[name]) for name in each.requires if name in beside and name not in versioned and name != "etendue"]
+        open_ += [
+            Installed(beside[name])
+            for name in each.requires
+            if name in beside and name not in versioned and name != "etendue"
+        ]
     return found, frozenset(libraries)

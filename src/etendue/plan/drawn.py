@@ -1,4 +1,6 @@
-"""How a variable of a cell is drawn, from the plan: its black and the filters in front of its pixels at the cell's own axis values."""
+"""How a variable of a cell is drawn, from the plan: its black and the filters in front of its pixels at the cell's
+own axis values.
+"""
 
 from __future__ import annotations
 

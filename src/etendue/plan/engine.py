@@ -1,10 +1,10 @@
 """Of the engine's own modules: which can change a bit of a cell, and which only move what others compute.
 
-The room ``compute`` is in the key of every cell, with the few modules outside it that its bits depend on; the digest of a stage's own
-code, and of all it imports, stands beside it (``plan.code``). Rooms in ``MOVES`` are followed by no digest, each for a reason; nor is a
-manifest: which class stands under a name, defaults, dims and patterns stand in keys as that code and these values. A test
-computes cells of every kind of pipeline in fresh processes, and fails where one of them imports a module, or reads a table, that is in
-neither and in no digest.
+The room ``compute`` is in the key of every cell, with the few modules outside it that its bits depend on; the digest of
+a stage's own code, and of all it imports, stands beside it (``plan.code``). Rooms in ``MOVES`` are followed by no
+digest, each for a reason; nor is a manifest: which class stands under a name, defaults, dims and patterns stand in keys
+as that code and these values. A test computes cells of every kind of pipeline in fresh processes, and fails where one
+of them imports a module, or reads a table, that is in neither and in no digest.
 """
 
 from __future__ import annotations
@@ -35,8 +35,11 @@ ENGINE = (
 # What the engine computes for transfer functions: in the digests of these, and of no other stages.
 TRANSFER_KERNELS = (
     "etendue.contract.units",  # that in which they are given the middles of bands
-    "etendue.transfer.cell_pixels", "etendue.transfer.cells", "etendue.transfer.expansion", "etendue.transfer.sampling",
-)  # fmt: skip
+    "etendue.transfer.cell_pixels",
+    "etendue.transfer.cells",
+    "etendue.transfer.expansion",
+    "etendue.transfer.sampling",
+)
 
 _VALUES = "what it says of a value stands in keys as that value"
 _DECIDES = "what it decides stands in keys"
@@ -73,7 +76,8 @@ MOVES = {
     "etendue.pipeline.*": f"reads the pipeline's file; {_VALUES}",
     "etendue.plain_files": "opens files, and reads them whole or not at all",
     "etendue.plan.*": f"{_DECIDES}: parameters with their knobs, precision, inputs, grids, segments, seeds",
-    "etendue.plugins.*": "finds what distributions bring, whose code stands in keys; puts back what plugins change of the process",
+    "etendue.plugins.*": "finds what distributions bring, whose code stands in keys; puts back what plugins change of "
+    "the process",
     "etendue.present.*": _AFTER,
     "etendue.process": "puts back what foreign code changes of the process",
     "etendue.result_files": _AFTER,
@@ -85,13 +89,23 @@ MOVES = {
     "etendue.transfer": _WORDS,
     "etendue.trust.*": _AFTER,
 }
-# Of the rooms that move, what a process holds that computes cells and does nothing else: another of their modules would be found by a test.
+# Of the rooms that move, what a process holds that computes cells and does nothing else: another of their modules would
+# be found by a test.
 HELD = (
-    "etendue.pipeline.about", "etendue.pipeline.file", "etendue.pipeline.overrides", "etendue.pipeline.presets",
-    "etendue.plan.cost", "etendue.plan.keys", "etendue.plan.model", "etendue.plan.numbers",
-    "etendue.plugins.discovery", "etendue.plugins.guests", "etendue.plugins.hookspecs",
-    "etendue.run.batches", "etendue.run.order",
-)  # fmt: skip
+    "etendue.pipeline.about",
+    "etendue.pipeline.file",
+    "etendue.pipeline.overrides",
+    "etendue.pipeline.presets",
+    "etendue.plan.cost",
+    "etendue.plan.keys",
+    "etendue.plan.model",
+    "etendue.plan.numbers",
+    "etendue.plugins.discovery",
+    "etendue.plugins.guests",
+    "etendue.plugins.hookspecs",
+    "etendue.run.batches",
+    "etendue.run.order",
+)
 
 
 def only_moves(module: str) -> bool:

@@ -1,4 +1,5 @@
-"""What pixels see of a scene: a chart wider than the field, or drawn softer than its pixels, told before anything is computed.
+"""What pixels see of a scene: a chart wider than the field, or drawn softer than its pixels, told before anything is
+computed.
 
 In:  cells of a plan.
 Out: notes, each with the axis values at which it is worst.
@@ -33,9 +34,9 @@ class _Field(NamedTuple):
 def notes_on_the_scene(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]) -> list[str]:
     """A note on cropping and one on softness for each stage that samples light at pixels.
 
-    Of its cells the one that takes least of its light, where it takes less than half of the area; the one whose pixels are finest against
-    the rendering of the chart, where that leaves less than a quarter of the contrast at their Nyquist frequency. ``axes``: by dimension. Of
-    light that is the same everywhere nothing is lost, and nothing said.
+    Of its cells the one that takes least of its light, where it takes less than half of the area; the one whose pixels
+    are finest against the rendering of the chart, where that leaves less than a quarter of the contrast at their
+    Nyquist frequency. ``axes``: by dimension. Of light that is the same everywhere nothing is lost, and nothing said.
     """
     by_node: dict[str, list[tuple[_Field, Cell]]] = {}
     known: dict[tuple[int, int], _Field | None] = {}  # cells share the grids that are equal
@@ -58,12 +59,15 @@ def _cropped(node: Node, own: Sequence[tuple[_Field, Cell]], axes: Mapping[str, 
     at = _where(node, worst, [(field.share, cell) for field, cell in own], axes)
     counted = f" (to less than half of its area in {len(cropped)} of {len(own)} cells)" if len(own) > 1 else ""
     return [
-        f"{node.name}: crops the light to its middle {_sides(least.taken)} of {_sides(least.light)}{at}{counted}; where the whole scene is "
+        f"{node.name}: crops the light to its middle {_sides(least.taken)} of {_sides(least.light)}{at}{counted}; "
+        f"where the whole scene is "
         f"wanted, make its width and height smaller, or the {words()['frame']} larger"
     ]
 
 
-def _softened(node: Node, own: Sequence[tuple[_Field, Cell]], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]) -> list[str]:
+def _softened(
+    node: Node, own: Sequence[tuple[_Field, Cell]], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]
+) -> list[str]:
     left: list[tuple[float, Cell]] = []
     known: dict[tuple[int, float], float] = {}
     for field, cell in own:
@@ -77,14 +81,18 @@ def _softened(node: Node, own: Sequence[tuple[_Field, Cell]], cells: Mapping[Cel
         return []
     scene = scene_of(cells, cell)
     return [
-        f"{scene.node}: what it is drawn with leaves {100 * worst:.2g} % of the contrast at the Nyquist frequency of {node.name}"
-        f"{_where(node, cell, left, axes)}: resolution that is measured in pictures is less than the {words()['whole']}'s; "
+        f"{scene.node}: what it is drawn with leaves {100 * worst:.2g} % of the contrast at the Nyquist frequency of "
+        f"{node.name}"
+        f"{_where(node, cell, left, axes)}: resolution that is measured in pictures is less than the "
+        f"{words()['whole']}'s; "
         "take a finer spacing"
     ]
 
 
 def _contrast_left(rendered: tuple[float, float] | None, pitch: float) -> float:
-    """By a Gaussian of some rms width and cells of some side, um, at half a cycle a pixel; 1 of a scene that is no chart."""
+    """By a Gaussian of some rms width and cells of some side, um, at half a cycle a pixel; 1 of a scene that is no
+    chart.
+    """
     if rendered is None:
         return 1.0
     sigma, cell = rendered
@@ -116,7 +124,9 @@ def _field(cell: Cell) -> _Field | None:
 def _placed(grid: Grid, at_pixels: bool) -> bool:
     """Whether it has both dims of a picture: positions in um, or pixels that know theirs."""
     lines = [grid[dim] for dim in "yx" if dim in grid]
-    return len(lines) == 2 and all(isinstance(line, Line) and (line.position is not None) == at_pixels for line in lines)
+    return len(lines) == 2 and all(
+        isinstance(line, Line) and (line.position is not None) == at_pixels for line in lines
+    )
 
 
 def _lengths(grid: Grid) -> tuple[float, float]:

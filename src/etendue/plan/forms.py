@@ -18,7 +18,9 @@ from etendue.errors import PluginError
 from etendue.plan import asking
 
 
-def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()) -> Grid:
+def output_grid(
+    stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()
+) -> Grid:
     """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
     creates = stage.creates
     found = {}
@@ -37,9 +39,14 @@ def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inpu
     grid = Grid.of(found)
     for dim, coordinate in grid.entries:
         if coordinate.size > MOST_POINTS:
-            raise ValueError(f"{declaration.variable} has {beyond(coordinate.size, f'points along {dim}', MOST_POINTS, 'make it smaller')}")
+            raise ValueError(
+                f"{declaration.variable} has "
+                f"{beyond(coordinate.size, f'points along {dim}', MOST_POINTS, 'make it smaller')}"
+            )
     if grid.count > MOST_VALUES:
-        raise ValueError(f"{declaration.variable} has {beyond(grid.count, 'values in one cell', MOST_VALUES, 'make it smaller')}")
+        raise ValueError(
+            f"{declaration.variable} has {beyond(grid.count, 'values in one cell', MOST_VALUES, 'make it smaller')}"
+        )
     return grid
 
 

@@ -80,11 +80,15 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
 
 
 def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:
-    """The (stage, variable) pairs to store. A variable means every stage's; a stage's name, all it writes; ``looks``, all but light."""
+    """The (stage, variable) pairs to store. A variable means every stage's; a stage's name, all it writes;
+    ``looks``, all but light.
+    """
     everything = [(n.name, v) for n in nodes for v in n.writes]
     if keep is None:
         return frozenset(everything)
-    chosen = {(n.name, v) for n in nodes for v, written in n.writes.items() if LOOKS in keep and not is_light(written.dims)}
+    chosen = {
+        (n.name, v) for n in nodes for v, written in n.writes.items() if LOOKS in keep and not is_light(written.dims)
+    }
     for stage, variable in everything:
         if variable in keep or stage in keep or f"{stage}.{variable}" in keep:
             chosen.add((stage, variable))
@@ -92,14 +96,18 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
 
 
 def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
-    """Two axes, or an axis and a dim of a variable, of one name: the values of one would stand in the place of the other's."""
+    """Two axes, or an axis and a dim of a variable, of one name: the values of one would stand in the place of the
+    other's.
+    """
     by_dim: dict[str, Axis] = {}
     for axis in axes:
         other = by_dim.setdefault(axis.dim, axis)
         if other is not axis:
             both = f"it and sweep.{other.key} are both the dim {axis.dim!r}"
             request.fault(f"sweep.{axis.key}", f"{both}; give one of the stages another 'name'")
-        dims = {dim for node in nodes if axis.dim in node.axes for written in node.writes.values() for dim in written.dims}
+        dims = {
+            dim for node in nodes if axis.dim in node.axes for written in node.writes.values() for dim in written.dims
+        }
         why = unfit_axis(axis.dim, dims)
         if why:
             request.fault(f"sweep.{axis.key}", f"{why}; give the stage another 'name'")
@@ -108,11 +116,16 @@ def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> 
 def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
     """What is given or swept although an earlier stage writes it for every stage that takes it."""
     for name, finder in {name: finder for node in nodes for name, finder in node.found.items()}.items():
-        takers = [n for n in nodes if any(name in quantities_of(one.kind) and name not in n.found for one in n.alternatives)]
+        takers = [
+            n for n in nodes if any(name in quantities_of(one.kind) and name not in n.found for one in n.alternatives)
+        ]
         if takers or not request.whole:
             continue
         if any(axis.key == name for axis in axes):
-            request.fault(f"sweep.{name}", f"{finder!r} writes {name} for every stage that takes it; leave the axis out, or {finder!r}")
+            request.fault(
+                f"sweep.{name}",
+                f"{finder!r} writes {name} for every stage that takes it; leave the axis out, or {finder!r}",
+            )
         elif name in request.pipeline.shared:
             request.warnings.append(f"{request.pipeline.table.place(name)} is not used: {finder!r} finds it")
 
@@ -123,8 +136,16 @@ def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: Ma
     for node in nodes:
         for one in node.alternatives:
             shared = {name: given.get(name) for name, (p, _, _) in parameters_of(one.kind).items() if p.shared}
-            swept = {name: first[dim].value(name, 0) for dim, name in node.direct if dim in first and name in parameters_of(one.kind)}
-            found = {name: to_be_found(name, quantities_of(one.kind)[name]) for name in node.found if name in quantities_of(one.kind)}
+            swept = {
+                name: first[dim].value(name, 0)
+                for dim, name in node.direct
+                if dim in first and name in parameters_of(one.kind)
+            }
+            found = {
+                name: to_be_found(name, quantities_of(one.kind)[name])
+                for name in node.found
+                if name in quantities_of(one.kind)
+            }
             values = {**shared, **one.values, **swept, **found}
             if any(value is None for value in values.values()):
                 continue  # already a fault
@@ -143,7 +164,11 @@ def _as_asked(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[No
     found = []
     for node in nodes:
         left = {v: d for v, d in node.writes.items() if d.optional and (node.name, v) not in asked}
-        found.append(replace(node, writes={v: d for v, d in node.writes.items() if v not in left}, optional=left) if left else node)
+        found.append(
+            replace(node, writes={v: d for v, d in node.writes.items() if v not in left}, optional=left)
+            if left
+            else node
+        )
     return found
 
 

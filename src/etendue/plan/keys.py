@@ -38,9 +38,14 @@ def canonical(value: Any) -> Any:
 
 
 def plain_text(value: Any) -> str:
-    """Grids as text that is the same for equal ones: whether a number of them came as an int, a float or one of numpy's."""
+    """Grids as text that is the same for equal ones: whether a number of them came as an int, a float or one of
+    numpy's.
+    """
     if dataclasses.is_dataclass(value):
-        return f"{type(value).__name__}({' '.join(plain_text(getattr(value, field.name)) for field in dataclasses.fields(value))})"
+        return (
+            f"{type(value).__name__}("
+            f"{' '.join(plain_text(getattr(value, field.name)) for field in dataclasses.fields(value))})"
+        )
     if isinstance(value, tuple | list):
         return f"({' '.join(map(plain_text, value))})"
     return float(value).hex() if hasattr(value, "__float__") else repr(value)
@@ -77,7 +82,9 @@ def _file_digest(path: str, state: tuple[int, int]) -> str:
 def parameters_for_key(stage: Stage) -> dict[str, Any]:
     """Resolved parameters with files replaced by their content's digest."""
     files = files_of(stage)
-    return {n: f"sha256:{file_digest(files[n])}" if n in files else getattr(stage, n) for n in parameters_of(type(stage))}
+    return {
+        n: f"sha256:{file_digest(files[n])}" if n in files else getattr(stage, n) for n in parameters_of(type(stage))
+    }
 
 
 def parameters_digest(stage: Stage) -> str:

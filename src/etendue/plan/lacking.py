@@ -31,7 +31,9 @@ def known_plugins() -> dict[str, str]:
 
 
 def lacking(pipeline: Pipeline, registry: Registry) -> list[Fault]:
-    """One fault for each distribution that the pipeline names under ``requires``, or a stage of which it uses, and that is not there."""
+    """One fault for each distribution that the pipeline names under ``requires``, or a stage of which it uses, and
+    that is not there.
+    """
     faults, named = [], dict[str, str]()
     for name in pipeline.requires:
         if not _NAME.fullmatch(name):

@@ -1,10 +1,10 @@
 """Leaving out: what a scene does not need, decided per cell, within a local tolerance.
 
-A stage may be left out where it reads and writes the same variable on the same grid, and what that changes in its own output is
-known: an exact zero is always taken, a bound above zero where it is within the tolerance. Of a transfer function the change is the
-sum over what the scene's light holds at every frequency; of any other stage it is what the stage says (``negligible``); of one that
-adds noise, the share of the variance behind the converter that it brings, at the level where that is most. Nothing here depends on
-what else is swept.
+A stage may be left out where it reads and writes the same variable on the same grid, and what that changes in its own
+output is known: an exact zero is always taken, a bound above zero where it is within the tolerance. Of a transfer
+function the change is the sum over what the scene's light holds at every frequency; of any other stage it is what the
+stage says (``negligible``); of one that adds noise, the share of the variance behind the converter that it brings, at
+the level where that is most. Nothing here depends on what else is swept.
 """
 
 from __future__ import annotations
@@ -26,17 +26,25 @@ LEVELS = 5  # between the darkest and the brightest pixel, at which the share of
 
 @dataclass(frozen=True)
 class Rule:
-    """What may be left out: nothing (None), or changes within a tolerance, rms over the frame or of the largest pixel."""
+    """What may be left out: nothing (None), or changes within a tolerance, rms over the frame or of the largest
+    pixel.
+    """
 
     tolerance: float | None
     norm: str = "rms"
 
 
 def decide(
-    rule: Rule, stage: Stage, facts: Mapping[str, Facts], grids_in: Mapping[str, Grid], grids: Mapping[str, Grid],
+    rule: Rule,
+    stage: Stage,
+    facts: Mapping[str, Facts],
+    grids_in: Mapping[str, Grid],
+    grids: Mapping[str, Grid],
     noises: Callable[[], list[Noisy] | None],
-) -> LeftOut | None:  # fmt: skip
-    """Whether one cell is left out, and with which bound. ``noises``: every source of noise of the pipeline, or None: not known."""
+) -> LeftOut | None:
+    """Whether one cell is left out, and with which bound. ``noises``: every source of noise of the pipeline, or
+    None: not known.
+    """
     if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
         return None
     writes = [declaration for declaration in writes_of(type(stage)).values() if not declaration.optional]

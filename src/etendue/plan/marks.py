@@ -18,7 +18,9 @@ def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:
         return ()
     looked = {what: names for _, what, names in node.looks_at if looks_at_stages(what)}
     seen = {name for names in looked.values() for name in names}
-    measured = {written for other in plan.nodes if other.name in looked.get("datasheet", ()) for written in other.writes}
+    measured = {
+        written for other in plan.nodes if other.name in looked.get("datasheet", ()) for written in other.writes
+    }
     found = []
     for other in plan.nodes:
         kinds = [one.kind for one in other.alternatives]

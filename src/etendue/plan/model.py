@@ -11,7 +11,17 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from etendue.contract.capabilities import Probe, Source, Summed, Tinting, draws_anew, ends_in_sum, is_random, is_source, is_transfer
+from etendue.contract.capabilities import (
+    Probe,
+    Source,
+    Summed,
+    Tinting,
+    draws_anew,
+    ends_in_sum,
+    is_random,
+    is_source,
+    is_transfer,
+)
 from etendue.contract.dims import banded
 from etendue.contract.facts import Facts
 from etendue.contract.grid import Coordinate, Grid
@@ -31,7 +41,9 @@ class Axis:
     dim: str
     values: tuple[Any, ...]  # floats, ints or texts; labels where a stage is swapped
     units: str = ""
-    gives: Mapping[str, tuple[Any, ...]] = field(default_factory=dict, hash=False)  # by parameter: names of many at once
+    gives: Mapping[str, tuple[Any, ...]] = field(
+        default_factory=dict, hash=False
+    )  # by parameter: names of many at once
 
     def value(self, name: str, position: int) -> Any:
         """What a parameter is at a position."""
@@ -62,7 +74,9 @@ class Node:
     alternatives: tuple[Alternative, ...]
     direct: tuple[tuple[str, str], ...]  # (axis dim, parameter) set by an axis
     use_axis: str | None  # dim of the axis that swaps this stage
-    inputs: tuple[tuple[tuple[str, str, str], ...], ...]  # per alternative: (port or shared quantity, node, variable); ports first
+    inputs: tuple[
+        tuple[tuple[str, str, str], ...], ...
+    ]  # per alternative: (port or shared quantity, node, variable); ports first
     looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
     writes: Mapping[str, Declaration]
     axes: tuple[str, ...]
@@ -115,7 +129,9 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Approximated:
-    """A knob that the plan has set, what it would be in the reference, and what the difference may add to the cell's own output."""
+    """A knob that the plan has set, what it would be in the reference, and what the difference may add to the cell's
+    own output.
+    """
 
     knob: str
     value: Any
@@ -125,7 +141,9 @@ class Approximated:
 
 @dataclass(slots=True)
 class Cell:
-    """One stage at one combination of its axes. Written once by the planner, then only read: cells share what is equal in them."""
+    """One stage at one combination of its axes. Written once by the planner, then only read: cells share what is
+    equal in them.
+    """
 
     ref: CellRef
     stage: Stage
@@ -135,7 +153,9 @@ class Cell:
     key: str
     versions: Mapping[str, str]  # of the libraries that stand in its key
     seed: bytes
-    open_words: tuple[Any, ...]  # of its seed: lines whose value a run finds (plan.words.Open), and the closed ones behind them
+    open_words: tuple[
+        Any, ...
+    ]  # of its seed: lines whose value a run finds (plan.words.Open), and the closed ones behind them
     input_grids: Mapping[str, Grid]
     grids: Mapping[str, Grid]
     facts: Facts
@@ -143,7 +163,9 @@ class Cell:
     approximated: tuple[Approximated, ...]
     error: tuple[float | None, str]
     segment_input: tuple[CellRef, str] | None = None
-    mapped: tuple[tuple[str, Coordinate], ...] = ()  # dims in front of what is written for which the stage is run one by one
+    mapped: tuple[
+        tuple[str, Coordinate], ...
+    ] = ()  # dims in front of what is written for which the stage is run one by one
 
     @property
     def node(self) -> str:
@@ -173,7 +195,9 @@ def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:
 
 
 def is_whole(cells: Mapping[CellRef, Cell], cell: Cell) -> bool:
-    """Whether nothing stands between the scene and a transfer cell that a product of transfer functions does not hold."""
+    """Whether nothing stands between the scene and a transfer cell that a product of transfer functions does not
+    hold.
+    """
     while cell.inputs:
         if not (is_transfer(type(cell.stage)) or cell.stage.pointwise):
             return False
@@ -187,7 +211,8 @@ def pixel_of(cells: Sequence[Cell]) -> list[Cell]:
 
 
 def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | None:
-    """White light by band in front of a transfer cell: that of the scene, less what filters have taken; the largest 1, to 12 places.
+    """White light by band in front of a transfer cell: that of the scene, less what filters have taken; the largest 1,
+    to 12 places.
 
     None where the scene does not say, or a stage changes white in a way of its own.
     """
@@ -211,7 +236,10 @@ def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | N
 def _changes_white(kind: type[Stage]) -> bool:
     """Whether a stage reads and writes something that has a value for every band, and no place."""
     read = {declared.variable for declared in reads_of(kind).values()}
-    return any(declared.variable in read and len(declared.dims) == 1 and banded(declared.dims) for declared in writes_of(kind).values())
+    return any(
+        declared.variable in read and len(declared.dims) == 1 and banded(declared.dims)
+        for declared in writes_of(kind).values()
+    )
 
 
 def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:

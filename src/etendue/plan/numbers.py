@@ -1,4 +1,5 @@
-"""Cells as numbers: what is known of every cell of a plan fits in columns, a few bytes a cell, where it stands at its number.
+"""Cells as numbers: what is known of every cell of a plan fits in columns, a few bytes a cell, where it stands at its
+number.
 
 In:  the nodes of a plan and the sizes of its axes.
 Out: the number of a cell, from 0, in the order of the plan.

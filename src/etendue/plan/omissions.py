@@ -24,14 +24,18 @@ def left_out(node: Node, cells: Sequence[Cell], precision: str) -> dict[str, Any
     if not out:
         return None
     return {
-        "cells": len(out), "of": len(cells), "bound": max(why.bound for _, why in out),
+        "cells": len(out),
+        "of": len(cells),
+        "bound": max(why.bound for _, why in out),
         "why": "; ".join(dict.fromkeys(why.why for _, why in out)),
         "seconds_saved": sum(cell_seconds(node, replace(cell, left_out=None), precision) for cell, _ in out),
-    }  # fmt: skip
+    }
 
 
 def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[dict[str, Any]] | None:
-    """Of a stage whose knobs a plan has set: every knob and setting, in how many cells, and what that saves beside the reference's."""
+    """Of a stage whose knobs a plan has set: every knob and setting, in how many cells, and what that saves beside
+    the reference's.
+    """
     found: dict[tuple[str, Any], list[Approximated]] = {}
     saved: dict[tuple[str, Any], list[float | None]] = {}
     for cell in cells:
@@ -90,12 +94,20 @@ def told(name: str, left: dict[str, Any] | None, knobs: list[dict[str, Any]] | N
     said = []
     if left:
         wrong = "exactly" if left["bound"] == 0 else f"wrong by at most {left['bound']:.2g}"
-        said.append(f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: {left['why']}{_saving(left['seconds_saved'])}")
+        said.append(
+            f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
+            f"{left['why']}{_saving(left['seconds_saved'])}"
+        )
     by_knob: dict[str, list[dict[str, Any]]] = {}
     for one in knobs or ():
         by_knob.setdefault(one["knob"], []).append(one)
     for knob, own in by_knob.items():
         worst, saved = max(one["bound"] for one in own), _sum([one["seconds_saved"] for one in own])
-        values = ", ".join(f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']} in {one['cells']} cells" for one in own)
-        said.append(f"coarser   {name}.{knob} = {values}, not {own[0]['reference']}: adds at most {worst:.2g}{_saving(saved)}")
+        values = ", ".join(
+            f"{one['value']} ({one['cells']})" if len(own) > 1 else f"{one['value']} in {one['cells']} cells"
+            for one in own
+        )
+        said.append(
+            f"coarser   {name}.{knob} = {values}, not {own[0]['reference']}: adds at most {worst:.2g}{_saving(saved)}"
+        )
     return said

@@ -32,7 +32,8 @@ class Unfit(ValueError):
 def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
     """Absolute path of a file parameter (of a folder, where those are allowed).
 
-    ``package:matplotlib/...`` names a file in an installed distribution. What an archive has recorded names files in its ``inputs/`` alone.
+    ``package:matplotlib/...`` names a file in an installed distribution. What an archive has recorded names files in
+    its ``inputs/`` alone.
     """
     own = inputs_of(folder)
     if text.startswith("package:") and own is None:
@@ -64,9 +65,13 @@ def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
 
 
 def inputs_of(folder: Path) -> Path | None:
-    """The inputs of an archive, where a folder is that of its records: its pipelines name files there and nowhere else."""
+    """The inputs of an archive, where a folder is that of its records: its pipelines name files there and nowhere
+    else.
+    """
     whole = folder.absolute().parent
-    ours = folder.name == "runs" and any(os.path.lexists(whole / name) for name in ("data.zarr", "journal.jsonl", "manifest.json"))
+    ours = folder.name == "runs" and any(
+        os.path.lexists(whole / name) for name in ("data.zarr", "journal.jsonl", "manifest.json")
+    )
     return whole / "inputs" if ours else None
 
 
@@ -74,7 +79,9 @@ def _lies_in(path: Path, own: Path) -> bool:
     """Whether a file, or all of a folder, lies in a folder, links followed."""
     whole = own.parent.resolve() / own.name
     inside = path.resolve().is_relative_to(whole)
-    return inside and all(one.resolve().is_relative_to(whole) for one in (path.rglob("*") if path.is_dir() else ()) if one.is_symlink())
+    return inside and all(
+        one.resolve().is_relative_to(whole) for one in (path.rglob("*") if path.is_dir() else ()) if one.is_symlink()
+    )
 
 
 def expected(parameter: Parameter) -> str:
@@ -84,7 +91,9 @@ def expected(parameter: Parameter) -> str:
 
 
 class _Wanted:
-    """What is said of a number that does not fit: put together where it is said, as an axis may have 100,000 that do."""
+    """What is said of a number that does not fit: put together where it is said, as an axis may have 100,000 that
+    do.
+    """
 
     def __init__(self, parameter: Parameter, whole: bool) -> None:
         self.parameter, self.whole = parameter, whole
@@ -109,11 +118,17 @@ def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
     if not math.isfinite(number) and not (parameter.infinite and number == math.inf):
         raise Unfit(f"expected {wanted}, got {value}")
     if number and math.isfinite(number) and not SMALLEST <= abs(number) <= LARGEST:
-        raise Unfit(f"{as_written(value)} is out of range: numbers are 0, or from {SMALLEST:g} to {LARGEST:g} in size; expected {wanted}")
+        raise Unfit(
+            f"{as_written(value)} is out of range: numbers are 0, or from {SMALLEST:g} to {LARGEST:g} in size; "
+            f"expected {wanted}"
+        )
     if not parameter.allows(number):
         raise Unfit(f"{value} is out of range: expected {wanted}")
     if parameter.held and math.isfinite(number) and not parameter.held[0] <= number <= parameter.held[1]:
-        ends = f"{parameter.held[0]:g} to {parameter.held[1]:g}{f' {parameter.units}' if parameter.units not in ('1', '') else ''}"
+        ends = (
+            f"{parameter.held[0]:g} to "
+            f"{parameter.held[1]:g}{f' {parameter.units}' if parameter.units not in ('1', '') else ''}"
+        )
         raise Unfit(f"{value} is beyond what its stages compute with, {ends}")
     if whole:
         if number != int(number):
@@ -135,7 +150,9 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         if parameter.one_for_all and not isinstance(value, list | tuple):
             value = (value,)
         if isinstance(value, str | bytes) or not isinstance(value, list | tuple):
-            raise Unfit(f"expected a list of {parameter.length or ''} values, got {as_written(value)}".replace("  ", " "))
+            raise Unfit(
+                f"expected a list of {parameter.length or ''} values, got {as_written(value)}".replace("  ", " ")
+            )
         if parameter.length is not None and len(value) != parameter.length:
             raise Unfit(f"expected {parameter.length} values, got {len(value)}")
         return tuple(resolve(v, parameter, item, folder) for v in value)
@@ -145,7 +162,12 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         return value
     if kind in (int, float):
         return _number(value, parameter, kind is int)
-    if isinstance(value, int | float | Decimal) and not isinstance(value, bool) and not parameter.choices and not parameter.file:
+    if (
+        isinstance(value, int | float | Decimal)
+        and not isinstance(value, bool)
+        and not parameter.choices
+        and not parameter.file
+    ):
         value = str(value)
     if not isinstance(value, str):
         raise Unfit(f"expected text, got {as_written(value)}")
@@ -175,7 +197,9 @@ def axis_values(entry: Any, parameter: Parameter, kind: Any, folder: Path) -> tu
     for one in written:
         value = resolve(one, parameter, kind, folder)
         if value in values:
-            raise Unfit(f"expected every value once, but {as_written(value if isinstance(entry, dict) else one)} stands twice")
+            raise Unfit(
+                f"expected every value once, but {as_written(value if isinstance(entry, dict) else one)} stands twice"
+            )
         values[value] = None
     return tuple(values)
 

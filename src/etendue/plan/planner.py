@@ -52,13 +52,18 @@ def _asked() -> Iterator[None]:
 @without_collecting()
 @_asked()
 def make_plan(
-    pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None,
-    expected: bool = False, computed: frozenset[str] = frozenset(), versions: Mapping[str, str] = INSTALLED,
-) -> Plan:  # fmt: skip
+    pipeline: Pipeline,
+    registry: Registry,
+    leave_out_allowed: bool = True,
+    told: Told = lambda done, total: None,
+    expected: bool = False,
+    computed: frozenset[str] = frozenset(),
+    versions: Mapping[str, str] = INSTALLED,
+) -> Plan:
     """Check a pipeline and expand it into cells; ``told`` hears how many of how many are planned.
 
-    ``expected``: samplers are replaced by their mean, rounding by the identity. ``computed``: stages that are not left out in any cell.
-    ``versions``: of libraries, for the keys an earlier platform would have given.
+    ``expected``: samplers are replaced by their mean, rounding by the identity. ``computed``: stages that are not left
+    out in any cell. ``versions``: of libraries, for the keys an earlier platform would have given.
 
     Raises
     ------
@@ -69,7 +74,9 @@ def make_plan(
     pipeline, swapped = fitted_to_overrides(pipeline, registry)
     try:
         graph = build_graph(pipeline, registry)
-        choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm, expected, versions, computed)
+        choice = Choice(
+            pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm, expected, versions, computed
+        )
         cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
@@ -122,7 +129,9 @@ def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
 
 
 def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
-    """Stages that are more wrong than the tolerance, by what they state, and that cannot be asked for less without being told to."""
+    """Stages that are more wrong than the tolerance, by what they state, and that cannot be asked for less without
+    being told to.
+    """
     worst: dict[tuple[str, str, Any], float] = {}
     for cell in cells.values():
         dear = next((name for name, (p, _, _) in parameters_of(type(cell.stage)).items() if p.dear), None)
@@ -131,7 +140,8 @@ def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
             key = (cell.node, dear, vars(cell.stage)[dear])
             worst[key] = max(worst.get(key, 0.0), error)
     return [
-        f"{stage}: states an error of {error:.2g}, above the tolerance of {tolerance:g}: no plan asks for a finer {name} than {value}"
+        f"{stage}: states an error of {error:.2g}, above the tolerance of {tolerance:g}: no plan asks for a finer "
+        f"{name} than {value}"
         for (stage, name, value), error in worst.items()
     ]
 
@@ -142,13 +152,24 @@ def _rewritten_in_vain(nodes: Any) -> list[str]:
     written = {(node.name, variable): declared.dims for node in nodes for variable, declared in node.writes.items()}
     for number, node in enumerate(nodes):
         own = {variable: source for bound in node.inputs for _, source, variable in bound if variable in node.writes}
-        own = {v: s for v, s in own.items() if written[s, v] == node.writes[v].dims}  # not of one picture instead of many frames
+        own = {
+            v: s for v, s in own.items() if written[s, v] == node.writes[v].dims
+        }  # not of one picture instead of many frames
         for variable, source in own.items():
-            readers = [n for n in nodes[:number] for bound in n.inputs for _, s, v in bound if (s, v) == (source, variable)]
-            later = [n for n in nodes[number + 1 :] for bound in n.inputs for _, s, v in bound if (s, v) == (node.name, variable)]
+            readers = [
+                n for n in nodes[:number] for bound in n.inputs for _, s, v in bound if (s, v) == (source, variable)
+            ]
+            later = [
+                n
+                for n in nodes[number + 1 :]
+                for bound in n.inputs
+                for _, s, v in bound
+                if (s, v) == (node.name, variable)
+            ]
             if readers and not later and not any(r.writes.keys() & {variable} for r in readers):
                 notes.append(
-                    f"{node.name}: nothing reads its {variable}; {readers[0].name}, which stands before it, reads that of {source}: "
+                    f"{node.name}: nothing reads its {variable}; {readers[0].name}, which stands before it, reads that "
+                    f"of {source}: "
                     f"move {node.name} up"
                 )
     return notes
@@ -160,7 +181,10 @@ def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
     written: dict[tuple[str, str], int] = {}  # bytes, by stage and variable
     for node in plan.nodes:
         cells = plan.of(node.name)
-        sizes = {v: sum(count * cost.cell_bytes(node, c, plan.precision, [v]) for c, count in cost.alike(cells)) for v in node.writes}
+        sizes = {
+            v: sum(count * cost.cell_bytes(node, c, plan.precision, [v]) for c, count in cost.alike(cells))
+            for v in node.writes
+        }
         written |= {(node.name, v): size for v, size in sizes.items()}
         stages.append(
             {

@@ -1,6 +1,7 @@
 """Presets as an axis: many shared quantities that change together.
 
-In:  ``[sweep] PRESET = ["NAME", { PRESET = "NAME", label = "TEXT", QUANTITY = "4 um" }]``, the shared quantities of the stages.
+In:  ``[sweep] PRESET = ["NAME", { PRESET = "NAME", label = "TEXT", QUANTITY = "4 um" }]``, the shared quantities of the
+     stages.
 Out: the axis, with what each of its presets gives every quantity that presets speak of.
 """
 
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
 def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | None:
     """The axis; None where no preset is swept, or a fault comes of it.
 
-    What a value's own table gives goes before the pipeline's, which goes before what its name stands for; a quantity with an axis of its
-    own is left to that. Whatever some installed preset says is taken along the axis, also where those that are named agree: so an archive
-    grows by further presets.
+    What a value's own table gives goes before the pipeline's, which goes before what its name stands for; a quantity
+    with an axis of its own is left to that. Whatever some installed preset says is taken along the axis, also where
+    those that are named agree: so an archive grows by further presets.
     """
     whose = request.pipeline.table
     word = whose.preset
@@ -43,8 +44,12 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
     tables: dict[str, Mapping[str, Any]] = {}
     for one in written:
         table = {word: one} if isinstance(one, str) else one
-        if not isinstance(table, Mapping) or not (isinstance(table.get(word), str) or isinstance(table.get("label"), str)):
-            request.fault(place, f"expected a {word}'s name, or a table with '{word}', 'label' or both, got {as_written(one)}")
+        if not isinstance(table, Mapping) or not (
+            isinstance(table.get(word), str) or isinstance(table.get("label"), str)
+        ):
+            request.fault(
+                place, f"expected a {word}'s name, or a table with '{word}', 'label' or both, got {as_written(one)}"
+            )
             continue
         label = str(table.get("label", table.get(word)))
         if unprintable(label) or not label:
@@ -55,7 +60,9 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
             tables[label] = table
     own = {name for table in tables.values() for name in table if name not in words}
     for name in sorted(own - {*declared, *quantities.names()}):
-        request.fault(place, f"unknown {whose.name} quantity {name!r}{nearest(name, [*words, *declared, *quantities.names()])}")
+        request.fault(
+            place, f"unknown {whose.name} quantity {name!r}{nearest(name, [*words, *declared, *quantities.names()])}"
+        )
     named = {name for known in preset_names(whose) for name in _stated(known, whose)}
     taken = [name for name in declared if name in own or (name in named and name not in request.pipeline.shared)]
     taken = [name for name in taken if name not in request.pipeline.sweep]
@@ -80,8 +87,16 @@ def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Map
     found = []
     for label, table in tables.items():
         try:
-            written = {**(preset(str(table[word]), whose).values() if word in table else {}), **request.pipeline.shared, **table}
-            value = resolve(written[name], one.parameter, one.kind, request.pipeline.folder) if name in written else one.default
+            written = {
+                **(preset(str(table[word]), whose).values() if word in table else {}),
+                **request.pipeline.shared,
+                **table,
+            }
+            value = (
+                resolve(written[name], one.parameter, one.kind, request.pipeline.folder)
+                if name in written
+                else one.default
+            )
         except Unfit as error:
             request.fault(place, f"{label}: {name}: {error}")
             continue
@@ -91,6 +106,10 @@ def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Map
                     request.fault(place, fault.message)
             continue
         if value is MISSING:
-            request.fault(place, f"{label} does not say its {name}, which {one.use} needs: give it in its table, or under [{whose.name}]")
+            request.fault(
+                place,
+                f"{label} does not say its {name}, which {one.use} needs: give it in its table, or under "
+                f"[{whose.name}]",
+            )
         found.append(value)
     return tuple(found)

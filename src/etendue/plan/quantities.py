@@ -53,7 +53,9 @@ def resolve_quantities(request: Request, entries: Entries) -> Quantities:
 
 
 def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> Found:
-    """What stands for a quantity that an earlier stage writes, while planning: between the ends that the writer or its range gives."""
+    """What stands for a quantity that an earlier stage writes, while planning: between the ends that the writer or
+    its range gives.
+    """
     held = parameter.held or (-math.inf, math.inf)
     lowest = max(x for x in (ends[0], parameter.at_least, parameter.above, held[0]) if x is not None)
     highest = min(x for x in (ends[1], parameter.at_most, parameter.below, held[1]) if x is not None)
@@ -76,7 +78,9 @@ def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
     return declared
 
 
-def _values_of(request: Request, declared: Mapping[str, Declared], written: frozenset[str], by_preset: set[str]) -> dict[str, Any]:
+def _values_of(
+    request: Request, declared: Mapping[str, Declared], written: frozenset[str], by_preset: set[str]
+) -> dict[str, Any]:
     pipeline = request.pipeline
     values: dict[str, Any] = {}
     given = {**({} if pipeline.preset_swept else pipeline.preset), **pipeline.shared}
@@ -100,12 +104,15 @@ def _values_of(request: Request, declared: Mapping[str, Declared], written: froz
         other = quantities.declared(name).scales if name in quantities.names() else ""
         if other in declared.keys() & pipeline.shared.keys() and named not in swept:
             request.warnings.append(
-                f"{place(name)} = {as_written(pipeline.preset[name])} is that of the {named} {pipeline.preset_name}, while {other} is "
+                f"{place(name)} = {as_written(pipeline.preset[name])} is that of the {named} {pipeline.preset_name}, "
+                f"while {other} is "
                 f"given: every column of it is scaled to that; give {name} too"
             )
     for name, one in declared.items():
         if name not in given:
             if one.default is MISSING and name not in swept and name not in written:
-                request.fault(place(name), f"{one.use} needs it under [{pipeline.table.name}]: {meaning(one.parameter)}")
+                request.fault(
+                    place(name), f"{one.use} needs it under [{pipeline.table.name}]: {meaning(one.parameter)}"
+                )
             values[name] = None if one.default is MISSING else one.default
     return values

@@ -35,8 +35,10 @@ def reading_of(node: Node, number: int, nodes: Mapping[str, Node]) -> Reading:
     return Reading(
         tuple((port, source, variable, places(node, nodes[source])) for port, source, variable in node.inputs[number]),
         tuple((port, tuple((name, places(node, nodes[name])) for name in names)) for port, _, names in seen),
-        frozenset(ports), frozenset(quantities_of(kind)), not (node.is_source or node.segment or issubclass(kind, Noisy)),
-    )  # fmt: skip
+        frozenset(ports),
+        frozenset(quantities_of(kind)),
+        not (node.is_source or node.segment or issubclass(kind, Noisy)),
+    )
 
 
 def places(node: Node, source: Node) -> Place:

@@ -26,19 +26,28 @@ AS_TEXT = json.JSONEncoder(sort_keys=True).encode
 
 
 class Recipes:
-    """``cells`` are those planned so far; ``expected``: means in the place of draws and rounding. ``versions`` of libraries stand in the
-    place of those that are installed."""
+    """``cells`` are those planned so far; ``expected``: means in the place of draws and rounding. ``versions`` of
+    libraries stand in the place of those that are installed."""
 
     def __init__(
-        self, cells: Mapping[CellRef, Cell], nodes: Mapping[str, Node], seed: int, expected: bool, versions: Mapping[str, str]
+        self,
+        cells: Mapping[CellRef, Cell],
+        nodes: Mapping[str, Node],
+        seed: int,
+        expected: bool,
+        versions: Mapping[str, str],
     ) -> None:
         self.cells, self.nodes, self.pipeline_seed, self.expected = cells, nodes, seed, expected
         self.stated = versions
         self.words: dict[tuple[str, int], tuple[str, ...]] = {}
-        self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
+        self.digests: dict[
+            int, str
+        ] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
         self.heads: dict[tuple[Any, ...], Head] = {}
         self.forms: dict[int, str] = {}  # what counts of grids, by the identity of what many cells share
-        self.looked: dict[tuple[Any, ...], str] = {}  # what counts of transfer functions that are looked at: the same ones by many cells
+        self.looked: dict[
+            tuple[Any, ...], str
+        ] = {}  # what counts of transfer functions that are looked at: the same ones by many cells
         self.versions: dict[frozenset[str], dict[str, str]] = {}
         self.behind: dict[CellRef, Lines | None] = {}
         self.alike: dict[tuple[Any, ...], Lines | None] = {}
@@ -92,9 +101,14 @@ class Recipes:
         bound = is_random(type(stage)) or node.segment or asked
         versions = self.versions_of(libraries.union(libraries_of(type(stage)), ("numpy", "scipy") if bound else ()))
         fields: dict[str, Any] = {
-            "stage": one.use, "code": one.digest, "parameters": self.parameters(stage), "precision": precision, "versions": versions,
-            "expected": averaged, "along": {name: q.along for name, q in quantities_of(type(stage)).items() if q.along},
-        }  # fmt: skip
+            "stage": one.use,
+            "code": one.digest,
+            "parameters": self.parameters(stage),
+            "precision": precision,
+            "versions": versions,
+            "expected": averaged,
+            "along": {name: q.along for name, q in quantities_of(type(stage)).items() if q.along},
+        }
         draws = draws_anew(type(stage)) and not averaged  # fixed patterns follow the serial, a parameter
         if draws:
             fields["seed"], fields["name"] = self.pipeline_seed, node.name
@@ -105,11 +119,15 @@ class Recipes:
         """The grids of what a cell writes, and the dims that it is mapped over."""
         known = self.forms.get(id(form))
         if known is None:
-            known = self.forms[id(form)] = AS_TEXT([[[v, plain_text(grid)] for v, grid in form.grids.items()], plain_text(form.mapped)])
+            known = self.forms[id(form)] = AS_TEXT(
+                [[[v, plain_text(grid)] for v, grid in form.grids.items()], plain_text(form.mapped)]
+            )
         return known
 
     def text_of_segment(self, node: Node, inputs: Any, precision: str) -> str:
-        """How far in front of a transfer function its segment begins, and whether the light there is streamed: other bits either way."""
+        """How far in front of a transfer function its segment begins, and whether the light there is streamed: other
+        bits either way.
+        """
         first, _, variable = inputs[0][1], None, inputs[0][2]
         for _ in range(len(node.segment) - 1):
             _, first, variable = self.cells[first].inputs[0]
@@ -117,17 +135,23 @@ class Recipes:
         return f"segment {len(node.segment)} {streamed}"
 
     def text_of_looked_at(self, node: Node, one: Alternative, looks_at: Any) -> str:
-        """What counts of all that a cell looks at; remembered of transfer functions, since cells look at the same ones."""
+        """What counts of all that a cell looks at; remembered of transfer functions, since cells look at the same
+        ones.
+        """
         place = (node.name, one.label, looks_at)
         known = self.looked.get(place)
         if known is None:
-            known = AS_TEXT([[port, self.looked_at(one, port, [self.cells[ref] for ref in refs])] for port, refs in looks_at])
+            known = AS_TEXT(
+                [[port, self.looked_at(one, port, [self.cells[ref] for ref in refs])] for port, refs in looks_at]
+            )
             if all(looks_at_stages(looks(reads_of(one.kind)[port])) for port, _ in looks_at):
                 self.looked[place] = known
         return known
 
     def looked_at(self, one: Alternative, port: str, cells: list[Cell]) -> Any:
-        """What counts of the cells that a stage looks at: of transfer functions and datasheets the stages, left out or not."""
+        """What counts of the cells that a stage looks at: of transfer functions and datasheets the stages, left out
+        or not.
+        """
         what = looks(reads_of(one.kind)[port])
         if not looks_at_stages(what):
             return [[cell.node, cell.key] for cell in cells]
@@ -146,7 +170,9 @@ class Recipes:
     def versions_of(self, libraries: frozenset[str]) -> dict[str, str]:
         known = self.versions.get(libraries)
         if known is None:
-            known = self.versions[libraries] = {name: self.stated.get(name) or version_of(name) for name in sorted(libraries)}
+            known = self.versions[libraries] = {
+                name: self.stated.get(name) or version_of(name) for name in sorted(libraries)
+            }
         return known
 
     def seed(self, node: Node, stage: Stage, inputs: Any, looks_at: Any) -> tuple[bytes, tuple[words.Open, ...]]:
@@ -156,7 +182,9 @@ class Recipes:
         if asking.common_draws(stage):
             return f"{self.pipeline_seed}|{node.name}|".encode(), ()
         quantities = quantities_of(type(stage))
-        read = [ref for port, ref, _ in inputs if port not in quantities] + [ref for _, refs in looks_at for ref in refs]
+        read = [ref for port, ref, _ in inputs if port not in quantities] + [
+            ref for _, refs in looks_at for ref in refs
+        ]
         lines_behind = [self.lines_behind(ref) for ref in read]
         if None not in lines_behind and not any(port in quantities for port, _, _ in inputs):
             place = node.name, id(stage), *map(id, lines_behind)
@@ -171,11 +199,14 @@ class Recipes:
         found += [(cell.node, type(cell.stage), one) for cell in cells for one in cell.found]
         if not found:
             return words.seed_of(self.pipeline_seed, node.name, lines), ()
-        awaited = tuple(words.Open(name, q, parameters_of(kind)[q][2], ref, variable) for name, kind, (q, ref, variable) in found)
+        awaited = tuple(
+            words.Open(name, q, parameters_of(kind)[q][2], ref, variable) for name, kind, (q, ref, variable) in found
+        )
         return "\n".join(sorted(lines)).encode(), awaited
 
     def lines_behind(self, ref: CellRef) -> Lines | None:
-        """The words of a cell and of all that it reads through its ports, at any distance; None where a run finds one of their values.
+        """The words of a cell and of all that it reads through its ports, at any distance; None where a run finds one
+        of their values.
 
         One set for all cells of a stage that read cells of the same sets.
         """

@@ -15,7 +15,9 @@ from etendue.contract.ports import CellReport
 from etendue.plan.model import CellRef, Plan
 
 STATUSES = ("", "done", "left_out", "failed", "skipped", "loaded", "reused")  # '': nothing has become of it yet
-DONE, LEFT_OUT, FAILED, SKIPPED, REUSED = (STATUSES.index(name) for name in ("done", "left_out", "failed", "skipped", "reused"))
+DONE, LEFT_OUT, FAILED, SKIPPED, REUSED = (
+    STATUSES.index(name) for name in ("done", "left_out", "failed", "skipped", "reused")
+)
 Rest = tuple[float, float, float, str, str]  # clipped, clipped_flux, floored, platform, message
 NOTHING: Rest = (0.0, 0.0, 0.0, "", "")
 
@@ -79,8 +81,17 @@ class Reports(Mapping[CellRef, CellReport]):
     def _at(self, number: int, ref: CellRef) -> CellReport:
         clipped, flux, floored, platform, message = self.rest.get(number, NOTHING)
         return CellReport(
-            *ref, STATUSES[self.status[number]], self.seconds[number], (), message, clipped, flux, floored, platform, self.size[number]
-        )  # fmt: skip
+            *ref,
+            STATUSES[self.status[number]],
+            self.seconds[number],
+            (),
+            message,
+            clipped,
+            flux,
+            floored,
+            platform,
+            self.size[number],
+        )
 
     # -- of many cells ------------------------------------------------------------------------------------------------
 

@@ -33,16 +33,25 @@ class Work:
     removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
     pruned: int = 0  # finished cells removed because it was asked for
     stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
-    mended: list[str] = field(default_factory=list)  # files of the archive that were missing or damaged, and are written again
-    moved: dict[str, int] = field(default_factory=dict)  # shards made anew, bytes copied for them, bytes of what was computed
-    shown: Mapping[str, CellRef] = field(default_factory=dict)  # of each stage the cell of the pictures, where it is not the usual one
+    mended: list[str] = field(
+        default_factory=list
+    )  # files of the archive that were missing or damaged, and are written again
+    moved: dict[str, int] = field(
+        default_factory=dict
+    )  # shards made anew, bytes copied for them, bytes of what was computed
+    shown: Mapping[str, CellRef] = field(
+        default_factory=dict
+    )  # of each stage the cell of the pictures, where it is not the usual one
 
 
-MOST_WORK = 10_000_000  # values looked at to find the possible ones among those of earlier runs; a plan counts as PLANNED of them
+# values looked at to find the possible ones among those of earlier runs; a plan counts as PLANNED of them
+MOST_WORK = 10_000_000
 PLANNED = 5_000
 
 
-def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()) -> Plan:
+def with_stored_values(
+    plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()
+) -> Plan:
     """The plan over the axis values of an archive's earlier runs as well: what is still right there stays.
 
     ``sweeps`` of earlier runs, as they stood in their files, say what a label of a swapped stage means.
@@ -122,7 +131,9 @@ def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
 
 
 def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = None) -> set[CellRef]:
-    """The cells to compute: unfinished requested ones, and finished ones whose unstored result an unfinished one reads."""
+    """The cells to compute: unfinished requested ones, and finished ones whose unstored result an unfinished one
+    reads.
+    """
     todo = {ref for ref in (plan.cells if requested is None else requested) if ref not in finished}
     nodes = {node.name: node for node in plan.nodes}
     for ref in reversed(list(plan.cells)):

@@ -33,7 +33,9 @@ def content_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Content | Non
     grid = sorted((name, repr(grid)) for name, grid in grids.items())
     code = [code_digest(type(source)), code_at("etendue.transfer.contents")]
     versions = {name: version_of(name) for name in sorted(libraries_of(type(source)))}
-    key = key_of({"form": FORM, "code": code, "versions": versions, "parameters": parameters_for_key(source), "grid": grid})
+    key = key_of(
+        {"form": FORM, "code": code, "versions": versions, "parameters": parameters_for_key(source), "grid": grid}
+    )
     with _lock:
         if key in _KNOWN:
             return _KNOWN[key], 0.0

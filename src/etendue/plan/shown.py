@@ -8,12 +8,16 @@ from etendue.plan.model import CellRef, Plan
 
 
 def shown_cells(plan: Plan) -> dict[str, CellRef]:
-    """One cell of each stage for the pictures: at the pipeline's own values where they are swept, else in the middle."""
+    """One cell of each stage for the pictures: at the pipeline's own values where they are swept, else in the
+    middle.
+    """
     middle = {}
     for axis in plan.axes:
         base = plan.pipeline.shared.get(axis.key)
         value = plan.shared.get(axis.key)
-        middle[axis.dim] = axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
+        middle[axis.dim] = (
+            axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
+        )
     return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in plan.nodes}
 
 

@@ -30,22 +30,39 @@ CALLED = ("import_module", "__import__")  # with a name that stands there they a
 RESOURCES = ("files", "get_data")  # of a package whose name stands there
 HIDDEN = frozenset(
     {
-        "entry_points", "exec_module", "iter_modules", "lazy_import", "lazy_loader", "LazyLoader", "load_module", "module_from_spec",
-        "resolve_name", "run_module", "run_path", "SourceFileLoader", "spec_from_file_location", "spec_from_loader", "walk_packages",
+        "entry_points",
+        "exec_module",
+        "iter_modules",
+        "lazy_import",
+        "lazy_loader",
+        "LazyLoader",
+        "load_module",
+        "module_from_spec",
+        "resolve_name",
+        "run_module",
+        "run_path",
+        "SourceFileLoader",
+        "spec_from_file_location",
+        "spec_from_loader",
+        "walk_packages",
     }
-)  # fmt: skip
+)
 BUILT_IN = ("exec", "eval", "execfile")  # as methods of objects these names mean other things
-_MAY_HIDE = re.compile(rb"\b(?:%s)\b" % b"|".join(name.encode() for name in (*CALLED, *RESOURCES, *sorted(HIDDEN), *BUILT_IN)))
+_MAY_HIDE = re.compile(
+    rb"\b(?:%s)\b" % b"|".join(name.encode() for name in (*CALLED, *RESOURCES, *sorted(HIDDEN), *BUILT_IN))
+)
 _BESIDE = re.compile(rb"\b(?:__file__|resources|pkgutil)\b")
 _CLASS = re.compile(r"\b[A-Z]\w+")
 
 
 @dataclass(frozen=True)
 class Source:
-    """What is known of a file. ``imports`` are names of modules and of what is taken out of them, relative ones with their dots.
+    """What is known of a file. ``imports`` are names of modules and of what is taken out of them, relative ones with
+    their dots.
 
-    ``words``: a docstring and nothing else. ``hides``: imports something that cannot be seen. ``beside``: reads files that lie beside it.
-    ``classes``: of a module that imports the ``models`` of a package, which gives classes by name, every word that may be the name of one.
+    ``words``: a docstring and nothing else. ``hides``: imports something that cannot be seen. ``beside``: reads files
+    that lie beside it. ``classes``: of a module that imports the ``models`` of a package, which gives classes by name,
+    every word that may be the name of one.
     """
 
     digest: str
@@ -85,7 +102,9 @@ def _imports(tree: ast.Module) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             module = "." * node.level + (node.module or "")  # which is imported on the way to what is taken from it
             yield from (f"{module}{'.' if node.module else ''}{alias.name}" for alias in node.names)
-        typing_only = isinstance(node, ast.If) and getattr(node.test, "id", getattr(node.test, "attr", "")) == "TYPE_CHECKING"
+        typing_only = (
+            isinstance(node, ast.If) and getattr(node.test, "id", getattr(node.test, "attr", "")) == "TYPE_CHECKING"
+        )
         for name in ("body", "orelse", "finalbody", "handlers", "cases"):
             found = getattr(node, name, None)
             if isinstance(found, list) and not (typing_only and name == "body"):
@@ -93,7 +112,9 @@ def _imports(tree: ast.Module) -> Iterator[str]:
 
 
 def _called(tree: ast.Module) -> tuple[set[str], bool]:
-    """What is imported by a call with a name that stands there; whether anything else is imported in a way that cannot be followed."""
+    """What is imported by a call with a name that stands there; whether anything else is imported in a way that
+    cannot be followed.
+    """
     found, hides, followed = set[str](), False, set[int]()
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and _name_of(node.func) in (*CALLED, *RESOURCES):
@@ -103,7 +124,11 @@ def _called(tree: ast.Module) -> tuple[set[str], bool]:
                 followed.add(id(node.func))
     for node in ast.walk(tree):
         name = _name_of(node)
-        if name in HIDDEN or (name in CALLED and id(node) not in followed) or (isinstance(node, ast.Name) and name in BUILT_IN):
+        if (
+            name in HIDDEN
+            or (name in CALLED and id(node) not in followed)
+            or (isinstance(node, ast.Name) and name in BUILT_IN)
+        ):
             hides = True
         elif isinstance(node, ast.alias):
             hides = hides or node.name.split(".")[-1] in HIDDEN or (node.name in CALLED and bool(node.asname))
@@ -138,7 +163,9 @@ def known(path: Path) -> Source:
     state = [found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino]
     entry = _kept().get(name)
     if entry is not None and entry["state"] == state:
-        words: dict[str, Any] = {word: tuple(value) if isinstance(value, list) else value for word, value in entry["source"].items()}
+        words: dict[str, Any] = {
+            word: tuple(value) if isinstance(value, list) else value for word, value in entry["source"].items()
+        }
         return Source(**words)
     own = _read(path)
     if time.time() - found.st_mtime > SETTLED:

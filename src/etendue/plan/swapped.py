@@ -27,7 +27,8 @@ def fitted_to_overrides(pipeline: Pipeline, registry: Registry) -> tuple[Pipelin
         return pipeline, notes
     before = _written(pipeline.text)
     entries = tuple(
-        _fitted(one, before.get(one.name, ""), pipeline, registry, notes) if one.name in swapped else one for one in pipeline.stages
+        _fitted(one, before.get(one.name, ""), pipeline, registry, notes) if one.name in swapped else one
+        for one in pipeline.stages
     )
     return replace(pipeline, stages=entries), notes
 
@@ -54,9 +55,10 @@ def _fitted(entry: StageEntry, before: str, pipeline: Pipeline, registry: Regist
         return entry
     given = {key for key, _ in pipeline.overrides}
     gone = [
-        name for name in entry.values
+        name
+        for name in entry.values
         if name not in declared and (former is None or name in former) and f"{entry.name}.{name}" not in given
-    ]  # fmt: skip
+    ]
     if not gone:
         return entry
     left = {name: value for name, value in entry.values.items() if name not in gone}

@@ -1,4 +1,5 @@
-"""What distributions say of the variables and quantities of a pipeline, where two of them say different things or one says it wrongly.
+"""What distributions say of the variables and quantities of a pipeline, where two of them say different things or one
+says it wrongly.
 
 In:  the alternatives at every stage.
 Out: faults; none for names that this pipeline does not use.
@@ -20,7 +21,11 @@ def check_vocabulary(request: Request, entries: Entries) -> None:
     written: dict[str, str] = {}
     for stage, alternatives in entries.items():
         for one in alternatives:
-            quantities |= {name: one.use for name, (p, _, _) in parameters_of(one.kind).items() if p.shared and name not in quantities}
+            quantities |= {
+                name: one.use
+                for name, (p, _, _) in parameters_of(one.kind).items()
+                if p.shared and name not in quantities
+            }
             written |= {d.variable: stage for d in writes_of(one.kind).values() if d.variable not in written}
     for name, use in quantities.items():
         if clash := discovery.installed().clash("quantities", name):
@@ -31,4 +36,6 @@ def check_vocabulary(request: Request, entries: Entries) -> None:
         except PluginError as error:
             request.fault(f"stages.{stage}", str(error))
         if differ := disagree(name):
-            request.fault(f"stages.{stage}", f"{differ} say different things of its variable {name!r}; uninstall one of them")
+            request.fault(
+                f"stages.{stage}", f"{differ} say different things of its variable {name!r}; uninstall one of them"
+            )

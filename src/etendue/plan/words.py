@@ -1,10 +1,11 @@
-"""What keys the random numbers of a cell: the values, of its stage and of those it depends on, that differ from their defaults.
+"""What keys the random numbers of a cell: the values, of its stage and of those it depends on, that differ from their
+defaults.
 
 In:  cells of a plan.
 Out: lines of text; those whose value is found while the run goes on are left open.
 
-A parameter that is added with a default, a knob of fidelity, and how a quantity was found change no draw: given, swept or found, the
-same value is the same word.
+A parameter that is added with a default, a knob of fidelity, and how a quantity was found change no draw: given, swept
+or found, the same value is the same word.
 """
 
 from __future__ import annotations
@@ -52,7 +53,9 @@ def seed_of(seed: int, node: str, lines: Set[str]) -> bytes:
 
 
 def behind(cells: Mapping[CellRef, Cell], starts: list[Cell]) -> list[Cell]:
-    """Some cells and every cell that they read through their ports, at any distance. What a quantity was found from is none of them."""
+    """Some cells and every cell that they read through their ports, at any distance. What a quantity was found from
+    is none of them.
+    """
     seen: dict[CellRef, Cell] = {}
     open_ = list(starts)
     while open_:

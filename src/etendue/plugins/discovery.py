@@ -1,7 +1,10 @@
-"""What installed distributions bring, by name: stages, variables, shared quantities, roles, and vocabularies of their own.
+"""What installed distributions bring, by name: stages, variables, shared quantities, roles, and vocabularies of their
+own.
 
-In:  entry points of the group ``etendue``, one manifest module per distribution, asked through pluggy's hooks (``hookspecs``).
-Out: what stands under a name and who brought it. A manifest that is broken brings nothing, and says why to whoever misses it.
+In:  entry points of the group ``etendue``, one manifest module per distribution, asked through pluggy's hooks
+     (``hookspecs``).
+Out: what stands under a name and who brought it. A manifest that is broken brings nothing, and says why to whoever
+     misses it.
 """
 
 from __future__ import annotations
@@ -49,7 +52,8 @@ class Brought:
 
 @contextmanager
 def foreign(what: str, guest: str = "") -> Iterator[None]:
-    """Code of a distribution is imported or asked: whatever it raises is a ``PluginError``, and the working folder is put back.
+    """Code of a distribution is imported or asked: whatever it raises is a ``PluginError``, and the working folder is
+    put back.
 
     ``guest``: its name, if it is another distribution's than this.
     """
@@ -66,7 +70,9 @@ def foreign(what: str, guest: str = "") -> Iterator[None]:
 
 
 def named(distribution: Distribution) -> tuple[str, str]:
-    """Name and version of a distribution, '' where it has none: from the first lines of its metadata, which need not be parsed for it."""
+    """Name and version of a distribution, '' where it has none: from the first lines of its metadata, which need not
+    be parsed for it.
+    """
     head = (distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or "").partition("\n\n")[0]
     found = dict(_LINE.findall(head))
     if found.keys() >= {"Name", "Version"}:
@@ -109,10 +115,16 @@ class Discovery:
     def clash(self, what: str, name: str) -> str:
         """What is wrong with a name that more than one distribution brings; '' where one does."""
         brought = self.all(what, name)
-        return f"offered by {' and '.join(one.distribution for one in brought)}; uninstall one of them" if len(brought) > 1 else ""
+        return (
+            f"offered by {' and '.join(one.distribution for one in brought)}; uninstall one of them"
+            if len(brought) > 1
+            else ""
+        )
 
     def missed(self, what: str, name: str) -> str:
-        """'; ...' with what may be the reason that nobody brings a name: a manifest that is broken, or of the form of earlier versions."""
+        """'; ...' with what may be the reason that nobody brings a name: a manifest that is broken, or of the form
+        of earlier versions.
+        """
         former = [point for point in self._former if point.name == name] if what == "stages" else []
         said = [_former_text(point) for point in former[:1]] or [
             text for (_, _, of), text in list(self._broken.items()) if of in ("", what)
@@ -153,7 +165,8 @@ class Discovery:
             return known
         module: Any = None
         try:
-            # The entry point is loaded here: pluggy's own loader walks all distributions, and one that breaks would break all.
+            # The entry point is loaded here: pluggy's own loader walks all distributions, and one that breaks would
+            # break all.
             with foreign(f"{origin} cannot be read: its manifest {point.value}", guest):
                 module = point.load()
                 if getattr(getattr(module, "__spec__", None), "_initializing", False):
@@ -168,7 +181,9 @@ class Discovery:
             self._broken[broken] = str(error)
             raise
         if not self._manager.get_hookcallers(module):
-            self._broken[broken] = f"{origin} cannot be read: its manifest {point.value} has no @hookimpl of {hookspecs.PROJECT}"
+            self._broken[broken] = (
+                f"{origin} cannot be read: its manifest {point.value} has no @hookimpl of {hookspecs.PROJECT}"
+            )
             raise PluginError(self._broken[broken])
         found: ModuleType = module
         return found
@@ -196,15 +211,19 @@ class Discovery:
             answers = self._manager.subset_hook_caller(hook, others)()
         for answer in answers:
             if not isinstance(answer, Mapping) or not all(isinstance(name, str) for name in answer):
-                raise PluginError(f"{distribution} {version}: its {hook} gives {type(answer).__name__}; expected a mapping by name")
+                raise PluginError(
+                    f"{distribution} {version}: its {hook} gives {type(answer).__name__}; expected a mapping by name"
+                )
         return {name: Brought(value, distribution, version) for answer in answers for name, value in answer.items()}
 
 
 def _former_text(point: EntryPoint) -> str:
     origin = f"{point.dist.name} {point.dist.version}" if point.dist else "a distribution"
     return (
-        f"{origin} has its stages as entry points of {hookspecs.FORMER_GROUP!r}, which are no longer read: install a newer version, or "
-        f"name its manifest once, [project.entry-points.etendue] and NAME = {point.module!r}, with {point.name!r} in its etendue_stages()"
+        f"{origin} has its stages as entry points of {hookspecs.FORMER_GROUP!r}, which are no longer read: install a "
+        f"newer version, or "
+        f"name its manifest once, [project.entry-points.etendue] and NAME = {point.module!r}, with {point.name!r} in "
+        f"its etendue_stages()"
     )
 
 
@@ -226,7 +245,9 @@ def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
     """What a distribution says in a mapping, as a dataclass with the same words."""
     known = [field.name for field in fields(form)]  # type: ignore[arg-type]
     if not isinstance(brought.value, Mapping):
-        raise PluginError(f"{what} of {brought.origin} is {type(brought.value).__name__}; expected a mapping with {', '.join(known)}")
+        raise PluginError(
+            f"{what} of {brought.origin} is {type(brought.value).__name__}; expected a mapping with {', '.join(known)}"
+        )
     for word in brought.value:
         if word not in known:
             raise PluginError(f"{what} of {brought.origin} has no word {word!r}{nearest(str(word), known)}")
@@ -238,8 +259,8 @@ def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """``word``: what one of its names is called; ``endings``: of its files, where its names stand for tables; ``library``: in the place of
-    a path, a table that a library has."""
+    """``word``: what one of its names is called; ``endings``: of its files, where its names stand for tables;
+    ``library``: in the place of a path, a table that a library has."""
 
     word: str
     endings: tuple[str, ...] = ()
@@ -261,7 +282,8 @@ def is_table_file(text: str) -> bool:
 
 
 def table_file(name: str) -> str:
-    """The path of the file behind the name of a table, or of a path of one; '' for a table of a library, and for no table.
+    """The path of the file behind the name of a table, or of a path of one; '' for a table of a library, and for no
+    table.
 
     Raises
     ------
@@ -282,6 +304,8 @@ def table_file(name: str) -> str:
             path = ""
         if not path.endswith(tuple(vocabulary.endings)) or not os.path.isfile(path):
             kinds = " or ".join(ending.removeprefix(".").upper() for ending in vocabulary.endings)
-            raise ValueError(f"the {vocabulary.word} {name!r} of {brought[0].origin} has no {kinds} file: {brought[0].value!r}")
+            raise ValueError(
+                f"the {vocabulary.word} {name!r} of {brought[0].origin} has no {kinds} file: {brought[0].value!r}"
+            )
         return str(path)
     return ""

@@ -1,10 +1,12 @@
-"""Code of other distributions, while it is at work in this process: it ends nothing but itself, and what it changes is put back.
+"""Code of other distributions, while it is at work in this process: it ends nothing but itself, and what it changes is
+put back.
 
 In:  who is at work, by name.
-Out: umask, recursion limit and arithmetic as they stood in front of all who are at work; a child that it forked and that comes back with
-     it ends; ``os._exit`` is ``sys.exit``.
+Out: umask, recursion limit and arithmetic as they stood in front of all who are at work; a child that it forked and
+     that comes back with it ends; ``os._exit`` is ``sys.exit``.
 
-``discovery.foreign`` and ``run.ownership`` put back what else there is only once: the working folder, warnings, errors of numpy.
+``discovery.foreign`` and ``run.ownership`` put back what else there is only once: the working folder, warnings, errors
+of numpy.
 """
 
 from __future__ import annotations
@@ -21,7 +23,13 @@ from typing import Any, NoReturn
 from etendue import interrupts
 from etendue.process import Before, Shared
 
-_ONE, _HALF, _SMALLEST, _TIE_ABOVE, _TIE_BELOW = 1.0, 0.5, sys.float_info.min, 2.0**-53, 2.0**-54  # names: nothing is computed ahead
+_ONE, _HALF, _SMALLEST, _TIE_ABOVE, _TIE_BELOW = (
+    1.0,
+    0.5,
+    sys.float_info.min,
+    2.0**-53,
+    2.0**-54,
+)  # names: nothing is computed ahead
 _told: dict[Any, Any] = {}  # what has been said; once is enough
 
 
@@ -60,7 +68,9 @@ def called(kind: type) -> str:
 
 
 class Guest:
-    """Use as a context manager around the code of ``name``; as often, as deep and in as many threads as there is some."""
+    """Use as a context manager around the code of ``name``; as often, as deep and in as many threads as there is
+    some.
+    """
 
     __slots__ = ("found", "name", "ordinary", "process", "who")
 
@@ -113,7 +123,9 @@ def _now() -> tuple[int, int]:
         line = []
     if line:
         return int(line[0], 8), sys.getrecursionlimit()
-    umask = os.umask(0o077)  # elsewhere it is asked for by setting it: a file that is made at this instant is its owner's alone
+    umask = os.umask(
+        0o077
+    )  # elsewhere it is asked for by setting it: a file that is made at this instant is its owner's alone
     os.umask(umask)
     return umask, sys.getrecursionlimit()
 
@@ -131,7 +143,9 @@ def _put_back(umask: int, limit: int) -> Iterator[str]:
 
 
 def ordinary() -> bool:
-    """Whether this thread rounds to the nearest number, ties to even, and has numbers smaller than the smallest normal one."""
+    """Whether this thread rounds to the nearest number, ties to even, and has numbers smaller than the smallest
+    normal one.
+    """
     return _ONE + _TIE_ABOVE == _ONE and _ONE - _TIE_BELOW == _ONE and _SMALLEST * _HALF > 0.0
 
 
@@ -166,7 +180,9 @@ def _say(line: str) -> None:
 
 
 def _exit_of_guests(process: int, real: Any, status: int) -> None:
-    """``os._exit`` while guests are at work. A child that was forked ends; so does the process, where somebody else owns it and asks."""
+    """``os._exit`` while guests are at work. A child that was forked ends; so does the process, where somebody else
+    owns it and asks.
+    """
     if os.getpid() == process and (_here.count or _ours()):
         if interrupts.ending():  # the process ends, with the code of the command
             return

@@ -3,8 +3,9 @@
     [project.entry-points.etendue]
     my-film = "my_film.manifest"
 
-The manifest is imported whenever anything is looked up, so it imports little; stages are named as text and imported when they are
-used. Every hook gives a mapping by name. Two distributions that give one name are a fault of the pipeline that uses it.
+The manifest is imported whenever anything is looked up, so it imports little; stages are named as text and imported
+when they are used. Every hook gives a mapping by name. Two distributions that give one name are a fault of the pipeline
+that uses it.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 @hookspec
 def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Quantities that stages share, under one table of a pipeline file: the words of ``param()``, and a default unless it must be given.
+    """Quantities that stages share, under one table of a pipeline file: the words of ``param()``, and a default unless
+    it must be given.
 
     {"film_thickness": {"default": 120.0, "units": "um", "above": 0, "doc": "of the film's base"}}
     """
@@ -55,7 +57,8 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Further hooks, which a domain has for itself and whoever builds upon it: each gives a mapping by name (``discovery.Vocabulary``).
+    """Further hooks, which a domain has for itself and whoever builds upon it: each gives a mapping by name
+    (``discovery.Vocabulary``).
 
     {"stocks": {"word": "film stock"}}: others bring ``etendue_stocks()``
     """
@@ -63,8 +66,8 @@ def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[e
 
 @hookspec
 def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Dims that are cut into bands, or have a unit and a name of their own (``contract.dims.Dim``). Stages may ask for the coordinates of
-    a dim by its name, and for the edges of its bands as ``NAME_edges``.
+    """Dims that are cut into bands, or have a unit and a name of their own (``contract.dims.Dim``). Stages may ask for
+    the coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
 
     {"frequency": {"bins": True, "units": "Hz", "long_name": "frequency"}}
     """
@@ -80,8 +83,8 @@ def etendue_units() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """Generators of fixed patterns, random numbers by absolute position that are the same in every cell: the argument of ``run`` by which
-    a stage asks for one, and the shared quantity that says whose patterns they are.
+    """Generators of fixed patterns, random numbers by absolute position that are the same in every cell: the argument
+    of ``run`` by which a stage asks for one, and the shared quantity that says whose patterns they are.
 
     {"rng_film": "film_serial"}
     """
@@ -89,7 +92,8 @@ def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_commands() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Commands of the program ``etendue``: where the click command stands, how it is typed, what it does (``cli.commands.Command``).
+    """Commands of the program ``etendue``: where the click command stands, how it is typed, what it does
+    (``cli.commands.Command``).
 
     {"halation": {"place": "my_film.cli:halation", "usage": "FILE", "doc": "how far light comes back from the base"}}
     """
@@ -105,8 +109,8 @@ def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` where
-    there are none.
+    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``,
+    and ``why`` where there are none.
 
     {"halation": "my_film.study:shares_at"}
     """
@@ -114,8 +118,9 @@ def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """How arrays become colours: for a dim in front of y and x a function of (drawn, edges, names) that gives (3, n) from its n planes to
-    linear sRGB, or None for the first three as they are; for ``pattern`` a function of its text that gives rows and colours by letter.
+    """How arrays become colours: for a dim in front of y and x a function of (drawn, edges, names) that gives (3, n)
+    from its n planes to linear sRGB, or None for the first three as they are; for ``pattern`` a function of its text
+    that gives rows and colours by letter.
 
     {"layer": "my_film.seen:of_layers"}
     """
@@ -123,9 +128,11 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """The name of the table under which shared quantities stand, and how sets of values are named in it (``contract.tables.Table``).
+    """The name of the table under which shared quantities stand, and how sets of values are named in it
+    (``contract.tables.Table``).
 
-    {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, brought by ``etendue_stocks()``, a file or mapping each
+    {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, brought by ``etendue_stocks()``, a
+    file or mapping each
     """
 
 
@@ -155,20 +162,23 @@ def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 @hookspec
 def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Kinds of plots: where ``function(holdings, asked)`` stands, how many variables it takes, what it goes by (``plots.kinds.Kind``).
+    """Kinds of plots: where ``function(holdings, asked)`` stands, how many variables it takes, what it goes by
+    (``plots.kinds.Kind``).
 
-    It gives a figure of matplotlib. ``held = holdings.find("mean_level")`` is a variable, ``held.values()`` its array over all axes, and
-    ``held.values(asked.cell(held))`` that of the one cell that was asked for; ``asked.figures`` are the names that were given.
+    It gives a figure of matplotlib. ``held = holdings.find("mean_level")`` is a variable, ``held.values()`` its array
+    over all axes, and ``held.values(asked.cell(held))`` that of the one cell that was asked for; ``asked.figures`` are
+    the names that were given.
 
-    {"rose": {"place": "my_weather.plots:rose", "takes": 1, "uses": ["at"], "doc": "how often the wind blows from where"}}
+    {"rose": {"place": "my_weather.plots:rose", "takes": 1, "uses": ["at"], "doc": "how often the wind blows from
+    where"}}
     """
 
 
 @hookspec
 def etendue_sections() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Sections of a page: where ``function(tree)`` stands, and the title. It is given what ``etendue.open_archive`` gives, and gives a list
-    of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and ``{"picture": bytes of a PNG, "alt": text}``; an
-    empty one where it has nothing to say.
+    """Sections of a page: where ``function(tree)`` stands, and the title. It is given what ``etendue.open_archive``
+    gives, and gives a list of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and
+    ``{"picture": bytes of a PNG, "alt": text}``; an empty one where it has nothing to say.
 
     {"rain": {"place": "my_weather.page:rain", "title": "How much it rained"}}
     """
@@ -176,8 +186,9 @@ def etendue_sections() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty
 
 @hookspec
 def etendue_first() -> Mapping[str, Sequence[str]]:  # type: ignore[empty-body]
-    """What goes first where there is a choice: names of variables under ``map``, ``sheet``, ``glance``, ``headline``, ``curves``,
-    ``picture``; two in a text under ``front``; of axes under ``sides`` and ``along``; of shared quantities under ``quantities``.
+    """What goes first where there is a choice: names of variables under ``map``, ``sheet``, ``glance``, ``headline``,
+    ``curves``, ``picture``; two in a text under ``front``; of axes under ``sides`` and ``along``; of shared quantities
+    under ``quantities``.
 
     {"map": ["rainfall", "mean_wind"], "front": ["rainfall mean_wind"]}
     """
@@ -201,7 +212,8 @@ def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """What figures are about, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of them.
+    """What figures are about, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of
+    them.
 
     {"rain": {"said": "rainfall", "opens": True}}
     """

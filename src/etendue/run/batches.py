@@ -148,14 +148,20 @@ class BatchResult:
 
 
 def _ahead(
-    jobs: tuple[Job, ...], first: int, results: Mapping[CellRef, Result], doomed: Mapping[CellRef, str], at: Callable[[int], None] | None
+    jobs: tuple[Job, ...],
+    first: int,
+    results: Mapping[CellRef, Result],
+    doomed: Mapping[CellRef, str],
+    at: Callable[[int], None] | None,
 ) -> dict[CellRef, tuple[Result, CellReport]]:
-    """The cells of the walk that begins here, computed together; none where it is not complete, one of them is not to be tried, or one
-    of them does not end well: then each is computed by itself."""
+    """The cells of the walk that begins here, computed together; none where it is not complete, one of them is not to
+    be tried, or one of them does not end well: then each is computed by itself."""
     walk = jobs[first].walk
     assert walk is not None
     members = jobs[first : first + walk.members]
-    complete = len(members) == walk.members and all(job.walk is not None and job.walk.number == walk.number for job in members)
+    complete = len(members) == walk.members and all(
+        job.walk is not None and job.walk.number == walk.number for job in members
+    )
     if not complete or any(job.ref in doomed for job in members):
         return {}
     ended = walked(members, results, None if at is None else lambda member: at(first + member))
@@ -173,7 +179,8 @@ def run_batch(
 ) -> BatchResult:
     """Run the jobs of one batch, dropping each array after its last reader.
 
-    ``doomed``: cells that are known to fail, and why: they are not tried. ``at`` is told the number of every job that is begun.
+    ``doomed``: cells that are known to fail, and why: they are not tried. ``at`` is told the number of every job that
+    is begun.
     """
     results: dict[CellRef, Result] = {}
     for refs, source in zip(imports, before, strict=True):

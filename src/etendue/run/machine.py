@@ -1,4 +1,5 @@
-"""Whether a run fits the machine: memory and disk, before anything runs; what a plan and a run refuse in the same words.
+"""Whether a run fits the machine: memory and disk, before anything runs; what a plan and a run refuse in the same
+words.
 
 In:  a plan, where its results go, how many workers compute at once.
 Out: nothing, or ``MachineError`` with the cell of which most is held, and a way out.
@@ -28,16 +29,23 @@ def check_machine(plan: Plan, archive: Path | None, workers: int = 1, pictures: 
         folder = archive.absolute()
         while not folder.exists():
             folder = folder.parent
-        held = sum(512 * f.stat().st_blocks for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
+        held = (
+            sum(512 * f.stat().st_blocks for f in archive.rglob("*") if f.is_file())
+            if archive.exists() and need > 1e9
+            else 0
+        )
         free = shutil.disk_usage(folder).free + held
         if need > free:
             raise MachineError(
-                f"about {human_bytes(need)} would be stored, {human_bytes(free)} are free on the disk{_way_out(plan, _of_one(plan), free)}"
+                f"about {human_bytes(need)} would be stored, {human_bytes(free)} are free on the "
+                f"disk{_way_out(plan, _of_one(plan), free)}"
             )
 
 
 def _at_most(plan: Plan, workers: int) -> float:
-    """Bytes that no run comes to: as if all stages were held at once. Going through the jobs of a small plan takes longer than they do."""
+    """Bytes that no run comes to: as if all stages were held at once. Going through the jobs of a small plan takes
+    longer than they do.
+    """
     most = 0.0
     for node in plan.nodes:
         most += max((_of_cell(plan, cell) for cell, _ in alike(plan.of(node.name))), default=0.0)
@@ -46,7 +54,9 @@ def _at_most(plan: Plan, workers: int) -> float:
 
 def _of_cell(plan: Plan, cell: Cell) -> float:
     size = 4 if plan.precision == "float32" else 8
-    return (6 + cell.stage.working) * size * sum(grid.count for grid in (*cell.grids.values(), *cell.input_grids.values()))
+    return (
+        (6 + cell.stage.working) * size * sum(grid.count for grid in (*cell.grids.values(), *cell.input_grids.values()))
+    )
 
 
 def _check_memory(plan: Plan, archive: Path | None, workers: int, pictures: bool, available: int) -> None:
@@ -58,7 +68,9 @@ def _check_memory(plan: Plan, archive: Path | None, workers: int, pictures: bool
             way_out = "; take --workers 1"
         else:
             way_out = _way_out(plan, peak.alone, available)
-        raise MachineError(f"about {human_bytes(peak.bytes)} would be {where}{at}, {human_bytes(available)} are free{way_out}")
+        raise MachineError(
+            f"about {human_bytes(peak.bytes)} would be {where}{at}, {human_bytes(available)} are free{way_out}"
+        )
 
 
 def _cell(plan: Plan, ref: CellRef) -> str:
@@ -73,16 +85,21 @@ def _of_one(plan: Plan) -> int:
     return max(
         (
             cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.kept])
-            for n in plan.nodes for c, _ in alike(plan.of(n.name))
+            for n in plan.nodes
+            for c, _ in alike(plan.of(n.name))
         ),
         default=0,
-    )  # fmt: skip
+    )
 
 
 def _way_out(plan: Plan, one: int, room: int) -> str:
-    """What makes a plan smaller: where a single cell takes more than there is, or nothing is swept, only smaller cells."""
+    """What makes a plan smaller: where a single cell takes more than there is, or nothing is swept, only smaller
+    cells.
+    """
     longest = max(plan.axes, key=lambda a: len(a.values), default=None)
     if longest is None or one > room:
         what = f"one cell takes {human_bytes(one)}" if one > room else "nothing is swept"
-        return f"; {what}: take a wider spacing of what it begins with, wider bands, a smaller window, or a shorter 'keep'"
+        return (
+            f"; {what}: take a wider spacing of what it begins with, wider bands, a smaller window, or a shorter 'keep'"
+        )
     return f"; the axis {longest.key} has {len(longest.values)} values; shorten 'keep' or the sweep"

@@ -1,11 +1,13 @@
-"""Memory of a process that runs cells: what is freed is kept, what nobody holds any more is let go, and neither costs much.
+"""Memory of a process that runs cells: what is freed is kept, what nobody holds any more is let go, and neither costs
+much.
 
 A cell frees what the next one needs again, of the same size. glibc returns large blocks to the system at once, and
 touching fresh pages costs more than filling them: 10 us a page on a virtual machine, 2 ms for the three channels of a
 256 x 256 picture, where a stage may take 0.3 ms. Elsewhere than on glibc nothing happens.
 
-A ``DataTree`` is a circle, which only Python's collector finds. It counts objects: a tree is some thousand of them, whether it holds
-one megabyte or a thousand. So bytes are counted here, and the collector is called when enough of them wait.
+A ``DataTree`` is a circle, which only Python's collector finds. It counts objects: a tree is some thousand of them,
+whether it holds one megabyte or a thousand. So bytes are counted here, and the collector is called when enough of them
+wait.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ from etendue.process import Shared
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 LARGEST_BLOCK = 32 << 20  # the largest glibc accepts; larger arrays are mapped as before
 LARGEST_KEPT = 1 << 30
-AT_ONCE = 10_000  # objects made until the youngest are looked through, instead of 700: those of a plan and of a cell go by themselves
+# objects made until the youngest are looked through, instead of 700: those of a plan and of a cell go by themselves
+AT_ONCE = 10_000
 LEAST, MOST, TREES = 32 << 20, 256 << 20, 8  # so many trees may wait to be collected, in bytes at least and at most
 
 

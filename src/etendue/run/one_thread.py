@@ -18,7 +18,9 @@ BRINGS = "scipy.linalg"  # the part of scipy with a library of its own; kernels 
 
 
 class OneThread(MetaPathFinder):
-    """Use as a context manager, in as many threads as run. Meanwhile it sees what is imported: that may bring another library."""
+    """Use as a context manager, in as many threads as run. Meanwhile it sees what is imported: that may bring
+    another library.
+    """
 
     def __init__(self) -> None:
         self.lock, self.count = threading.RLock(), 0
@@ -85,8 +87,9 @@ class _Watched(Loader):
 
 
 def _give(library: Any, threads: int) -> None:
-    """So many threads to a library. From 3.8 on, ``threadpoolctl`` listens to one thread of a process alone, the first that asked, and
-    lets all others ask in vain: that is cleared before, for this one, and behind it, for whoever comes next."""
+    """So many threads to a library. From 3.8 on, ``threadpoolctl`` listens to one thread of a process alone, the first
+    that asked, and lets all others ask in vain: that is cleared before, for this one, and behind it, for whoever comes
+    next."""
     clear = getattr(library, "clear_controlling_thread", None)
     for _ in range(8):  # somebody else may ask in between
         if clear:

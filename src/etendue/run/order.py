@@ -20,7 +20,9 @@ def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> l
 
 
 class Needs:
-    """What each number below ``count`` needs of the others, asked for once: 12 bytes for each of them and each of its needs."""
+    """What each number below ``count`` needs of the others, asked for once: 12 bytes for each of them and each of
+    its needs.
+    """
 
     def __init__(self, count: int, needs: Callable[[int], Iterable[int]]) -> None:
         self.count, self.first, self.needed = count, array("i", bytes(4 * (count + 1))), array("i")

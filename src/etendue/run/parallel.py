@@ -55,7 +55,9 @@ def run_processes(batches: list[Batch], deliver: Set[CellRef], before: Before, a
         _threaded(batches, deliver, before, after, how, crew.run_batch)
 
 
-def _threaded(batches: list[Batch], deliver: Set[CellRef], before: Before, after: After, how: How, runner: Runner) -> None:
+def _threaded(
+    batches: list[Batch], deliver: Set[CellRef], before: Before, after: After, how: How, runner: Runner
+) -> None:
     import dask.threaded
 
     stop = how.stop
@@ -76,8 +78,8 @@ def _threaded(batches: list[Batch], deliver: Set[CellRef], before: Before, after
     def ended(key: Any, value: Any, *_: Any) -> None:
         after(numbers[key], value)
 
-    # Told by this call alone: a ``dask.callbacks.Callback`` hears of every graph of the process. A pool of our own: an interrupted run
-    # waits for the batches under way before the archive is let go.
+    # Told by this call alone: a ``dask.callbacks.Callback`` hears of every graph of the process. A pool of our own: an
+    # interrupted run waits for the batches under way before the archive is let go.
     told = [(None, None, started, ended, None)]
     with ThreadPoolExecutor(how.workers) as pool:
         dask.threaded.get(graph, ends, pool=pool, callbacks=told, chunksize=1, rerun_exceptions_locally=False)

@@ -3,9 +3,9 @@
 In:  a plan, how many workers compute at once, whether results stay in memory.
 Out: ``Peak``: bytes, and the cell of which most is held.
 
-The jobs are those that would run, for the largest cells of a plan and their neighbours on its axes: cells that are left out hold nothing,
-cells of a walk hold strips, light that is made by band holds bands. What a stage works with while it computes, it says (``Stage.working``);
-what transforms work with is known here. Measured by ``benchmarks/memory.py``.
+The jobs are those that would run, for the largest cells of a plan and their neighbours on its axes: cells that are left
+out hold nothing, cells of a walk hold strips, light that is made by band holds bands. What a stage works with while it
+computes, it says (``Stage.working``); what transforms work with is known here. Measured by ``benchmarks/memory.py``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ from etendue.run.order import depth_first
 from etendue.run.peak_segments import segment_bytes
 from etendue.transfer.sampling import padded_size
 
-WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds while it makes one band, for what it makes of all of them at once
+WITHOUT_BANDS = (
+    3.0  # planes of float64 that a stage holds while it makes one band, for what it makes of all of them at once
+)
 AROUND = 4  # times as many combinations of a sweep as there are workers are gone through
 LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
 SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
@@ -59,7 +61,9 @@ def workers_of(scheduler: str, workers: int) -> int:
 
 
 def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures: bool = True) -> Peak:
-    """The most bytes that are held at once while a plan is computed; ``pictures``: whether a cell of every stage is drawn."""
+    """The most bytes that are held at once while a plan is computed; ``pictures``: whether a cell of every stage is
+    drawn.
+    """
     jobs = _jobs(plan, workers, in_memory, pictures)
     if not jobs:
         return Peak(0)
@@ -75,12 +79,16 @@ def kept_bytes(plan: Plan) -> int:
     kept = {node.name: [v for v in node.writes if (node.name, v) in plan.kept] for node in plan.nodes}
     return sum(
         count * cost.cell_bytes(node, cell, plan.precision, kept[node.name])
-        for node in plan.nodes if kept[node.name] for cell, count in cost.alike(plan.of(node.name))
-    )  # fmt: skip
+        for node in plan.nodes
+        if kept[node.name]
+        for cell, count in cost.alike(plan.of(node.name))
+    )
 
 
 def job_bytes(job: Job, precision: str) -> tuple[float, float]:
-    """Bytes that come to what a cell reads while it is computed, of a job that stands alone; and the larger of what it reads and writes."""
+    """Bytes that come to what a cell reads while it is computed, of a job that stands alone; and the larger of what
+    it reads and writes.
+    """
     run = _Run(precision, {job.ref: job}, set(), True, 1)
     own = run.cell(job) + run.tables
     return own, run.largest(job)
@@ -89,7 +97,11 @@ def job_bytes(job: Job, precision: str) -> tuple[float, float]:
 def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[CellRef, Job]:
     """The jobs of the largest cells and of some beside them."""
     chosen = _chosen(plan, AROUND * workers)
-    refs = [ref for ref in plan.cells if all(i in chosen[dim] for dim, i in zip(plan.node(ref[0]).axes, ref[1], strict=True))]
+    refs = [
+        ref
+        for ref in plan.cells
+        if all(i in chosen[dim] for dim, i in zip(plan.node(ref[0]).axes, ref[1], strict=True))
+    ]
     todo = ancestry(plan, refs) if len(refs) < len(plan.cells) else set(refs)
     show = frozenset(ref for ref in shown_cells(plan).values() if pictures and ref in todo)
     looks: dict[CellRef, Any] = dict.fromkeys(show, _LOOK)
@@ -102,7 +114,11 @@ def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
     largest: dict[str, int] = {}
     sizes = []
     for node in plan.nodes:
-        every = [(cost.cell_bytes(node, cell, plan.precision), cell) for cell, _ in cost.alike(plan.of(node.name)) if cell.left_out is None]
+        every = [
+            (cost.cell_bytes(node, cell, plan.precision), cell)
+            for cell, _ in cost.alike(plan.of(node.name))
+            if cell.left_out is None
+        ]
         if every:
             size, cell = max(every, key=lambda one: one[0])
             sizes.append((size, node.axes, cell.index))
@@ -138,12 +154,20 @@ class _Batch:
 class _Run:
     """A run of jobs without arrays."""
 
-    def __init__(self, precision: str, jobs: Mapping[CellRef, Job], show: set[CellRef], in_memory: bool, workers: int) -> None:
+    def __init__(
+        self, precision: str, jobs: Mapping[CellRef, Job], show: set[CellRef], in_memory: bool, workers: int
+    ) -> None:
         self.precision, self.jobs, self.show, self.in_memory, self.workers = precision, jobs, show, in_memory, workers
         self.size = 4 if precision == "float32" else 8
         self.pieces: dict[CellRef, dict[Piece, float]] = {}  # what the result of a cell holds
         self.tables, self.pictures = 0.0, 0.0
-        frames = [g["y"].size * g["x"].size for ref in show if ref in jobs for g in jobs[ref].grids.values() if "y" in g and "x" in g]
+        frames = [
+            g["y"].size * g["x"].size
+            for ref in show
+            if ref in jobs
+            for g in jobs[ref].grids.values()
+            if "y" in g and "x" in g
+        ]
         self.shown = min(1.0, SHOWN_WHOLE / min(frames, default=1))
 
     # -- all batches --------------------------------------------------------------------------------------------------
@@ -172,7 +196,12 @@ class _Run:
             standing: dict[Piece, float] = {}
             for own in held.values():
                 standing |= own
-            total = sum(standing.values()) + sum(one.most for one in working.values()) + min(self.tables, LARGEST_CACHE) + self.pictures
+            total = (
+                sum(standing.values())
+                + sum(one.most for one in working.values())
+                + min(self.tables, LARGEST_CACHE)
+                + self.pictures
+            )
             if total > best.bytes:
                 most = max(working.values(), key=lambda one: one.most)
                 best = Peak(int(total), most.ref, int(most.alone))
@@ -209,13 +238,17 @@ class _Run:
                     done.add(job.walk.number)
                     members = jobs[number : number + job.walk.members]
                     need = self.walk(members)
-                    best = max(best, _Batch(before + need, job.ref, need + self.read(members)), key=lambda one: one.most)
+                    best = max(
+                        best, _Batch(before + need, job.ref, need + self.read(members)), key=lambda one: one.most
+                    )
             else:
                 need = self.cell(job)
                 best = max(best, _Batch(before + need, job.ref, need + self.read([job])), key=lambda one: one.most)
             live.add(job.ref)
             if job.ref in self.show:
-                self.pictures += sum(self.picture(job, v) for v, d in job.writes.items() if has_rows(d.dims) and v not in job.by_band)
+                self.pictures += sum(
+                    self.picture(job, v) for v, d in job.writes.items() if has_rows(d.dims) and v not in job.by_band
+                )
             for ref in job.needs:
                 readers[ref] -= 1
                 if not readers[ref] and ref not in exports:
@@ -248,7 +281,9 @@ class _Run:
     def picture(self, job: Job, variable: str) -> float:
         """What stays of a variable that is shown: a small picture of three planes, and some of its rows."""
         size = job.grids[variable]["y"].size, job.grids[variable]["x"].size
-        return 12.0 * (min(size[0] * size[1], SHOWN * SHOWN) + (self.shown * size[0] * size[1] if max(size) > SHOWN else 0))
+        return 12.0 * (
+            min(size[0] * size[1], SHOWN * SHOWN) + (self.shown * size[0] * size[1] if max(size) > SHOWN else 0)
+        )
 
     def cell(self, job: Job) -> float:
         """Bytes that come to what is held while a cell is computed and stored; what its result holds is noted."""
@@ -272,23 +307,35 @@ class _Run:
         """What is left out gives what it reads."""
         found: dict[Piece, float] = {}
         for _, ref, variable in job.inputs:
-            found |= {piece: size for piece, size in self.pieces.get(ref, {}).items() if piece[1] == variable and variable in job.writes}
+            found |= {
+                piece: size
+                for piece, size in self.pieces.get(ref, {}).items()
+                if piece[1] == variable and variable in job.writes
+            }
         return found
 
     def working(self, job: Job) -> float:
-        """What a stage works with while it computes: as much of the larger of what it reads and what it writes as it says, and copies."""
+        """What a stage works with while it computes: as much of the larger of what it reads and what it writes as it
+        says, and copies.
+        """
         return self.factor(job) * self.largest(job) + self.copied(job)
 
     def copied(self, job: Job) -> float:
-        """A stage of another distribution is handed arrays of its own (``run.ownership.handed``): of its ports and of what it looks at."""
+        """A stage of another distribution is handed arrays of its own (``run.ownership.handed``): of its ports and
+        of what it looks at.
+        """
         if not is_guest(type(job.stage)):
             return 0.0
         seen = [(ref, what) for _, what, pairs in job.looking.ports for _, ref in pairs] if job.looking else []
-        looked = sum(self.bytes(self.jobs[ref], what) for ref, what in seen if ref in self.jobs and what in self.jobs[ref].writes)
+        looked = sum(
+            self.bytes(self.jobs[ref], what) for ref, what in seen if ref in self.jobs and what in self.jobs[ref].writes
+        )
         return sum(self.size * grid.count for grid in job.input_grids.values()) / _one_by_one(job) + looked
 
     def largest(self, job: Job) -> float:
-        """Bytes of what a stage reads or of what it writes, as floats, at one place of the dims over which it is mapped."""
+        """Bytes of what a stage reads or of what it writes, as floats, at one place of the dims over which it is
+        mapped.
+        """
         read = sum(self.size * grid.count for grid in job.input_grids.values())
         written = sum(self.size * grid.count for grid in job.grids.values())
         return max(read, written) / _one_by_one(job)
@@ -299,7 +346,11 @@ class _Run:
 
     def whole_of_bands(self, job: Job) -> float:
         """Light by band that a stage asks for as a whole."""
-        large = [self.size * g.count for port, ref, v in job.inputs if (g := job.input_grids.get(port)) and self._by_band(ref, v)]
+        large = [
+            self.size * g.count
+            for port, ref, v in job.inputs
+            if (g := job.input_grids.get(port)) and self._by_band(ref, v)
+        ]
         seen = [(ref, what) for _, what, pairs in job.looking.ports for _, ref in pairs] if job.looking else []
         looked = [self.bytes(self.jobs[ref], what) for ref, what in seen if self._by_band(ref, what)]
         return float(sum(large) + 2 * max(looked, default=0.0))
@@ -311,7 +362,9 @@ class _Run:
         """Fixed patterns are remembered."""
         if not patterns_of(type(job.stage)):
             return 0.0
-        size = max(self.size * grid["y"].size * grid["x"].size for grid in job.grids.values() if "y" in grid and "x" in grid)
+        size = max(
+            self.size * grid["y"].size * grid["x"].size for grid in job.grids.values() if "y" in grid and "x" in grid
+        )
         return 0.0 if job.walk and size > LARGEST_PATTERN else size
 
     def plane(self, job: Job) -> float:
@@ -335,7 +388,8 @@ class _Run:
     # -- walks --------------------------------------------------------------------------------------------------------
 
     def walk(self, members: Sequence[Job]) -> float:
-        """Bytes of cells that are worked strip by strip: what others want of them whole, strips of all that stands between them.
+        """Bytes of cells that are worked strip by strip: what others want of them whole, strips of all that stands
+        between them.
 
         What strips have freed stays with the process (``run.memory``), also while what they made is packed.
         """
@@ -353,6 +407,8 @@ class _Run:
                 strips += share * sum(own.values())
                 working = max(working, share * self.working(job))
                 self.tables += self.patterns(job)
-            self.pieces[job.ref] = {piece: size for piece, size in own.items() if piece[1] in walk.whole and piece[1] in job.deliver}
+            self.pieces[job.ref] = {
+                piece: size for piece, size in own.items() if piece[1] in walk.whole and piece[1] in job.deliver
+            }
         packed = [min(self.bytes(job, v), LARGEST_CHUNK) for job in members for v in job.store]
         return whole + strips + working + (0.0 if self.in_memory else max(packed, default=0.0))

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 class How:
     """How batches are run: what every ``place`` is given behind ``batches, deliver, before, after``.
 
-    ``platform`` gives what bits depend on, and ``mark`` is a file that all workers must see: a cluster refuses those that differ.
+    ``platform`` gives what bits depend on, and ``mark`` is a file that all workers must see: a cluster refuses those
+    that differ.
     """
 
     address: str  # what ``--scheduler`` said
@@ -34,10 +35,11 @@ class How:
 
 @dataclass(frozen=True)
 class Scheduler:
-    """``place``: ``module:function`` of (batches, deliver, before, after, how); ``before`` and ``after`` are told in the owner's process.
+    """``place``: ``module:function`` of (batches, deliver, before, after, how); ``before`` and ``after`` are told in
+    the owner's process.
 
-    ``here``: cells are computed in the owner's process, where nothing can stop one. ``far``: by workers that may be on other machines,
-    and see only folders that all of them share. ``single``: one cell at a time.
+    ``here``: cells are computed in the owner's process, where nothing can stop one. ``far``: by workers that may be on
+    other machines, and see only folders that all of them share. ``single``: one cell at a time.
     ``typed``: what help says, where that is more than its name.
     """
 

@@ -29,9 +29,12 @@ def run_serial(
         before(batch)
         inputs = sorted(batch.imports)
         result = run_batch(
-            tuple(batch.jobs), tuple(batch.exports), tuple(tuple(batch.imports[n]) for n in inputs), deliver,
+            tuple(batch.jobs),
+            tuple(batch.exports),
+            tuple(tuple(batch.imports[n]) for n in inputs),
+            deliver,
             *(finished[n] for n in inputs),
-        )  # fmt: skip
+        )
         after(batch, result)
         for number in inputs:
             readers[number] -= 1

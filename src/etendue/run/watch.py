@@ -1,4 +1,5 @@
-"""A run under watch: the work is done in a thread of its own, so that this one can answer signals where nothing is torn.
+"""A run under watch: the work is done in a thread of its own, so that this one can answer signals where nothing is
+torn.
 
 In:  the work, as a function of a ``Stop`` that it asks before every batch.
 Out: when the work has ended; ``Interrupted`` when it was asked to stop.

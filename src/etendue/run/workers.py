@@ -1,7 +1,9 @@
-"""Worker processes that may die: each serves one thread of the run, which knows at every instant at which cell its worker is.
+"""Worker processes that may die: each serves one thread of the run, which knows at every instant at which cell its
+worker is.
 
 In:  batches, as plain values.
-Out: their results. A cell at which its worker dies, or takes longer than it may, is a failed cell; the rest of the batch is
+Out: their results. A cell at which its worker dies, or takes longer than it may, is a failed cell; the rest of the
+     batch is
 computed by a new worker.
 """
 
@@ -35,7 +37,9 @@ from etendue.run.watch import GRACE, Stop, Stopped
 from etendue.streams import show_warning
 from etendue.telling import said
 
-FROM_OUTSIDE = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT})  # a cell is given a second chance
+FROM_OUTSIDE = frozenset(
+    {signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT}
+)  # a cell is given a second chance
 LOOK = 0.2
 STARTING = 120.0  # seconds beyond a time limit in which a worker may import what it needs
 
@@ -44,7 +48,9 @@ STARTING = 120.0  # seconds beyond a time limit in which a worker may import wha
 
 
 def one_thread_inside() -> None:
-    """BLAS with one thread, also that of libraries which are imported later: results must not depend on how many there are."""
+    """BLAS with one thread, also that of libraries which are imported later: results must not depend on how many
+    there are.
+    """
     keep_freed_memory()
     ONE_THREAD.__enter__()  # for as long as the process lives
 
@@ -84,7 +90,9 @@ def serve(pipe: Any) -> None:
         try:
             with Guest("a plugin, when it was imported,"):
                 jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
-            result = run_batch(jobs, exports, imports, deliver, *before, doomed=doomed, at=lambda number: tell(f"@{number}".encode()))
+            result = run_batch(
+                jobs, exports, imports, deliver, *before, doomed=doomed, at=lambda number: tell(f"@{number}".encode())
+            )
             answer = b"=" + cloudpickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL)
             del result, before
         except EtendueError as error:  # the machine's, or the archive is somebody else's: for the owner
@@ -112,7 +120,8 @@ class Worker:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=serve, args=(theirs,), name="etendue worker")
-        # What is blocked here is blocked in the child from its first instruction on: Ctrl-C goes to all processes of a terminal.
+        # What is blocked here is blocked in the child from its first instruction on: Ctrl-C goes to all processes of a
+        # terminal.
         kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self.process.start()
@@ -121,7 +130,9 @@ class Worker:
         theirs.close()
 
     def ask(self, data: bytes, stop: Stop, limit: float | None) -> BatchResult:
-        """The result of a batch; raises ``Died``, or ``Stopped`` when the run was told to stop and the worker did not end soon."""
+        """The result of a batch; raises ``Died``, or ``Stopped`` when the run was told to stop and the worker did
+        not end soon.
+        """
         at, since, end = -1, time.monotonic(), None
         try:
             self.pipe.send_bytes(data)
@@ -211,7 +222,9 @@ class Crew:
         second_chance: set[int] = set()
         while True:
             self.stop.check()
-            data = cloudpickle.dumps((jobs, exports, imports, deliver & own, doomed, needed), protocol=pickle.HIGHEST_PROTOCOL)
+            data = cloudpickle.dumps(
+                (jobs, exports, imports, deliver & own, doomed, needed), protocol=pickle.HIGHEST_PROTOCOL
+            )
             worker = self.free.get()
             try:
                 worker = worker or Worker()
@@ -236,7 +249,9 @@ class Crew:
 
 
 def quiet_tracker() -> None:
-    """Python's tracker of what processes share clears up behind a worker that was killed, and is to say nothing of it."""
+    """Python's tracker of what processes share clears up behind a worker that was killed, and is to say nothing of
+    it.
+    """
     option = "ignore:resource_tracker:UserWarning"
     sys.warnoptions.append(option)
     try:

@@ -16,8 +16,8 @@ From the declaration alone the kit makes grids, arrays, coordinates and random g
 engine's own ``run.cell.compute``, so that the two cannot disagree. Each test method is one law; a broken law names
 the stage, the values and what to change. ``check_stage`` runs all laws of one instance without pytest and gives
 ``Finding`` values. A source is checked on the grid it describes: give it a small one. ``grids`` replaces the grid of
-a port whose dims the kit cannot guess, ``coordinates`` the entries of one dim in frames of any size. ``coordinates_of`` gives the
-coordinates of grids as ``prepare`` and ``run`` get them.
+a port whose dims the kit cannot guess, ``coordinates`` the entries of one dim in frames of any size. ``coordinates_of``
+gives the coordinates of grids as ``prepare`` and ``run`` get them.
 
 In:  an instance of a stage.
 Out: nothing, or what it declares and does not do.

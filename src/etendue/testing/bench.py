@@ -92,7 +92,9 @@ class Trial:
     @property
     def refused_in_words(self) -> bool:
         """Whether the stage says that it cannot compute, and did not break off anywhere else."""
-        return not self.undefined and (self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip())
+        return not self.undefined and (
+            self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip()
+        )
 
 
 class _Blur(Transfer):
@@ -122,9 +124,12 @@ class Bench:
     """Grids, arrays and jobs for one instance of a stage, from its declaration."""
 
     def __init__(
-        self, stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None,
+        self,
+        stage: Stage,
+        grids: Mapping[str, Grid] | None = None,
+        scales: Mapping[str, float] | None = None,
         coordinates: Mapping[str, Coordinate] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.stage, self.kind = stage, type(stage)
         self.given_grids, self.scales, self.coordinates = dict(grids or {}), dict(scales or {}), dict(coordinates or {})
         if wrong := no_coordinates(self.kind):
@@ -189,8 +194,12 @@ class Bench:
     def _made_elsewhere(self) -> dict[str, Coordinate]:
         """Dims that stages of the same module create."""
         own = vars(sys.modules[self.kind.__module__]).values() if self.kind.__module__ in sys.modules else ()
-        kinds = [one for one in own if isinstance(one, type) and issubclass(one, Stage) and isinstance(one.creates, Mapping)]
-        return {dim: one for kind in kinds for dim, one in kind.creates.items() if isinstance(one, Line | Bands | Labels)}
+        kinds = [
+            one for one in own if isinstance(one, type) and issubclass(one, Stage) and isinstance(one.creates, Mapping)
+        ]
+        return {
+            dim: one for kind in kinds for dim, one in kind.creates.items() if isinstance(one, Line | Bands | Labels)
+        }
 
     def guessed(self) -> str:
         """A hint where the size of a dim that is read is not known from anything."""
@@ -203,7 +212,8 @@ class Bench:
                     and not self.given_grids
                 ):
                     return (
-                        f". Of the dim {dim!r} nothing is known, and three entries are tried: where it has others, say so beside "
+                        f". Of the dim {dim!r} nothing is known, and three entries are tried: where it has others, say "
+                        f"so beside "
                         f"'stage' in the test, coordinates = {{{dim!r}: Labels((0.0, 45.0, 90.0, 135.0))}}"
                     )
         return ""
@@ -215,9 +225,13 @@ class Bench:
             grids[port] = self.given_grids.get(port) or Grid.of(found)
         return grids
 
-    def job(self, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False) -> Job:
+    def job(
+        self, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False
+    ) -> Job:
         """The job of one cell, as the engine would make it."""
-        looks_at = tuple((port, what, tuple((n, (n, ())) for n in ("first", "second"))) for port, what in self.looks.items())
+        looks_at = tuple(
+            (port, what, tuple((n, (n, ())) for n in ("first", "second"))) for port, what in self.looks.items()
+        )
         names = tuple((port, pairs) for port, _, pairs in looks_at)
         inputs = self.input_grids(frame)
         if is_source(self.kind):
@@ -227,16 +241,35 @@ class Bench:
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
         looking = Looking(
-            ports=looks_at, transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (), bands=edges(),
+            ports=looks_at,
+            transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (),
+            bands=edges(),
             channel_weights=_Sum() if summed and transfers else None,
-            grids={port: (self.seen_grid(port, frame),) * 2 for port, what in self.looks.items() if not looks_at_stages(what)},
+            grids={
+                port: (self.seen_grid(port, frame),) * 2
+                for port, what in self.looks.items()
+                if not looks_at_stages(what)
+            },
             sheets=(sheet(),) * 2 if "datasheet" in self.looks.values() else (),
-        )  # fmt: skip
+        )
         return Job(
-            ref=("stage", ()), task="compute", stage=self.stage, writes=self.writes, grids=grids, input_grids=inputs,
-            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), left_out=False, seed=seed, pattern_of=seed,
-            precision=precision, store=(), deliver=tuple(self.writes), target=None, seconds=0.0, looking=looking if self.looks else None,
-        )  # fmt: skip
+            ref=("stage", ()),
+            task="compute",
+            stage=self.stage,
+            writes=self.writes,
+            grids=grids,
+            input_grids=inputs,
+            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()),
+            left_out=False,
+            seed=seed,
+            pattern_of=seed,
+            precision=precision,
+            store=(),
+            deliver=tuple(self.writes),
+            target=None,
+            seconds=0.0,
+            looking=looking if self.looks else None,
+        )
 
     def scale(self, port: str) -> float:
         declaration = self.reads[port]
@@ -295,19 +328,32 @@ class Bench:
         return found
 
     def run(
-        self, inputs: Arrays, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False,
+        self,
+        inputs: Arrays,
+        precision: str = "float64",
+        frame: Frame = FRAME,
+        seed: bytes = b"conformance",
+        summed: bool = False,
         rows: int = 0,
-    ) -> Trial:  # fmt: skip
-        """Compute one cell with the engine; in strips of so many ``rows``, if any, where whatever goes wrong is raised."""
+    ) -> Trial:
+        """Compute one cell with the engine; in strips of so many ``rows``, if any, where whatever goes wrong is
+        raised.
+        """
         job = self.job(precision, frame, seed, summed)
         given = self.given(inputs, precision)
         results: dict[CellRef, Result] = {
-            (port, ()): Result({self.reads[port].variable: a}, {self.reads[port].variable: smallest(a)} if a.dtype.kind == "f" else {})
+            (port, ()): Result(
+                {self.reads[port].variable: a}, {self.reads[port].variable: smallest(a)} if a.dtype.kind == "f" else {}
+            )
             for port, a in given.items()
         }
-        planes = {port: self.seen(port, precision, frame) for port, what in self.looks.items() if not looks_at_stages(what)}
+        planes = {
+            port: self.seen(port, precision, frame) for port, what in self.looks.items() if not looks_at_stages(what)
+        }
         for number, name in enumerate(("first", "second") if planes else (), 1):
-            results[(name, ())] = Result({self.looks[port]: (plane / number).astype(plane.dtype) for port, plane in planes.items()})
+            results[(name, ())] = Result(
+                {self.looks[port]: (plane / number).astype(plane.dtype) for port, plane in planes.items()}
+            )
         before = digests(given)
         with _pools.limit(limits=1), np.errstate(all="ignore"):
             if rows:
@@ -330,7 +376,9 @@ class Bench:
         return {port: facts_of(array, self.reads[port].dims) for port, array in inputs.items()}
 
     def full_scale(self, variable: str, array: Any, frame: Frame = FRAME) -> float:
-        """The largest value of a result; of whole numbers the largest code which the stage gives to too bright an input."""
+        """The largest value of a result; of whole numbers the largest code which the stage gives to too bright an
+        input.
+        """
         if self.writes[variable].dtype == "float" or not self.reads:
             return full_scale(array)
         brightest = self.run(self.arrays("huge", frame), frame=frame)
@@ -377,7 +425,9 @@ def sheet() -> Sheet:
 
 
 def digests(arrays: Arrays) -> dict[str, str]:
-    return {name: hashlib.sha256(f"{a.dtype}{a.shape}".encode() + a.tobytes()).hexdigest() for name, a in arrays.items()}
+    return {
+        name: hashlib.sha256(f"{a.dtype}{a.shape}".encode() + a.tobytes()).hexdigest() for name, a in arrays.items()
+    }
 
 
 def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:

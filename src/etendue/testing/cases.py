@@ -1,12 +1,14 @@
-"""Instances of a stage all over what it declares: ordinary, at each end of each range, in the corners, and at random inside.
+"""Instances of a stage all over what it declares: ordinary, at each end of each range, in the corners, and at random
+inside.
 
 In:  a class of stages.
 Out: ``Case`` values: a name, and the instance, or the words in which it was refused.
 
-Ordinary values are the defaults, or the ``example`` of a parameter that has none or a dear one. Ends are those which the plan allows
-(``at_least``, ``held``, ...): just inside where they are open, numbers that nobody needs where there are none, zero and infinity where
-they are allowed. Whole numbers without a near upper end, and knobs of fidelity, are work and no physics: they are taken to their
-cheap end alone. The interior is a Sobol sequence, logarithmic over decades, the same in every run.
+Ordinary values are the defaults, or the ``example`` of a parameter that has none or a dear one. Ends are those which
+the plan allows (``at_least``, ``held``, ...): just inside where they are open, numbers that nobody needs where there
+are none, zero and infinity where they are allowed. Whole numbers without a near upper end, and knobs of fidelity, are
+work and no physics: they are taken to their cheap end alone. The interior is a Sobol sequence, logarithmic over
+decades, the same in every run.
 """
 
 from __future__ import annotations
@@ -22,7 +24,10 @@ from etendue.contract.stage import Stage, parameters_of
 from etendue.plan.parameters import LARGEST, SMALLEST, Unfit, resolve_file
 
 ORDINARY, END, CORNER, INSIDE = "ordinary", "end", "corner", "inside"
-BEYOND = (1e6, 1e30)  # where a range has no end: beyond all that is built, and the largest number that a pipeline may hold
+BEYOND = (
+    1e6,
+    1e30,
+)  # where a range has no end: beyond all that is built, and the largest number that a pipeline may hold
 NUDGE = 1e-12  # of an open end: what stands just inside it
 WORK = 8  # times its ordinary value: as far as a whole number is taken that has no end near it
 DECADES = 20.0  # a range whose ends are further apart is drawn from by its logarithm
@@ -139,7 +144,9 @@ def ends(parameter: Parameter, form: Any, now: Any) -> list[Any]:
         found += BEYOND
     if low == 0 and not parameter.fidelity:
         found.append(SMALLEST)
-    found += [0.0] if parameter.allows(0) and (parameter.held is None or parameter.held[0] <= 0 <= parameter.held[1]) else []
+    found += (
+        [0.0] if parameter.allows(0) and (parameter.held is None or parameter.held[0] <= 0 <= parameter.held[1]) else []
+    )
     found += [math.inf] if parameter.infinite else []
     if parameter.fidelity:
         found = [value for value in found if value >= abs(now)]
@@ -153,7 +160,11 @@ def span_of(parameter: Parameter, form: Any, now: Any) -> tuple[float, float] | 
     low, high = limits(parameter)
     size = abs(now) if now and math.isfinite(now) else 1.0
     wide = size / WIDE, size * WIDE
-    low = (-wide[1] if low is None else 0.0 if now == 0 else wide[0]) if low is None or low <= SMALLEST else max(low, wide[0])
+    low = (
+        (-wide[1] if low is None else 0.0 if now == 0 else wide[0])
+        if low is None or low <= SMALLEST
+        else max(low, wide[0])
+    )
     high = wide[1] if high is None else min(high, wide[1]) if high > 0 else high
     return (low, high) if low < high else None
 
@@ -161,7 +172,11 @@ def span_of(parameter: Parameter, form: Any, now: Any) -> tuple[float, float] | 
 def corners(dims: int) -> list[list[float]]:
     """All low, all high, and every other one of each."""
     several = [[0.0] * dims, [1.0] * dims]
-    return several if dims < 2 else [*several, [float(n % 2) for n in range(dims)], [float((n + 1) % 2) for n in range(dims)]]
+    return (
+        several
+        if dims < 2
+        else [*several, [float(n % 2) for n in range(dims)], [float((n + 1) % 2) for n in range(dims)]]
+    )
 
 
 def sobol(dims: int, points: int) -> list[list[float]]:

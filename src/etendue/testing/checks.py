@@ -92,7 +92,9 @@ def must_survive(bench: Bench, inputs: Arrays, precision: str, frame: Frame, wha
     if trial.done:
         return
     message = trial.last_line
-    wrote = message.startswith(f"{type(bench.stage).__name__} wrote ") or message.startswith(f"{type(bench.stage).__name__} gave ")
+    wrote = message.startswith(f"{type(bench.stage).__name__} wrote ") or message.startswith(
+        f"{type(bench.stage).__name__} gave "
+    )
     clear = message.startswith(CLEAR) or (trial.report.message == message and not wrote)
     hold(clear, f"{bench.name} on {what} input in {precision}: {message}")
 
@@ -143,7 +145,8 @@ def check_gain(bench: Bench, port: str, main: str, inputs: Arrays, change: Any, 
     within(
         ratio_of(apart, scale),
         gain * apart_in * (1 + 1e-9) + own,
-        f"{bench.name}: an error of {apart_in:.2g} of full scale in {port} became {ratio_of(apart, scale):.2g} of full scale in {main}, "
+        f"{bench.name}: an error of {apart_in:.2g} of full scale in {port} became {ratio_of(apart, scale):.2g} of full "
+        f"scale in {main}, "
         f"{ratio_of(apart, scale * apart_in):.3g} times as large, but gain is {gain:g}; declare a larger one, or None",
     )
 
@@ -157,9 +160,15 @@ def check_facts(bench: Bench, facts: Facts, array: Any, slack: float, where: str
     beyond = max((facts.low or -math.inf) - true.low, true.high - (math.inf if facts.high is None else facts.high), 0.0)
     told(ratio_of(beyond, full_scale(array)), slack + ROUNDING)
     if facts.low is not None:
-        hold(true.low >= facts.low - room, f"{bench.name} says at least {facts.low:g}, but on {where} it writes {true.low:g}")
+        hold(
+            true.low >= facts.low - room,
+            f"{bench.name} says at least {facts.low:g}, but on {where} it writes {true.low:g}",
+        )
     if facts.high is not None:
-        hold(true.high <= facts.high + room, f"{bench.name} says at most {facts.high:g}, but on {where} it writes {true.high:g}")
+        hold(
+            true.high <= facts.high + room,
+            f"{bench.name} says at most {facts.high:g}, but on {where} it writes {true.high:g}",
+        )
     if facts.uniform:
         spread = np.ptp(np.asarray(array, dtype=float), axis=(-2, -1)).max() if np.ndim(array) >= 2 else 0.0
         hold(spread <= 2 * room, f"{bench.name} says uniform, but on {where} it writes values {spread:g} apart")
@@ -185,7 +194,10 @@ def check_parameter(place: str, name: str, parameter: Parameter, kind: Any, defa
             raise LawBroken(f"{place}: its own setting {value!r} is refused: {error}") from None
     if parameter.shared and name in quantities.names():
         shared = standard_quantity(name)
-        hold(shared.units == parameter.units, f"{place} is in {parameter.units}, the shared {name} in {shared.units}; use quantity()")
+        hold(
+            shared.units == parameter.units,
+            f"{place} is in {parameter.units}, the shared {name} in {shared.units}; use quantity()",
+        )
     folder = Path.cwd()
     if default is not MISSING and not parameter.file and default != "":
         try:

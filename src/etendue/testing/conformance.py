@@ -77,13 +77,18 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
     # -- what it does
 
     def test_it_writes_what_it_declares(self) -> None:
-        """Names, shape, dtype, and finite values unless declared otherwise: the engine's own check, in both precisions."""
+        """Names, shape, dtype, and finite values unless declared otherwise: the engine's own check, in both
+        precisions.
+        """
         bench = self.bench
         for precision in PRECISIONS:
             for summed in (False, True) if bench.looks else (False,):
                 trial = bench.result(bench.arrays("ordinary"), precision, summed=summed)
                 for variable, declaration in bench.writes.items():
-                    wanted, found = precision if declaration.dtype == "float" else declaration.dtype, trial.arrays[variable].dtype
+                    wanted, found = (
+                        precision if declaration.dtype == "float" else declaration.dtype,
+                        trial.arrays[variable].dtype,
+                    )
                     hold(found == wanted, f"{bench.name} wrote {variable} as {found}, not {wanted}")
 
     def test_inputs_are_left_alone(self) -> None:
@@ -117,16 +122,26 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             hold(again == first, f"{bench.name} gives other bits in a fresh thread in {precision}")
 
     def test_extremes_stay_finite_or_are_refused_clearly(self) -> None:
-        """Zeros, 1e-30, a million times full scale, a point, a hole; frames of one pixel, one row, one column, odd sizes."""
+        """Zeros, 1e-30, a million times full scale, a point, a hole; frames of one pixel, one row, one column, odd
+        sizes.
+        """
         bench = self.bench
         for precision in PRECISIONS:
             for what in EXTREMES if bench.reads else ():
                 must_survive(bench, bench.arrays(what), precision, FRAME, what)
                 for port in bench.reads if len(bench.reads) > 1 else ():
-                    must_survive(bench, {**bench.arrays("ordinary"), port: bench.array(port, what)}, precision, FRAME, f"{what} in {port}")
+                    must_survive(
+                        bench,
+                        {**bench.arrays("ordinary"), port: bench.array(port, what)},
+                        precision,
+                        FRAME,
+                        f"{what} in {port}",
+                    )
             for frame in ODD_FRAMES if bench.reads and not bench.given_grids else ():
                 for what in ("ordinary", "zeros"):
-                    must_survive(bench, bench.arrays(what, frame), precision, frame, f"{what} on {frame[0]} x {frame[1]}")
+                    must_survive(
+                        bench, bench.arrays(what, frame), precision, frame, f"{what} on {frame[0]} x {frame[1]}"
+                    )
 
     # -- policies
 
@@ -136,9 +151,14 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             for bad in (math.nan, math.inf) if declaration.dtype == "float" else ():
                 trial = bench.run({**bench.arrays("ordinary"), port: with_value(bench.array(port, "ordinary"), bad)})
                 if bench.stage.nan == "keep":
-                    hold(trial.done, f"{bench.name} declares nan = 'keep', but fails on {bad} in {port}: {trial.last_line}")
+                    hold(
+                        trial.done,
+                        f"{bench.name} declares nan = 'keep', but fails on {bad} in {port}: {trial.last_line}",
+                    )
                 else:
-                    hold(not trial.done, f"{bench.name} lets {bad} in {port} pass; declare nan = 'keep' if that is meant")
+                    hold(
+                        not trial.done, f"{bench.name} lets {bad} in {port} pass; declare nan = 'keep' if that is meant"
+                    )
 
     def test_negative_input_meets_the_declared_policy(self) -> None:
         bench = self.bench
@@ -150,16 +170,29 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             below = with_value(ordinary[port], -0.01 * bench.scale(port))
             trial = bench.run({**ordinary, port: below})
             if policy == "keep":
-                hold(not trial.undefined, f"{bench.name} declares negative = 'keep', but makes NaN of a negative {port}: {trial.last_line}")
+                hold(
+                    not trial.undefined,
+                    f"{bench.name} declares negative = 'keep', but makes NaN of a negative {port}: {trial.last_line}",
+                )
                 clear = trial.done or trial.refused_in_words
                 hold(clear, f"{bench.name} declares negative = 'keep', but fails on it in {port}: {trial.last_line}")
             elif policy == "clip":
                 same = bench.result({**ordinary, port: np.maximum(below, 0)})
                 kept = trial.done and digests(trial.arrays) == digests(same.arrays) and trial.report.clipped > 0
-                hold(kept, f"{bench.name} declares negative = 'clip', but negative {port} is not as if it were 0, and counted")
+                hold(
+                    kept,
+                    f"{bench.name} declares negative = 'clip', but negative {port} is not as if it were 0, and counted",
+                )
             else:
-                hint = "; a transfer function is applied to any sign: declare negative = 'keep'" if is_transfer(bench.kind) else ""
-                hold(not trial.done, f"{bench.name} lets negative {port} pass{hint or '; declare negative = keep if that is meant'}")
+                hint = (
+                    "; a transfer function is applied to any sign: declare negative = 'keep'"
+                    if is_transfer(bench.kind)
+                    else ""
+                )
+                hold(
+                    not trial.done,
+                    f"{bench.name} lets negative {port} pass{hint or '; declare negative = keep if that is meant'}",
+                )
 
     # -- claims
 
@@ -174,13 +207,22 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
         bounds: dict[str, float] = {}
         for precision in PRECISIONS:
             bound, how = stated_error_of(bench, precision)
-            hold(how in ("proved", "fitted", "measured", "unknown"), f"{bench.name}.error says {how!r}; allowed: proved, fitted, measured")
-            hold(bound is None or 0 <= bound < math.inf, f"{bench.name}.error gives {bound}; allowed are None and finite numbers from 0")
+            hold(
+                how in ("proved", "fitted", "measured", "unknown"),
+                f"{bench.name}.error says {how!r}; allowed: proved, fitted, measured",
+            )
+            hold(
+                bound is None or 0 <= bound < math.inf,
+                f"{bench.name}.error gives {bound}; allowed are None and finite numbers from 0",
+            )
             if bound is not None:
                 bounds[precision] = bound
         if len(bounds) < 2 or not bench.steady:
             return
-        hold(bounds["float64"] <= bounds["float32"], f"{bench.name}.error is larger in double precision than in single: {bounds}")
+        hold(
+            bounds["float64"] <= bounds["float32"],
+            f"{bench.name}.error is larger in double precision than in single: {bounds}",
+        )
         large = [("ordinary", 1.0, LARGE)] if bench.reads and not bench.given_grids else []
         for what, factor, frame in (*((*level, FRAME) for level in levels_of(bench)), *large):
             inputs = bench.given(bench.arrays(what, frame, factor), "float32")
@@ -189,11 +231,15 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             if not (single.done and double.done):
                 continue  # refused: another law's subject
             for variable, exact in double.arrays.items():
-                apart, scale = largest_difference(single.arrays[variable], exact), bench.full_scale(variable, exact, frame)
+                apart, scale = (
+                    largest_difference(single.arrays[variable], exact),
+                    bench.full_scale(variable, exact, frame),
+                )
                 within(
                     ratio_of(apart, scale),
                     allowed,
-                    f"{bench.name}: single and double precision of {variable} differ by {ratio_of(apart, scale):.2g} of full scale on "
+                    f"{bench.name}: single and double precision of {variable} differ by {ratio_of(apart, scale):.2g} "
+                    f"of full scale on "
                     f"{what} input x {factor:g} of {frame[0]} x {frame[1]}, but error() allows {allowed:.2g}; "
                     "state what is true, or find where the digits go",
                 )
@@ -224,7 +270,8 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
                 within(
                     ratio_of(apart, scale),
                     bound + slack,
-                    f"{bench.name}: leaving it out changes {variable} by {ratio_of(apart, scale):.2g} of full scale on {what} input, "
+                    f"{bench.name}: leaving it out changes {variable} by {ratio_of(apart, scale):.2g} of full scale on "
+                    f"{what} input, "
                     f"but negligible() says {bound:.2g} ({why})",
                 )
 
@@ -257,7 +304,9 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
         check_transfer(bench)
 
     def test_bands_alone_are_the_bands_of_the_whole(self) -> None:
-        """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function the same at some bands."""
+        """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function the same at some
+        bands.
+        """
         bench = self.bench
         if is_transfer(bench.kind):
             check_single_bands(bench)
@@ -290,7 +339,9 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             trial = bench.run(inputs)
             if trial.done:
                 facts = bench.stage.carry(bench.facts(inputs), bench.input_grids())  # type: ignore[attr-defined]
-                check_facts(bench, facts, trial.arrays[main], bound_of(bench, inputs, "float64", ROUNDING), f"{what} input")
+                check_facts(
+                    bench, facts, trial.arrays[main], bound_of(bench, inputs, "float64", ROUNDING), f"{what} input"
+                )
 
 
 def laws() -> list[str]:
@@ -299,9 +350,11 @@ def laws() -> list[str]:
 
 
 def check_stage(
-    stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None,
+    stage: Stage,
+    grids: Mapping[str, Grid] | None = None,
+    scales: Mapping[str, float] | None = None,
     coordinates: Mapping[str, Coordinate] | None = None,
-) -> list[Finding]:  # fmt: skip
+) -> list[Finding]:
     """Hold one stage against every law; the findings, none when it conforms. What is no stage at all is one finding."""
     words = {"stage": stage, "grids": grids or {}, "scales": scales or {}, "coordinates": coordinates or {}}
     one = type("Conformance", (StageConformance,), words)()

@@ -1,4 +1,5 @@
-"""What a stage promises of its values beside their size: their order, their sum, the noise that it adds, what its matrix costs.
+"""What a stage promises of its values beside their size: their order, their sum, the noise that it adds, what its
+matrix costs.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
@@ -36,12 +37,20 @@ def order_kept(bench: Bench) -> None:
             inputs = bench.arrays(what, factor=level)
             base = bench.run(inputs)
             for factor in BRIGHTER:
-                for change in (inputs[port] * (factor - 1), spot(inputs[port], (factor - 1) * bench.scale(port) * level)):
+                for change in (
+                    inputs[port] * (factor - 1),
+                    spot(inputs[port], (factor - 1) * bench.scale(port) * level),
+                ):
                     more = inputs[port] + change
                     more = np.minimum(np.rint(more), 65535) if bench.reads[port].dtype != "float" else more
                     trial = bench.run({**inputs, port: more})
                     if base.done and trial.done:
-                        check_order(bench, base.arrays, trial.arrays, f"{port} of {what} input x {level:g} rises by {factor - 1:g}")
+                        check_order(
+                            bench,
+                            base.arrays,
+                            trial.arrays,
+                            f"{port} of {what} input x {level:g} rises by {factor - 1:g}",
+                        )
 
 
 def frame_read(bench: Bench) -> str | None:
@@ -62,7 +71,11 @@ def check_order(bench: Bench, base: Any, brighter: Any, what: str) -> None:
             continue
         before, after = (np.asarray(arrays[variable], dtype=float) for arrays in (base, brighter))
         fall = ratio_of(float(np.max(before - after, initial=0.0)), max(full_scale(before), full_scale(after)))
-        within(fall, 1e-14, f"{bench.name} keeps the order, but {variable} falls by {fall:.2g} of its largest value where {what}")
+        within(
+            fall,
+            1e-14,
+            f"{bench.name} keeps the order, but {variable} falls by {fall:.2g} of its largest value where {what}",
+        )
 
 
 def sum_kept(bench: Bench) -> None:
@@ -79,11 +92,14 @@ def sum_kept(bench: Bench) -> None:
     before, after = inputs[port].sum(), float(np.asarray(trial.arrays[main], dtype=float).sum())
     off = ratio_of(abs(after - before), before)
     allowed = bound_of(bench, inputs, "float64", 1e-12) * inputs[port].size
-    within(off, allowed, f"{bench.name} keeps the sum, but {off:.2g} of a point in the middle of the frame is made or lost")
+    within(
+        off, allowed, f"{bench.name} keeps the sum, but {off:.2g} of a point in the middle of the frame is made or lost"
+    )
 
 
 def variance_told(bench: Bench) -> None:
-    """``Noisy.variance`` is what ``run`` adds: of values that scatter a little about several levels, the spread about a straight line.
+    """``Noisy.variance`` is what ``run`` adds: of values that scatter a little about several levels, the spread about a
+    straight line.
 
     Tolerance: five standard errors of a variance, found from the fourth moment of what is drawn.
     """
@@ -115,7 +131,11 @@ def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: boo
     stage: Any = bench.stage
     name, said = next(((own, one.said) for own, one in wording.units().items() if one.noise), (unit, unit))
     slope = float(np.cov(given.ravel(), found.ravel())[0, 1] / given.var())
-    if slope <= 0 or not math.isfinite(slope) or (bench.writes[next(iter(bench.writes))].dtype != "float" and np.unique(found).size < 16):
+    if (
+        slope <= 0
+        or not math.isfinite(slope)
+        or (bench.writes[next(iter(bench.writes))].dtype != "float" and np.unique(found).size < 16)
+    ):
         return  # clipped, or a step wider than what varies: rounding is no noise there
     apart = found - slope * given
     counted = _is_counted(unit)
@@ -130,21 +150,27 @@ def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: boo
     silent = told == 0 and measured <= 1e-12 * max(charge, 1e-300) ** 2
     off = 0.0 if silent else ratio_of(abs(measured - told), told)
     within(
-        off, allowed,
+        off,
+        allowed,
         f"{bench.name}.variance says {told:.4g} {name}2 at {charge:.4g} {said}, but what it draws has {measured:.4g}; "
         f"allowed is {100 * allowed:.2g} % apart",
-    )  # fmt: skip
+    )
 
 
 def matrix_told(bench: Bench) -> None:
-    """The condition number of what a stage solves: of a matrix that it writes, or of the colours that it makes of colours.
+    """The condition number of what a stage solves: of a matrix that it writes, or of the colours that it makes of
+    colours.
 
-    A table that may hold undefined values is no matrix. A linear stage on channels is solved back: what its matrix has done to three
-    colours can be undone as well as its condition says.
+    A table that may hold undefined values is no matrix. A linear stage on channels is solved back: what its matrix has
+    done to three colours can be undone as well as its condition says.
     """
     trial = bench.run(bench.arrays("ordinary"))
     for variable, declaration in bench.writes.items() if trial.done else ():
-        if len(declaration.dims) == 2 and not declaration.nan and not {"y", "x", "frame", "stage"} & set(declaration.dims):
+        if (
+            len(declaration.dims) == 2
+            and not declaration.nan
+            and not {"y", "x", "frame", "stage"} & set(declaration.dims)
+        ):
             magnified(float(np.linalg.cond(np.asarray(trial.arrays[variable], dtype=float))))
     port = next((p for p, d in bench.reads.items() if d.dims == ("channel", "y", "x")), None)
     main = next((v for v, d in bench.writes.items() if d.dims == ("channel", "y", "x")), None)
@@ -156,7 +182,9 @@ def matrix_told(bench: Bench) -> None:
     colours = [base, base * 0.9, *(base + STEP * unit for unit in np.eye(size))]
     found = []
     for colour in colours:
-        one = bench.run({**ordinary, port: np.broadcast_to(colour[:, None, None], ordinary[port].shape).copy()}, frame=SMALL)
+        one = bench.run(
+            {**ordinary, port: np.broadcast_to(colour[:, None, None], ordinary[port].shape).copy()}, frame=SMALL
+        )
         if not one.done or one.arrays[main].shape[0] != size:
             return
         found.append(np.asarray(one.arrays[main], dtype=float)[:, 1, 1])
@@ -169,4 +197,9 @@ def matrix_told(bench: Bench) -> None:
     back = np.linalg.solve(matrix, found[0])
     off = ratio_of(float(np.abs(back - base).max()), float(np.abs(base).max()))
     allowed = 10 * condition * UNSTATED["float64"]
-    within(off, allowed, f"{bench.name}: its colours cannot be solved back: {off:.2g} off, where a condition of {condition:.3g} costs less")
+    within(
+        off,
+        allowed,
+        f"{bench.name}: its colours cannot be solved back: {off:.2g} off, where a condition of {condition:.3g} costs "
+        f"less",
+    )

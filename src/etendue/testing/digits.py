@@ -3,7 +3,8 @@
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken`` that says where the digits go.
 
-Held on a machine whose long double has more digits than its double; where it has not, double precision is its own reference.
+Held on a machine whose long double has more digits than its double; where it has not, double precision is its own
+reference.
 """
 
 from __future__ import annotations
@@ -21,11 +22,24 @@ from etendue.testing.checks import bound_of
 from etendue.testing.measured import ratio_of, within
 
 LONG = "longdouble"
-UNSTATED = {"float32": 1e-5, "float64": 1e-11}  # of full scale, of a stage that states no error: a hundred roundings of 32 bits
+UNSTATED = {
+    "float32": 1e-5,
+    "float64": 1e-11,
+}  # of full scale, of a stage that states no error: a hundred roundings of 32 bits
 ANY = 1e-6  # a bound above it holds what is approximated, and says nothing of digits
 STEPS = (1e-8, 3e-8, 1e-7)
-CURVED = 1e-9  # of full scale, that a step of 1e-7 may be off a straight line: the curvature of anything smooth is far below
-LEVELS = ((1.0, "ordinary"), (1e-6, "ordinary"), (1e3, "ordinary"), (1.0, "decades"), (1.0, "faint"), (1.0, "point"), (1.0, "hole"))
+CURVED = (
+    1e-9  # of full scale, that a step of 1e-7 may be off a straight line: the curvature of anything smooth is far below
+)
+LEVELS = (
+    (1.0, "ordinary"),
+    (1e-6, "ordinary"),
+    (1e3, "ordinary"),
+    (1.0, "decades"),
+    (1.0, "faint"),
+    (1.0, "point"),
+    (1.0, "hole"),
+)
 FREQUENCIES = 400  # where a transfer function is looked at first, um-1, from 1e-6 to 1e3
 ZOOMS, CLOSER = 6, 30.0  # how often, and by how much, it is looked at more closely where the precisions differ most
 
@@ -45,7 +59,15 @@ def digits_kept(bench: Bench) -> None:
         if not (single.done and double.done):
             continue  # refused: another law's subject
         where = f"{what} input x {factor:g} of {frame[0]} x {frame[1]}" if bench.reads else "what it writes"
-        compare(bench, double, long_double(bench, given, frame), where, "float64", allowed(bench, given, "float64", frame), frame)
+        compare(
+            bench,
+            double,
+            long_double(bench, given, frame),
+            where,
+            "float64",
+            allowed(bench, given, "float64", frame),
+            frame,
+        )
         both = allowed(bench, given, "float32", frame) + allowed(bench, given, "float64", frame)
         compare(bench, single, double, where, "float32", both, frame)
     for port, declaration in bench.reads.items():
@@ -54,7 +76,9 @@ def digits_kept(bench: Bench) -> None:
 
 
 def double_inside(bench: Bench, port: str) -> None:
-    """Whether what is double stays double: a step up and a step down cancel but for curvature, unless something is rounded to 32 bits."""
+    """Whether what is double stays double: a step up and a step down cancel but for curvature, unless something is
+    rounded to 32 bits.
+    """
     inputs = bench.arrays("ordinary")
     base = bench.run(inputs)
     for step in STEPS if base.done else ():
@@ -65,10 +89,12 @@ def double_inside(bench: Bench, port: str) -> None:
             both = np.asarray(up.arrays[variable], float) + np.asarray(down.arrays[variable], float)
             off = ratio_of(largest_difference(both, 2 * np.asarray(now, float)), max(full_scale(now), SMALLEST))
             within(
-                off, CURVED,
-                f"{bench.name}: digits lost in double precision, as if something were rounded to 32 bits: {variable} is {off:.2g} of its "
+                off,
+                CURVED,
+                f"{bench.name}: digits lost in double precision, as if something were rounded to 32 bits: {variable} "
+                f"is {off:.2g} of its "
                 f"largest value off the straight line where {port} moves by {step:g} up and down, allowed {CURVED:g}",
-            )  # fmt: skip
+            )
 
 
 def inputs_of(bench: Bench) -> Iterator[tuple[str, float, Frame]]:
@@ -99,7 +125,9 @@ def allowed(bench: Bench, given: Any, precision: str, frame: Frame) -> float:
     return max(least, stated or 0.0)
 
 
-def compare(bench: Bench, found: Trial, finer: Trial | None, where: str, precision: str, bound: float, frame: Frame) -> None:
+def compare(
+    bench: Bench, found: Trial, finer: Trial | None, where: str, precision: str, bound: float, frame: Frame
+) -> None:
     if finer is None:
         return
     for variable, exact in finer.arrays.items():
@@ -108,17 +136,22 @@ def compare(bench: Bench, found: Trial, finer: Trial | None, where: str, precisi
         with np.errstate(all="ignore"):
             off = ratio_of(largest_difference(found.arrays[variable], exact), max(full_scale(exact), SMALLEST))
         said = (
-            "cancellation: even double precision loses digits, as long double shows" if precision == "float64"
+            "cancellation: even double precision loses digits, as long double shows"
+            if precision == "float64"
             else "digits lost in single precision: a long sum in float32, or a difference of large numbers"
-        )  # fmt: skip
+        )
         within(
-            off, bound,
-            f"{bench.name}: {said}; {variable} is off by {off:.2g} of its largest value on {where}, allowed {bound:.2g}",
-        )  # fmt: skip
+            off,
+            bound,
+            f"{bench.name}: {said}; {variable} is off by {off:.2g} of its largest value on {where}, allowed "
+            f"{bound:.2g}",
+        )
 
 
 def transfer_digits(bench: Bench) -> None:
-    """A transfer function along a line of frequencies, in double and in long double; closer and closer where they differ most."""
+    """A transfer function along a line of frequencies, in double and in long double; closer and closer where they
+    differ most.
+    """
     stage = bench.stage
     assert isinstance(stage, Transfer)
     grids = bench.input_grids()
@@ -140,15 +173,19 @@ def transfer_digits(bench: Bench) -> None:
             exact = planes(frequency, np.longdouble)
         except TypeError:
             return
-        near = planes(frequency * (1 + 4 * np.finfo(float).eps), np.float64)  # what the rounding of its argument costs is none of its own
+        near = planes(
+            frequency * (1 + 4 * np.finfo(float).eps), np.float64
+        )  # what the rounding of its argument costs is none of its own
         apart = np.maximum(np.abs(double - exact).astype(float) - np.abs(near - double), 0.0)
         apart = np.where(np.isfinite(apart), apart, 0.0)  # what is not finite is another law's
         worst = float(apart.max())
         at = float(frequency[int(apart.reshape(-1, frequency.size).max(axis=0).argmax())])
         within(
-            worst, bound,
-            f"{bench.name}: cancellation: even double precision loses digits, as long double shows; its transfer function is off by "
+            worst,
+            bound,
+            f"{bench.name}: cancellation: even double precision loses digits, as long double shows; its transfer "
+            f"function is off by "
             f"{worst:.2g} at {at:.9g} um-1, allowed {bound:.2g}",
-        )  # fmt: skip
+        )
         ratio = float(frequency[-1] / frequency[0]) ** (1 / CLOSER)
         frequency = np.geomspace(at / ratio, at * ratio, FREQUENCIES)

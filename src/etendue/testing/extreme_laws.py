@@ -1,7 +1,8 @@
 """The laws of numerical stability, one test method each: what ``StageConformance`` has beside declarations and claims.
 
 In:  the bench of a stage.
-Out: nothing, or a broken law that says what goes wrong: cancellation, overflow, digits lost in float32, a jump, a hidden constant.
+Out: nothing, or a broken law that says what goes wrong: cancellation, overflow, digits lost in float32, a jump, a
+     hidden constant.
 """
 
 from __future__ import annotations

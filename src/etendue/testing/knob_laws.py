@@ -29,7 +29,9 @@ class KnobLaws:
     coordinates: ClassVar[Mapping[str, Coordinate]]
 
     def test_its_mean_is_that_of_its_draws(self) -> None:
-        """A stage that draws or rounds and says its mean: on average it gives that, within what so many draws know of it."""
+        """A stage that draws or rounds and says its mean: on average it gives that, within what so many draws know
+        of it.
+        """
         if issubclass(self.bench.kind, Sampled):
             check_mean(self.bench)
 
@@ -44,10 +46,15 @@ class KnobLaws:
             last, before = math.inf, None
             for value, stage in along_ladder(self.stage, name):
                 try:
-                    bound = Bench(stage, self.grids, self.scales, self.coordinates).own_error(bench.arrays("ordinary"), "float64")
+                    bound = Bench(stage, self.grids, self.scales, self.coordinates).own_error(
+                        bench.arrays("ordinary"), "float64"
+                    )
                 except ValueError:
                     continue  # a setting that the stage refuses on this grid
                 if bound is None:
                     raise LawBroken(f"{stage!r} states no error, but may with another {name}")
-                hold(bound <= last, f"{bench.name} states {bound:.3g} with {name} = {value}, but {last:.3g} with the cheaper {before}")
+                hold(
+                    bound <= last,
+                    f"{bench.name} states {bound:.3g} with {name} = {value}, but {last:.3g} with the cheaper {before}",
+                )
                 last, before = bound, value

@@ -24,7 +24,9 @@ LEVEL = 0.3  # of full scale: far from clipping
 
 
 def check_mean(bench: Bench) -> None:
-    """The same variables; on a flat input the mean over draws and pixels within six standard errors, and half a code where it rounds."""
+    """The same variables; on a flat input the mean over draws and pixels within six standard errors, and half a code
+    where it rounds.
+    """
     kind = bench.kind
     assert issubclass(kind, Sampled)
     try:

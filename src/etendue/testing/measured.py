@@ -17,7 +17,9 @@ from etendue.testing.bench import LawBroken
 
 @dataclass
 class Measured:
-    """The worst that one law has found of one instance: the error that comes nearest to its bound, and the largest condition number."""
+    """The worst that one law has found of one instance: the error that comes nearest to its bound, and the largest
+    condition number.
+    """
 
     error: float | None = None
     bound: float | None = None

@@ -40,13 +40,17 @@ class RowLaws:
                     try:
                         cut = bench.run(inputs, precision, frame, rows=rows)
                     except Exception as error:
-                        raise LawBroken(f"{bench.name} cannot be given {rows} rows of {frame[0]} at a time: {error}") from None
+                        raise LawBroken(
+                            f"{bench.name} cannot be given {rows} rows of {frame[0]} at a time: {error}"
+                        ) from None
                     one, other = digests(whole.arrays), digests(cut.arrays)
                     apart = sorted(name for name in one if other.get(name) != one[name])
                     hold(
                         not apart,
-                        f"{bench.name} gives other bits of {', '.join(apart)} {rows} rows at a time than all at once, with a halo of "
-                        f"{halo}{_differing(whole.arrays, cut.arrays, apart)}: say how far it reaches (def halo(self): return "
+                        f"{bench.name} gives other bits of {', '.join(apart)} {rows} rows at a time than all at once, "
+                        f"with a halo of "
+                        f"{halo}{_differing(whole.arrays, cut.arrays, apart)}: say how far it reaches (def halo(self): "
+                        f"return "
                         f"{halo + 1}), or return None where rounding alone differs",
                     )
 

@@ -3,8 +3,9 @@
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken`` that says what jumped.
 
-A change by one unit in the last place must do no more than a billionth of what a change by 1e-6 does, its roundings apart; a change by
-1e-6 no more than ``JUMP`` of full scale. What a change of 1e-6 does, times 1e6, is the condition number.
+A change by one unit in the last place must do no more than a billionth of what a change by 1e-6 does, its roundings
+apart; a change by 1e-6 no more than ``JUMP`` of full scale. What a change of 1e-6 does, times 1e6, is the condition
+number.
 """
 
 from __future__ import annotations
@@ -59,7 +60,13 @@ def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> Non
     base = bench.run(inputs)
     for name, (parameter, kind, _) in parameters_of(bench.kind).items():
         value = getattr(bench.stage, name)
-        if kind is not float or parameter.fidelity or not math.isfinite(value) or not value or (names is not None and name not in names):
+        if (
+            kind is not float
+            or parameter.fidelity
+            or not math.isfinite(value)
+            or not value
+            or (names is not None and name not in names)
+        ):
             continue
         if jumps(bench):
             continue
@@ -101,16 +108,20 @@ def compare(bench: Bench, base: Trial, moved: dict[str, Trial], what: str, input
         if "1e-6" in apart:
             magnified(apart["1e-6"] / STEP)
             within(
-                apart["1e-6"], JUMP + rounding,
-                f"{bench.name}: {variable} jumps by {apart['1e-6']:.2g} of its largest value when {what} moves by 1e-6; "
+                apart["1e-6"],
+                JUMP + rounding,
+                f"{bench.name}: {variable} jumps by {apart['1e-6']:.2g} of its largest value when {what} moves by "
+                f"1e-6; "
                 "say decides = True if that is its nature",
-            )  # fmt: skip
+            )
         if "an ulp" in apart:
             within(
-                apart["an ulp"], SHARE * min(apart.get("1e-6", 0.0), JUMP) + rounding,
-                f"{bench.name}: {variable} jumps by {apart['an ulp']:.2g} of its largest value when {what} moves by its last bit: "
+                apart["an ulp"],
+                SHARE * min(apart.get("1e-6", 0.0), JUMP) + rounding,
+                f"{bench.name}: {variable} jumps by {apart['an ulp']:.2g} of its largest value when {what} moves by "
+                f"its last bit: "
                 "digits are lost, or something is decided there",
-            )  # fmt: skip
+            )
 
 
 def unit_changes(bench: Bench) -> None:
@@ -123,7 +134,11 @@ def unit_changes(bench: Bench) -> None:
         return
     declaration = bench.reads[port]
     main = next((v for v, d in bench.writes.items() if v == declaration.variable), None)
-    if main is None or declaration.unit not in LIGHT or any(p.units == declaration.unit for p, _, _ in parameters_of(bench.kind).values()):
+    if (
+        main is None
+        or declaration.unit not in LIGHT
+        or any(p.units == declaration.unit for p, _, _ in parameters_of(bench.kind).values())
+    ):
         return
     for what in ("ordinary", "decades", "point"):
         inputs = bench.arrays(what)
@@ -132,11 +147,16 @@ def unit_changes(bench: Bench) -> None:
             continue
         for factor in UNITS:
             other = bench.run({port: inputs[port] * factor})
-            hold(other.done, f"{bench.name} fails where the unit of {port} is {1 / factor:g} times as large: {other.last_line}")
+            hold(
+                other.done,
+                f"{bench.name} fails where the unit of {port} is {1 / factor:g} times as large: {other.last_line}",
+            )
             found, wanted = np.asarray(other.arrays[main], float) / factor, np.asarray(base.arrays[main], float)
             apart = ratio_of(largest_difference(found, wanted), full_scale(wanted))
             within(
-                apart, 2 * UNSTATED["float64"],
-                f"{bench.name}: a hidden constant: {main} is off by {apart:.2g} of its largest value on {what} input where its unit is "
+                apart,
+                2 * UNSTATED["float64"],
+                f"{bench.name}: a hidden constant: {main} is off by {apart:.2g} of its largest value on {what} input "
+                f"where its unit is "
                 f"{1 / factor:g} times as large, and no parameter has that unit",
-            )  # fmt: skip
+            )

@@ -16,7 +16,9 @@ from etendue.transfer.products import Product
 
 
 def check_transfer(bench: Bench) -> None:
-    """Shape, 1 at zero frequency, Hermitian, no higher than ``gain`` allows; weights of every band, where it ends in a sum."""
+    """Shape, 1 at zero frequency, Hermitian, no higher than ``gain`` allows; weights of every band, where it ends in
+    a sum.
+    """
     grids = bench.input_grids()
     assert isinstance(bench.stage, Transfer)
     prepared = prepared_of(bench.stage, grids, bench.job().grids)
@@ -30,7 +32,10 @@ def check_transfer(bench: Bench) -> None:
     bad = ~np.isfinite(whole).reshape(-1, line.size).all(axis=0)
     at = float(line[int(bad.argmax())])
     hold(not bad.any(), f"{bench.name}.transfer is not finite at {at:.4g} um-1: overflow, or a nought over a nought")
-    hold(value.shape[-2:] == (7, 7) and value.ndim in (2, 3), f"{bench.name}.transfer has shape {value.shape}, not (band, y, x)")
+    hold(
+        value.shape[-2:] == (7, 7) and value.ndim in (2, 3),
+        f"{bench.name}.transfer has shape {value.shape}, not (band, y, x)",
+    )
     hold(
         value.ndim == 2 or value.shape[0] in (1, len(bands) - 1),
         f"{bench.name}.transfer has {value.shape[0]} planes for {len(bands) - 1} bands",
@@ -39,15 +44,23 @@ def check_transfer(bench: Bench) -> None:
     centre = np.abs(value[..., 3, 3] - 1).max()
     within(centre, 1e-12, f"{bench.name}.transfer is 1 {'+-'} {centre:.2g} at zero frequency: it makes or loses light")
     uneven = np.abs(value[..., ::-1, ::-1] - np.conj(value)).max()
-    within(uneven, 1e-12, f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image turns complex")
+    within(
+        uneven,
+        1e-12,
+        f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image turns complex",
+    )
     wide = np.linspace(-3.0, 3.0, 61)
     highest = np.abs(product.at(wide[:, None], wide[None, :])).max()
     limit = max(1.0, bench.stage.gain or 1.0)
-    within(highest, limit * (1 + 1e-9), f"|{bench.name}.transfer| reaches {highest:.6g}; declare a gain if it may amplify")
+    within(
+        highest, limit * (1 + 1e-9), f"|{bench.name}.transfer| reaches {highest:.6g}; declare a gain if it may amplify"
+    )
     if ends_in_sum(bench.kind):
         weights = np.asarray(bench.stage.weights(prepared))  # type: ignore[attr-defined]
         right = weights.ndim == 2 and weights.shape[1] == len(bands) - 1 and bool(np.isfinite(weights).all())
-        hold(right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(bands) - 1}), or is not finite")
+        hold(
+            right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(bands) - 1}), or is not finite"
+        )
 
 
 def check_single_bands(bench: Bench) -> None:

@@ -1,7 +1,8 @@
 """The law of windows: what a stage gives of a window is the window of what it gives of the whole.
 
 In:  an instance of a stage.
-Out: nothing, or a broken law: a mask, a pattern or a shading that begins where the window does, and not where the whole does.
+Out: nothing, or a broken law: a mask, a pattern or a shading that begins where the window does, and not where the whole
+     does.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from etendue.testing.measured import hold, ratio_of, within
 
 FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # pixels at which windows begin
 AT_LEAST = 12  # pixels of a window, down and across
-PLAIN = Pattern(("ab", "bc"), {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)})  # where nobody says any
+PLAIN = Pattern(
+    ("ab", "bc"), {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)}
+)  # where nobody says any
 COLOURS = (0.8, 0.35, 0.1, 0.6, 0.2, 0.5)  # of the channels of a mask
 EVEN = 0.02  # of full scale: of even colours a method invents nothing, and another channel is ten times as far
 SAME = 1e-9  # of full scale: the same arithmetic on the same values
@@ -56,15 +59,20 @@ class WindowLaws:
                         expected = _cut(full.arrays[variable], declaration, first, frame)
                         off = _off(found.arrays[variable], expected, halo if what == "a picture" else None)
                         within(
-                            off, EVEN if what == "even colours" else SAME,
-                            f"{bench.name}: {variable} of {where}, of {what}, is {off:.2g} of full scale off that of the whole; "
-                            "masks and patterns begin where the whole does: ask for y and x in run, y[0] and x[0] are the window's first "
+                            off,
+                            EVEN if what == "even colours" else SAME,
+                            f"{bench.name}: {variable} of {where}, of {what}, is {off:.2g} of full scale off that of "
+                            f"the whole; "
+                            "masks and patterns begin where the whole does: ask for y and x in run, y[0] and x[0] are "
+                            "the window's first "
                             "row and column",
-                        )  # fmt: skip
+                        )
 
 
 def _off(found: Any, expected: Any, halo: int | None) -> float:
-    """How far a window is from the same place of the whole, of full scale: at worst inside its border, or else at most pixels."""
+    """How far a window is from the same place of the whole, of full scale: at worst inside its border, or else at
+    most pixels.
+    """
     undefined = (found != found) & (expected != expected)
     apart = np.where(undefined, 0.0, np.abs(np.subtract(found, expected, dtype=float)))
     if halo is None:  # borders are filled in by each method's own rule, as far as it reaches
@@ -103,7 +111,9 @@ def _pixel_by_pixel(bench: Bench) -> bool:
 
 
 def _pattern(bench: Bench) -> Pattern:
-    """That of the stage, by the quantity of which its variables say that it is theirs; else by that of any variable; else a plain one."""
+    """That of the stage, by the quantity of which its variables say that it is theirs; else by that of any variable;
+    else a plain one.
+    """
     own = (d.variable for d in (*bench.reads.values(), *bench.writes.values()))
     every = itertools.chain(own, discovery.installed().names("variables"))
     name = next((found for one in every if (found := variables.variable(one).pattern)), "")
@@ -111,7 +121,9 @@ def _pattern(bench: Bench) -> Pattern:
 
 
 def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Any:
-    """An input of the whole; of even colours a frame has that of its mask at every pixel, and a plane of several one of its own."""
+    """An input of the whole; of even colours a frame has that of its mask at every pixel, and a plane of several one
+    of its own.
+    """
     declaration = bench.reads[port]
     if what == "a picture" or not has_rows(declaration.dims):
         return bench.array(port, "ordinary", frame)
@@ -126,4 +138,8 @@ def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -
 
 
 def _cut(array: Any, declaration: Declaration, first: Frame, frame: Frame) -> Any:
-    return array[..., first[0] : first[0] + frame[0], first[1] : first[1] + frame[1]] if has_rows(declaration.dims) else array
+    return (
+        array[..., first[0] : first[0] + frame[0], first[1] : first[1] + frame[1]]
+        if has_rows(declaration.dims)
+        else array
+    )

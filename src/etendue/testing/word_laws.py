@@ -43,21 +43,38 @@ class WordLaws:
             raise LawBroken(f"{name}: {error}") from None
         hold(bool(writes), f"{name} writes nothing")
         for d in writes.values():
-            usual = variables.variable(d.variable).units if discovery.installed().first("variables", d.variable) else d.unit
-            hold(same_unit(usual, d.unit), f"{name} writes {d.variable} in {d.unit}, which is in {usual} wherever else it is written")
+            usual = (
+                variables.variable(d.variable).units if discovery.installed().first("variables", d.variable) else d.unit
+            )
+            hold(
+                same_unit(usual, d.unit),
+                f"{name} writes {d.variable} in {d.unit}, which is in {usual} wherever else it is written",
+            )
         hold((kind.run is not None) != is_transfer(kind), f"{name} needs either run or transfer")
         hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed are 'error' and 'keep'")
-        hold(kind.negative in ("error", "clip", "keep"), f"{name}.negative is {kind.negative!r}; allowed are 'error', 'clip' and 'keep'")
-        hold(kind.gain is None or 0 <= kind.gain < math.inf, f"{name}.gain is {kind.gain}; allowed are None and finite numbers from 0")
+        hold(
+            kind.negative in ("error", "clip", "keep"),
+            f"{name}.negative is {kind.negative!r}; allowed are 'error', 'clip' and 'keep'",
+        )
+        hold(
+            kind.gain is None or 0 <= kind.gain < math.inf,
+            f"{name}.gain is {kind.gain}; allowed are None and finite numbers from 0",
+        )
         seen = [d.variable for d in reads.values() if looks(d) and not looks_at_stages(looks(d))]
-        hold(not seen or issubclass(kind, Probe), f"{name} looks at all stages ({', '.join(seen)}), which only a Probe may")
+        hold(
+            not seen or issubclass(kind, Probe),
+            f"{name} looks at all stages ({', '.join(seen)}), which only a Probe may",
+        )
         hold(not is_source(kind) or not reads, f"{name} has describe, as a source has, but reads {', '.join(reads)}")
         if kind.grid is Stage.grid and not is_source(kind):
             known = {dim for d in reads.values() for dim in d.dims} | set(kind.creates) | {"stage"}
             for declaration in writes.values():
                 for dim in declaration.dims:
                     hold(dim in known, lacking(kind, dim, declaration.variable))
-        hold(not is_transfer(kind) or len(reads) == 1 == len(writes), f"{name} has transfer: it reads and writes one variable each")
+        hold(
+            not is_transfer(kind) or len(reads) == 1 == len(writes),
+            f"{name} has transfer: it reads and writes one variable each",
+        )
         for library in kind.libraries:
             try:
                 importlib.metadata.version(library)
@@ -117,13 +134,16 @@ class WordLaws:
             hold(all(isinstance(g, Grid) for g in first.values()), f"{stage!r}.grid gives something that is no Grid")
 
     def test_noise_about_black_is_met_with_a_word_of_its_own(self) -> None:
-        """Where noise takes values below 0 they are ordinary: who refuses them says so, and does not by having said nothing."""
+        """Where noise takes values below 0 they are ordinary: who refuses them says so, and does not by having said
+        nothing.
+        """
         kind = type(self.stage)
         own = next(base for base in kind.__mro__ if "negative" in vars(base))
         for port, declaration in reads_of(kind).items() if own is Stage else ():
             hold(
                 not variables.variable(declaration.variable).below_zero,
-                f"{kind.__name__} says nothing of negative values, and refuses those of {port}, which noise takes there: a run "
+                f"{kind.__name__} says nothing of negative values, and refuses those of {port}, which noise takes "
+                f"there: a run "
                 "and compare fail on them; declare negative = 'keep' or 'clip', or negative = 'error' if that is meant",
             )
 

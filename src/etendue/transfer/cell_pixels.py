@@ -2,7 +2,8 @@
 
 In:  half transforms of cell means, transfer functions at any frequency (cycles/um), places and widths of windows.
 Out: (channel, y, x) values of the windows, summed over bands.
-Sources: as ``cells``. The light is boxes side by side: its transform is that of its means, repeated without end, times sinc.
+Sources: as ``cells``. The light is boxes side by side: its transform is that of its means, repeated without end, times
+sinc.
 """
 
 from __future__ import annotations
@@ -10,7 +11,18 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from etendue.transfer.cells import BLOCK, Array, Axis, FloatArray, Reach, Transfer, factors_of, far_line, overlaps, planes_of
+from etendue.transfer.cells import (
+    BLOCK,
+    Array,
+    Axis,
+    FloatArray,
+    Reach,
+    Transfer,
+    factors_of,
+    far_line,
+    overlaps,
+    planes_of,
+)
 
 
 def evaluated(
@@ -81,7 +93,9 @@ def evaluated(
     return total
 
 
-def _add_band(sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, transform: Array, y: Axis, x: Axis, k: Array) -> None:
+def _add_band(
+    sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, transform: Array, y: Axis, x: Axis, k: Array
+) -> None:
     """Add one band's transform on the extended lattice, rows k and -k, to the sums of the channels."""
     length = y.size * y.step
     inside = k[k <= np.ceil(reach.radius * length)]
@@ -102,7 +116,9 @@ def _add_band(sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, tra
                 target[channel, : inside.size, : columns.size] += weight * extended
 
 
-def _factors(otf: Transfer, y: Axis, x: Axis, centres: tuple[FloatArray, FloatArray], widths: tuple[float, float]) -> tuple[Array, Array]:
+def _factors(
+    otf: Transfer, y: Axis, x: Axis, centres: tuple[FloatArray, FloatArray], widths: tuple[float, float]
+) -> tuple[Array, Array]:
     """Matrices that take cells to windows along y and x, for a separable transfer function."""
     found = []
     for factor, axis, at, width in zip(factors_of(otf), (y, x), centres, widths, strict=True):

@@ -1,12 +1,13 @@
-"""Light as means over grid cells, behind transfer functions and on pixels: flux exact, nothing negative, at any sampling.
+"""Light as means over grid cells, behind transfer functions and on pixels: flux exact, nothing negative, at any
+sampling.
 
 In:  transfer functions H at any frequency (cycles/um), periodic axes of cells (padded size, um), windows (um).
 Out: tables that multiply the transform of cell means, and pixel values at any separable set of positions.
 Sources: the discrete Fourier transform; Poisson's summation formula.
 
-In `cells` the light is constant within each cell. Behind a blur h its mean over cell i is the sum of c_j times the share
-of cell j's light that falls on cell i, (box * h * box)(x_i - x_j)/D^2. That share is never negative where h is none, and
-all shares of a cell add up to one. Its transfer function on the cells is the sum over all aliases m of
+In `cells` the light is constant within each cell. Behind a blur h its mean over cell i is the sum of c_j times the
+share of cell j's light that falls on cell i, (box * h * box)(x_i - x_j)/D^2. That share is never negative where h is
+none, and all shares of a cell add up to one. Its transfer function on the cells is the sum over all aliases m of
 H(f + m/D) sinc^2(D f + m), along both axes: what the grid cannot resolve is folded, never cut off. A pixel value is the
 same sum with sinc(D f + m) A(f + m/D) for one of the sincs: the cell's sinc once, the pixel's window A once.
 """
@@ -95,7 +96,9 @@ def reach_of(otf: Transfer, step: float) -> Reach:
         limit *= 2
     radius = UNENDING / step
     far = np.array([2.0 * radius])  # what decays as 1/f has its mean over all farther aliases, weighted by 1/f^2, there
-    rest = 0.5 * float(np.real(otf(far[:, None], 0 * far[None, :])).item() + np.real(otf(0 * far[:, None], far[None, :])).item())
+    rest = 0.5 * float(
+        np.real(otf(far[:, None], 0 * far[None, :])).item() + np.real(otf(0 * far[:, None], far[None, :])).item()
+    )
     if np.abs(value - rest).max() <= ZERO:
         radius = 0.0
     return Reach(radius, rest, even, separable)
@@ -194,8 +197,8 @@ def folded(otf: Transfer, reach: Reach, y: Axis, x: Axis, along_y: Rule, along_x
     -----
     Exact to rounding (1e-15) where H ends. Where it does not, it is split into ``rest``, which is summed in closed
     form, and what decays: beyond 16 aliases (1024 for a product over the axes) the error is below
-    2/(16 pi^2) = 1.3 % of how far H there is from ``rest``: 2e-6 for diffusion in silicon, cells of up to 5 um. The value at zero
-    frequency is exactly H(0) in any case, so that flux never depends on it.
+    2/(16 pi^2) = 1.3 % of how far H there is from ``rest``: 2e-6 for diffusion in silicon, cells of up to 5 um. The
+    value at zero frequency is exactly H(0) in any case, so that flux never depends on it.
     """
     table = reach.rest * along_y.unblurred[:, None] * along_x.unblurred
     if not reach.radius:
@@ -246,7 +249,9 @@ def _rows(otf: Transfer, reach: Reach, y: Axis, x: Axis) -> Iterator[tuple[NDArr
 
 
 def _fold(values: Array, weights: Array, size: int) -> tuple[Array, Array]:
-    """Weighted columns K = 0, 1, ... summed onto k = 0...size//2: those with K = k and those with K = -k modulo ``size``."""
+    """Weighted columns K = 0, 1, ... summed onto k = 0...size//2: those with K = k and those with K = -k modulo
+    ``size``.
+    """
     half, count = size // 2, values.shape[1]
     weighted = values * weights
     plus = np.zeros((values.shape[0], half + 1), dtype=weighted.dtype)
@@ -255,7 +260,9 @@ def _fold(values: Array, weights: Array, size: int) -> tuple[Array, Array]:
         part = weighted[:, start : start + half + 1]
         plus[:, : part.shape[1]] += part
     for end in range(size, count + half, size):
-        part = weighted[:, end - half : end + 1]  # the last may stop short of the multiple: the largest k, not the smallest
+        part = weighted[
+            :, end - half : end + 1
+        ]  # the last may stop short of the multiple: the largest k, not the smallest
         minus[:, half + 1 - part.shape[1] :] += part[:, ::-1]
     return plus, minus
 

@@ -34,8 +34,9 @@ def light_of(source: type[Source]) -> str | None:
 
 
 def content_of(source: Source, grids: Mapping[str, Grid]) -> Content | None:
-    """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random numbers, where it is too
-    large to be looked at (17 million samples a band), and where it cannot be made: the run says why."""
+    """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random
+    numbers, where it is too large to be looked at (17 million samples a band), and where it cannot be made: the run
+    says why."""
     try:
         with np.errstate(all="ignore"), unwarned():
             return _looked_at(source, grids)
@@ -61,7 +62,9 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
             low, high, mean = float(plane.min()), float(plane.max()), float(plane.mean(dtype=np.float64))
             if not math.isfinite(low + high):
                 return None
-            sums = scene_rings.ring_sums(np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0), y.step, x.step, edges)
+            sums = scene_rings.ring_sums(
+                np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0), y.step, x.step, edges
+            )
             rows.append((low, mean, high, sums[0] * high**2, sums[1] * abs(high)))
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
@@ -69,10 +72,14 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     own = full or 1.0
     every = _spread(rows, grid.bands().size)
     return Content(
-        _up(full), tuple(map(float, edges)), tuple(tuple(_up(v / own**2) for v in row[3]) for row in every),
-        tuple(tuple(_up(v / own) for v in row[4]) for row in every), tuple(-_up(-row[0] / own) for row in every),
-        tuple(_up(row[1] / own) for row in every), tuple(_up(row[2] / own) for row in every),
-    )  # fmt: skip
+        _up(full),
+        tuple(map(float, edges)),
+        tuple(tuple(_up(v / own**2) for v in row[3]) for row in every),
+        tuple(tuple(_up(v / own) for v in row[4]) for row in every),
+        tuple(-_up(-row[0] / own) for row in every),
+        tuple(_up(row[1] / own) for row in every),
+        tuple(_up(row[2] / own) for row in every),
+    )
 
 
 def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterator[Any]:
@@ -100,7 +107,9 @@ def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterato
 
 def _spread(rows: list[Any], count: int) -> list[Any]:
     """A row for every band: the nearest that was looked at stands for those that were not."""
-    return rows if len(rows) == count else [rows[min(round(b * len(rows) / count), len(rows) - 1)] for b in range(count)]
+    return (
+        rows if len(rows) == count else [rows[min(round(b * len(rows) / count), len(rows) - 1)] for b in range(count)]
+    )
 
 
 def _up(value: float) -> float:

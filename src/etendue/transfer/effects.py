@@ -45,7 +45,9 @@ def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Conte
 
 
 def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
-    """(direction, band, n): the product of transfer functions along rays; one direction where all of them are radial."""
+    """(direction, band, n): the product of transfer functions along rays; one direction where all of them are
+    radial.
+    """
     points = tuple(map(float, frequency))
     found: Any = np.ones((1, len(edges) - 1, len(points)))
     for stage in stages:
@@ -62,7 +64,9 @@ def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> An
     found = []
     for angle in np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
         grid = product.at(np.sin(angle) * frequency[:, None], np.cos(angle) * frequency[None, :])
-        found.append(np.diagonal(np.broadcast_to(grid, (len(edges) - 1, frequency.size, frequency.size)), axis1=1, axis2=2))
+        found.append(
+            np.diagonal(np.broadcast_to(grid, (len(edges) - 1, frequency.size, frequency.size)), axis1=1, axis2=2)
+        )
     return np.stack(found)
 
 

@@ -3,8 +3,8 @@
 In:  the weights of the channels by band, transfer functions by band and radial frequency.
 Out: a basis over the bands, radial tables looked up on planes of frequencies, and what an expansion leaves out.
 
-A channel c is sum_l w_c(l) T_l(f) X_l(f). Where the transfer function changes slowly from band to band, all w_c(l) T_l(f) are close
-to sum_k u_ck(f) g_k(l) with few functions g_k, and the sum over l can be taken before the transform:
+A channel c is sum_l w_c(l) T_l(f) X_l(f). Where the transfer function changes slowly from band to band, all w_c(l)
+T_l(f) are close to sum_k u_ck(f) g_k(l) with few functions g_k, and the sum over l can be taken before the transform:
 sum_k u_ck(f) FFT[ sum_l g_k(l) x_l ].
 """
 
@@ -24,11 +24,15 @@ FITTED = 257
 """Radial frequencies at which a basis is fitted."""
 
 FLAT_BELOW = 1 / 64
-"""Of the highest frequency: up to here all frequencies matter alike to the fit, beyond as their amplitude in pictures falls: as 1/f."""
+"""Of the highest frequency: up to here all frequencies matter alike to the fit, beyond as their amplitude in
+pictures falls: as 1/f.
+"""
 
 
 def importance(frequency: FloatArray) -> FloatArray:
-    """How much an error at each radial frequency matters to the fit of a basis, whatever the pixels are: 1, then falling as 1/f."""
+    """How much an error at each radial frequency matters to the fit of a basis, whatever the pixels are: 1, then
+    falling as 1/f.
+    """
     flat = FLAT_BELOW * float(frequency.max()) or 1.0
     return np.minimum(1.0, flat / np.maximum(frequency, 1e-300))
 
@@ -49,8 +53,8 @@ def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: F
     Returns
     -------
     (planes, band) array
-        g, orthonormal under 1 / total weight: with which weight each band enters each plane; 0 in bands without weight. The
-        weights of the channels lie in their span, so that uniform light is exact.
+        g, orthonormal under 1 / total weight: with which weight each band enters each plane; 0 in bands without weight.
+        The weights of the channels lie in their span, so that uniform light is exact.
 
     Raises
     ------
@@ -59,9 +63,9 @@ def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: F
 
     Notes
     -----
-    Source: the singular vectors of what the weights themselves leave of the weighted transfer functions: the best basis in
-    the mean square for its number of functions (Eckart and Young 1936). As eigenvectors of their products, bands by bands:
-    functions that bring less than 1e-8 of the first are in no order.
+    Source: the singular vectors of what the weights themselves leave of the weighted transfer functions: the best basis
+    in the mean square for its number of functions (Eckart and Young 1936). As eigenvectors of their products, bands by
+    bands: functions that bring less than 1e-8 of the first are in no order.
     """
     weights, scale = _scaled(weights)
     if planes < weights.shape[0]:
@@ -95,7 +99,8 @@ def coefficients(weights: FloatArray, basis: FloatArray, transfer: FloatArray) -
 
 
 def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatArray) -> FloatArray:
-    """What an expansion leaves out of every band, relative to the channel's full scale in light of equal strength in all bands.
+    """What an expansion leaves out of every band, relative to the channel's full scale in light of equal strength in
+    all bands.
 
     Parameters
     ----------
@@ -165,7 +170,9 @@ class RadialPlane:
                 (slice(max(rows.start, self.half + 1), rows.stop), True),
             ):
                 if own.stop > own.start:
-                    part = factor[self.rows - own.stop + 1 : self.rows - own.start + 1][::-1] if mirrored else factor[own]
+                    part = (
+                        factor[self.rows - own.stop + 1 : self.rows - own.start + 1][::-1] if mirrored else factor[own]
+                    )
                     sums[own] += half_transform[own] * part
 
     def multiply(self, half_transform: ComplexArray, table: FloatArray) -> None:

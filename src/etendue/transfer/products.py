@@ -1,8 +1,8 @@
 """The product of the transfer functions of some stages: the one place where a stage's ``transfer`` is asked.
 
 In:  stages in the order of the light, edges of bands, what each stage has prepared.
-Out: their product at separable frequencies, for all bands or some of them; of channels the mean over bands, with the charge that moves
-     between them.
+Out: their product at separable frequencies, for all bands or some of them; of channels the mean over bands, with the
+     charge that moves between them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ def alone(stage: Stage, edges: tuple[float, ...]) -> Any:
 
 @dataclass(frozen=True)
 class Product:
-    """``stages`` one behind the other. ``prepared`` gives what a stage has prepared for the bins; nobody: it is asked now."""
+    """``stages`` one behind the other. ``prepared`` gives what a stage has prepared for the bins; nobody: it is
+    asked now.
+    """
 
     stages: tuple[Transfer, ...]
     edges: tuple[float, ...]
@@ -70,7 +72,9 @@ class Product:
 
 
 def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any:
-    """``stage.transfer`` as (band or 1, m, n) finite numbers that fit the frequencies, or an error that names the stage."""
+    """``stage.transfer`` as (band or 1, m, n) finite numbers that fit the frequencies, or an error that names the
+    stage.
+    """
     name = f"{type(stage).__name__}.transfer"
     with foreign(name):
         given = (fy, fx, middles) if prepared is None else (fy, fx, middles, prepared)
@@ -84,18 +88,27 @@ def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any
 
 
 def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
-    """``stage.channel_transfer`` as (channel, channel, m, n) finite numbers that fit the frequencies (m,), (n,), or an error that names the
-    stage."""
+    """``stage.channel_transfer`` as (channel, channel, m, n) finite numbers that fit the frequencies (m,), (n,), or an
+    error that names the stage."""
     name = f"{type(stage).__name__}.channel_transfer"
     with foreign(name):
         found = np.asarray(stage.channel_transfer(fy, fx, light, prepared))
-    if found.dtype.kind not in "fc" or found.ndim != 4 or found.shape[0] != found.shape[1] or found.shape[2:] != (len(fy), len(fx)):
-        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected (channel, channel, {len(fy)}, {len(fx)}) numbers")
+    if (
+        found.dtype.kind not in "fc"
+        or found.ndim != 4
+        or found.shape[0] != found.shape[1]
+        or found.shape[2:] != (len(fy), len(fx))
+    ):
+        raise PluginError(
+            f"{name} gave {found.dtype} of shape {found.shape}; expected (channel, channel, {len(fy)}, {len(fx)}) "
+            f"numbers"
+        )
     return found
 
 
 def behind_filters(bands: Any, shares: Any, moved: Any = (), still: Any = ()) -> Any:
-    """Transfer functions of grey detail by channel: means over bands, and what charge that moves between channels makes of them.
+    """Transfer functions of grey detail by channel: means over bands, and what charge that moves between channels makes
+    of them.
 
     Parameters
     ----------

@@ -54,9 +54,9 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
     Returns
     -------
     power, amplitude : (n,) arrays
-        Of the padded plane on which a segment computes, times the padded over the framed area: no more than the sum of ``power``
-        is the mean square over the frame of the plane less its mean, and no point of it is farther from the mean than the sum
-        of ``amplitude``.
+        Of the padded plane on which a segment computes, times the padded over the framed area: no more than the sum of
+        ``power`` is the mean square over the frame of the plane less its mean, and no point of it is farther from the
+        mean than the sum of ``amplitude``.
     """
     ny, nx = plane.shape
     half = sampling.transform(np.ascontiguousarray(plane))
@@ -104,7 +104,9 @@ def moved(distance: float, edges: FloatArray) -> FloatArray:
 
 
 def rms_of(factors: FloatArray, power: FloatArray) -> float:
-    """Root mean square over frame and bands of what is left of light times these factors: (band or 1, ring), (band, ring)."""
+    """Root mean square over frame and bands of what is left of light times these factors: (band or 1, ring), (band,
+    ring).
+    """
     return float(np.sqrt((np.asarray(factors) ** 2 * power).sum() / power.shape[0]))
 
 

@@ -74,7 +74,9 @@ def kept_terms(size: int, share: float) -> int:
 
 
 def low_terms(half_transform: ComplexArray, shape: tuple[int, int]) -> ComplexArray:
-    """Of a half transform the terms from 0 to Ky, -Ky to -1 along y and 0 to Kx along x: (..., 2 Ky + 1, Kx + 1); or all of it."""
+    """Of a half transform the terms from 0 to Ky, -Ky to -1 along y and 0 to Kx along x: (..., 2 Ky + 1, Kx + 1); or
+    all of it.
+    """
     rows, columns = shape
     if half_transform.shape[-2:] == shape:
         return half_transform
@@ -83,8 +85,8 @@ def low_terms(half_transform: ComplexArray, shape: tuple[int, int]) -> ComplexAr
 
 
 def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> FloatArray:
-    """Spatial frequencies of a padded axis, cycles/um: all of them, or the half kept by a real transform; or those of ``low_terms`` within
-    a share of the Nyquist frequency."""
+    """Spatial frequencies of a padded axis, cycles/um: all of them, or the half kept by a real transform; or those of
+    ``low_terms`` within a share of the Nyquist frequency."""
     total = padded_size(size)
     if share < 1:
         terms = np.arange(kept_terms(size, share) + 1)
@@ -98,7 +100,9 @@ def planes_of(half_transform: ComplexArray, ny: int, nx: int) -> FloatArray:
     return np.ascontiguousarray(full[..., :ny, :nx])
 
 
-def whole_steps(in_start: float, in_step: float, out_start: float, out_step: float, out_size: int, in_size: int) -> slice | None:
+def whole_steps(
+    in_start: float, in_step: float, out_start: float, out_step: float, out_size: int, in_size: int
+) -> slice | None:
     """The slice of samples at which the output positions lie, or ``None`` where they lie between samples."""
     ratio, offset = out_step / in_step, (out_start - in_start) / in_step
     step, first = round(ratio), round(offset)
@@ -132,7 +136,9 @@ def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> Complex
     return waves
 
 
-def evaluate(half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]) -> FloatArray:
+def evaluate(
+    half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]
+) -> FloatArray:
     """Planes at positions between samples, exactly as the band-limited plane has them.
 
     Parameters
@@ -154,13 +160,17 @@ def evaluate(half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, flo
     """
     total_y, total_x = padded_size(ny), padded_size(nx)
     rows = _waves(y[0] + y[1] * np.arange(y[2]), total_y, False, half_transform.shape[-2]).astype(half_transform.dtype)
-    columns = _waves(x[0] + x[1] * np.arange(x[2]), total_x, True, half_transform.shape[-1]).astype(half_transform.dtype)
+    columns = _waves(x[0] + x[1] * np.arange(x[2]), total_x, True, half_transform.shape[-1]).astype(
+        half_transform.dtype
+    )
     return np.ascontiguousarray(((rows @ half_transform) @ columns.T).real / (total_y * total_x)).astype(
         half_transform.real.dtype, copy=False
     )
 
 
-def sample(half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]) -> FloatArray:
+def sample(
+    half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]
+) -> FloatArray:
     """``evaluate``, by picking samples where all positions are samples: the same values, cheaper."""
     rows = whole_steps(0.0, 1.0, y[0], y[1], y[2], ny)
     columns = whole_steps(0.0, 1.0, x[0], x[1], x[2], nx)
@@ -186,7 +196,11 @@ def sum_over_bands(weights: FloatArray, half_transform: ComplexArray) -> Complex
     """Weighted sums of band transforms: (channel, band) x (band, Ny, Nh) -> (channel, Ny, Nh)."""
     bands, ny, nh = half_transform.shape
     flat = half_transform.reshape(bands, ny * nh)
-    return (weights.astype(half_transform.real.dtype) @ flat.view(half_transform.real.dtype)).view(half_transform.dtype).reshape(-1, ny, nh)
+    return (
+        (weights.astype(half_transform.real.dtype) @ flat.view(half_transform.real.dtype))
+        .view(half_transform.dtype)
+        .reshape(-1, ny, nh)
+    )
 
 
 def on_unique_rows(evaluate_rows, fy: FloatArray) -> FloatArray:  # type: ignore[no-untyped-def]

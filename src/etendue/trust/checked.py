@@ -1,7 +1,8 @@
 """An archive's metadata held against what is made again: as wholes, but for a list of what no computing can tell.
 
 In:  an archive, its plan computed again (``studies.remade``).
-Out: ``Difference``: file, place in it, what it says, what it has to say. What is not in ``NOT_CHECKED`` is compared, a new field too.
+Out: ``Difference``: file, place in it, what it says, what it has to say. What is not in ``NOT_CHECKED`` is compared, a
+     new field too.
 """
 
 from __future__ import annotations
@@ -41,44 +42,71 @@ class NotChecked:
 
 NOT_CHECKED = (
     NotChecked(
-        "seconds", "another run takes others; ledger and journal are held against each other, the summary's are of the last run alone",
+        "seconds",
+        "another run takes others; ledger and journal are held against each other, the summary's are of the last run "
+        "alone",
         rf"{DATA}/summary/seconds/c/.*",
     ),
-    NotChecked("dates", "nobody else has seen the clock", r"runs/\d+\.json#began|ro-crate-metadata\.json#.*\b(endTime|datePublished)"),
     NotChecked(
-        "versions, platform and code of then", "what differs from what is installed here is said, and not judged",
+        "dates",
+        "nobody else has seen the clock",
+        r"runs/\d+\.json#began|ro-crate-metadata\.json#.*\b(endTime|datePublished)",
+    ),
+    NotChecked(
+        "versions, platform and code of then",
+        "what differs from what is installed here is said, and not judged",
         r"runs/\d+\.json#(platform|libraries|distributions)\b.*"
         rf"|(runs/\d+\.json#nodes|{DATA}/zarr\.json#consolidated_metadata\.metadata|{DATA})\b.*[./#]distributions?\b.*"
         r"|ro-crate-metadata\.json#.*\b(softwareVersion|version)",
     ),
     NotChecked("how a run was done", "the scheduler changes no bit", r"runs/\d+\.json#options\.scheduler"),
     NotChecked(
-        "names, texts, licence and authors", "what an author says of a pipeline nothing computes",
+        "names, texts, licence and authors",
+        "what an author says of a pipeline nothing computes",
         rf"{DATA}/zarr\.json#attributes\.(etendue\.pipeline|variant)|ro-crate-metadata\.json#(\./|#run-\d+|runs/\d+\.toml)?"
         r"\.(name|description|license|author)\b.*|ro-crate-metadata\.json#.*\.(agent|license|author)\b.*|ro-crate-metadata\.json#(https?:|#author|"
         r"#affiliation|#license|CITATION).*",
     ),
     NotChecked("messages of failed cells", "a cell that fails again may say so in other words"),
-    NotChecked("what was reused or accepted", "a cell of an earlier platform stands in the tables as the journal has it"),
-    NotChecked("contact_sheet.png, CITATION.cff, measured.json", "drawings and texts of what is compared; run --measure measures again"),
+    NotChecked(
+        "what was reused or accepted", "a cell of an earlier platform stands in the tables as the journal has it"
+    ),
+    NotChecked(
+        "contact_sheet.png, CITATION.cff, measured.json",
+        "drawings and texts of what is compared; run --measure measures again",
+    ),
     NotChecked("what is beside it", "files and groups that no run has written, strays/"),
-)  # fmt: skip
+)
 
 
 def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, into: bool) -> list[NotChecked]:
     """Of one archive: the list, and what else of it cannot be compared, with how much."""
     found = list(NOT_CHECKED)
     entries, gone = stored.journal.entries, stored.journal.outdated
-    lacking = [name for name in again.names.values() if (one := entries.get(name)) is None or one.event != "done" or name in gone]
+    lacking = [
+        name
+        for name in again.names.values()
+        if (one := entries.get(name)) is None or one.event != "done" or name in gone
+    ]
     if lacking:
         found.append(
-            NotChecked(f"{len(lacking)} cells that it does not hold", f"{lacking[0]} ...: not asked for, broken off, failed, or removed")
+            NotChecked(
+                f"{len(lacking)} cells that it does not hold",
+                f"{lacking[0]} ...: not asked for, broken off, failed, or removed",
+            )
         )
     known = set(again.names.values())
     said = stored.journal.said
-    strange = [name for name in said if name not in known and not said.first_file(name) and said[name].event != "removed"]
+    strange = [
+        name for name in said if name not in known and not said.first_file(name) and said[name].event != "removed"
+    ]
     if strange:
-        found.append(NotChecked(f"{len(strange)} lines of cells that its pipeline does not have", f"{strange[0]} ...: they have no files"))
+        found.append(
+            NotChecked(
+                f"{len(strange)} lines of cells that its pipeline does not have",
+                f"{strange[0]} ...: they have no files",
+            )
+        )
     if stored.manifest is None:
         found.append(NotChecked("status, tables, pictures", "its last run was broken off: etendue rerun ends it"))
     elif again.sheet is None:
@@ -99,7 +127,8 @@ def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, int
     return found
 
 
-# -- comparing documents --------------------------------------------------------------------------------------------------
+# -- comparing documents
+# --------------------------------------------------------------------------------------------------
 
 
 def _skipped(file: str, where: str) -> bool:
@@ -139,7 +168,8 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
-# -- the store ------------------------------------------------------------------------------------------------------------
+# -- the store
+# ------------------------------------------------------------------------------------------------------------
 
 
 def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Difference]:
@@ -149,16 +179,28 @@ def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Differen
         own = store_files(stored, again, ended)
         out = list(chunks_out_of_place(stored, again))
     except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError, AttributeError) as error:
-        yield Difference("journal.jsonl", "axes, blocks, cells", f"{type(error).__name__}: {error}", "what can be laid out")
+        yield Difference(
+            "journal.jsonl", "axes, blocks, cells", f"{type(error).__name__}: {error}", "what can be laid out"
+        )
         return
     yield from (Difference("journal.jsonl", name, place, "another place") for name, place in out)
     files = {path.removeprefix(f"{DATA}/") for path in disk.Listing(stored.folder).below(DATA)}
     ours = {path.split("/")[0] for path in own if "/" in path}
-    alone = {f"{group}/{name}/c" for group, names in stored.journal.blocks.items() for name in names}  # chunks of cells without axes
-    said = {path for path in files if path == "zarr.json" or (path.split("/")[0] in ours | set(TABLES) and _is_metadata(path))} - alone
+    alone = {
+        f"{group}/{name}/c" for group, names in stored.journal.blocks.items() for name in names
+    }  # chunks of cells without axes
+    said = {
+        path
+        for path in files
+        if path == "zarr.json" or (path.split("/")[0] in ours | set(TABLES) and _is_metadata(path))
+    } - alone
     pictured = any(path.startswith("frames/") for path in own)
     for path in sorted(own.keys() | said):
-        if (path.split("/")[0] == "frames" and not pictured) or (not ended and _of_the_end(path)) or path.startswith(f"{LEDGER}/"):
+        if (
+            (path.split("/")[0] == "frames" and not pictured)
+            or (not ended and _of_the_end(path))
+            or path.startswith(f"{LEDGER}/")
+        ):
             continue
         has, data = own.get(path), disk.content_of(stored.folder / DATA / path)
         if has != data:
@@ -177,7 +219,9 @@ def _of_the_end(path: str) -> bool:
     return path == "zarr.json" or "/status/c" in path or path.split("/")[0] in TABLES
 
 
-def _of_file(path: str, data: bytes | None, has: bytes | None, own: Mapping[str, bytes], loose: float) -> Iterator[Difference]:
+def _of_file(
+    path: str, data: bytes | None, has: bytes | None, own: Mapping[str, bytes], loose: float
+) -> Iterator[Difference]:
     file = f"{DATA}/{path}"
     if _skipped(file, ""):
         return
@@ -207,7 +251,9 @@ def _of_array(file: str, old: Any, fresh: Any, loose: float) -> Iterator[Differe
     if off:
         at = [int(n) for n in np.unravel_index(off[0], fresh.shape)] if fresh.ndim else []
         more = f" and {len(off) - 1} more" if len(off) > 1 else ""
-        yield Difference(file, f"{at}{more}", _shown(old.ravel().tolist()[off[0]]), _shown(fresh.ravel().tolist()[off[0]]))
+        yield Difference(
+            file, f"{at}{more}", _shown(old.ravel().tolist()[off[0]]), _shown(fresh.ravel().tolist()[off[0]])
+        )
 
 
 def _of_ours(says: Any, made: Any) -> Any:
@@ -215,7 +261,9 @@ def _of_ours(says: Any, made: Any) -> Any:
     try:
         held, own = says["consolidated_metadata"]["metadata"], made["consolidated_metadata"]["metadata"]
         ours = {path.split("/")[0] for path in own}
-        kept = {path: one for path, one in held.items() if path.split("/")[0] in (ours | set(TABLES)) - ({"frames"} - ours)}
+        kept = {
+            path: one for path, one in held.items() if path.split("/")[0] in (ours | set(TABLES)) - ({"frames"} - ours)
+        }
         return {**says, "consolidated_metadata": {**says["consolidated_metadata"], "metadata": kept}}
     except (KeyError, TypeError, AttributeError):
         return says
@@ -223,11 +271,17 @@ def _of_ours(says: Any, made: Any) -> Any:
 
 def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Iterator[Difference]:
     """The row of every cell, in whatever order they stand: sorted axes leave them where they are."""
-    nodes = {path.split("/")[1]: as_document(data) for path, data in own.items() if re.fullmatch(rf"{LEDGER}/\w+/zarr.json", path)}
+    nodes = {
+        path.split("/")[1]: as_document(data)
+        for path, data in own.items()
+        if re.fullmatch(rf"{LEDGER}/\w+/zarr.json", path)
+    }
     listed = disk.Listing(stored.folder)
     there = {path.split("/")[2] for path in listed.below(f"{DATA}/{LEDGER}") if path.count("/") > 2}
     for name in sorted(nodes.keys() ^ there):
-        yield Difference(f"{DATA}/{LEDGER}/{name}", "", *(("it is there", "") if name in there else ("", "it is there")))
+        yield Difference(
+            f"{DATA}/{LEDGER}/{name}", "", *(("it is there", "") if name in there else ("", "it is there"))
+        )
     columns: dict[str, tuple[Any, Any]] = {}
     for path in sorted(path for path in own if path.startswith(f"{LEDGER}/") and path.endswith("zarr.json")):
         name, file = path.split("/")[1], f"{DATA}/{path}"
@@ -244,18 +298,25 @@ def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Ite
     told = [name for name in columns if name in ("stage", "key") or name.startswith("at_")]
     if not told:
         return
-    orders = [sorted(range(len(columns[told[0]][n])), key=_row([columns[name][n].tolist() for name in told])) for n in (0, 1)]
+    orders = [
+        sorted(range(len(columns[told[0]][n])), key=_row([columns[name][n].tolist() for name in told])) for n in (0, 1)
+    ]
     for name, (old, fresh) in columns.items():
         if elsewhere and name.startswith("clipped"):
             continue
-        yield from _of_array(f"{DATA}/{LEDGER}/{name}", old[orders[0]], fresh[orders[1]], ELSEWHERE if elsewhere else 0.0)
+        yield from _of_array(
+            f"{DATA}/{LEDGER}/{name}", old[orders[0]], fresh[orders[1]], ELSEWHERE if elsewhere else 0.0
+        )
 
 
 def _row(columns: list[list[Any]]) -> Any:
-    return lambda n: tuple(("", 0.0) if v != v else (v, 0.0) if isinstance(v, str) else ("", float(v)) for v in (c[n] for c in columns))
+    return lambda n: tuple(
+        ("", 0.0) if v != v else (v, 0.0) if isinstance(v, str) else ("", float(v)) for v in (c[n] for c in columns)
+    )
 
 
-# -- the journal ----------------------------------------------------------------------------------------------------------
+# -- the journal
+# ----------------------------------------------------------------------------------------------------------
 
 
 def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Iterator[Difference]:
@@ -277,14 +338,19 @@ def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Ite
             continue
         for word in ("status", "clipped", "clipped_flux", "floored"):
             if getattr(entry, word) != getattr(fresh, word):
-                yield Difference("journal.jsonl", f"{name} {word}", _shown(getattr(entry, word)), _shown(getattr(fresh, word)))
+                yield Difference(
+                    "journal.jsonl", f"{name} {word}", _shown(getattr(entry, word)), _shown(getattr(fresh, word))
+                )
 
 
-# -- records --------------------------------------------------------------------------------------------------------------
+# -- records
+# --------------------------------------------------------------------------------------------------------------
 
 
 def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | None) -> Iterator[Difference]:
-    """Every record against the pipeline in it, its copy in the journal, the file beside it, and the runs in front of it."""
+    """Every record against the pipeline in it, its copy in the journal, the file beside it, and the runs in front of
+    it.
+    """
     folder, known = stored.folder, dict[str, set[str]]()
     readable = {run.path.name: run for run in every_record(folder)}
     newest, made = list(readable.values()), dict[str, Any]()
@@ -299,7 +365,9 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
             yield Difference(file, "", "another text", "that of the journal")
         beside = disk.content_of(path.with_suffix(".toml"))
         if beside != run.text.encode():
-            yield Difference(f"runs/{path.stem}.toml", "", "" if beside is None else "another pipeline", f"'resolved' of {file}")
+            yield Difference(
+                f"runs/{path.stem}.toml", "", "" if beside is None else "another pipeline", f"'resolved' of {file}"
+            )
         own = json.dumps([run.record.get(word) for word in ("resolved", "text", "overrides", "axes", "options")])
         if own not in made:  # the same again asks for the same
             try:
@@ -307,7 +375,13 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
             except (ArchiveError, RequestError) as error:
                 yield Difference(file, "resolved", str(error).split("\n")[0], "a pipeline that can be read here")
                 continue
-            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:  # words of another form
+            except (
+                ArithmeticError,
+                AttributeError,
+                LookupError,
+                TypeError,
+                ValueError,
+            ) as error:  # words of another form
                 yield Difference(file, "axes, options", f"{type(error).__name__}: {error}", "what a run records")
                 continue
         yield from _of_record(file, run, made[own], known, elsewhere)
@@ -325,7 +399,9 @@ def _values(stored: Stored) -> Iterator[tuple[str, set[str]]]:
             yield dim, set(map(str, values))
 
 
-def _of_record(file: str, run: Recorded, again: Any, known: dict[str, set[str]], elsewhere: bool) -> Iterator[Difference]:
+def _of_record(
+    file: str, run: Recorded, again: Any, known: dict[str, set[str]], elsewhere: bool
+) -> Iterator[Difference]:
     made, asked = again
     made, other = _with_the_code_of_then(run.record, made)
     yield from _differences(file, run.record, made, ELSEWHERE if elsewhere or other else 0.0)
@@ -352,7 +428,8 @@ def _with_the_code_of_then(says: Mapping[str, Any], made: Mapping[str, Any]) -> 
     return ({**made, "nodes": nodes, "sources": says.get("sources")}, True) if other else (made, False)
 
 
-# -- the description for strangers ----------------------------------------------------------------------------------------
+# -- the description for strangers
+# ----------------------------------------------------------------------------------------
 
 
 def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Difference]:
@@ -371,7 +448,9 @@ def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Differenc
         if name in held and name in own:
             yield from _differences(crate.NAME, held[name], own[name], 0.0, name)
         elif not _skipped(crate.NAME, f"{name}."):
-            yield Difference(crate.NAME, name, "it is there" if name in held else "", "it is there" if name in own else "")
+            yield Difference(
+                crate.NAME, name, "it is there" if name in held else "", "it is there" if name in own else ""
+            )
     rest = [{key: value for key, value in (one or {}).items() if key != "@graph"} for one in (says, made)]
     yield from _differences(crate.NAME, rest[0], rest[1], 0.0)
 

@@ -1,10 +1,12 @@
-"""What an archive must hold beside its cells, made again as a run makes it: metadata, coordinates, status, tables, pictures, records.
+"""What an archive must hold beside its cells, made again as a run makes it: metadata, coordinates, status, tables,
+pictures, records.
 
-In:  a plan over all that an archive has, where its journal says that cells lie, and what became of each when it was computed again.
+In:  a plan over all that an archive has, where its journal says that cells lie, and what became of each when it was
+     computed again.
 Out: documents, arrays and texts by path, in the places where a run writes them. Nothing is written.
 
-What only a run can know (seconds, which platform was accepted, what was not asked for) is taken from the archive; ``studies.checked``
-says of it that it is not checked.
+What only a run can know (seconds, which platform was accepted, what was not asked for) is taken from the archive;
+``studies.checked`` says of it that it is not checked.
 """
 
 from __future__ import annotations
@@ -48,7 +50,9 @@ NOT_DONE = ("failed", "skipped", "not_computed")
 
 @dataclass(frozen=True)
 class Again:
-    """A plan computed again: ``names`` and ``keys`` of its cells, and what became of those that were computed, by name."""
+    """A plan computed again: ``names`` and ``keys`` of its cells, and what became of those that were computed, by
+    name.
+    """
 
     plan: Plan
     names: Mapping[CellRef, str]
@@ -58,7 +62,9 @@ class Again:
 
 
 def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
-    """Every file of the store that is no chunk of a cell, by path below it; ``ended``: with what a run writes when it ends in order."""
+    """Every file of the store that is no chunk of a cell, by path below it; ``ended``: with what a run writes when
+    it ends in order.
+    """
     plan, journal = again.plan, stored.journal
     laid = Laid(plan, journal.axes, journal.blocks, journal.said)
     tree, number = laid.tree(journal.said, ()), plan.numbers.of
@@ -67,7 +73,11 @@ def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
     computed, reports = bytearray(plan.numbers.count), reports_of(stored, again, laid)
     for ref, name in again.names.items():
         entry = journal.entries.get(name)
-        if name in again.reports and entry is not None and (entry.event == "failed" or _is_done(entry, again.keys[ref])):
+        if (
+            name in again.reports
+            and entry is not None
+            and (entry.event == "failed" or _is_done(entry, again.keys[ref]))
+        ):
             computed[number(ref)] = STATUS.index(again.reports[name].status) + 1
     laid.put_status(tree, journal.said, (), computed)
     own = {"ledger": tables.ledger(_with_keys(plan, again.keys), reports), "summary": tables.summary(plan, reports)}
@@ -99,7 +109,8 @@ def _is_done(entry: Entry | None, key: str) -> bool:
 def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
     """What the tables say of every cell: as it came out now, with the seconds and bytes of then.
 
-    A cell that is not finished stands in the tables as what the last run made of it, which may not have asked for it: either is right.
+    A cell that is not finished stands in the tables as what the last run made of it, which may not have asked for it:
+    either is right.
     """
     found, said = Reports(again.plan), _said_of_unfinished(stored, again)
     for ref, name in again.names.items():
@@ -107,8 +118,12 @@ def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
         if entry is not None and _is_done(entry, again.keys[ref]):
             slots = {(path, slot) for path, slot, _ in laid.slots(ref)}
             size = sum(file.size for file in entry.files if (file.path, file.slot) in slots)
-            told = fresh or CellReport(*ref, entry.status, clipped=entry.clipped, clipped_flux=entry.clipped_flux, floored=entry.floored)
-            found.take([replace(told, written=(), seconds=entry.seconds, platform=entry.platform, size=size, message="")])
+            told = fresh or CellReport(
+                *ref, entry.status, clipped=entry.clipped, clipped_flux=entry.clipped_flux, floored=entry.floored
+            )
+            found.take(
+                [replace(told, written=(), seconds=entry.seconds, platform=entry.platform, size=size, message="")]
+            )
         elif name in said and entry is not None:
             status, message = said[name]
             told = fresh or CellReport(*ref, entry.status)
@@ -130,7 +145,11 @@ def _said_of_unfinished(stored: Stored, again: Again) -> dict[str, tuple[str, st
     if any(one is None or one.ndim != 1 for one in columns):
         return {}
     rows = zip(*(one.tolist() for one in columns if one is not None), strict=False)
-    return {open_[s, key]: (status, message) for s, key, status, message in rows if (s, key) in open_ and status != "not_computed"}
+    return {
+        open_[s, key]: (status, message)
+        for s, key, status, message in rows
+        if (s, key) in open_ and status != "not_computed"
+    }
 
 
 def column(stored: Stored, array: str) -> Any:
@@ -162,13 +181,15 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
     return np.array([*texts, None], dtype=object)[:-1].reshape(shape)
 
 
-# -- records --------------------------------------------------------------------------------------------------------------
+# -- records
+# --------------------------------------------------------------------------------------------------------------
 
 
 def record_again(
     run: Recorded, earlier: Sequence[Recorded] = (), most_cells: int | None = None
-) -> tuple[dict[str, Any], dict[str, set[Any]]]:  # fmt: skip
-    """The record of a run made anew from its resolved pipeline and its axis values; by axis the values that it asked for itself.
+) -> tuple[dict[str, Any], dict[str, set[Any]]]:
+    """The record of a run made anew from its resolved pipeline and its axis values; by axis the values that it asked
+    for itself.
 
     ``earlier`` runs, the newest first, say what the names on an axis stand for.
 
@@ -204,21 +225,27 @@ def _numbers(values: Any, own: tuple[Any, ...]) -> list[Any]:
 
 
 def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) -> Plan | None:
-    """The plan of the text that a user wrote, with the overrides; its files are those of the resolved one. None where it is none."""
+    """The plan of the text that a user wrote, with the overrides; its files are those of the resolved one. None
+    where it is none.
+    """
     try:
         document = tomllib.loads(text, parse_float=Decimal)
         given = {key: tomllib.loads(f"v = {value}", parse_float=Decimal)["v"] for key, value in overrides.items()}
         apply_overrides(document, given)
         document = _placed(document, tomllib.loads(resolved, parse_float=Decimal))
         made = from_document(document, asked.pipeline.file)
-        made = replace(made, folder=asked.pipeline.folder, most_cells=asked.pipeline.most_cells, overrides=tuple(given.items()))
+        made = replace(
+            made, folder=asked.pipeline.folder, most_cells=asked.pipeline.most_cells, overrides=tuple(given.items())
+        )
         return make_plan(made, installed_stages())
     except (RequestError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
 
 
 def _same_words(one: str, other: str) -> bool:
-    """Whether two texts are one document, in whatever order its keys stand; a name that stands in the file's own is no difference."""
+    """Whether two texts are one document, in whatever order its keys stand; a name that stands in the file's own is
+    no difference.
+    """
     first, second = (tomllib.loads(text, parse_float=Decimal) for text in (one, other))
     return {**first, "name": ""} == {**second, "name": ""}
 

@@ -41,9 +41,12 @@ class Repaired:
 
 
 def repair(
-    folder: Path, sources: Iterable[Path], options: Options, progress: Callable[[Plan], Progress] | None = None,
+    folder: Path,
+    sources: Iterable[Path],
+    options: Options,
+    progress: Callable[[Plan], Progress] | None = None,
     told: Told = lambda done, total: None,
-) -> Repaired:  # fmt: skip
+) -> Repaired:
     """Find what is damaged, put back what is known, compute the rest again, and look once more.
 
     Raises
@@ -61,7 +64,9 @@ def repair(
         raise ArchiveError(f"--from {missing[0]}: there is no such file or folder")
     done = prepare(found, sources)
     plan = make_plan(recorded(folder).pipeline(options.most_cells), installed_stages())
-    outcome = execute(plan, folder, replace(options, restore=frozenset(found.lost)), progress(plan) if progress else None)
+    outcome = execute(
+        plan, folder, replace(options, restore=frozenset(found.lost)), progress(plan) if progress else None
+    )
     done += [f"{text} was written again" for text in outcome.mended]
     return Repaired(found, verify(folder, told), done, outcome.computed + outcome.restored, len(outcome.failed))
 

@@ -1,11 +1,12 @@
 """Does an archive come out again? Computed from the archive alone, and compared cell by cell while it is computed.
 
-In:  the folder of an archive: its resolved pipeline, inputs by digest, the versions and digests of stages, seeds, platform.
-Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others are, and what that means; what else of the archive
-     does not come out again (``studies.checked``), what is damaged, and what was not checked.
+In:  the folder of an archive: its resolved pipeline, inputs by digest, the versions and digests of stages, seeds,
+     platform.
+Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others are, and what that means; what
+     else of the archive does not come out again (``studies.checked``), what is damaged, and what was not checked.
 
-On the same platform (processor features, numpy, scipy, Python) every bit has to agree. On another one a cell may differ by the
-errors that its stage and those in front of it state: their sum, relative to full scale, rms.
+On the same platform (processor features, numpy, scipy, Python) every bit has to agree. On another one a cell may differ
+by the errors that its stage and those in front of it state: their sum, relative to full scale, rms.
 """
 
 from __future__ import annotations
@@ -103,9 +104,13 @@ class Reproduction:
 
 
 def reproduce(
-    folder: Path, options: Options | None = None, progress: Callable[[Plan], Progress] | None = None, into: Path | None = None
-) -> Reproduction:  # fmt: skip
-    """Compute every finished cell of an archive again and compare. The archive is not changed; ``into``: keep the new one there.
+    folder: Path,
+    options: Options | None = None,
+    progress: Callable[[Plan], Progress] | None = None,
+    into: Path | None = None,
+) -> Reproduction:
+    """Compute every finished cell of an archive again and compare. The archive is not changed; ``into``: keep the new
+    one there.
 
     Raises
     ------
@@ -144,7 +149,9 @@ def reproduce(
             raise ArchiveError(f"--into {into}: that is the archive itself; name another folder")
         outcome = execute(plan, into, options, told)
         found.seconds = outcome.seconds
-        reports, damaged = _held_against(stored, Stored(into), asked, {cell_name(plan, r): o for r, o in outcome.reports.items()})
+        reports, damaged = _held_against(
+            stored, Stored(into), asked, {cell_name(plan, r): o for r, o in outcome.reports.items()}
+        )
     refs = {name: ref for ref, name in names.items()}
     for name in asked:
         if (entry := stored.journal.entries[name]).event == "done" and (entry.files or name not in reports):
@@ -174,7 +181,9 @@ def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: b
     )
     named = {cell.cell for cell in found.cells if cell.found == "damaged"}
     found.damages = [
-        one for one in verify(found.folder, journal=stored.journal).damages if one.kind != "unfinished" and one.cell not in named
+        one
+        for one in verify(found.folder, journal=stored.journal).damages
+        if one.kind != "unfinished" and one.cell not in named
     ]
     found.not_checked = checked.unchecked(stored, again, elsewhere, code, into)
 
@@ -186,7 +195,9 @@ def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Diff
         entry = stored.journal.entries.get(name)
         if ref[0] in other and entry is not None and entry.event == "done" and entry.key == again.plan.cells[ref].key:
             row = other.pop(ref[0])
-            yield Difference("runs", f"nodes.{ref[0]}.code", str(row["then"]), f"{row['now']}, of which its keys are made")
+            yield Difference(
+                "runs", f"nodes.{ref[0]}.code", str(row["then"]), f"{row['now']}, of which its keys are made"
+            )
 
 
 def _libraries(run: Recorded) -> bool:
@@ -220,19 +231,29 @@ def _failed(entry: Entry | None) -> bool:
 
 def _shown(stored: Stored, plan: Plan, keys: Mapping[CellRef, str]) -> dict[str, CellRef]:
     """The cells of the pictures of an archive, one of each stage; nothing where there are none, or of others."""
-    held = frames.attributes({"frames/zarr.json": disk.content_of(stored.folder / "data.zarr/frames/zarr.json") or b"{}"}).get("shown")
+    held = frames.attributes(
+        {"frames/zarr.json": disk.content_of(stored.folder / "data.zarr/frames/zarr.json") or b"{}"}
+    ).get("shown")
     held = held if isinstance(held, list) and len(held) == len(plan.nodes) else []
     by_key = {(ref[0], key): ref for ref, key in keys.items()}
-    found = {node.name: by_key.get((node.name, key)) for node, key in zip(plan.nodes, held, strict=False) if isinstance(key, str)}
+    found = {
+        node.name: by_key.get((node.name, key))
+        for node, key in zip(plan.nodes, held, strict=False)
+        if isinstance(key, str)
+    }
     return {} if None in found.values() else {name: ref for name, ref in found.items() if ref is not None}
 
 
 def _drawn(stored: Stored) -> list[tuple[str, str]]:
-    """The stages and variables of which an archive has a picture: of what a run neither computed nor found stored there is none."""
+    """The stages and variables of which an archive has a picture: of what a run neither computed nor found stored
+    there is none.
+    """
     stages, variables = (column(stored, f"frames/{name}") for name in ("stage", "variable"))
     if stages is None or variables is None or stages.shape != variables.shape:
         return []
-    return [(str(stage).split(".")[0], str(name)) for stage, name in zip(stages.ravel(), variables.ravel(), strict=True)]
+    return [
+        (str(stage).split(".")[0], str(name)) for stage, name in zip(stages.ravel(), variables.ravel(), strict=True)
+    ]
 
 
 def _told(sheet: Sheet | None, plan: Plan, keys: Mapping[CellRef, str], shown: Mapping[str, CellRef]) -> Sheet | None:
@@ -275,7 +296,9 @@ def _plan_of(plan: Plan, stored: Stored) -> Plan:
 def _laid_out(plan: Plan, stored: Stored) -> set[tuple[str, str]]:
     """The (stage, variable) pairs that have an array, though none of their cells may have come out."""
     writes = {node.name: node.writes for node in plan.nodes}
-    pairs = ((group, name) for group, names in stored.journal.blocks.items() for name in names if stored.keeps(group, name))
+    pairs = (
+        (group, name) for group, names in stored.journal.blocks.items() for name in names if stored.keeps(group, name)
+    )
     return {(stage, name) for group, name in pairs if name in writes.get(stage := group.split("/")[0], ())}
 
 
@@ -288,7 +311,12 @@ def _refuse_missing(run: Recorded) -> None:
             if use not in registry:
                 was = f" of {distribution}" if distribution else ""
                 way = f"; install it: pip install {distribution.replace(' ', '==')}" if distribution else ""
-                faults.append(Fault(f"stage {name}", f"{use!r}{was} is not installed here, and the archive was computed with it{way}"))
+                faults.append(
+                    Fault(
+                        f"stage {name}",
+                        f"{use!r}{was} is not installed here, and the archive was computed with it{way}",
+                    )
+                )
     if faults:
         raise RequestError(faults)
 
@@ -307,7 +335,9 @@ def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
     return rows
 
 
-def _judged(plan: Plan, ref: CellRef, name: str, report: CellReport | None, damage: str, elsewhere: bool) -> Iterable[CellResult]:
+def _judged(
+    plan: Plan, ref: CellRef, name: str, report: CellReport | None, damage: str, elsewhere: bool
+) -> Iterable[CellResult]:
     """What a cell's comparison means."""
     stage = ref[0]
     if damage:
@@ -336,11 +366,17 @@ def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewher
     if found.shapes:
         return CellResult(*told, "beyond", why=f"shape or type: {found.shapes}")
     if found.undefined:
-        return CellResult(*told, "beyond", found.largest, None, allowed, f"{found.undefined} values are undefined in one alone")
+        return CellResult(
+            *told, "beyond", found.largest, None, allowed, f"{found.undefined} values are undefined in one alone"
+        )
     if not elsewhere:
-        return CellResult(*told, "beyond", found.largest, found.relative, None, "on the same platform every bit has to agree")
+        return CellResult(
+            *told, "beyond", found.largest, found.relative, None, "on the same platform every bit has to agree"
+        )
     if allowed is None:
-        return CellResult(*told, "unknown", found.largest, found.relative, None, "it, or a stage in front of it, states no error")
+        return CellResult(
+            *told, "unknown", found.largest, found.relative, None, "it, or a stage in front of it, states no error"
+        )
     inside = found.relative is not None and found.relative <= allowed
     return CellResult(*told, "within" if inside else "beyond", found.largest, found.relative, allowed)
 
@@ -359,12 +395,17 @@ def document(found: Reproduction) -> dict[str, Any]:
         "began": found.record["began"],
         "verdict": found.verdict,
         "reproduced": found.reproduced,
-        "platform": {"same": not found.platform, "differs": {k: {"then": a, "now": b} for k, (a, b) in found.platform.items()}},
+        "platform": {
+            "same": not found.platform,
+            "differs": {k: {"then": a, "now": b} for k, (a, b) in found.platform.items()},
+        },
         "software": found.software,
         "compared": len(found.cells),
         "stages": [_stage(name, own) for name in found.order if (own := [c for c in found.cells if c.stage == name])],
         "not_the_same": [vars(cell) for cell in found.cells if cell.found != "same"][:WORST],
-        "differences": [{"file": one.file, "where": one.where, "says": one.says, "is": one.is_} for one in found.differences],
+        "differences": [
+            {"file": one.file, "where": one.where, "says": one.says, "is": one.is_} for one in found.differences
+        ],
         "damages": [{name: value or None for name, value in vars(damage).items()} for damage in found.damages],
         "not_checked": [{"what": one.what, "why": one.why} for one in found.not_checked],
         "seconds": found.seconds,
@@ -372,10 +413,15 @@ def document(found: Reproduction) -> dict[str, Any]:
 
 
 def _stage(name: str, own: list[CellResult]) -> dict[str, Any]:
-    counts = {kind: sum(cell.found == kind for cell in own) for kind in ("same", "within", "beyond", "unknown", "damaged", "failed")}
+    counts = {
+        kind: sum(cell.found == kind for cell in own)
+        for kind in ("same", "within", "beyond", "unknown", "damaged", "failed")
+    }
     return {
-        "name": name, "compared": len(own), **counts,
+        "name": name,
+        "compared": len(own),
+        **counts,
         "largest": max((c.largest for c in own if c.largest is not None), default=None),
         "relative": max((c.relative for c in own if c.relative is not None), default=None),
         "allowed": min((c.allowed for c in own if c.allowed is not None), default=None),
-    }  # fmt: skip
+    }

@@ -1,4 +1,5 @@
-"""What an archive says beside its cells and their metadata: lines of the journal, names in the manifest, documents with a word twice.
+"""What an archive says beside its cells and their metadata: lines of the journal, names in the manifest, documents with
+a word twice.
 
 In:  an archive, its plan computed again, every file of the store that a run writes (``studies.remade``).
 Out: ``Difference``: file, place in it, what it says, what it has to say.
@@ -90,11 +91,17 @@ def _documents(stored: Stored) -> Iterator[str]:
     """Every document in JSON, but the lines of the journal."""
     yield from (f"runs/{path.name}" for path in record_paths(stored.folder))
     yield from (MANIFEST, crate.NAME)
-    yield from (path for path in (stored.manifest.metadata if stored.manifest is not None else ()) if path.endswith("/zarr.json"))
+    yield from (
+        path
+        for path in (stored.manifest.metadata if stored.manifest is not None else ())
+        if path.endswith("/zarr.json")
+    )
 
 
 def named_twice(data: bytes | None) -> str | None:
-    """A word that stands twice in one object of a document, of which readers take one or the other; None where there is none."""
+    """A word that stands twice in one object of a document, of which readers take one or the other; None where there
+    is none.
+    """
     found: list[str] = []
 
     def looked_at(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -12,8 +12,9 @@ from etendue_camera.importing.formats import NAMES
 
 HELP = f"""A spectral cube of another program as a scene: {NAMES}.
 
-Writes the Zarr store that the stage radiance_cube reads: spectral radiance in W m-2 sr-1 nm-1, or reflectance (1 = white), which the
-pipeline's illuminant lights at white_luminance. Prints what the values are, the size on the sensor, and the lines of a pipeline.
+Writes the Zarr store that the stage radiance_cube reads: spectral radiance in W m-2 sr-1 nm-1, or reflectance
+(1 = white), which the pipeline's illuminant lights at white_luminance. Prints what the values are, the size on the
+sensor, and the lines of a pipeline.
 """
 
 
@@ -21,13 +22,18 @@ pipeline's illuminant lights at white_luminance. Prints what the values are, the
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="STORE", help="Default: FILE.zarr, here.")
 @click.option("--variable", default="", metavar="NAME", help="The array in the file, where there are several.")
-@click.option("--axes", default="", metavar="ORDER", help="Of the file, where it is not known: w, y and x, such as yxw.")
-@click.option("--wavelengths", metavar="NM", help="Centres of bands: 400:700:10, 450,550,650, or a file with one a line.")
+@click.option(
+    "--axes", default="", metavar="ORDER", help="Of the file, where it is not known: w, y and x, such as yxw."
+)
+@click.option(
+    "--wavelengths", metavar="NM", help="Centres of bands: 400:700:10, 450,550,650, or a file with one a line."
+)
 @click.option(
     "--level",
     default="",
     metavar="WORD",
-    help="What the values are: radiance, photons, relative (reflectance: 1 = white in every band), or a unit of radiance.",
+    help="What the values are: radiance, photons, relative (reflectance: 1 = white in every band), or a unit of "
+    "radiance.",
 )
 @click.option("--scale", type=click.FloatRange(0, min_open=True), metavar="FACTOR", help="Of the values.")
 @click.option(
@@ -36,13 +42,30 @@ pipeline's illuminant lights at white_luminance. Prints what the values are, the
     metavar="UM",
     help="Between samples on the sensor, which gives the size there; a pipeline may say it.",
 )
-@click.option("--white-at", metavar="Y,X[,SIZE]", help="Where a white patch is, in pixels; relative values are divided by it.")
-@click.option("--white-reflectance", type=click.FloatRange(0, 2, min_open=True), default=1.0, show_default=True, help="Of that patch.")
+@click.option(
+    "--white-at", metavar="Y,X[,SIZE]", help="Where a white patch is, in pixels; relative values are divided by it."
+)
+@click.option(
+    "--white-reflectance",
+    type=click.FloatRange(0, 2, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Of that patch.",
+)
 @click.option("--clip", is_flag=True, help="What is below 0, as noise makes it, is 0.")
 def take(
-    file: Path, output: Path | None, variable: str, axes: str, wavelengths: str | None, level: str, scale: float | None,
-    spacing: float | None, white_at: str | None, white_reflectance: float, clip: bool,
-) -> None:  # fmt: skip
+    file: Path,
+    output: Path | None,
+    variable: str,
+    axes: str,
+    wavelengths: str | None,
+    level: str,
+    scale: float | None,
+    spacing: float | None,
+    white_at: str | None,
+    white_reflectance: float,
+    clip: bool,
+) -> None:
     """The command, whose words are ``HELP``."""
     import numpy as np
 
@@ -63,13 +86,17 @@ def take(
         try:
             y, x, *size = (int(one) for one in white_at.split(","))
         except ValueError:
-            raise RequestError(f"--white-at {white_at}: expected a row, a column and, if you like, a size, in pixels") from None
+            raise RequestError(
+                f"--white-at {white_at}: expected a row, a column and, if you like, a size, in pixels"
+            ) from None
         white = white_of(cube, y, x, size[0] if size else 5, white_reflectance)
         cube = replace(cube, white=white) if unit == RADIANCE else relative_to(cube, white, str(file))
     highest = float(cube.values.max())
     if unit != RADIANCE and highest > TOO_WHITE:
         click.echo(
-            f"note: 1 is white, and values go up to {highest:.4g}: --scale, or --white-at a white patch, makes a reflectance", err=True
+            f"note: 1 is white, and values go up to {highest:.4g}: --scale, or --white-at a white patch, makes a "
+            f"reflectance",
+            err=True,
         )
     place = output or Path(f"{file.stem}.zarr")
     write_store(cube, unit, place, spacing, file.name)
@@ -77,14 +104,18 @@ def take(
         click.echo(f"note: {text}", err=True)
     bands, rows, columns = cube.values.shape
     click.echo(
-        f"{place}: {bands} bands of {cube.wavelength[0]:g} to {cube.wavelength[-1]:g} nm, {columns} x {rows} samples (width x height)"
+        f"{place}: {bands} bands of {cube.wavelength[0]:g} to {cube.wavelength[-1]:g} nm, {columns} x {rows} samples "
+        f"(width x height)"
     )
     click.echo(f"{level_told(cube, unit)}\n{size_told(cube, spacing)}")
     words = ['use = "radiance_cube"', 'name = "scene"', f'file = "{place}"']
     if unit != RADIANCE:
         words.append('white_luminance = "1000 cd m-2"')
     elif cube.white is None:
-        words.append('# white_luminance = "1000 cd m-2"   # would take the values for reflectance: import with --white-at instead')
+        words.append(
+            '# white_luminance = "1000 cd m-2"   # would take the values for reflectance: import with --white-at '
+            "instead"
+        )
     if spacing is None:
         words.append('spacing = "2 um"')
     click.echo("in a pipeline:\n[[stages]]\n" + "\n".join(words))

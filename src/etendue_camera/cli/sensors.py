@@ -24,11 +24,15 @@ def sensor_document(name: str) -> dict[str, Any]:
             raise
         return {"name": name, "broken": str(error)}
     return {
-        "name": name, "distribution": found.distribution, "version": found.version,
-        "title": found.title, "kind": found.kind, "description": found.description,
+        "name": name,
+        "distribution": found.distribution,
+        "version": found.version,
+        "title": found.title,
+        "kind": found.kind,
+        "description": found.description,
         "camera": {key: _sourced(value) for key, value in found.shared.items()},
         "facts": {key: _sourced(value) for key, value in found.facts.items()},
-    }  # fmt: skip
+    }
 
 
 def _sourced(one: Sourced) -> dict[str, Any]:
@@ -68,11 +72,20 @@ def print_sensor(document: dict[str, Any]) -> None:
         return
     console.print(f"{escape(document['title'])}\n{escape(document['description'])}\n")
     addresses = list(
-        dict.fromkeys(one["source"] for name in ("camera", "facts") for one in document[name].values() if ":" in one["source"])
+        dict.fromkeys(
+            one["source"] for name in ("camera", "facts") for one in document[name].values() if ":" in one["source"]
+        )
     )
     for name, title in (("camera", "values under [camera]"), ("facts", "also published")):
         if document[name]:
-            table = _table(escape(title), ("quantity", "left"), ("value", "left"), ("source", "left"), ("note", "left"), wrap=("note",))
+            table = _table(
+                escape(title),
+                ("quantity", "left"),
+                ("value", "left"),
+                ("source", "left"),
+                ("note", "left"),
+                wrap=("note",),
+            )
             for key, one in document[name].items():
                 value = ", ".join(map(str, one["value"])) if isinstance(one["value"], list) else str(one["value"])
                 source = f"({addresses.index(one['source']) + 1})" if one["source"] in addresses else one["source"]

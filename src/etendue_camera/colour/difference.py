@@ -67,9 +67,10 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: Sharma, Wu, Dalal 2005, eqs. 2-22. Differences of chroma and hue are taken from those of a* and b*, which keeps the digits
-    of colours that nearly agree, also on either side of 0 degrees. Error: below 1e-15 x condition (reference group de2000), and 4e-16
-    for pairs 1e-12 to 1 apart (40 against 60 digits); angles subtracted left 1e-3 of a difference of 1e-12.
+    Source: Sharma, Wu, Dalal 2005, eqs. 2-22. Differences of chroma and hue are taken from those of a* and b*, which
+    keeps the digits of colours that nearly agree, also on either side of 0 degrees. Error: below 1e-15 x condition
+    (reference group de2000), and 4e-16 for pairs 1e-12 to 1 apart (40 against 60 digits); angles subtracted left 1e-3
+    of a difference of 1e-12.
     """
     (l1, a1, b1), (l2, a2, b2) = _triples("lab1", lab1), _triples("lab2", lab2)
     stretch = 1.5 - 0.5 * _chroma_weight((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2)

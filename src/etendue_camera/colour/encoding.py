@@ -161,7 +161,9 @@ def _no_negative(value: NDArray) -> bool:
 
 
 def _with_toe(curve: NDArray, value: NDArray, end: float, slope: float, divide: bool = False) -> NDArray:
-    """A straight line up to ``end`` in place of the curve, in place: by products with the mask, a third of the time of a choice."""
+    """A straight line up to ``end`` in place of the curve, in place: by products with the mask, a third of the time
+    of a choice.
+    """
     toe = value <= end
     line = np.minimum(value, end, out=np.empty_like(curve))
     (np.divide if divide else np.multiply)(line, slope, out=line)

@@ -23,7 +23,9 @@ LEAST_SPAN = 1e-7  # of the samples' size: channels that differ by less are alik
 
 
 class MatrixFit(NamedTuple):
-    """A fitted matrix, how far its targets were missed (rms, their unit), its condition, and how many directions it knows nothing of."""
+    """A fitted matrix, how far its targets were missed (rms, their unit), its condition, and how many directions it
+    knows nothing of.
+    """
 
     matrix: Matrix
     residual: float
@@ -154,17 +156,21 @@ def fit_matrix(
     Parameters
     ----------
     samples : (n, k) array
-        Camera values of n patches in k channels, usually three; at least k independent ones (k - 1, if a white is given).
+        Camera values of n patches in k channels, usually three; at least k independent ones (k - 1, if a white is
+        given).
     targets : (n, 3) array
         What they should become, for example XYZ.
     white_sample : (k,) array
     white_target : (3,) array
-        Both or neither. If given, the white sample becomes exactly the white target, and the fit has the other freedoms.
+        Both or neither. If given, the white sample becomes exactly the white target, and the fit has the other
+        freedoms.
     ridge : float, samples squared
         At or above 0: weight of the squared free elements beside the mean squared error. Overlapping filters make a
-        matrix of large elements of both signs, which cancels colours well and multiplies noise; this makes them smaller.
+        matrix of large elements of both signs, which cancels colours well and multiplies noise; this makes them
+        smaller.
     least : bool
-        What becomes of directions that the samples leave undetermined: they are given nothing (the smallest matrix that fits), or refused.
+        What becomes of directions that the samples leave undetermined: they are given nothing (the smallest matrix that
+        fits), or refused.
 
     Returns
     -------
@@ -180,9 +186,10 @@ def fit_matrix(
     Raises
     ------
     ValueError
-        If shapes do not fit, values are not finite, a white is missing or black, or, unless ``least``, the samples leave the
-        matrix undetermined: they differ by less than 1e-7 of their size along some direction that the white leaves free.
-        Elements would be 1e7 and more, and pictures in single precision, rounded to 6e-8, would have the colours of their rounding.
+        If shapes do not fit, values are not finite, a white is missing or black, or, unless ``least``, the samples
+        leave the matrix undetermined: they differ by less than 1e-7 of their size along some direction that the white
+        leaves free. Elements would be 1e7 and more, and pictures in single precision, rounded to 6e-8, would have the
+        colours of their rounding.
 
     Notes
     -----
@@ -190,7 +197,13 @@ def fit_matrix(
     heavy weight would cost half the digits.
     """
     samples, targets = np.asarray(samples, np.float64), np.asarray(targets, np.float64)
-    if samples.ndim != 2 or targets.ndim != 2 or len(samples) != len(targets) or samples.shape[1] < 1 or targets.shape[1] != 3:
+    if (
+        samples.ndim != 2
+        or targets.ndim != 2
+        or len(samples) != len(targets)
+        or samples.shape[1] < 1
+        or targets.shape[1] != 3
+    ):
         raise ValueError(f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)")
     if (white_sample is None) != (white_target is None):
         raise ValueError("white_sample and white_target: one is missing; allowed are both or neither")
@@ -200,7 +213,12 @@ def fit_matrix(
     fixed, free = np.zeros((channels, 3)), np.eye(channels)
     if white_sample is not None:
         white, wanted = np.asarray(white_sample, np.float64), np.asarray(white_target, np.float64)
-        fit_in = white.shape == (channels,) and wanted.shape == (3,) and np.isfinite(white).all() and np.isfinite(wanted).all()
+        fit_in = (
+            white.shape == (channels,)
+            and wanted.shape == (3,)
+            and np.isfinite(white).all()
+            and np.isfinite(wanted).all()
+        )
         if not (fit_in and white.any()):
             raise ValueError(f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black")
         fixed = np.outer(white, wanted) / (white @ white)
@@ -211,7 +229,8 @@ def fit_matrix(
     if ridge > 0:
         design = np.concatenate([design, np.sqrt(ridge * len(samples)) * np.eye(freedoms)])
         wanted_rest = np.concatenate([wanted_rest, np.zeros((freedoms, 3))])
-    # Channels that are alike leave differences of rounding alone, of full rank among themselves: the samples' own size is the measure.
+    # Channels that are alike leave differences of rounding alone, of full rank among themselves: the samples' own size
+    # is the measure.
     left, sizes, right = np.linalg.svd(design, full_matrices=False)
     known = sizes > LEAST_SPAN * np.linalg.norm(samples, 2)
     rank = int(np.count_nonzero(known))
@@ -248,7 +267,9 @@ def _constant(rows: ArrayLike) -> Matrix:
 TRANSFORMS = {
     "bradford": _constant([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]),
     "cat02": _constant([[0.7328, 0.4296, -0.1624], [-0.7036, 1.6975, 0.0061], [0.0030, 0.0136, 0.9834]]),
-    "cat16": _constant([[0.401288, 0.650173, -0.051461], [-0.250268, 1.204414, 0.045854], [-0.002079, 0.048952, 0.953127]]),
+    "cat16": _constant(
+        [[0.401288, 0.650173, -0.051461], [-0.250268, 1.204414, 0.045854], [-0.002079, 0.048952, 0.953127]]
+    ),
     "von_kries_hpe_d65": _constant([[0.40024, 0.70760, -0.08081], [-0.22630, 1.16532, 0.04570], [0.0, 0.0, 0.91822]]),
 }
 """XYZ to cone responses: Lam 1985 (ICC), CIECAM02, CAM16, and Hunt-Pointer-Estevez normalised to D65."""

@@ -42,7 +42,9 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
     """
     h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
     if h.ndim != 4 or v.shape != h.shape[:1]:
-        raise ValueError(f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)")
+        raise ValueError(
+            f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)"
+        )
     if not np.all(v >= 0):
         raise ValueError(f"variance is {v.tolist()}; allowed are numbers at or above 0")
     first, second = h[_shifted(lag, 1, h.shape)], h[_shifted(lag, -1, h.shape)]
@@ -50,10 +52,11 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
 
 
 def slow_covariance(responses: ArrayLike, variance: ArrayLike) -> FloatArray:
-    """Noise power at zero frequency, (channel, channel): the covariance of the sum over a large window, for each of its pixels.
+    """Noise power at zero frequency, (channel, channel): the covariance of the sum over a large window, for each of its
+    pixels.
 
-    What a smooth trend takes with it when it is taken off noise (see `without_trend`) is this power, for each term of the
-    trend: of white noise its variance, of noise that neighbours share several times as much.
+    What a smooth trend takes with it when it is taken off noise (see `without_trend`) is this power, for each term of
+    the trend: of white noise its variance, of noise that neighbours share several times as much.
     """
     h, v = np.asarray(responses, np.float64).sum(axis=(-2, -1)), np.asarray(variance, np.float64)
     return np.asarray(np.einsum("p,pc,pd->cd", v, h, h) / len(h))
@@ -127,7 +130,8 @@ def without_trend(planes: ArrayLike, degree: int = 2) -> FloatArray:
 
 
 def standard_error_of_variance(noise: ArrayLike, block: int = 16) -> FloatArray:
-    """Standard error of each channel's variance, (channel,), from the scatter of blocks that are larger than its correlation.
+    """Standard error of each channel's variance, (channel,), from the scatter of blocks that are larger than its
+    correlation.
 
     ``noise`` is (frame, channel, y, x); at least four blocks are needed, else NaN.
     """
@@ -136,6 +140,8 @@ def standard_error_of_variance(noise: ArrayLike, block: int = 16) -> FloatArray:
     count = noise.shape[0] * rows * columns
     if count < 4:
         return np.full(noise.shape[1], np.nan)
-    cut = noise[..., : rows * block, : columns * block].reshape(noise.shape[0], noise.shape[1], rows, block, columns, block)
+    cut = noise[..., : rows * block, : columns * block].reshape(
+        noise.shape[0], noise.shape[1], rows, block, columns, block
+    )
     means = np.mean(cut**2, axis=(3, 5))
     return np.asarray(means.std(axis=(0, 2, 3), ddof=1) / np.sqrt(count))

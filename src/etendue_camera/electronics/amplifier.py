@@ -1,8 +1,8 @@
 """What the electronics of a sensor do with charge: dark current by temperature, gain, noise by gain, saturation.
 
 In:  temperatures (K), analogue gain (dimensionless, 1 at base), noise (electrons), well (electrons), codes (DN).
-Out: factor on the dark current, read noise (electrons), gain (DN/electron), charge at saturation (electrons), white level and the lowest
-     code of a clipped pixel (DN).
+Out: factor on the dark current, read noise (electrons), gain (DN/electron), charge at saturation (electrons), white
+     level and the lowest code of a clipped pixel (DN).
 Sources: Janesick 2001, "Scientific Charge-Coupled Devices" (dark current); EMVA 1288 release 4 linear (doubling
 temperature); Varshni's band gap of silicon as Janesick gives it.
 """
@@ -155,15 +155,20 @@ def gain_of_speed(analogue_gain: float, iso: float, base_iso: float) -> float:
         return float(analogue_gain)
     if base_iso == 0:
         raise ValueError(
-            f"iso = {iso:g} needs base_iso, the speed at analogue gain 1: take it from a data sheet, or leave iso out, put the stage "
+            f"iso = {iso:g} needs base_iso, the speed at analogue gain 1: take it from a data sheet, or leave iso out, "
+            f"put the stage "
             "exposure_numbers into the pipeline and copy its saturation_iso"
         )
     if analogue_gain != 1:
-        raise ValueError(f"iso = {iso:g} and analogue_gain = {analogue_gain:g} are both given; one follows from the other")
+        raise ValueError(
+            f"iso = {iso:g} and analogue_gain = {analogue_gain:g} are both given; one follows from the other"
+        )
     return float(iso / base_iso)
 
 
-def dn_per_electron(conversion_gain: float, analogue_gain: float, full_well: float, black_level: float, bits: int) -> float:
+def dn_per_electron(
+    conversion_gain: float, analogue_gain: float, full_well: float, black_level: float, bits: int
+) -> float:
     """Digital numbers per electron at the analogue gain: from the conversion gain, or the full well at the top code.
 
     Parameters
@@ -238,7 +243,9 @@ def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level
     return min(full_well, (2**bits - 1 - black_level) / gain_dn_per_electron)
 
 
-def lowest_clipped_code(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int, sigma: float = 0.0) -> float:
+def lowest_clipped_code(
+    full_well: float, gain_dn_per_electron: float, black_level: float, bits: int, sigma: float = 0.0
+) -> float:
     """The lowest code that a pixel with a full well, or beyond the converter, comes out with.
 
     Parameters
@@ -264,8 +271,8 @@ def lowest_clipped_code(full_well: float, gain_dn_per_electron: float, black_lev
 
     Notes
     -----
-    A full well is rounded to a whole code as any charge is; where it lies within 2**-8 DN below a step, the code under the step counts,
-    as single precision may take it for that.
+    A full well is rounded to a whole code as any charge is; where it lies within 2**-8 DN below a step, the code under
+    the step counts, as single precision may take it for that.
     """
     filled = gain_dn_per_electron * saturation_charge(full_well, gain_dn_per_electron, black_level, bits)
     noisy = gain_dn_per_electron * max(full_well - 4 * sigma, 0.0)

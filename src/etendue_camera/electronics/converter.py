@@ -82,7 +82,8 @@ def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float
 
     Notes
     -----
-    Source: K e + offset, clipped. Within half a code of ``digitise``, and its mean over a charge that is spread over many codes.
+    Source: K e + offset, clipped. Within half a code of ``digitise``, and its mean over a charge that is spread over
+    many codes.
     """
     charge = np.asarray(charge)
     top = top_code(bits, black_level)
@@ -91,7 +92,9 @@ def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float
     return np.clip(charge * gain + float(black_level), 0, top)
 
 
-def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np.float32, white: float | None = None) -> NDArray:
+def linearise(
+    raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np.float32, white: float | None = None
+) -> NDArray:
     """Raw codes as a fraction of the range above black; 1 is clipping, negative values are kept.
 
     Parameters
@@ -128,7 +131,9 @@ def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np
     values -= float(black_level)
     white = float(top - black_level) if white is None else float(white)
     if not 0 < white <= top - black_level:
-        raise ValueError(f"white is {white!r} above black; allowed are numbers above 0 and at most {top - black_level:g}")
+        raise ValueError(
+            f"white is {white!r} above black; allowed are numbers above 0 and at most {top - black_level:g}"
+        )
     values /= white
     return values.astype(dtype, copy=False)
 

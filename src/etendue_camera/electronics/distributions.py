@@ -16,7 +16,8 @@ from etendue import require
 from etendue_camera.electronics.noise import SMALLEST_NORMAL_MEAN
 
 _FACTORIAL_ERROR = np.array(
-    [math.inf] + [math.log(math.factorial(n)) - (n + 0.5) * math.log(n) + n - 0.5 * math.log(math.tau) for n in range(1, 16)]
+    [math.inf]
+    + [math.log(math.factorial(n)) - (n + 0.5) * math.log(n) + n - 0.5 * math.log(math.tau) for n in range(1, 16)]
 )
 
 
@@ -99,7 +100,9 @@ def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
     if not 0 <= mean < math.inf:
         raise ValueError(f"mean is {mean!r} electrons; allowed are finite numbers from 0 on")
     if not exact_below >= SMALLEST_NORMAL_MEAN:
-        raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf")
+        raise ValueError(
+            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf"
+        )
     if mean < exact_below:
         return 0.0
     counts, drawn = normal_form_pmf(min(float(mean), 1e5))
@@ -201,8 +204,8 @@ def cut_normal_moments(rms: float) -> tuple[float, float]:
 
     Notes
     -----
-    Source: integrals of z^k over the part of the normal density above -1/rms. Below rms = 0.1 less than 1e-23 is cut, and what is left
-    of the difference would be rounding. Error: 3e-14 relative against quadrature for rms in 0.1 to 1.
+    Source: integrals of z^k over the part of the normal density above -1/rms. Below rms = 0.1 less than 1e-23 is cut,
+    and what is left of the difference would be rounding. Error: 3e-14 relative against quadrature for rms in 0.1 to 1.
     """
     require.amount("rms", rms)
     if rms < 0.1:

@@ -110,7 +110,9 @@ def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: Array
     return ELEMENTARY_CHARGE * _dark_noise(dark, read_noise, dsnu) / time
 
 
-def dynamic_range_elgamal(full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike) -> NDArray:
+def dynamic_range_elgamal(
+    full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike
+) -> NDArray:
     """Largest photosignal over the noise of the dark signal, the seed paper's dynamic range.
 
     Parameters
@@ -141,7 +143,9 @@ def dynamic_range_elgamal(full_well: ArrayLike, dark_electrons: ArrayLike, read_
     return _decibel(np.maximum(well - dark, 0), _dark_noise(dark, read_noise, dsnu))
 
 
-def snr_db(electrons: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike, prnu: ArrayLike) -> NDArray:
+def snr_db(
+    electrons: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike, prnu: ArrayLike
+) -> NDArray:
     """Signal over all noise of one pixel, fixed patterns counted as noise.
 
     Parameters
@@ -174,7 +178,9 @@ def snr_db(electrons: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLik
     return _decibel(signal, np.hypot(_dark_noise(signal + dark, read_noise, dsnu), gain_noise))
 
 
-def emva_snr(photons: ArrayLike, quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike) -> NDArray:
+def emva_snr(
+    photons: ArrayLike, quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
+) -> NDArray:
     """Signal-to-noise ratio of a linear camera, quantisation included.
 
     Parameters
@@ -209,7 +215,9 @@ def emva_snr(photons: ArrayLike, quantum_efficiency: ArrayLike, gain_dn_per_elec
     return np.divide(charge, noise, out=np.zeros_like(noise), where=noise > 0)
 
 
-def emva_smallest_photons(quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike) -> NDArray:
+def emva_smallest_photons(
+    quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
+) -> NDArray:
     """Photons at which `emva_snr` is exactly 1; arguments as there.
 
     Returns
@@ -231,7 +239,9 @@ def emva_smallest_photons(quantum_efficiency: ArrayLike, gain_dn_per_electron: A
     return (np.hypot(floor, 0.5) + 0.5) / require.above_zero("quantum_efficiency", quantum_efficiency)
 
 
-def emva_smallest_photons_approx(quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike) -> NDArray:
+def emva_smallest_photons_approx(
+    quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
+) -> NDArray:
     """`emva_smallest_photons` as the EMVA reference implementation has it, for comparing data sheets.
 
     Returns
@@ -253,7 +263,9 @@ def emva_smallest_photons_approx(quantum_efficiency: ArrayLike, gain_dn_per_elec
     return (floor + 0.5) / require.above_zero("quantum_efficiency", quantum_efficiency)
 
 
-def dynamic_range_emva(full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, gain_dn_per_electron: ArrayLike) -> NDArray:
+def dynamic_range_emva(
+    full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, gain_dn_per_electron: ArrayLike
+) -> NDArray:
     """Largest photosignal over the photosignal of SNR = 1, the EMVA 1288 dynamic range.
 
     Parameters

@@ -1,8 +1,8 @@
 """A sensor measured from its raw frames, as EMVA 1288 release 4 (linear) measures a camera.
 
 In:  stacks of raw frames (DN) of a uniform light and of the dark, at rising exposure times (s).
-Out: gain (DN/electron), read noise, full well, DSNU (electrons), PRNU, dark current (electron/s), linearity, thresholds,
-     each with a confidence interval.
+Out: gain (DN/electron), read noise, full well, DSNU (electrons), PRNU, dark current (electron/s), linearity,
+     thresholds, each with a confidence interval.
 Sources: EMVA 1288 release 4 linear, for the model and the quantities; Efron and Tibshirani 1993 (delete-a-group
 jackknife) for the intervals. Departures are named where they happen.
 """
@@ -61,7 +61,9 @@ class Measurement:
 
     @property
     def hidden(self) -> bool:
-        """Whether rounding hides the noise of the dark: means of dark frames then stand nearer to whole numbers than they should."""
+        """Whether rounding hides the noise of the dark: means of dark frames then stand nearer to whole numbers than
+        they should.
+        """
         return bool(self.dark_variance.min() < LEAST_DARK_VARIANCE)
 
 
@@ -76,7 +78,11 @@ class _Levels:
 
 
 def measure(
-    times: ArrayLike, light: Sequence[ArrayLike], dark: Sequence[ArrayLike], photons: ArrayLike | None = None, confidence: float = 0.95
+    times: ArrayLike,
+    light: Sequence[ArrayLike],
+    dark: Sequence[ArrayLike],
+    photons: ArrayLike | None = None,
+    confidence: float = 0.95,
 ) -> Measurement:
     """Gain, noise, saturation and patterns of a sensor, with confidence intervals.
 
@@ -106,20 +112,20 @@ def measure(
 
     Notes
     -----
-    Source: EMVA 1288 release 4 linear. With mean mu and temporal variance s2 of light (y) and dark (d) frames of one time:
-    s2_y - s2_d = K (mu_y - mu_d) up to 70 % of saturation, through the origin; read noise^2 = (s2_d - 1/12 - K (mu_d - mu_d0)) / K^2;
-    dark current = slope of mu_d over time / K; DSNU = spatial deviation of the mean dark frame / K; PRNU^2 = (difference of the
-    spatial variances) / (mu_y - mu_d)^2, at half saturation. Offsets common to a whole frame (a lamp that drifts) are taken out
-    of the temporal variance.
+    Source: EMVA 1288 release 4 linear. With mean mu and temporal variance s2 of light (y) and dark (d) frames of one
+    time: s2_y - s2_d = K (mu_y - mu_d) up to 70 % of saturation, through the origin; read noise^2 = (s2_d - 1/12 - K
+    (mu_d - mu_d0)) / K^2; dark current = slope of mu_d over time / K; DSNU = spatial deviation of the mean dark frame /
+    K; PRNU^2 = (difference of the spatial variances) / (mu_y - mu_d)^2, at half saturation. Offsets common to a whole
+    frame (a lamp that drifts) are taken out of the temporal variance.
 
     Departures. The photon transfer curve is fitted with the weights of a normal variance (the standard gives every
-    level the same, which widens the interval of K by a quarter). Dark noise is averaged over all times, the shot noise of
-    the dark current subtracted. `full_well` is the mean beyond saturation, without the share of a step between levels
-    which `saturation_capacity` lacks.
+    level the same, which widens the interval of K by a quarter). Dark noise is averaged over all times, the shot noise
+    of the dark current subtracted. `full_well` is the mean beyond saturation, without the share of a step between
+    levels which `saturation_capacity` lacks.
 
     Intervals are those of a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are the
-    independent sample, of temporal noise and of patterns alike. Patterns that whole rows or columns share are counted in
-    DSNU, but their interval is then too narrow. Coverage of 95 % intervals: `python benchmarks/emva.py`.
+    independent sample, of temporal noise and of patterns alike. Patterns that whole rows or columns share are counted
+    in DSNU, but their interval is then too narrow. Coverage of 95 % intervals: `python benchmarks/emva.py`.
     """
     time = np.asarray(times, dtype=float)
     _check(time, light, dark, confidence)
@@ -135,7 +141,8 @@ def measure(
     used = (signal[0] > 0) & (signal[0] <= 0.7 * top)
     if np.count_nonzero(used) < 3 or not np.any(excess[0][used] > 0):
         raise ValueError(
-            f"{np.count_nonzero(used)} levels are above the dark and under 70 % of saturation; a photon transfer curve needs three or "
+            f"{np.count_nonzero(used)} levels are above the dark and under 70 % of saturation; a photon transfer curve "
+            f"needs three or "
             "more, with more noise in the light than in the dark"
         )
     gain = _slope(signal, excess, used, y, d)
@@ -143,7 +150,11 @@ def measure(
     slope, origin = _line(time, d.mean)
     read_dn2 = _dark_noise(d, gain, origin) - QUANTISATION
     shown = float(d.variance[0].min()) >= LEAST_DARK_VARIANCE
-    read = interval.root(read_dn2 / gain**2, "electron") if shown else Estimate(np.nan, 0.0, 0.4 / float(gain[0]), "electron")
+    read = (
+        interval.root(read_dn2 / gain**2, "electron")
+        if shown
+        else Estimate(np.nan, 0.0, 0.4 / float(gain[0]), "electron")
+    )
     floor = np.sqrt(np.maximum(read_dn2 + QUANTISATION, 0)) / gain
     threshold = np.hypot(floor, 0.5) + 0.5
 
@@ -180,7 +191,8 @@ def measure(
 
 
 def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
-    """Mean charge at which the temporal variance of a pixel is largest: EMVA's saturation capacity, below the full well.
+    """Mean charge at which the temporal variance of a pixel is largest: EMVA's saturation capacity, below the full
+    well.
 
     Parameters
     ----------
@@ -200,8 +212,9 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
 
     Notes
     -----
-    Shot noise as a normal z of variance x, clipped at the well: moments of min(z, a), a = (w - x)/sqrt(x), averaged over responses by
-    41 nodes of Gauss-Hermite, the largest of 4001 charges from 0.5 to 1.2 w. Read noise behind the well changes nothing.
+    Shot noise as a normal z of variance x, clipped at the well: moments of min(z, a), a = (w - x)/sqrt(x), averaged
+    over responses by 41 nodes of Gauss-Hermite, the largest of 4001 charges from 0.5 to 1.2 w. Read noise behind the
+    well changes nothing.
     Error: 5e-4 relative where w is above 500 electrons (a normal for Poisson counts).
     """
     if not (full_well > 0 and 0 <= prnu <= 0.5):
@@ -227,13 +240,16 @@ def _check(time: NDArray, light: Sequence[ArrayLike], dark: Sequence[ArrayLike],
         raise ValueError(f"confidence is {confidence!r}; allowed is above 0 and below 1")
     shapes = {np.shape(stack)[1:] for stacks in (light, dark) for stack in stacks}
     if len(light) != time.size or len(dark) != time.size:
-        raise ValueError(f"light has {len(light)} stacks and dark {len(dark)}; allowed is one for each of the {time.size} times")
+        raise ValueError(
+            f"light has {len(light)} stacks and dark {len(dark)}; allowed is one for each of the {time.size} times"
+        )
     if len(shapes) != 1 or any(np.ndim(stack) != 3 for stacks in (light, dark) for stack in stacks):
         raise ValueError(f"the frames are {sorted(shapes)} pixels; allowed are stacks (frame, y, x) of one size")
     size = shapes.pop()
     if min(size) < BLOCKS or any(np.shape(stack)[0] < 2 for stacks in (light, dark) for stack in stacks):
         raise ValueError(
-            f"the stacks hold frames of {size} pixels; allowed are {BLOCKS} x {BLOCKS} or more, and two frames or more a level"
+            f"the stacks hold frames of {size} pixels; allowed are {BLOCKS} x {BLOCKS} or more, and two frames or more "
+            f"a level"
         )
 
 
@@ -261,7 +277,9 @@ def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
 
 
 def _slope(signal: NDArray, excess: NDArray, used: NDArray, y: _Levels, d: _Levels) -> NDArray:
-    """K by replicate. Weights are those of the model at all pixels: weights from single variances would favour small ones."""
+    """K by replicate. Weights are those of the model at all pixels: weights from single variances would favour small
+    ones.
+    """
     first = float((signal[0, used] * excess[0, used]).sum() / (signal[0, used] ** 2).sum())
     dark = np.median(d.variance[0]) + first * (d.mean[0, used] - np.median(d.mean[0]))
     dark = np.maximum(dark, 0.5 * np.median(d.variance[0]))

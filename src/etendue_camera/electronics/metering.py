@@ -132,7 +132,9 @@ def metered_time(level: float, target_electrons: float, ev_bias: float, shortest
     if not 0 < shortest <= longest:
         raise ValueError(f"shortest and longest are {shortest!r} and {longest!r} s; allowed is 0 < shortest <= longest")
     if not level >= 0 or not target_electrons > 0:
-        raise ValueError(f"level and target_electrons are {level!r} and {target_electrons!r}; allowed are level >= 0, target above 0")
+        raise ValueError(
+            f"level and target_electrons are {level!r} and {target_electrons!r}; allowed are level >= 0, target above 0"
+        )
     if level == 0:
         return longest
     return min(max(target_electrons / level * 2.0**ev_bias, shortest), longest)
@@ -186,6 +188,9 @@ def grey_card_snr(white_electrons: float, dark_variance: float) -> float:
         If an argument is negative or NaN.
     """
     if not white_electrons >= 0 or not dark_variance >= 0:
-        raise ValueError(f"white_electrons and dark_variance are {white_electrons!r} and {dark_variance!r}; allowed are numbers from 0 on")
+        raise ValueError(
+            f"white_electrons and dark_variance are {white_electrons!r} and {dark_variance!r}; allowed are numbers "
+            f"from 0 on"
+        )
     signal = GREY * white_electrons
     return 20 * math.log10(signal) - 10 * math.log10(signal + dark_variance) if signal > 0 else -math.inf

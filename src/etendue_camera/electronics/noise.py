@@ -52,7 +52,9 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     exact_below = float(exact_below)
     mean = _means(mean, LARGEST_EXACT if exact_below > LARGEST_EXACT else LARGEST_MEAN)
     if not exact_below >= SMALLEST_NORMAL_MEAN:
-        raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf")
+        raise ValueError(
+            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf"
+        )
     flat = np.ascontiguousarray(mean).reshape(-1)
     blocks = [slice(start, start + BLOCK) for start in range(0, flat.size, BLOCK)]  # draws go on from block to block
     exact = sum(int(np.count_nonzero(flat[block] < exact_below)) for block in blocks)
@@ -115,7 +117,9 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     if not np.all((uniform >= 0) & (uniform < 1)):
         raise ValueError(f"uniform goes from {uniform.min()} to {uniform.max()}; allowed is 0 <= u < 1")
     if not SMALLEST_NORMAL_MEAN <= exact_below <= LARGEST_INVERTED:
-        raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to {LARGEST_INVERTED}")
+        raise ValueError(
+            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to {LARGEST_INVERTED}"
+        )
     work = mean.astype(np.float64).reshape(-1)
     uniform = uniform.reshape(-1)
     normal = np.clip(scipy.special.ndtri(uniform), -8.3, 8.3)

@@ -1,8 +1,10 @@
 """What rounding to whole numbers leaves of an error where noise does not spread it over the numbers.
 
-In:  the step between neighbouring numbers, the rms of Gaussian noise in front of the rounding, both in one unit; or a variance behind it.
+In:  the step between neighbouring numbers, the rms of Gaussian noise in front of the rounding, both in one unit; or a
+     variance behind it.
 Out: the largest mean error of a rounded value, in that unit; the rms that may have stood in front of it.
-Sources: the mean error is a sawtooth of the value, convolved with the density of the noise (Widrow and Kollar 2008); Sheppard 1898.
+Sources: the mean error is a sawtooth of the value, convolved with the density of the noise (Widrow and Kollar 2008);
+Sheppard 1898.
 """
 
 import math
@@ -17,7 +19,8 @@ SPREAD = 1.5  # steps of noise, beyond which a mean is wrong by less than 1e-19 
 
 
 def lasting_error(step: float, sigma: float) -> float:
-    """Largest mean error of rounding over all values: half a step without noise, 0.0023 of one with noise of half a step.
+    """Largest mean error of rounding over all values: half a step without noise, 0.0023 of one with noise of half a
+    step.
 
     Parameters
     ----------
@@ -26,7 +29,8 @@ def lasting_error(step: float, sigma: float) -> float:
 
     Notes
     -----
-    Above 0.3 steps of noise it is step / pi exp(-2 pi^2 (sigma / step)^2) within 1e-3 of itself: the first wave of the sawtooth.
+    Above 0.3 steps of noise it is step / pi exp(-2 pi^2 (sigma / step)^2) within 1e-3 of itself: the first wave of the
+    sawtooth.
     """
     if not step > 0:
         return 0.0
@@ -44,7 +48,8 @@ def lasting_error(step: float, sigma: float) -> float:
 
 
 def both(first: float, second: float, confidence: float) -> float:
-    """What the sum of two independent errors stays below with a probability, each being anywhere between its largest and minus that.
+    """What the sum of two independent errors stays below with a probability, each being anywhere between its largest
+    and minus that.
 
     Parameters
     ----------
@@ -68,12 +73,13 @@ SHOWN = 0.6  # steps of noise, from which on it does so wherever the mean lies, 
 
 
 def in_front(low: float, high: float) -> tuple[float, float]:
-    """The rms (steps) that noise had before it was rounded, at least and at most, where the variance behind lies between two (steps^2).
+    """The rms (steps) that noise had before it was rounded, at least and at most, where the variance behind lies
+    between two (steps^2).
 
     Notes
     -----
-    The mean may lie anywhere between two numbers: near one of them rounding hides noise, half way between two it makes a variance of 1/4
-    out of none. From 0.6 steps on both ends are Sheppard's: the variance less 1/12.
+    The mean may lie anywhere between two numbers: near one of them rounding hides noise, half way between two it makes
+    a variance of 1/4 out of none. From 0.6 steps on both ends are Sheppard's: the variance less 1/12.
     """
     sigma, least, most = _behind()
     if high >= least[-1]:

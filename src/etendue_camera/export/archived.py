@@ -15,9 +15,16 @@ Words = str | Iterable[str]
 
 
 def export(
-    archive: Archive, kind: str = "png", output: str | Path | None = None, *, variables: Words = (), stage: str = "",
-    everything: bool = False, force: bool = False, **at: Any,
-) -> list[Path]:  # fmt: skip
+    archive: Archive,
+    kind: str = "png",
+    output: str | Path | None = None,
+    *,
+    variables: Words = (),
+    stage: str = "",
+    everything: bool = False,
+    force: bool = False,
+    **at: Any,
+) -> list[Path]:
     """Pictures as files for other programs.
 
     Parameters
@@ -49,5 +56,9 @@ def export(
     where = tuple(f"{axis}={value}" for axis, value in at.items())
     to = Path(output) if output is not None else None
     with places.reading(archive.place) as folder:
-        done = export(Request(folder, **{kind: True}, variables=names, at=where, stage=stage, output=to, all=everything, force=force))
+        done = export(
+            Request(
+                folder, **{kind: True}, variables=names, at=where, stage=stage, output=to, all=everything, force=force
+            )
+        )
     return done.files

@@ -80,10 +80,15 @@ def export(request: Request) -> Exported:
     at = read_at(request.at)
     wanted = [("dng", "raw")] if request.dng else []
     wanted += [("tiff", variable) for variable in dict.fromkeys(request.variables or ("raw",))] if request.tiff else []
-    wanted += [("png", variable) for variable in dict.fromkeys(request.variables or ("rgb_display",))] if request.png else []
+    wanted += (
+        [("png", variable) for variable in dict.fromkeys(request.variables or ("rgb_display",))] if request.png else []
+    )
     stages = {variable: request.stage if len(wanted) == 1 or variable == "raw" else "" for _, variable in wanted}
     light = {variable for kind, variable in wanted if kind == "png"}  # bands of light are one picture in a PNG alone
-    frames = {variable: shelf.frames(variable, stages[variable], variable in light and not request.tiff) for _, variable in wanted}
+    frames = {
+        variable: shelf.frames(variable, stages[variable], variable in light and not request.tiff)
+        for _, variable in wanted
+    }
     own = {variable: {k: v for k, v in at.items() if _has(found, k)} for variable, found in frames.items()}
     unused = {k: v for k, v in at.items() if not any(k in taken for taken in own.values())}
     if unused:
@@ -91,7 +96,8 @@ def export(request: Request) -> Exported:
     jobs = [(kind, frame) for kind, variable in wanted for frame in chosen(frames[variable], own[variable])]
     if len(jobs) > MANY and not request.all:
         raise RequestError(
-            f"that is {len(jobs)} files; choose cells with --at, such as --at {_first_axis(frames[wanted[0][1]])}, or write them with --all"
+            f"that is {len(jobs)} files; choose cells with --at, such as --at {_first_axis(frames[wanted[0][1]])}, or "
+            f"write them with --all"
         )
     outcome = Exported(_folder(request, jobs))
     ready = []
@@ -112,7 +118,9 @@ def export(request: Request) -> Exported:
     for job in ready:
         _write(job.path, _writer(shelf, job))
         outcome.files.append(job.path)
-    outcome.notes += dict.fromkeys(text for job in ready if job.kind == "dng" and (text := note(mask_of(shelf, job.frame))))
+    outcome.notes += dict.fromkeys(
+        text for job in ready if job.kind == "dng" and (text := note(mask_of(shelf, job.frame)))
+    )
     return outcome
 
 
@@ -133,9 +141,13 @@ def _is_file(request: Request, jobs: list[tuple[str, Frame]]) -> bool:
     known = suffix in [one for suffixes in SUFFIXES.values() for one in suffixes]
     if known and request.output is not None and not request.output.is_dir():
         if len(jobs) != 1:
-            raise RequestError(f"--output {request.output} is one file, but {len(jobs)} would be written; name a folder")
+            raise RequestError(
+                f"--output {request.output} is one file, but {len(jobs)} would be written; name a folder"
+            )
         if suffix not in SUFFIXES[jobs[0][0]]:
-            raise RequestError(f"--output {request.output}: a {jobs[0][0].upper()} file ends in {' or '.join(SUFFIXES[jobs[0][0]])}")
+            raise RequestError(
+                f"--output {request.output}: a {jobs[0][0].upper()} file ends in {' or '.join(SUFFIXES[jobs[0][0]])}"
+            )
         return True
     return False
 
@@ -150,7 +162,9 @@ def _path(request: Request, folder: Path, kind: str, frame: Frame, count: int) -
     if count == 1 and request.output is not None and folder != request.output:
         return request.output
     parts = [request.archive.resolve().name, *([frame.variable] if frame.variable != "raw" else [])]
-    parts += [f"{dim}-{re.sub(r'[^A-Za-z0-9.+-]+', '-', plain(value)).strip('-')}" for dim, value in frame.labels.items()]
+    parts += [
+        f"{dim}-{re.sub(r'[^A-Za-z0-9.+-]+', '-', plain(value)).strip('-')}" for dim, value in frame.labels.items()
+    ]
     return folder / f"{'_'.join(parts)}{SUFFIXES[kind][0]}"
 
 
@@ -181,12 +195,16 @@ def _refuse_unsaid(shelf: Shelf, frame: Frame) -> None:
                 stage = next(installed_stages().makers(variable), "")
                 faults.append(
                     Fault(
-                        "--dng", f"the archive holds no {variable!r}: put the stage {stage!r} into the pipeline and keep it, or use --tiff"
+                        "--dng",
+                        f"the archive holds no {variable!r}: put the stage {stage!r} into the pipeline and keep it, or "
+                        f"use --tiff",
                     )
                 )
     for name in ("bits", "black_level"):
         if shelf.parameter(frame, name) is None:
-            faults.append(Fault("--dng", f"no stage of the archive says {name!r}; write the digital numbers with --tiff"))
+            faults.append(
+                Fault("--dng", f"no stage of the archive says {name!r}; write the digital numbers with --tiff")
+            )
     if faults:
         raise RequestError(faults)
 
@@ -202,7 +220,9 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
         camera_white=shelf.beside(frame, "white", BALANCE),
         balanced_to_xyz=shelf.beside(frame, "colour_matrix"),
         illuminant=str(shelf.parameter(frame, "illuminant", "")),
-        exposure=float(str(time.reshape(())[()])) if time is not None and time.size == 1 else shelf.parameter(frame, "integration_time"),
+        exposure=float(str(time.reshape(())[()]))
+        if time is not None and time.size == 1
+        else shelf.parameter(frame, "integration_time"),
         f_number=shelf.parameter(frame, "f_number"),
         focal_length=shelf.parameter(frame, "focal_length"),
         iso=_iso(shelf, frame),
@@ -215,11 +235,15 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
 
 
 def white_level(shelf: Shelf, frame: Frame) -> int:
-    """The code at which pixels saturate: the top code, or the full well where that comes first and a stage clips there."""
+    """The code at which pixels saturate: the top code, or the full well where that comes first and a stage clips
+    there.
+    """
     top: int = 2 ** int(shelf.parameter(frame, "bits")) - 1
     if not any(FULL_WELL in shelf.roles(stage) for stage in shelf.record["nodes"]):
         return top
-    well, gain, chain = ([shelf.parameter(frame, name) for name in names] for names in (WELL, GAIN, ("conversion_gain", "black_level")))
+    well, gain, chain = (
+        [shelf.parameter(frame, name) for name in names] for names in (WELL, GAIN, ("conversion_gain", "black_level"))
+    )
     if None in (*well, *gain, *chain):  # no stage says how charge becomes numbers
         return top
     filled, (conversion, black), bits = amplifier.full_well(*well), chain, int(shelf.parameter(frame, "bits"))
@@ -237,13 +261,19 @@ def _writer(shelf: Shelf, job: _Job) -> Callable[[Path], None]:
     if job.kind == "dng":
         return lambda path: dng.write(path, raw_frame(shelf, job.frame))
     if job.kind == "png":
-        return lambda path: png.write(path, png.array_of(job.frame), shelf.white(job.frame), described(shelf, job.frame))
+        return lambda path: png.write(
+            path, png.array_of(job.frame), shelf.white(job.frame), described(shelf, job.frame)
+        )
     encoded = job.frame.variable == "rgb_display" and _is_srgb(shelf, job.frame)
-    return lambda path: tiff.write(path, job.frame.picture(), described(shelf, job.frame), _software(), _when(shelf), encoded)
+    return lambda path: tiff.write(
+        path, job.frame.picture(), described(shelf, job.frame), _software(), _when(shelf), encoded
+    )
 
 
 def _is_srgb(shelf: Shelf, frame: Frame) -> bool:
-    shown: dict[str, Any] = {k: v for node in shelf.record["nodes"].values() for k, v in node["shown"].items() if k == "display"}
+    shown: dict[str, Any] = {
+        k: v for node in shelf.record["nodes"].values() for k, v in node["shown"].items() if k == "display"
+    }
     return str(shelf.parameter(frame, "encoding")) == "sRGB" and shown.get("display", "sRGB") == "sRGB"
 
 
@@ -252,6 +282,8 @@ def _software() -> str:
 
 
 def _when(shelf: Shelf) -> str:
-    """When the run began, as TIFF writes it: two exports of an archive are the same file. '' where its record says no time."""
+    """When the run began, as TIFF writes it: two exports of an archive are the same file. '' where its record says
+    no time.
+    """
     written = str(shelf.record["began"]).replace("-", ":").replace("T", " ").rstrip("Z")
     return written if re.fullmatch(r"\d{4}(:\d\d){2} \d\d(:\d\d){2}", written, re.ASCII) else ""

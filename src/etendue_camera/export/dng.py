@@ -20,7 +20,11 @@ from etendue_camera.colour import matrices
 from etendue_camera.export.container import ASCII, BYTE, LONG, RATIONAL, SHORT, SRATIONAL, UNDEFINED, Tag, write_picture
 
 COLOURS = "RGB"
-D50_XYZ = (0.96422, 1.0, 0.82521)  # of the profile connection space: ICC.1, and the DNG specification's forward matrices
+D50_XYZ = (
+    0.96422,
+    1.0,
+    0.82521,
+)  # of the profile connection space: ICC.1, and the DNG specification's forward matrices
 OTHER_LIGHT = 255
 LIGHTS = {"A": 17, "B": 18, "C": 19, "D55": 20, "D65": 21, "D75": 22, "D50": 23}  # EXIF LightSource
 LARGEST_PERIOD = 8
@@ -182,7 +186,10 @@ def write(path: Path, frame: RawFrame) -> None:
     if frame.raw.ndim != 2 or frame.raw.dtype != np.uint16 or not frame.raw.size:
         raise ValueError(f"raw is {frame.raw.dtype} with shape {frame.raw.shape}; allowed is (y, x) of uint16")
     if not 0 <= frame.black < frame.white_level <= 65535:
-        raise ValueError(f"black is {frame.black:g} and white_level {frame.white_level}; allowed is 0 <= black < white_level <= 65535")
+        raise ValueError(
+            f"black is {frame.black:g} and white_level {frame.white_level}; allowed is 0 <= black < white_level <= "
+            f"65535"
+        )
     why = refusal(frame.mask)
     if why:
         raise ValueError(why)

@@ -46,7 +46,11 @@ class Group:
     @property
     def parameters(self) -> dict[str, str]:
         """Which parameter each axis sets: ``{"f_number": "f_number", "pixel_rows": "pixel.rows"}``."""
-        return {str(dim): str(self.data[dim].attrs.get("parameter", dim)) for dim in self.data.coords if dim in self.data.dims}
+        return {
+            str(dim): str(self.data[dim].attrs.get("parameter", dim))
+            for dim in self.data.coords
+            if dim in self.data.dims
+        }
 
 
 @dataclass(frozen=True)
@@ -79,14 +83,17 @@ def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str
     name = cell_label(stage, {dim: labels[dim] for dim in axes})
     if name not in stored.finished:
         raise ArchiveError(
-            f"{stored.folder}: the journal does not say that {name} is finished, though its status does; {MEND} {stored.folder}"
+            f"{stored.folder}: the journal does not say that {name} is finished, though its status does; {MEND} "
+            f"{stored.folder}"
         )
     try:
         array = stored.cell(name).read(variable)
     except ArchiveError as error:
         raise ArchiveError(f"{stored.folder}: {error}; {MEND} {stored.folder}") from None
     inner = xarray.DataArray(array, dims=[dim for dim in data[variable].dims if dim not in axes])
-    rest = {str(dim): _values(data[variable], str(dim)).index(labels[str(dim)]) for dim in inner.dims if str(dim) in labels}
+    rest = {
+        str(dim): _values(data[variable], str(dim)).index(labels[str(dim)]) for dim in inner.dims if str(dim) in labels
+    }
     return inner.isel(rest).to_numpy()
 
 
@@ -130,7 +137,9 @@ class Shelf:
         written = self.variables.get(variable)
         if not written:
             pictures = [name for name, places in self.variables.items() if self._is_picture(places[0][1], name)]
-            raise RequestError(f"{self.folder} holds no {variable!r}{nearest(variable, pictures)}; it may have been left out by 'keep'")
+            raise RequestError(
+                f"{self.folder} holds no {variable!r}{nearest(variable, pictures)}; it may have been left out by 'keep'"
+            )
         stages = list(dict.fromkeys(name for name, _ in written))
         if stage and stage not in stages:
             raise RequestError(f"--stage {stage}: it wrote no {variable!r} here{nearest(stage, stages)}")
@@ -138,12 +147,18 @@ class Shelf:
         return [Group(chosen, path, self._open(path)) for name, path in written if name == chosen]
 
     def frames(self, variable: str, stage: str = "", light: bool = False) -> list[Frame]:
-        """Every picture of a variable, in the order of the axes as stored; ``light``: bands of light are one picture too."""
+        """Every picture of a variable, in the order of the axes as stored; ``light``: bands of light are one picture
+        too.
+        """
         found = []
         for group in self.groups(variable, stage):
             array = group.data[variable]
             if array.dims[-2:] != ("y", "x") or not (light or self._is_picture(group.path, variable)):
-                way = "; as a plot: etendue plot" if array.dims[-2:] != ("y", "x") else "; --png shows it as an eye sees it"
+                way = (
+                    "; as a plot: etendue plot"
+                    if array.dims[-2:] != ("y", "x")
+                    else "; --png shows it as an eye sees it"
+                )
                 raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture{way}")
             axes = [str(dim) for dim in array.dims if dim not in PLANE and not (light and dim == "wavelength")]
             values = [_values(array, dim) for dim in axes]
@@ -154,7 +169,9 @@ class Shelf:
                 labels = {dim: own[i] for dim, own, i in zip(axes, values, index, strict=True)}
                 found.append(Frame(group, variable, labels, flag, self.stored))
         there = [frame.labels for frame in found if frame.status != "not_computed"]
-        return [f for f in found if f.status != "not_computed" or f.labels not in there]  # another shape of the stage has it
+        return [
+            f for f in found if f.status != "not_computed" or f.labels not in there
+        ]  # another shape of the stage has it
 
     def _is_picture(self, path: str, variable: str) -> bool:
         array = self._open(path).get(variable)
@@ -163,7 +180,9 @@ class Shelf:
     def _open(self, path: str) -> xarray.Dataset:
         if path not in self.opened:
             with metadata_of(self.folder):
-                self.opened[path] = xarray.open_dataset(self.store, engine="zarr", group=path, chunks=None, consolidated=False)
+                self.opened[path] = xarray.open_dataset(
+                    self.store, engine="zarr", group=path, chunks=None, consolidated=False
+                )
         return self.opened[path]
 
     @cached_property
@@ -199,7 +218,9 @@ class Shelf:
         """
         node = self.record["nodes"].get(stage, {"role": []})
         if "role" not in node:
-            raise ArchiveError(f"{self.folder} does not say what its stages are for: run its pipeline again with this version")
+            raise ArchiveError(
+                f"{self.folder} does not say what its stages are for: run its pipeline again with this version"
+            )
         return list(node["role"])
 
     def beside(self, frame: Frame, variable: str, other_than: str = "") -> Any:
@@ -219,7 +240,11 @@ class Shelf:
             chosen = data.sel(labels).squeeze([dim for dim in axes if dim not in labels])
             if STATUS[int(chosen["status"])] in FINISHED:
                 whole = {dim: labels[dim] if dim in labels else _values(data, dim)[0] for dim in axes}
-                inner = {str(dim): frame.labels[str(dim)] for dim in data[variable].dims if dim in frame.labels and dim not in axes}
+                inner = {
+                    str(dim): frame.labels[str(dim)]
+                    for dim in data[variable].dims
+                    if dim in frame.labels and dim not in axes
+                }
                 return stored_array(self.stored, stage, data, variable, {**whole, **inner})
         return None
 
@@ -271,20 +296,31 @@ def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
         match = [value for value in values if is_value(value, text, unit)]
         if not match:
             shown = ", ".join(map(plain, values[:12])) + (", ..." if len(values) > 12 else "")
-            faults.append(Fault(f"--at {name}={text}", f"that was not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}"))
+            faults.append(
+                Fault(
+                    f"--at {name}={text}", f"that was not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}"
+                )
+            )
             continue
         left = [frame for frame in left if frame.labels.get(dim) in match]
     if faults:
         raise RequestError(faults)
     if not left:
-        raise RequestError(f"--at {' '.join(f'{k}={v}' for k, v in at.items())}: no cell of {frames[0].variable} has these values together")
+        raise RequestError(
+            f"--at {' '.join(f'{k}={v}' for k, v in at.items())}: no cell of {frames[0].variable} has these values "
+            f"together"
+        )
     return left
 
 
 def described(shelf: Shelf, frame: Frame) -> str:
     """One line of provenance for a file: pipeline, stage, axis values, key of the cell."""
     facts = {
-        "pipeline": shelf.record["pipeline"], "stage": frame.group.stage, "variable": frame.variable, "at": frame.where(),
-        "cell": shelf.key(frame), "etendue": shelf.record["libraries"].get("etendue", ""),
-    }  # fmt: skip
+        "pipeline": shelf.record["pipeline"],
+        "stage": frame.group.stage,
+        "variable": frame.variable,
+        "at": frame.where(),
+        "cell": shelf.key(frame),
+        "etendue": shelf.record["libraries"].get("etendue", ""),
+    }
     return json.dumps({name: text for name, text in facts.items() if text}, ensure_ascii=True)

@@ -30,7 +30,9 @@ def mask_of(shelf: Shelf, frame: Frame) -> tuple[str, ...] | None:
     if len(mask.channels) == 1:
         return None
     index = cfa.channel_index(
-        mask, *mask.period, *(_first(shelf, frame, dim, name) for dim, name in (("y", "first_row"), ("x", "first_column")))
+        mask,
+        *mask.period,
+        *(_first(shelf, frame, dim, name) for dim, name in (("y", "first_row"), ("x", "first_column"))),
     )
     return tuple("".join(mask.channels[i] for i in row) for row in index)
 
@@ -40,7 +42,8 @@ def note(mask: tuple[str, ...] | None) -> str:
     if mask is None or (len(mask), len(mask[0])) in WELL_KNOWN:
         return ""
     return (
-        f"the mask of {len(mask)} x {len(mask[0])} pixels is in the file as the DNG specification says, but LibRaw and what is built on it "
+        f"the mask of {len(mask)} x {len(mask[0])} pixels is in the file as the DNG specification says, but LibRaw and "
+        f"what is built on it "
         "read the colours of 2 x 2 and 6 x 6 masks only; the digital numbers are right for all"
     )
 
@@ -48,7 +51,11 @@ def note(mask: tuple[str, ...] | None) -> str:
 def _first(shelf: Shelf, frame: Frame, dim: str, name: str) -> int:
     """The sensor's row or column at which the frame begins."""
     coordinate = frame.group.data.coords.get(dim)
-    if coordinate is not None and coordinate.size and str(coordinate.attrs.get("long_name", "")).startswith("pixel index"):
+    if (
+        coordinate is not None
+        and coordinate.size
+        and str(coordinate.attrs.get("long_name", "")).startswith("pixel index")
+    ):
         return round(float(coordinate[0]))
     return int(shelf.parameter(frame, name, 0))
 

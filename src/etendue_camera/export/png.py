@@ -26,7 +26,9 @@ def array_of(frame: Frame) -> xarray.DataArray:
     values, known = frame.picture(), frame.group.data[frame.variable]
     dims = [str(dim) for dim in known.dims[known.ndim - np.ndim(values) :]]
     coords = {dim: known[dim].variable for dim in dims if dim in known.coords}
-    return pictures.with_bands(xarray.DataArray(values, {**coords, **frame.labels}, dims, frame.variable, known.attrs), frame.group.data)
+    return pictures.with_bands(
+        xarray.DataArray(values, {**coords, **frame.labels}, dims, frame.variable, known.attrs), frame.group.data
+    )
 
 
 def write(path: Path, array: xarray.DataArray, white: float, description: str = "") -> None:

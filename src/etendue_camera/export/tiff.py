@@ -45,7 +45,9 @@ def srgb_profile() -> bytes:
     return bytes(profile)
 
 
-def write(path: Path, picture: Any, description: str = "", software: str = "etendue", when: str = "", srgb: bool = False) -> None:
+def write(
+    path: Path, picture: Any, description: str = "", software: str = "etendue", when: str = "", srgb: bool = False
+) -> None:
     """Write one picture; ``srgb`` says that its values are encoded so."""
     import tifffile
 

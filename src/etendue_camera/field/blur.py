@@ -8,15 +8,17 @@ Comput. 19, 1063, 1998).
 
 The exact answer is the direct sum over all samples of the image in front of the lens: each is spread by
 ``PsfBank.kernel_at`` its own position (``weights = "source"``). The flux of every point is then kept exactly. A uniform
-plane stays uniform but for the divergence of the mean displacement and half the second derivatives of the second moments of
-the bank: for spots of some um in a field of some mm 1e-3 and 1e-6, the first gone with ``centre = "centroid"``. With
-``weights = "image"`` each sample of the result gathers with the kernel of its own place: a uniform plane stays uniform
-exactly, and the flux of a point changes by as much. Beyond the border stands the mirror image, with its own kernels.
+plane stays uniform but for the divergence of the mean displacement and half the second derivatives of the second
+moments of the bank: for spots of some um in a field of some mm 1e-3 and 1e-6, the first gone with
+``centre = "centroid"``. With ``weights = "image"`` each sample of the result gathers with the kernel of its own place:
+a uniform plane stays uniform exactly, and the flux of a point changes by as much. Beyond the border stands the mirror
+image, with its own kernels.
 
-Both methods take kernels at the nodes of a grid over the window and mix them bilinearly in between. ``tiles`` convolves the
-light around each node with the kernel of the node; ``eigen`` expands the nodes' kernels about their mean in as few kernels
-as the tolerance allows, for each of which the whole plane is convolved. Errors are bounds on the result as a share of its
-full scale: half the sum of the absolute differences of two kernels of equal flux, the largest over the field.
+Both methods take kernels at the nodes of a grid over the window and mix them bilinearly in between. ``tiles`` convolves
+the light around each node with the kernel of the node; ``eigen`` expands the nodes' kernels about their mean in as few
+kernels as the tolerance allows, for each of which the whole plane is convolved. Errors are bounds on the result as a
+share of its full scale: half the sum of the absolute differences of two kernels of equal flux, the largest over the
+field.
 """
 
 from __future__ import annotations
@@ -93,9 +95,15 @@ class Prepared:
 
 
 def blur(
-    planes: FloatArray, y_um: FloatArray, x_um: FloatArray, wavelengths_um: Any, bank: PsfBank,
-    method: Method = "auto", tolerance: float = 1e-3, **how: Any,
-) -> FloatArray:  # fmt: skip
+    planes: FloatArray,
+    y_um: FloatArray,
+    x_um: FloatArray,
+    wavelengths_um: Any,
+    bank: PsfBank,
+    method: Method = "auto",
+    tolerance: float = 1e-3,
+    **how: Any,
+) -> FloatArray:
     """Spread every point by the point spread function of its place and wavelength.
 
     Parameters
@@ -126,44 +134,59 @@ def blur(
 
 
 def choose(
-    bank: PsfBank, y_um: FloatArray, x_um: FloatArray, wavelengths_um: Any, method: Method = "auto", tolerance: float = 1e-3, **how: Any
+    bank: PsfBank,
+    y_um: FloatArray,
+    x_um: FloatArray,
+    wavelengths_um: Any,
+    method: Method = "auto",
+    tolerance: float = 1e-3,
+    **how: Any,
 ) -> Choice:
     """The decision ``blur`` would take, before anything is convolved (arguments of ``blur`` and ``prepare``)."""
     return prepare(bank, y_um, x_um, wavelengths_um, method, tolerance, **how).choice
 
 
 def prepare(
-    bank: PsfBank, y_um: FloatArray, x_um: FloatArray, wavelengths_um: Any, method: Method = "auto", tolerance: float = 1e-3,
-    count: int = 0, weights: Weights = "source", light: Light = "bandlimited", centre: Centre = "reference", lost: float | None = None,
-) -> Prepared:  # fmt: skip
+    bank: PsfBank,
+    y_um: FloatArray,
+    x_um: FloatArray,
+    wavelengths_um: Any,
+    method: Method = "auto",
+    tolerance: float = 1e-3,
+    count: int = 0,
+    weights: Weights = "source",
+    light: Light = "bandlimited",
+    centre: Centre = "reference",
+    lost: float | None = None,
+) -> Prepared:
     """Kernels, their grid, the method and the number of terms for one window.
 
     Parameters
     ----------
     count : int
-        0: as the tolerance asks. Else the number of eigen-PSFs beside the mean, or of nodes along the longer side of the
-        window; the choice then says how wrong that is.
+        0: as the tolerance asks. Else the number of eigen-PSFs beside the mean, or of nodes along the longer side of
+        the window; the choice then says how wrong that is.
     weights : {"source", "image"}
         Kernel of the place the light comes from (flux exact), or of the place it falls on (uniformity exact).
     light, centre
         As for ``Sampler``.
     lost : float, optional
-        Flux in the tails of the pictures that kernels may cut off; the rest is scaled to 1. Default: a tenth of the tolerance.
-        A value given comes on top of the tolerance.
+        Flux in the tails of the pictures that kernels may cut off; the rest is scaled to 1. Default: a tenth of the
+        tolerance. A value given comes on top of the tolerance.
 
     Raises
     ------
     ValueError
-        For a tolerance that is not above 0, positions that are not evenly spaced, or where the grid that the tolerance asks
-        for would take more than 512 MB of kernels or 100 000 of them.
+        For a tolerance that is not above 0, positions that are not evenly spaced, or where the grid that the tolerance
+        asks for would take more than 512 MB of kernels or 100 000 of them.
 
     Notes
     -----
     The grid is refined to half until the largest measured difference between a kernel and the mix of its neighbours, at
-    the points in the middle of nodes and cells, is below the tolerance; the error falls by four each time. Cost of a real
-    transform of N samples: N log2 N. ``eigen`` with R terms takes R + 1 transforms of planes, as many of kernels and one back;
-    ``tiles`` three small ones per node, and the calls. Measured run times lie within a factor of 1.6 of this from 256 x 256
-    to 1024 x 1024 samples.
+    the points in the middle of nodes and cells, is below the tolerance; the error falls by four each time. Cost of a
+    real transform of N samples: N log2 N. ``eigen`` with R terms takes R + 1 transforms of planes, as many of kernels
+    and one back; ``tiles`` three small ones per node, and the calls. Measured run times lie within a factor of 1.6 of
+    this from 256 x 256 to 1024 x 1024 samples.
     """
     require.must(0.0 < tolerance < np.inf, "tolerance", tolerance, "finite and above 0")
     if method not in ("auto", "eigen", "tiles"):
@@ -216,14 +239,19 @@ def prepare(
     number, error, cost = offers.pop(best)
     if not count and error > extra + allowed * (1 + 1e-9):
         raise ValueError(
-            f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {error:.2g}, not {tolerance:g}; take method 'tiles'"
+            f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {error:.2g}, not {tolerance:g}; take method "
+            f"'tiles'"
         )
     choice = Choice(best, number, grid, error, cost, size, tuple((name, *offer) for name, offer in offers.items()))
     return Prepared(
-        choice, (y.size, x.size), weights, mix,
+        choice,
+        (y.size, x.size),
+        weights,
+        mix,
         kernels if best == "tiles" else np.zeros((0, 0, used.size, size, size)),
-        tuple(b for b, _ in terms), tuple(c for _, c in terms),
-    )  # fmt: skip
+        tuple(b for b, _ in terms),
+        tuple(c for _, c in terms),
+    )
 
 
 def apply(planes: FloatArray, prepared: Prepared) -> FloatArray:
@@ -264,7 +292,10 @@ def _spacing(y: FloatArray, x: FloatArray, bank: PsfBank) -> float:
                 raise ValueError(f"{name} must grow in even steps")
             steps.append(float(step))
     if len(steps) == 2 and abs(steps[0] - steps[1]) > 1e-6 * steps[0]:
-        raise ValueError(f"samples are {steps[0]:g} um apart along y and {steps[1]:g} um along x; kernels need the same spacing along both")
+        raise ValueError(
+            f"samples are {steps[0]:g} um apart along y and {steps[1]:g} um along x; kernels need the same spacing "
+            f"along both"
+        )
     return steps[0] if steps else float(bank.spacing_um[0])
 
 
@@ -291,7 +322,8 @@ def _too_many(grid: tuple[int, int], size: int, wavelengths: int) -> bool:
 
 
 def kernels_fit(size: int, wavelengths: int, ny: int, nx: int) -> bool:
-    """Whether the error of mixing kernels of this size can be looked for at all: the first grid of nodes is every sample, or can be halved.
+    """Whether the error of mixing kernels of this size can be looked for at all: the first grid of nodes is every
+    sample, or can be halved.
 
     Parameters
     ----------
@@ -307,7 +339,9 @@ def kernels_fit(size: int, wavelengths: int, ny: int, nx: int) -> bool:
 
 
 def _refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_goal: float, count: int) -> list[Level]:
-    """Grids by halving: the first that is good enough for ``goal``, and the first for ``last_goal`` if that is another one."""
+    """Grids by halving: the first that is good enough for ``goal``, and the first for ``last_goal`` if that is
+    another one.
+    """
     grid = _grid_of(max(count - 1, 1) if count else 2, y.size, x.size)
     kernels, before = _kernels(sampler, y, x, grid), np.inf
     good: list[Level] = []
@@ -320,8 +354,10 @@ def _refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_g
             return [(grid, kernels, _FAIR * _mixing_error(kernels[::2, ::2], kernels))]
         if too_many:
             raise ValueError(
-                f"an error of {last_goal:.2g} of full scale asks for more than {grid[0]} x {grid[1]} kernels of {sampler.size} x "
-                f"{sampler.size} samples, which are {before * _FAIR:.2g} from what lies between them; allow a larger error, or take a "
+                f"an error of {last_goal:.2g} of full scale asks for more than {grid[0]} x {grid[1]} kernels of "
+                f"{sampler.size} x "
+                f"{sampler.size} samples, which are {before * _FAIR:.2g} from what lies between them; allow a larger "
+                f"error, or take a "
                 "smaller window"
             )
         fine = _between_nodes(sampler, y, x, kernels, grid)
@@ -340,7 +376,9 @@ def _refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_g
         grid, kernels, before = finer, fine, error
 
 
-def _between_nodes(sampler: Sampler, y: FloatArray, x: FloatArray, kernels: FloatArray, grid: tuple[int, int]) -> FloatArray:
+def _between_nodes(
+    sampler: Sampler, y: FloatArray, x: FloatArray, kernels: FloatArray, grid: tuple[int, int]
+) -> FloatArray:
     """Kernels of the grid refined to half; those that are known are taken over."""
     finer = (2 * grid[0] - 1, 2 * grid[1] - 1)
     out = np.empty((*finer, *kernels.shape[2:]))

@@ -19,7 +19,9 @@ Weights = Literal["source", "image"]
 
 def _half_transform(array: FloatArray, shape: tuple[int, int]) -> Any:
     """Real transform of an array padded by zeros, its zero rows not transformed."""
-    return scipy.fft.fft(scipy.fft.rfft(array, shape[1], axis=1, workers=1), shape[0], axis=0, workers=1, overwrite_x=True)
+    return scipy.fft.fft(
+        scipy.fft.rfft(array, shape[1], axis=1, workers=1), shape[0], axis=0, workers=1, overwrite_x=True
+    )
 
 
 def _plane_of(transform: Any, shape: tuple[int, int], rows: slice, columns: slice) -> FloatArray:
@@ -33,7 +35,9 @@ def fast(*lengths: int) -> tuple[int, int]:
     return ny, nx
 
 
-def eigen(plane: FloatArray, basis: FloatArray, coefficients: FloatArray, hats: list[FloatArray], weights: Weights) -> FloatArray:
+def eigen(
+    plane: FloatArray, basis: FloatArray, coefficients: FloatArray, hats: list[FloatArray], weights: Weights
+) -> FloatArray:
     """A plane with the mean kernel, and with each further kernel weighted by its map.
 
     Parameters

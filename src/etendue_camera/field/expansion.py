@@ -17,7 +17,8 @@ BASIS_NODES = 300  # the expansion is made from at most so many kernels, and hel
 
 
 def expansion(kernels: FloatArray, room: float, count: int) -> tuple[FloatArray, FloatArray, float]:
-    """Mean and leading directions of kernels (nodes y, nodes x, size, size) to an error of ``room``, or of ``count`` terms.
+    """Mean and leading directions of kernels (nodes y, nodes x, size, size) to an error of ``room``, or of ``count``
+    terms.
 
     Gives the basis (1 + terms, size, size), coefficients (terms, nodes y, nodes x) and the error. Directions of kernels
     minus their mean sum to zero: every truncation keeps the sum of 1.

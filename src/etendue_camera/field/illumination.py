@@ -41,10 +41,10 @@ def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
     Notes
     -----
     Source: two circular segments, a^2 (u - sin u)/2 each, with half their angles from the half-angle formula of the
-    triangle a, R, s: tan^2(u/4) = (R - s + a)(R + s - a)/((s + a - R)(s + a + R)). The usual form with arc cosines loses half
-    the digits where the circles nearly touch, and u - sin u is a series where it cancels.
-    Error: below 3e-16 relative beyond the sensitivity to the arguments, which is large where the circles touch (2000 random
-    cases, rims of 1e-3 to 1e6 times the radius, against 50 digits).
+    triangle a, R, s: tan^2(u/4) = (R - s + a)(R + s - a)/((s + a - R)(s + a + R)). The usual form with arc cosines
+    loses half the digits where the circles nearly touch, and u - sin u is a series where it cancels.
+    Error: below 3e-16 relative beyond the sensitivity to the arguments, which is large where the circles touch (2000
+    random cases, rims of 1e-3 to 1e6 times the radius, against 50 digits).
     """
     require.finite("radius", radius)
     require.positive("rim", rim)
@@ -66,7 +66,11 @@ def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
 
 
 def vignetting(
-    tan_angle: Floats, pupil_radius: float, rim_radius: float, rim_distance: float, object_distance: float = float("inf")
+    tan_angle: Floats,
+    pupil_radius: float,
+    rim_radius: float,
+    rim_distance: float,
+    object_distance: float = float("inf"),
 ) -> Floats:
     """Share of the entrance pupil that a round rim in front of it leaves open.
 
@@ -93,9 +97,9 @@ def vignetting(
 
     Notes
     -----
-    Source: the rim seen from the object point throws a shadow of radius k R on the pupil plane, displaced by k d tan(theta), with
-    k = 1/(1 - d/L). Times `radiometry.cos4` it is the relative illumination of a small pupil exactly; a wide one weighs its
-    parts by up to `radiometry.disc_falloff` against cos4.
+    Source: the rim seen from the object point throws a shadow of radius k R on the pupil plane, displaced by k d
+    tan(theta), with k = 1/(1 - d/L). Times `radiometry.cos4` it is the relative illumination of a small pupil exactly;
+    a wide one weighs its parts by up to `radiometry.disc_falloff` against cos4.
     """
     require.must(rim_distance >= 0, "rim_distance", rim_distance, "0 or above")
     if not object_distance > rim_distance:
@@ -104,7 +108,8 @@ def vignetting(
     shadow = wider * rim_radius
     if shadow < pupil_radius:
         raise ValueError(
-            f"rim_radius is {rim_radius:g} mm, but the beam of an axial point is {pupil_radius / wider:g} mm in radius there: the rim "
+            f"rim_radius is {rim_radius:g} mm, but the beam of an axial point is {pupil_radius / wider:g} mm in radius "
+            f"there: the rim "
             "would be the aperture stop; widen it, or give the f-number that it allows"
         )
     return overlap_of_discs(pupil_radius, shadow, wider * rim_distance * np.asarray(tan_angle))
@@ -169,6 +174,14 @@ def _segment(half_angle: Floats) -> Floats:
     u = 2.0 * np.asarray(half_angle)
     squared = u * u
     series: Any = 0.0
-    for k in (17, 15, 13, 11, 9, 7, 5):  # u^3/6 (1 - u^2/20 (1 - u^2/42 (...))); what is left out is below 1e-17 for u < 1.2
+    for k in (
+        17,
+        15,
+        13,
+        11,
+        9,
+        7,
+        5,
+    ):  # u^3/6 (1 - u^2/20 (1 - u^2/42 (...))); what is left out is below 1e-17 for u < 1.2
         series = squared / ((k - 1) * k) * (1.0 - series)
     return 0.5 * np.where(u < 1.2, u * squared / 6.0 * (1.0 - series), u - np.sin(u))

@@ -10,12 +10,12 @@ other image point it is turned about the axis of the lens.
 
 File formats
 ------------
-``.npz``: arrays ``heights_um`` (K,), ``wavelengths_um`` (L,), ``psf`` (K, L, n, n) and ``spacing_um`` (() or (L,)); text
-``source`` if there is one.
+``.npz``: arrays ``heights_um`` (K,), ``wavelengths_um`` (L,), ``psf`` (K, L, n, n) and ``spacing_um`` (() or (L,));
+text ``source`` if there is one.
 
-``.csv``: for each height and wavelength a line ``height_um,<h>,wavelength_um,<w>,spacing_um,<s>`` and below it n lines of
-n numbers, first line lowest y, first number lowest x. Lines that start with ``#`` are comments. Every height has every
-wavelength, and all pictures have the same n.
+``.csv``: for each height and wavelength a line ``height_um,<h>,wavelength_um,<w>,spacing_um,<s>`` and below it n lines
+of n numbers, first line lowest y, first number lowest x. Lines that start with ``#`` are comments. Every height has
+every wavelength, and all pictures have the same n.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ class PsfBank:
 
     Notes
     -----
-    Between heights a picture is what rotational symmetry allows: its part that is even under a half turn is a function of
-    h^2, its odd part h times such a function; both go through the entries as cubics in h^2 with slopes from the
+    Between heights a picture is what rotational symmetry allows: its part that is even under a half turn is a function
+    of h^2, its odd part h times such a function; both go through the entries as cubics in h^2 with slopes from the
     neighbours. Values below zero are set to zero, the sum to 1. Between wavelengths the neighbours are mixed linearly.
-    Beyond the first and the last entry the nearest holds; a bank that does not start at height 0 has no picture of its own on
-    the axis.
+    Beyond the first and the last entry the nearest holds; a bank that does not start at height 0 has no picture of its
+    own on the axis.
     """
 
     heights_um: FloatArray
@@ -81,24 +81,36 @@ class PsfBank:
         heights = _axis("heights_um", self.heights_um, lowest=0.0)
         wavelengths = _axis("wavelengths_um", self.wavelengths_um, lowest=1e-12)
         psf = np.array(self.psf, dtype=float)
-        if psf.ndim != 4 or psf.shape[:2] != (heights.size, wavelengths.size) or psf.shape[2] != psf.shape[3] or psf.shape[3] < 3:
+        if (
+            psf.ndim != 4
+            or psf.shape[:2] != (heights.size, wavelengths.size)
+            or psf.shape[2] != psf.shape[3]
+            or psf.shape[3] < 3
+        ):
             raise ValueError(
-                f"psf has shape {psf.shape}; it must be (heights, wavelengths, n, n) = ({heights.size}, {wavelengths.size}, n, n), n >= 3"
+                f"psf has shape {psf.shape}; it must be (heights, wavelengths, n, n) = ({heights.size}, "
+                f"{wavelengths.size}, n, n), n >= 3"
             )
         spacing = np.asarray(self.spacing_um, dtype=float)
         if spacing.shape not in ((), (1,), (wavelengths.size,)) or not np.all((spacing > 0) & np.isfinite(spacing)):
-            raise ValueError(f"spacing_um is {self.spacing_um}; it must be one length above 0 um, or one for each of the wavelengths")
+            raise ValueError(
+                f"spacing_um is {self.spacing_um}; it must be one length above 0 um, or one for each of the wavelengths"
+            )
         if not np.isfinite(psf).all():
             raise ValueError("psf holds values that are not finite")
         below = -np.minimum(psf, 0.0).sum(axis=(2, 3))
         psf = np.maximum(psf, 0.0)
         total = psf.sum(axis=(2, 3))
         if not np.all(total > 0):
-            raise ValueError(f"psf holds no light at (height, wavelength) number {tuple(int(i) for i in np.argwhere(~(total > 0))[0])}")
+            raise ValueError(
+                f"psf holds no light at (height, wavelength) number "
+                f"{tuple(int(i) for i in np.argwhere(~(total > 0))[0])}"
+            )
         share = float((below / total).max())
         if share > _NEGATIVE_SHARE:
             raise ValueError(
-                f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is taken for noise: remove the background"
+                f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is taken for noise: "
+                f"remove the background"
             )
         psf /= total[:, :, None, None]
         for name, array in (
@@ -141,17 +153,20 @@ class PsfBank:
         return found / found.sum(axis=(2, 3), keepdims=True)
 
     def roundness(self) -> float:
-        """Half the sum of absolute differences between the picture on the axis and its mean over all directions; 0 without one.
+        """Half the sum of absolute differences between the picture on the axis and its mean over all directions; 0
+        without one.
 
-        On the axis of a rotationally symmetric lens there is no direction: what is not round there is noise, or a lens out of
-        centre, which a bank cannot describe.
+        On the axis of a rotationally symmetric lens there is no direction: what is not round there is noise, or a lens
+        out of centre, which a bank cannot describe.
         """
         if self.heights_um[0] > 0:
             return 0.0
         return max(0.5 * float(np.abs(picture - rounded(picture)).sum()) for picture in self.psf[0])
 
     def rounded(self) -> PsfBank:
-        """A bank with a round picture on the axis: pictures that are not the same after a quarter turn are averaged over directions."""
+        """A bank with a round picture on the axis: pictures that are not the same after a quarter turn are averaged
+        over directions.
+        """
         apart = max(0.5 * float(np.abs(p - quarter).sum()) for p, quarter in ((p, _quarter(p)) for p in self.psf[0]))
         if self.heights_um[0] > 0 or apart <= 1e-9:
             return self
@@ -172,9 +187,14 @@ class PsfBank:
         apart = 0.5 * np.abs(middle - 0.5 * (self.psf[:-1] + self.psf[1:])).sum(axis=(2, 3)).max(axis=1)
         steps = np.clip(np.ceil(np.sqrt(2 * apart / error)), 1, 16).astype(int)
         heights = np.concatenate(
-            [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(own[:-1], own[1:], steps, strict=True)] + [own[-1:]]
+            [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(own[:-1], own[1:], steps, strict=True)]
+            + [own[-1:]]
         )
-        return self if heights.size == own.size else PsfBank(heights, self.wavelengths_um, self._at(heights), self.spacing_um, self.source)
+        return (
+            self
+            if heights.size == own.size
+            else PsfBank(heights, self.wavelengths_um, self._at(heights), self.spacing_um, self.source)
+        )
 
     def centroids(self) -> FloatArray:
         """Mean position of each picture from its reference point, (K, L, 2) along y and x, um."""
@@ -193,7 +213,10 @@ class PsfBank:
         order = np.argsort(distance, kind="stable")
         inside = np.cumsum(self.psf.reshape(*self.psf.shape[:2], -1)[..., order], axis=-1)
         needed = np.array(
-            [distance[order][np.minimum((one <= 1 - lost - 1e-15).sum(axis=-1), n * n - 1)].max() for one in inside.swapaxes(0, 1)]
+            [
+                distance[order][np.minimum((one <= 1 - lost - 1e-15).sum(axis=-1), n * n - 1)].max()
+                for one in inside.swapaxes(0, 1)
+            ]
         )
         return float((np.minimum(needed, (n - 1) // 2) * self.spacing_um).max())
 
@@ -203,9 +226,15 @@ class PsfBank:
         return 2 * (max(half, 5) if light == "bandlimited" else half) + 1
 
     def kernel_at(
-        self, y_um: float, x_um: float, spacing: float, size: int | None = None, wavelengths_um: Any = None,
-        light: Light = "bandlimited", centre: Centre = "reference",
-    ) -> FloatArray:  # fmt: skip
+        self,
+        y_um: float,
+        x_um: float,
+        spacing: float,
+        size: int | None = None,
+        wavelengths_um: Any = None,
+        light: Light = "bandlimited",
+        centre: Centre = "reference",
+    ) -> FloatArray:
         """The point spread function of one image point on the image grid, (L, size, size).
 
         Parameters
@@ -254,7 +283,10 @@ class PsfBank:
             file.writelines(f"# {line}\n" for line in self.source.splitlines())
             for height, pictures in zip(self.heights_um, self.psf, strict=True):
                 for wavelength, spacing, picture in zip(self.wavelengths_um, self.spacing_um, pictures, strict=True):
-                    file.write(f"height_um,{float(height)!r},wavelength_um,{float(wavelength)!r},spacing_um,{float(spacing)!r}\n")
+                    file.write(
+                        f"height_um,{float(height)!r},wavelength_um,{float(wavelength)!r},spacing_um,"
+                        f"{float(spacing)!r}\n"
+                    )
                     file.writelines(",".join(repr(float(v)) for v in row) + "\n" for row in picture)
 
     @classmethod
@@ -269,7 +301,10 @@ class PsfBank:
         with np.load(path, allow_pickle=False) as found:
             missing = [name for name in ("heights_um", "wavelengths_um", "psf", "spacing_um") if name not in found]
             if missing:
-                raise ValueError(f"{path} has no array {', '.join(missing)}; it must hold heights_um, wavelengths_um, psf and spacing_um")
+                raise ValueError(
+                    f"{path} has no array {', '.join(missing)}; it must hold heights_um, wavelengths_um, psf and "
+                    f"spacing_um"
+                )
             source = str(found["source"]) if "source" in found else ""
             return cls(found["heights_um"], found["wavelengths_um"], found["psf"], found["spacing_um"], source)
 
@@ -282,13 +317,21 @@ def _quarter(picture: FloatArray) -> FloatArray:
 
 def _axis(name: str, values: Any, lowest: float) -> FloatArray:
     axis = np.array(values, dtype=float)
-    if axis.ndim != 1 or axis.size < 1 or not np.isfinite(axis).all() or not np.all(np.diff(axis) > 0) or axis[0] < lowest:
+    if (
+        axis.ndim != 1
+        or axis.size < 1
+        or not np.isfinite(axis).all()
+        or not np.all(np.diff(axis) > 0)
+        or axis[0] < lowest
+    ):
         raise ValueError(f"{name} is {values}; it must be one-dimensional, finite, growing and not below {lowest:g} um")
     return axis
 
 
 def _cubic(nodes: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Weights (wanted, nodes) of a cubic between each two nodes, slopes those of the parabola through a node and its neighbours."""
+    """Weights (wanted, nodes) of a cubic between each two nodes, slopes those of the parabola through a node and its
+    neighbours.
+    """
     count, steps = nodes.size, np.diff(nodes)
     each = np.zeros((count - 1, count))  # slopes of the chords
     rows = np.arange(count - 1)
@@ -315,7 +358,9 @@ def _read_csv(path: Path) -> PsfBank:
     blocks: dict[tuple[float, float], tuple[float, list[list[float]]]] = {}
     rows: list[list[float]] | None = None
     comments = []
-    for number, line in enumerate(plain_files.table(path, 16 * plain_files.LARGEST_TABLE).decode("utf-8").splitlines(), 1):
+    for number, line in enumerate(
+        plain_files.table(path, 16 * plain_files.LARGEST_TABLE).decode("utf-8").splitlines(), 1
+    ):
         if line.startswith("#"):
             comments.append(line[1:].strip())
             continue
@@ -340,13 +385,18 @@ def _read_csv(path: Path) -> PsfBank:
     heights, wavelengths = (sorted({key[i] for key in blocks}) for i in (0, 1))
     if not blocks or len(blocks) != len(heights) * len(wavelengths):
         raise ValueError(
-            f"{path} has {len(blocks)} pictures for {len(heights)} heights and {len(wavelengths)} wavelengths; it needs each pair"
+            f"{path} has {len(blocks)} pictures for {len(heights)} heights and {len(wavelengths)} wavelengths; it "
+            f"needs each pair"
         )
     spacings = [{blocks[h, w][0] for h in heights} for w in wavelengths]
     if any(len(s) > 1 for s in spacings):
         raise ValueError(f"{path}: pictures of one wavelength have different spacings")
     shapes = {(len(rows), len(row)) for _, rows in blocks.values() for row in rows}
     if len(shapes) != 1 or len({*next(iter(shapes))}) != 1:
-        raise ValueError(f"{path}: pictures must all have the same number of lines and of numbers in a line, found {sorted(shapes)}")
+        raise ValueError(
+            f"{path}: pictures must all have the same number of lines and of numbers in a line, found {sorted(shapes)}"
+        )
     psf = np.array([[blocks[h, w][1] for w in wavelengths] for h in heights])
-    return PsfBank(np.array(heights), np.array(wavelengths), psf, np.array([s.pop() for s in spacings]), "\n".join(comments))
+    return PsfBank(
+        np.array(heights), np.array(wavelengths), psf, np.array([s.pop() for s in spacings]), "\n".join(comments)
+    )

@@ -48,16 +48,23 @@ class Sampler:
 
     Notes
     -----
-    ``bandlimited`` resamples each picture once by its Fourier transform to three samples per sample of the coarser grid,
-    then turns it with a quintic spline: error of a kernel below 5e-6 of its flux where the picture is band-limited and dark
-    at its border. ``cells`` takes the mean of at least two linear interpolations per picture sample along each axis.
-    Then the kernel is divided by its sum and multiplied by a plane that puts its mean position where the pictures have it.
+    ``bandlimited`` resamples each picture once by its Fourier transform to three samples per sample of the coarser
+    grid, then turns it with a quintic spline: error of a kernel below 5e-6 of its flux where the picture is
+    band-limited and dark at its border. ``cells`` takes the mean of at least two linear interpolations per picture
+    sample along each axis. Then the kernel is divided by its sum and multiplied by a plane that puts its mean position
+    where the pictures have it.
     """
 
     def __init__(
-        self, bank: Any, spacing: float, size: int | None = None, light: Light = "bandlimited", centre: Centre = "reference",
-        used: tuple[int, ...] | None = None, error: float = 1e-4,
-    ) -> None:  # fmt: skip
+        self,
+        bank: Any,
+        spacing: float,
+        size: int | None = None,
+        light: Light = "bandlimited",
+        centre: Centre = "reference",
+        used: tuple[int, ...] | None = None,
+        error: float = 1e-4,
+    ) -> None:
         bank = bank.rounded().refined(error)
         require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
         if light not in ("bandlimited", "cells"):
@@ -76,7 +83,11 @@ class Sampler:
         self.means = np.zeros((bank.heights_um.size, len(chosen), 2))
         self.tables: list[list[FloatArray]] = []  # by wavelength, then height
         self.steps = np.zeros(len(chosen))
-        room = 2 + (int(np.ceil((np.abs(bank.centroids()).max(axis=(0, 2)) / bank.spacing_um).max())) if centre == "centroid" else 0)
+        room = 2 + (
+            int(np.ceil((np.abs(bank.centroids()).max(axis=(0, 2)) / bank.spacing_um).max()))
+            if centre == "centroid"
+            else 0
+        )
         for number, which in enumerate(chosen):
             own, column = float(bank.spacing_um[which]), []
             for k in range(bank.heights_um.size):
@@ -90,7 +101,11 @@ class Sampler:
                     column.append(scipy.ndimage.spline_filter(table, order=_ORDER))
                 else:
                     self.steps[number] = own
-                    column.append(scipy.ndimage.shift(np.pad(picture, room), move / own, order=1, mode="constant", prefilter=False))
+                    column.append(
+                        scipy.ndimage.shift(
+                            np.pad(picture, room), move / own, order=1, mode="constant", prefilter=False
+                        )
+                    )
             self.tables.append(column)
         half = self.size // 2
         grid = np.arange(-half, half + 1)
@@ -143,7 +158,10 @@ class Sampler:
         dy, dx = self.dy, self.dx
         sums = values @ np.stack([np.ones_like(dy), dy, dx, dy * dy, dy * dx, dx * dx], axis=-1)
         total, now = sums[..., :1], sums[..., 1:3] / sums[..., :1]
-        yy, yx, xx = (sums[..., 3 + i] / total[..., 0] - now[..., a] * now[..., b] for i, (a, b) in enumerate(((0, 0), (0, 1), (1, 1))))
+        yy, yx, xx = (
+            sums[..., 3 + i] / total[..., 0] - now[..., a] * now[..., b]
+            for i, (a, b) in enumerate(((0, 0), (0, 1), (1, 1)))
+        )
         off_y, off_x = (wanted[..., i] - now[..., i] for i in (0, 1))
         determinant = yy * xx - yx * yx
         solvable = (determinant > 1e-12 * self.spacing**4) & (yy > 0)
@@ -170,18 +188,23 @@ def rounded(picture: FloatArray) -> FloatArray:
     radius = np.arange(0.0, room + 1.0, 1 / _OVERSAMPLING)
     angle = np.arange(8 * max(room, 8)) * (2 * np.pi / (8 * max(room, 8)))
     where = np.stack([radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)]) / step + table.shape[0] // 2
-    profile = scipy.ndimage.map_coordinates(scipy.ndimage.spline_filter(table, order=_ORDER), where, order=_ORDER, prefilter=False).mean(
-        axis=1
+    profile = scipy.ndimage.map_coordinates(
+        scipy.ndimage.spline_filter(table, order=_ORDER), where, order=_ORDER, prefilter=False
+    ).mean(axis=1)
+    curve = scipy.interpolate.make_interp_spline(
+        np.r_[-radius[:0:-1], radius], np.r_[profile[:0:-1], profile], k=_ORDER
     )
-    curve = scipy.interpolate.make_interp_spline(np.r_[-radius[:0:-1], radius], np.r_[profile[:0:-1], profile], k=_ORDER)
     offset = np.arange(n) - n // 2
     distance = np.hypot(offset[:, None], offset[None, :])
     values = np.where(distance <= room, np.maximum(curve(np.minimum(distance, room)), 0.0), 0.0)
     return values / values.sum()
 
 
-def _band_limited(picture: FloatArray, own: float, spacing: float, move: FloatArray, room: int) -> tuple[FloatArray, float]:
-    """A picture resampled by its Fourier transform, cut off in a circle at the image grid's Nyquist frequency, and moved (um).
+def _band_limited(
+    picture: FloatArray, own: float, spacing: float, move: FloatArray, room: int
+) -> tuple[FloatArray, float]:
+    """A picture resampled by its Fourier transform, cut off in a circle at the image grid's Nyquist frequency, and
+    moved (um).
 
     Gives the table, centre at its n // 2, and its spacing.
     """

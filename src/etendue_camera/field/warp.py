@@ -44,9 +44,9 @@ class Distortion:
         Relative change of the real height for each 100 nm above ``reference_wavelength_um``; on top of a table too.
     reference_wavelength_um : float, um
     table : (ideal_um (n,), wavelengths_um (L,), real_um (n, L)) or None
-        Instead of the coefficients: both heights grow from (0, 0). Cubic splines (odd about the axis) between the heights;
-        between wavelengths linear in 1/wavelength^2, beyond them the nearest holds. Beyond the last height the curves go
-        on along their tangents.
+        Instead of the coefficients: both heights grow from (0, 0). Cubic splines (odd about the axis) between the
+        heights; between wavelengths linear in 1/wavelength^2, beyond them the nearest holds. Beyond the last height the
+        curves go on along their tangents.
 
     Raises
     ------
@@ -63,7 +63,10 @@ class Distortion:
     def __post_init__(self) -> None:
         if len(self.coefficients) != 3 or not all(map(math.isfinite, self.coefficients)):
             raise ValueError(f"coefficients are {self.coefficients}; they must be three finite numbers")
-        for name, value in (("reference_um", self.reference_um), ("reference_wavelength_um", self.reference_wavelength_um)):
+        for name, value in (
+            ("reference_um", self.reference_um),
+            ("reference_wavelength_um", self.reference_wavelength_um),
+        ):
             require.must(0.0 < value < math.inf, name, value, "finite and above 0 um")
         require.must(math.isfinite(self.lateral_colour), "lateral_colour", self.lateral_colour, "finite")
         if self.table is None:
@@ -79,7 +82,8 @@ class Distortion:
             or not wavelengths.size
         ):
             raise ValueError(
-                f"table has {ideal.shape} ideal heights, {wavelengths.shape} wavelengths and real heights of shape {real.shape}"
+                f"table has {ideal.shape} ideal heights, {wavelengths.shape} wavelengths and real heights of shape "
+                f"{real.shape}"
             )
         if not all(np.isfinite(a).all() for a in (ideal, wavelengths, real)) or not (
             np.all(np.diff(wavelengths) > 0) and wavelengths[0] > 0
@@ -87,8 +91,14 @@ class Distortion:
             raise ValueError("table must be finite, its wavelengths above 0 and growing")
         if ideal[0] > 0:
             ideal, real = np.insert(ideal, 0, 0.0), np.insert(real, 0, 0.0, axis=0)
-        if ideal[0] != 0 or np.any(real[0] != 0) or not (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0)):
-            raise ValueError("table must have ideal and real heights that grow from 0 on the axis: other images fold over")
+        if (
+            ideal[0] != 0
+            or np.any(real[0] != 0)
+            or not (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0))
+        ):
+            raise ValueError(
+                "table must have ideal and real heights that grow from 0 on the axis: other images fold over"
+            )
         curve = scipy.interpolate.CubicSpline(np.r_[-ideal[:0:-1], ideal], np.r_[-real[:0:-1], real], axis=0)
         object.__setattr__(self, "table", (ideal, wavelengths, real))
         object.__setattr__(self, "_curve", curve)
@@ -132,14 +142,18 @@ class Distortion:
         if inverse.size == 1:
             return values[..., 0]
         high = int(np.clip(np.searchsorted(-inverse, -(wavelength_um**-2.0)), 1, inverse.size - 1))
-        share = float(np.clip((inverse[high - 1] - wavelength_um**-2.0) / (inverse[high - 1] - inverse[high]), 0.0, 1.0))
+        share = float(
+            np.clip((inverse[high - 1] - wavelength_um**-2.0) / (inverse[high - 1] - inverse[high]), 0.0, 1.0)
+        )
         return (1 - share) * values[..., high - 1] + share * values[..., high]
 
     def percent(self, radius_um: Any, wavelength_um: float) -> Any:
         """Distortion 100 (r' / r - 1); on the axis its limit."""
         radius = np.asarray(radius_um, dtype=float)
         safe = np.where(radius == 0, 1.0, radius)
-        return 100.0 * (np.where(radius == 0, self.slope(0.0, wavelength_um), self.distort(safe, wavelength_um) / safe) - 1.0)
+        return 100.0 * (
+            np.where(radius == 0, self.slope(0.0, wavelength_um), self.distort(safe, wavelength_um) / safe) - 1.0
+        )
 
     def folds_at(self, wavelength_um: float) -> float:
         """Ideal height at which the real height stops growing, um; inf where it never does."""
@@ -174,7 +188,8 @@ class Distortion:
         if high == fold and self.distort(fold, wavelength_um) <= largest:
             raise ValueError(
                 f"distortion folds the image over {fold:.6g} um from the axis, which it puts at "
-                f"{float(self.distort(fold, wavelength_um)):.6g} um, but the image reaches {largest:.6g} um; take weaker coefficients"
+                f"{float(self.distort(fold, wavelength_um)):.6g} um, but the image reaches {largest:.6g} um; take "
+                f"weaker coefficients"
             )
         low, top = np.zeros(size.shape), np.full(size.shape, high)
         ideal = np.minimum(size / float(self.slope(0.0, wavelength_um)), high)
@@ -208,14 +223,20 @@ class Distortion:
 def read_table(path: str | Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The table of a ``Distortion`` from a CSV file.
 
-    First line ``ideal_um`` (or ``ideal_mm``) and wavelengths in nm; below it an ideal height and the real heights at these
-    wavelengths in each line, in the same unit. Gives um.
+    First line ``ideal_um`` (or ``ideal_mm``) and wavelengths in nm; below it an ideal height and the real heights at
+    these wavelengths in each line, in the same unit. Gives um.
     """
     path = Path(path)
-    rows = [line.split(",") for line in plain_files.table(path).decode("utf-8").splitlines() if line.strip() and not line.startswith("#")]
+    rows = [
+        line.split(",")
+        for line in plain_files.table(path).decode("utf-8").splitlines()
+        if line.strip() and not line.startswith("#")
+    ]
     head = [cell.strip() for cell in rows[0]] if rows else [""]
     if head[0] not in ("ideal_um", "ideal_mm") or len(head) < 2 or len(rows) < 2:
-        raise ValueError(f"{path}: the first line must be ideal_um (or ideal_mm) and wavelengths in nm, such as ideal_um,450,550,650")
+        raise ValueError(
+            f"{path}: the first line must be ideal_um (or ideal_mm) and wavelengths in nm, such as ideal_um,450,550,650"
+        )
     try:
         wavelengths = np.array([float(cell) for cell in head[1:]])
         values = np.array([[float(cell) for cell in row] for row in rows[1:]])
@@ -229,7 +250,12 @@ def read_table(path: str | Path) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def radial(
-    plane: FloatArray, y_um: FloatArray, x_um: FloatArray, ratio: Callable[[FloatArray], FloatArray], order: int = 5, oversampling: int = 1
+    plane: FloatArray,
+    y_um: FloatArray,
+    x_um: FloatArray,
+    ratio: Callable[[FloatArray], FloatArray],
+    order: int = 5,
+    oversampling: int = 1,
 ) -> FloatArray:
     """A plane whose value at each position is that at ``ratio(r^2)`` times the position.
 
@@ -281,22 +307,28 @@ def radial(
         factor = ratio(y * y + x_um * x_um)
         where = np.stack([(factor * y - starts[0]) / steps[0], (factor * x_um - starts[1]) / steps[1]])
         where = (where + 0.5) * oversampling - 0.5
-        out[first : first + _ROWS] = scipy.ndimage.map_coordinates(table, where, order=order, mode="reflect", prefilter=False)
+        out[first : first + _ROWS] = scipy.ndimage.map_coordinates(
+            table, where, order=order, mode="reflect", prefilter=False
+        )
     return (out + base).astype(plane.dtype if plane.dtype in (np.float32, np.float64) else float)
 
 
 def edge_error(order: int, softness: float, oversampling: int = 1) -> float:
-    """Largest error of ``radial`` beside a Gaussian edge, as a share of its contrast; ``softness``: its rms width in samples.
+    """Largest error of ``radial`` beside a Gaussian edge, as a share of its contrast; ``softness``: its rms width in
+    samples.
 
-    Fitted to slanted edges of 0.7 to 4 samples moved by up to a sample, as an upper bound: order 1, 3, 5 at 1 sample 3e-2, 3e-3,
-    1e-3, at 2 samples 7e-3, 1e-4, 5e-6. The last terms are what such samples do not hold, and the mirror at the border, whose kink
-    a spline of the samples themselves follows badly: rms over small frames of textures up to 2e-5.
+    Fitted to slanted edges of 0.7 to 4 samples moved by up to a sample, as an upper bound: order 1, 3, 5 at 1 sample
+    3e-2, 3e-3, 1e-3, at 2 samples 7e-3, 1e-4, 5e-6. The last terms are what such samples do not hold, and the mirror at
+    the border, whose kink a spline of the samples themselves follows badly: rms over small frames of textures up to
+    2e-5.
     """
     share = (0.033, 0.0085, 0.0045, 0.0026, 0.0017)[order - 1] * (softness * oversampling) ** -(order + 1)
     return share + 0.1 * math.exp(-0.5 * (math.pi * softness) ** 2) + (4e-6 if oversampling > 1 else 3e-5)
 
 
-def missing_um(y_um: tuple[float, float], x_um: tuple[float, float], distortion: Distortion, wavelength_um: float) -> float:
+def missing_um(
+    y_um: tuple[float, float], x_um: tuple[float, float], distortion: Distortion, wavelength_um: float
+) -> float:
     """How far beyond the rendered light the distorted frame looks, um; 0 where all of it is there.
 
     ``y_um``, ``x_um``: first and last position of the frame. Looked for along its border.

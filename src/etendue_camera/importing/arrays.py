@@ -23,7 +23,9 @@ WAVELENGTHS = ("wavelength", "wavelengths", "wave", "wl", "lambda", "bands")
 
 def numpy_array(path: Path, variable: str) -> Cube:
     """``.npy``: one array, no names."""
-    return Cube(np.array(np.load(path, mmap_mode="r", allow_pickle=False)))  # a file that is shorter than it says is refused at once
+    return Cube(
+        np.array(np.load(path, mmap_mode="r", allow_pickle=False))
+    )  # a file that is shorter than it says is refused at once
 
 
 def numpy_arrays(path: Path, variable: str) -> Cube:
@@ -57,7 +59,9 @@ def matlab(path: Path, variable: str) -> Cube:
     if found is not None:
         return found
     return chosen(
-        {name: np.asarray(value) for name, value in named.items() if isinstance(value, np.ndarray | float | int)}, variable, str(path)
+        {name: np.asarray(value) for name, value in named.items() if isinstance(value, np.ndarray | float | int)},
+        variable,
+        str(path),
     )
 
 
@@ -80,7 +84,9 @@ def chosen(arrays: Mapping[str, Any], variable: str, path: str) -> Cube:
         )
         raise RequestError(f"{path} holds {what}; name one: --variable NAME")
     values = arrays[variable or cubes[0]]
-    return spectral(values, next((a.ravel() for n, a in arrays.items() if n.rpartition("/")[2].lower() in WAVELENGTHS), None))
+    return spectral(
+        values, next((a.ravel() for n, a in arrays.items() if n.rpartition("/")[2].lower() in WAVELENGTHS), None)
+    )
 
 
 def spectral(values: Any, wavelength: Any) -> Cube:
@@ -99,7 +105,10 @@ def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
     for name, one in _members(file, h5py):
         if one.dtype.kind in "fiu":
             if one.is_virtual or one.external:
-                raise RequestError(f"{file.filename}: the numbers of {name} lie in other files; copy them into this one: h5repack, or h5py")
+                raise RequestError(
+                    f"{file.filename}: the numbers of {name} lie in other files; copy them into this one: h5repack, or "
+                    f"h5py"
+                )
             size, stored = size + one.size * one.dtype.itemsize, stored + one.id.get_storage_size()
             plain_files.refuse_unfolding(size, stored, name)
             found[name] = one[()]
@@ -122,7 +131,9 @@ def _members(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
             if isinstance(one, h5py.Dataset):
                 yield own, one
             elif isinstance(one, h5py.Group) and depth == DEEPEST:
-                raise RequestError(f"{file.filename}: groups lie more than {DEEPEST} deep in each other; no cube is kept so")
+                raise RequestError(
+                    f"{file.filename}: groups lie more than {DEEPEST} deep in each other; no cube is kept so"
+                )
             elif isinstance(one, h5py.Group):
                 open_.append((f"{own}/", one, depth + 1))
 
@@ -138,13 +149,20 @@ def _isetcam(named: Mapping[str, Any]) -> Cube | None:
         light = getattr(scene, "illuminant", None)
         return _photons(scene.data.photons, wave, light, "a scene of ISETCam")
     if "photons" in named and ("wave" in named or "basis" in named):
-        return _photons(named["photons"], named.get("wave", getattr(named.get("basis"), "wave", None)), named.get("illuminant"), "ISETCam")
+        return _photons(
+            named["photons"],
+            named.get("wave", getattr(named.get("basis"), "wave", None)),
+            named.get("illuminant"),
+            "ISETCam",
+        )
     basis: Any = named.get("basis")
     if "mcCOEF" in named and hasattr(basis, "basis"):
         photons = np.asarray(named["mcCOEF"], float) @ np.asarray(basis.basis, float).T
         if "imgMean" in named:
             photons = photons + np.ravel(named["imgMean"])
-        return _photons(np.maximum(photons, 0.0), basis.wave, named.get("illuminant"), "a multispectral picture of ISETCam")
+        return _photons(
+            np.maximum(photons, 0.0), basis.wave, named.get("illuminant"), "a multispectral picture of ISETCam"
+        )
     return None
 
 

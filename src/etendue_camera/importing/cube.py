@@ -84,7 +84,8 @@ def _reader(path: Path) -> Callable[[Path, str], Cube]:
         raise RequestError(f"{path} is described by its header: import {path.with_suffix('.hdr')}")
     if suffix in PICTURES:
         raise RequestError(
-            f"{path} is a picture, of colours, not of spectra: the stage photograph takes it as a scene, etendue measure measures it"
+            f"{path} is a picture, of colours, not of spectra: the stage photograph takes it as a scene, etendue "
+            f"measure measures it"
         )
     if suffix not in FORMATS:
         raise RequestError(f"{path}: files {suffix or 'without an ending'} are unknown; known are {', '.join(FORMATS)}")
@@ -119,11 +120,14 @@ def wavelengths_of(text: str) -> Any:
             return np.array([float(line.split(",")[0]) for line in Path(text).read_text().splitlines() if line.strip()])
         return np.array([float(part) for part in text.split(",")])
     except ValueError:
-        raise RequestError(f"--wavelengths {text}: expected FIRST:LAST:STEP, a list of numbers, or a file with one a line, in nm") from None
+        raise RequestError(
+            f"--wavelengths {text}: expected FIRST:LAST:STEP, a list of numbers, or a file with one a line, in nm"
+        ) from None
 
 
 def in_order(cube: Cube, axes: str) -> Cube:
-    """With its axes as (wavelength, y, x); ``axes``: what they are in the file, such as ``yxw``, or '' where the reader knows.
+    """With its axes as (wavelength, y, x); ``axes``: what they are in the file, such as ``yxw``, or '' where the reader
+    knows.
 
     Raises
     ------
@@ -150,15 +154,25 @@ def as_light(cube: Cube, name: str) -> tuple[Cube, str]:
     wavelength = np.asarray(cube.wavelength, dtype=float)
     if wavelength.shape != cube.values.shape[:1]:
         axes = f"its axes are {cube.values.shape} as wavelength, y, x"
-        raise RequestError(f"{name}: {wavelength.size} wavelengths for {cube.values.shape[0]} bands; {axes} (others: --axes)")
+        raise RequestError(
+            f"{name}: {wavelength.size} wavelengths for {cube.values.shape[0]} bands; {axes} (others: --axes)"
+        )
     if not cube.level:
-        raise RequestError(f"{name} does not say its level: --level radiance ({RADIANCE}), relative (1 = white), or {', '.join(LEVELS)}")
+        raise RequestError(
+            f"{name} does not say its level: --level radiance ({RADIANCE}), relative (1 = white), or "
+            f"{', '.join(LEVELS)}"
+        )
     if cube.level not in LEVELS:
         raise RequestError(f"--level {cube.level}: {nearest(cube.level, LEVELS)[2:]}")
     order = np.argsort(wavelength, kind="stable")
-    wavelength, values = wavelength[order], cube.values[order].astype(np.float32 if cube.values.dtype.itemsize <= 4 else np.float64)
+    wavelength, values = (
+        wavelength[order],
+        cube.values[order].astype(np.float32 if cube.values.dtype.itemsize <= 4 else np.float64),
+    )
     if not (np.diff(wavelength) > 0).all() or not wavelength[0] > 100:
-        raise RequestError(f"{name}: wavelengths must differ and be above 100 nm; they begin with {wavelength[:3].tolist()}")
+        raise RequestError(
+            f"{name}: wavelengths must differ and be above 100 nm; they begin with {wavelength[:3].tolist()}"
+        )
     unit, factor = LEVELS[cube.level]
     scale = np.full(wavelength.size, factor)
     if cube.level == "photons":
@@ -168,7 +182,11 @@ def as_light(cube: Cube, name: str) -> tuple[Cube, str]:
     if bad.any():
         band, y, x = (int(i) for i in np.argwhere(bad)[0])
         what = f"{values[band, y, x]:g} in band {band}, row {y}, column {x}"
-        way_out = "--clip takes what is below 0 as 0" if np.isfinite(values).all() else "mend what is not finite in the file first"
+        way_out = (
+            "--clip takes what is below 0 as 0"
+            if np.isfinite(values).all()
+            else "mend what is not finite in the file first"
+        )
         raise RequestError(f"{name} holds {int(bad.sum())} values that are no light, the first {what}; {way_out}")
     white = None if cube.white is None else np.asarray(cube.white, dtype=float)[order] * scale
     return replace(cube, values=values, wavelength=wavelength, white=white), unit

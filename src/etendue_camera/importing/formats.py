@@ -1,7 +1,8 @@
 """The formats of spectral cubes: endings of files, what they are called, and which function reads them.
 
 In:  the ending of a file.
-Out: a reader, imported when it is asked for. One more is a row here, its function, and a row of the table in ``docs/python.md``.
+Out: a reader, imported when it is asked for. One more is a row here, its function, and a row of the table in
+     ``docs/python.md``.
 """
 
 from __future__ import annotations

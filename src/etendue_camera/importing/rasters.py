@@ -28,7 +28,9 @@ def envi(path: Path, variable: str) -> Cube:
     _refuse_leading_out(path)
     reader = needed("spectral.io.envi", f"{path} (ENVI)")
     image = reader.open(str(path))
-    plain_files.refuse_unfolding(math.prod(image.shape) * np.dtype(image.dtype).itemsize, Path(image.filename).stat().st_size, "it")
+    plain_files.refuse_unfolding(
+        math.prod(image.shape) * np.dtype(image.dtype).itemsize, Path(image.filename).stat().st_size, "it"
+    )
     values = np.moveaxis(np.asarray(image.load(scale=False)), 2, 0)
     header = {key.lower(): value for key, value in image.metadata.items()}
     wavelength, unit = header.get("wavelength"), str(header.get("wavelength units", "")).strip().lower()
@@ -48,7 +50,9 @@ def _refuse_leading_out(header: Path) -> None:
     folder = header.parent.resolve()
     for beside in header.parent.glob(f"{glob.escape(header.stem)}*"):
         if beside != header and beside.is_symlink() and beside.resolve().parent != folder:
-            raise RequestError(f"{beside} is a link that leads out of the folder of its header; copy what it stands for there")
+            raise RequestError(
+                f"{beside} is a link that leads out of the folder of its header; copy what it stands for there"
+            )
 
 
 def openexr(path: Path, variable: str) -> Cube:
@@ -64,10 +68,14 @@ def openexr(path: Path, variable: str) -> Cube:
     found: dict[float, Any] = {}
     for name, pixels in layers.items():
         match = _LAYER.search(name)
-        if match and not name.upper().startswith(("S1", "S2", "S3")):  # Stokes components beyond the first: polarisation
+        if match and not name.upper().startswith(
+            ("S1", "S2", "S3")
+        ):  # Stokes components beyond the first: polarisation
             found[float(match[1].replace(",", "."))] = pixels
     if not found:
-        raise RequestError(f"{path} holds {', '.join(sorted(layers)[:6])}: no layers named by wavelengths, such as S0.550,0nm")
+        raise RequestError(
+            f"{path} holds {', '.join(sorted(layers)[:6])}: no layers named by wavelengths, such as S0.550,0nm"
+        )
     emissive = any(name.upper().startswith("S0") for name in layers)
     centres = sorted(found)
     return Cube(np.stack([found[one] for one in centres]), np.array(centres), "radiance" if emissive else "")
@@ -79,7 +87,9 @@ def tiff(path: Path, variable: str) -> Cube:
 
     check_directories(path)
     with tifffile.TiffFile(path) as file:
-        size = sum(math.prod(series.shape) * series.dtype.itemsize for series in file.series if series.dtype is not None)
+        size = sum(
+            math.prod(series.shape) * series.dtype.itemsize for series in file.series if series.dtype is not None
+        )
         for page in file.pages:
             check_segments(path, page.aspage())
     plain_files.refuse_unfolding(size, path.stat().st_size, "it")

@@ -33,7 +33,9 @@ def white_at(cube: Cube, y: int, x: int, size: int, reflectance: float) -> Any:
     half = size // 2
     top, left = y - half, x - half
     if top < 0 or left < 0 or top + size > cube.values.shape[1] or left + size > cube.values.shape[2]:
-        raise RequestError(f"--white-at {y},{x}: a patch of {size} pixels there lies outside of {cube.values.shape[1:]} (y, x)")
+        raise RequestError(
+            f"--white-at {y},{x}: a patch of {size} pixels there lies outside of {cube.values.shape[1:]} (y, x)"
+        )
     return cube.values[:, top : top + size, left : left + size].mean(axis=(1, 2), dtype=float) / reflectance
 
 
@@ -47,7 +49,8 @@ def relative_to(cube: Cube, white: Any, name: str) -> Cube:
     """
     if not (white > 0).all():
         raise RequestError(
-            f"{name}: the patch of --white-at is dark at {cube.wavelength[int(np.argmin(white))]:g} nm: no white to divide by"
+            f"{name}: the patch of --white-at is dark at {cube.wavelength[int(np.argmin(white))]:g} nm: no white to "
+            f"divide by"
         )
     return replace(cube, values=(cube.values / white[:, None, None]).astype(cube.values.dtype), white=None)
 
@@ -58,11 +61,14 @@ def level_told(cube: Cube, unit: str) -> str:
     between = f"{low:.4g} to {high:.4g}"
     if unit == RADIANCE:
         white = (
-            "" if cube.white is not None else "; white is not known (--white-at): give white_luminance, and it counts as relative to white"
+            ""
+            if cube.white is not None
+            else "; white is not known (--white-at): give white_luminance, and it counts as relative to white"
         )
         return f"values: spectral radiance, {between} {RADIANCE}{white}"
     return (
-        f"values: reflectance, {between}; 1 = white, a perfect diffuser, in every band. Its light is the pipeline's: illuminant under "
+        f"values: reflectance, {between}; 1 = white, a perfect diffuser, in every band. Its light is the pipeline's: "
+        f"illuminant under "
         "[camera], white_luminance in the stage"
     )
 
@@ -73,7 +79,8 @@ def size_told(cube: Cube, spacing: float | None) -> str:
     if spacing is not None:
         return f"on the sensor: {columns * spacing:g} x {rows * spacing:g} um (width x height), {spacing:g} um a sample"
     return (
-        "on the sensor: size not known, as no --spacing was given: spacing in the stage says how far apart samples lie there; "
+        "on the sensor: size not known, as no --spacing was given: spacing in the stage says how far apart samples lie "
+        "there; "
         f"2 um make it {2 * columns:g} x {2 * rows:g} um (width x height)"
     )
 

@@ -78,7 +78,8 @@ def aplanatic_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
     working = working_f_number(f_number, magnification, pupil_magnification)
     if not np.all(np.asarray(working) >= 0.5):
         raise ValueError(
-            f"working f-number is {working} (f_number {f_number}, magnification {magnification}); an aplanatic lens in air has at least 0.5"
+            f"working f-number is {working} (f_number {f_number}, magnification {magnification}); an aplanatic lens in "
+            f"air has at least 0.5"
         )
     return np.pi / (4.0 * working**2)
 
@@ -105,8 +106,8 @@ def t_number_factor(t_number: Floats, magnification: Floats = 0.0, pupil_magnifi
 
     Notes
     -----
-    Source: ISO 517, T = N / sqrt(transmittance), which makes it `aplanatic_factor` of N times the transmittance. Error: below
-    4e-16 relative.
+    Source: ISO 517, T = N / sqrt(transmittance), which makes it `aplanatic_factor` of N times the transmittance. Error:
+    below 4e-16 relative.
     """
     return aplanatic_factor(t_number, magnification, pupil_magnification)
 
@@ -132,12 +133,17 @@ def t_number_of(f_number: Floats, transmittance: Floats) -> Floats:
     """
     require.positive("f_number", f_number)
     require.must(
-        (np.asarray(transmittance) > 0) & (np.asarray(transmittance) <= 1), "transmittance", transmittance, "above 0 and at most 1"
+        (np.asarray(transmittance) > 0) & (np.asarray(transmittance) <= 1),
+        "transmittance",
+        transmittance,
+        "above 0 and at most 1",
     )
     return f_number / np.sqrt(transmittance)
 
 
-def exit_pupil_distance(focal_length_mm: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
+def exit_pupil_distance(
+    focal_length_mm: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0
+) -> Floats:
     """Distance (mm) of the exit pupil in front of the image plane, f (m_p - m).
 
     Parameters
@@ -241,7 +247,9 @@ def flat_disc_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magn
     return np.hypot(working_f_number(f_number, magnification, pupil_magnification), 0.5)
 
 
-def disc_factor(f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0) -> Floats:
+def disc_factor(
+    f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
+) -> Floats:
     """E/L of a flat, uniformly bright exit pupil of any size, at any field angle.
 
     Parameters
@@ -274,7 +282,9 @@ def disc_factor(f_number: float, tan_angle: Floats, magnification: float = 0.0, 
     return (0.5 * np.pi * bracket)[()]
 
 
-def disc_falloff(f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0) -> Floats:
+def disc_falloff(
+    f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
+) -> Floats:
     """`disc_factor` relative to its value on the axis.
 
     Parameters
@@ -364,7 +374,10 @@ def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) ->
     """
     require.positive("half_diagonal_mm", half_diagonal_mm)
     require.must(
-        (np.asarray(half_field_rad) > 0) & (np.asarray(half_field_rad) < np.pi / 2), "half_field_rad", half_field_rad, "in (0, pi/2)"
+        (np.asarray(half_field_rad) > 0) & (np.asarray(half_field_rad) < np.pi / 2),
+        "half_field_rad",
+        half_field_rad,
+        "in (0, pi/2)",
     )
     return half_diagonal_mm / np.tan(half_field_rad)
 

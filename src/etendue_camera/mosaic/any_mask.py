@@ -2,12 +2,13 @@
 
 In:  a mosaic (y, x), linear, in any unit; its mask; its first pixel on the sensor.
 Out: planes (channel, y, x) in the same unit; measured samples untouched.
-Sources: piecewise-linear interpolation from scattered samples, with weights that depend on the place in the period only.
+Sources: piecewise-linear interpolation from scattered samples, with weights that depend on the place in the period
+only.
 
 For each place in the period and each channel that is not measured there, the weights of the samples around it are the
-non-negative ones that reproduce every plane a + b y + c x, over the smallest square of neighbours that has such weights,
-with the smallest sum of (weight x squared distance)^2 among them. On a Bayer array these are the means of two and four
-neighbours: inside the border and at it the result is that of `demosaic.bilinear`.
+non-negative ones that reproduce every plane a + b y + c x, over the smallest square of neighbours that has such
+weights, with the smallest sum of (weight x squared distance)^2 among them. On a Bayer array these are the means of two
+and four neighbours: inside the border and at it the result is that of `demosaic.bilinear`.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def taps(mask: Mask, row: int, column: int, channel: str) -> tuple[Tap, ...]:
     Returns
     -------
     tuple of (int, int, float)
-        Weights above 0 that sum to 1; their mean position is the place itself. Just itself where the channel is measured.
+        Weights above 0 that sum to 1; their mean position is the place itself. Just itself where the channel is
+        measured.
     """
     height, width = mask.period
     if mask.rows[row][column] == channel:
@@ -67,7 +69,9 @@ def _weights(offsets: NDArray) -> NDArray | None:
     wanted = np.array([1.0, 0.0, 0.0])
     cost = np.sum(offsets**2, axis=1)
     firm = 1e5  # the constraints against the cost; what they miss is put right below
-    weights, _ = scipy.optimize.nnls(np.vstack([firm * moments, np.diag(cost)]), np.concatenate([firm * wanted, np.zeros(len(offsets))]))
+    weights, _ = scipy.optimize.nnls(
+        np.vstack([firm * moments, np.diag(cost)]), np.concatenate([firm * wanted, np.zeros(len(offsets))])
+    )
     if np.abs(moments @ weights - wanted).max() > 1e-6:
         return None
     used = weights > 1e-9
@@ -103,9 +107,10 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
 
     Notes
     -----
-    Exact for constant planes everywhere, and for linear ones farther inside than the weights reach (one pixel for Bayer,
-    two for quad-Bayer and X-Trans, three for RGBW). Beyond the border the mosaic is continued by whole periods (`cfa.continued`). A frame
-    shorter than the period takes the nearest sample instead, and for a channel it does not hold the mean of the others.
+    Exact for constant planes everywhere, and for linear ones farther inside than the weights reach (one pixel for
+    Bayer, two for quad-Bayer and X-Trans, three for RGBW). Beyond the border the mosaic is continued by whole periods
+    (`cfa.continued`). A frame shorter than the period takes the nearest sample instead, and for a channel it does not
+    hold the mean of the others.
     """
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or mosaic.size == 0:
@@ -136,7 +141,9 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
 
 
 def reach_of(mask: Mask) -> int:
-    """Rows from which the weights take samples, and a period at least: a frame of fewer rows is interpolated otherwise."""
+    """Rows from which the weights take samples, and a period at least: a frame of fewer rows is interpolated
+    otherwise.
+    """
     return max(_farthest(_all_taps(mask)), mask.period[0])
 
 

@@ -44,8 +44,8 @@ def nearest(mosaic: NDArray, pattern: str, row: int = 0, column: int = 0) -> NDA
     Returns
     -------
     (3, y, x) array, unit and dtype of mosaic
-        Of the two greens in a cell the one in the pixel's own row. Cells start at even rows and columns of the sensor; an
-        incomplete cell at a border is completed by mirroring.
+        Of the two greens in a cell the one in the pixel's own row. Cells start at even rows and columns of the sensor;
+        an incomplete cell at a border is completed by mirroring.
 
     Raises
     ------
@@ -64,7 +64,9 @@ def nearest(mosaic: NDArray, pattern: str, row: int = 0, column: int = 0) -> NDA
     framed = mirrored(mosaic, 1)
     up, left = row % 2, column % 2
     if up or left:
-        return nearest(framed[1 - up : 1 + rows, 1 - left : 1 + columns], shifted_bayer(pattern, up, left))[:, up:, left:]
+        return nearest(framed[1 - up : 1 + rows, 1 - left : 1 + columns], shifted_bayer(pattern, up, left))[
+            :, up:, left:
+        ]
     planes = np.empty((3, rows, columns), mosaic.dtype)
     for colour, places in phase(pattern).items():
         plane = planes[COLOURS.index(colour)]
@@ -116,7 +118,8 @@ def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
 def colour_difference(mosaic: NDArray, pattern: str) -> NDArray:
     """Green is bilinear; red and blue follow it, since G - R and G - B vary less than R and B do.
 
-    Takes and gives what a method does (see `frame`); the planes may leave the range of the mosaic: negative values are kept.
+    Takes and gives what a method does (see `frame`); the planes may leave the range of the mosaic: negative values are
+    kept.
 
     Notes
     -----

@@ -2,8 +2,8 @@
 
 In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; how noisy it is, or a map of defects.
 Out: which pixels stand out; the mosaic with others in their place.
-Sources: an order statistic of the neighbours as the range of what is plausible, interpolation along the line of least change; both are
-what raw converters and sensors do, in a form of our own for any colour filter array.
+Sources: an order statistic of the neighbours as the range of what is plausible, interpolation along the line of least
+change; both are what raw converters and sensors do, in a form of our own for any colour filter array.
 """
 
 import math
@@ -63,13 +63,14 @@ def outliers(
 
     Notes
     -----
-    The range goes from the second lowest to the second highest of the 8 nearest, so that one defective neighbour does not hide
-    another, and a line or an edge through the pixel, which has at least two neighbours on it, is no defect. A single bright
-    point is one to this test. Detail as fine as the spacing of a colour looks like defects: of the sound pixels of a chart with a
-    Siemens star and a zone plate 2 % stand out with contrast 0, 0.03 % with 1, while the share of the defects that is found falls
-    from 92 to 87 %. At the border, where all neighbours lie to one side, the range is the whole one, widened by its own width at
-    least, which holds every linear ramp; a pixel with fewer than 4 neighbours, such as one in a corner, is not judged.
-    sigma^2 = dark^2 + m/electrons + (prnu m)^2 at the middle m of the range.
+    The range goes from the second lowest to the second highest of the 8 nearest, so that one defective neighbour does
+    not hide another, and a line or an edge through the pixel, which has at least two neighbours on it, is no defect. A
+    single bright point is one to this test. Detail as fine as the spacing of a colour looks like defects: of the sound
+    pixels of a chart with a Siemens star and a zone plate 2 % stand out with contrast 0, 0.03 % with 1, while the share
+    of the defects that is found falls from 92 to 87 %. At the border, where all neighbours lie to one side, the range
+    is the whole one, widened by its own width at least, which holds every linear ramp; a pixel with fewer than 4
+    neighbours, such as one in a corner, is not judged. sigma^2 = dark^2 + m/electrons + (prnu m)^2 at the middle m of
+    the range.
     """
     mosaic = _frame(mosaic)
     for name, value, fine in (
@@ -80,7 +81,10 @@ def outliers(
         ("contrast", contrast, contrast >= 0),
     ):
         if not fine:
-            raise ValueError(f"{name} is {value!r}; allowed are numbers from 0" + (" on, 0 excluded" if name == "electrons" else " on"))
+            raise ValueError(
+                f"{name} is {value!r}; allowed are numbers from 0"
+                + (" on, 0 excluded" if name == "electrons" else " on")
+            )
     found = np.zeros(mosaic.shape, dtype=bool)
     if not mosaic.size:
         return found
@@ -103,7 +107,9 @@ def _plausible(
     mosaic: FloatArray, offsets: Offsets, first: tuple[int, int], period: tuple[int, int], contrast: float
 ) -> tuple[FloatArray, FloatArray]:
     """Range that the neighbours leave for the pixels of one phase, in double precision; NaN where there are too few."""
-    rows, columns = (np.arange(start, size, step) for start, size, step in zip(first, mosaic.shape, period, strict=True))
+    rows, columns = (
+        np.arange(start, size, step) for start, size, step in zip(first, mosaic.shape, period, strict=True)
+    )
     margin_y, margin_x = (max(abs(offset[axis]) for offset in offsets) for axis in (0, 1))
     margins = ((margin_y, margin_y), (margin_x, margin_x))
     below, above = (np.pad(mosaic, margins, constant_values=value) for value in (-np.inf, np.inf))
@@ -123,7 +129,8 @@ def _plausible(
         np.minimum(second_lowest, np.maximum(lowest, other), out=second_lowest)
         np.minimum(lowest, other, out=lowest)
         inside = [
-            (line + step >= 0) & (line + step < size) for line, step, size in zip((rows, columns), (dy, dx), mosaic.shape, strict=True)
+            (line + step >= 0) & (line + step < size)
+            for line, step, size in zip((rows, columns), (dy, dx), mosaic.shape, strict=True)
         ]
         count += inside[0][:, None] & inside[1][None, :]
     low, high = second_lowest.astype(np.float64), second_highest.astype(np.float64)
@@ -137,7 +144,9 @@ def _plausible(
     return low, high
 
 
-def replaced(mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, first_row: int = 0, first_column: int = 0) -> tuple[FloatArray, int]:
+def replaced(
+    mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, first_row: int = 0, first_column: int = 0
+) -> tuple[FloatArray, int]:
     """The mosaic with its defective pixels interpolated from sound ones of the same colour.
 
     Parameters
@@ -162,16 +171,20 @@ def replaced(mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, first_row: 
 
     Notes
     -----
-    Along each of eight directions the nearest pixels of the same colour on both sides are joined by a straight line. The lines
-    whose ends are both sound, and which are at most twice as long as the shortest, are averaged with the weight
-    1/(l (c + c' + e))^2: l is the length, c the change between the ends, c' that between the pixels right beside the defect where these
-    have one colour (else c again), e a hundredth of the level. So edges count along and not across. A mean of straight lines is exact
-    on linear ramps, for every array. Where no line is left (corners, clusters) the median of the nearest sound pixels takes its
-    place. A defect never takes part in another's repair. Error on photographs: 13 % below that of the median of the 8 neighbours.
+    Along each of eight directions the nearest pixels of the same colour on both sides are joined by a straight line.
+    The lines whose ends are both sound, and which are at most twice as long as the shortest, are averaged with the
+    weight 1/(l (c + c' + e))^2: l is the length, c the change between the ends, c' that between the pixels right beside
+    the defect where these have one colour (else c again), e a hundredth of the level. So edges count along and not
+    across. A mean of straight lines is exact on linear ramps, for every array. Where no line is left (corners,
+    clusters) the median of the nearest sound pixels takes its place. A defect never takes part in another's repair.
+    Error on photographs: 13 % below that of the median of the 8 neighbours.
     """
     mosaic, defective = _frame(mosaic), np.asarray(defective)
     if defective.shape != mosaic.shape or defective.dtype != bool:
-        raise ValueError(f"defective has shape {defective.shape} and dtype {defective.dtype}; allowed is bool of shape {mosaic.shape}")
+        raise ValueError(
+            f"defective has shape {defective.shape} and dtype {defective.dtype}; allowed is bool of shape "
+            f"{mosaic.shape}"
+        )
     result, left = mosaic.copy(), 0
     every_row, every_column = np.nonzero(defective)
     period = mask.period
@@ -181,7 +194,9 @@ def replaced(mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, first_row: 
         place = divmod(int(phase), period[1])
         best, joined = _along_lines(mosaic, defective, mask, place, rows, columns)
         for number in np.flatnonzero(~joined):
-            near = _sound_near(mosaic, defective, int(rows[number]), int(columns[number]), neighbours(mask, *place, mosaic.shape, 24))
+            near = _sound_near(
+                mosaic, defective, int(rows[number]), int(columns[number]), neighbours(mask, *place, mosaic.shape, 24)
+            )
             if near.size:
                 best[number], joined[number] = np.median(near[:NEIGHBOURS]), True
         result[rows[joined], columns[joined]] = best[joined]
@@ -231,7 +246,9 @@ def _sound_near(mosaic: FloatArray, defective: NDArray, row: int, column: int, o
 def _frame(mosaic: FloatArray) -> FloatArray:
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or not np.issubdtype(mosaic.dtype, np.floating) or not np.isfinite(mosaic).all():
-        raise ValueError(f"mosaic has shape {mosaic.shape} and dtype {mosaic.dtype}; allowed is a finite (y, x) array of floats")
+        raise ValueError(
+            f"mosaic has shape {mosaic.shape} and dtype {mosaic.dtype}; allowed is a finite (y, x) array of floats"
+        )
     return mosaic
 
 
@@ -275,13 +292,19 @@ def _neighbours(mask: cfa.Mask, row: int, column: int, limit: tuple[int, int], c
 
 @lru_cache(maxsize=4096)
 def lines(mask: cfa.Mask, row: int, column: int) -> Lines:
-    """Lines through a place in the mask with pixels of its letter on both sides: (dy, dx, steps ahead, steps behind)."""
+    """Lines through a place in the mask with pixels of its letter on both sides: (dy, dx, steps ahead, steps
+    behind).
+    """
     letter = mask.rows[row][column]
     furthest = math.lcm(*mask.period)
     found = []
     for dy, dx in DIRECTIONS:
         ahead, behind = (
-            next(k for k in range(1, furthest + 1) if _letter(mask, row + sign * k * dy, column + sign * k * dx) == letter)
+            next(
+                k
+                for k in range(1, furthest + 1)
+                if _letter(mask, row + sign * k * dy, column + sign * k * dx) == letter
+            )
             for sign in (1, -1)
         )
         found.append(((ahead + behind) * math.hypot(dy, dx), (dy, dx, ahead, behind)))

@@ -8,8 +8,9 @@ neighbours have the colour which the pattern expects there. Tiles begin on even 
 pattern of the frame; what is computed for a pixel does not depend on the tile in which it lies. They are small enough
 for their temporaries to stay in the cache: beyond it, numpy's run time is that of memory.
 
-A *method* takes a mosaic (y, x) and a pattern, one of `cfa.BAYER`, and gives (3, y, x) in its unit and dtype (integers become
-float64); it raises ValueError if the mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+A *method* takes a mosaic (y, x) and a pattern, one of `cfa.BAYER`, and gives (3, y, x) in its unit and dtype (integers
+become float64); it raises ValueError if the mosaic is not (y, x) with a sample in it, or the pattern is not one of the
+four.
 
 A *quarter plane* holds what stands at one site of the 2 x 2 cell, contiguous, in a tile and one pixel around it.
 """
@@ -99,12 +100,15 @@ def quarter(framed: NDArray, reach: int, place: tuple[int, int], down: int = 0, 
     """View of the samples at (down, right) from every site (y, x) of the cell, in a tile and one pixel around it."""
     offset = reach - 1
     (first, last), (start, stop) = (
-        (offset + (site + 1) % 2 + move, size - offset + move) for site, move, size in zip(place, (down, right), framed.shape, strict=True)
+        (offset + (site + 1) % 2 + move, size - offset + move)
+        for site, move, size in zip(place, (down, right), framed.shape, strict=True)
     )
     return framed[first:last:2, start:stop:2]
 
 
-def follow_green(planes: NDArray, framed: NDArray, reach: int, pattern: str, differences: Mapping[str, NDArray]) -> None:
+def follow_green(
+    planes: NDArray, framed: NDArray, reach: int, pattern: str, differences: Mapping[str, NDArray]
+) -> None:
     """Fill red and blue of a tile: green minus the bilinear mean of G - R and of G - B.
 
     Parameters

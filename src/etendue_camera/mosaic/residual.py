@@ -1,4 +1,5 @@
-"""Green from two estimators, one for fine grey detail and one for saturated edges; red and blue from green by local slopes.
+"""Green from two estimators, one for fine grey detail and one for saturated edges; red and blue from green by local
+slopes.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.
@@ -7,32 +8,34 @@ In every row and column two colours alternate; m is the sample, o the mean of it
 colour. Both estimators give D = green - other at all samples, along rows and along columns:
 
 *Smooth.* The missing colour is o plus a quarter of m's second difference (Hamilton and Adams, US patent 5629734).
-Along the line D is a slow signal plus the noise of that estimate; the linear minimum-mean-square-error estimate of D and
-its error come from the local variances of both, and rows and columns are weighted by their inverse errors (L. Zhang and
-X. Wu, "Color demosaicking via directional linear minimum mean square-error estimation", 2005). Nine samples that an edge
-crosses have a mean that is none of theirs; so D stays (ours) between the least and the greatest of the 3 x 3
+Along the line D is a slow signal plus the noise of that estimate; the linear minimum-mean-square-error estimate of D
+and its error come from the local variances of both, and rows and columns are weighted by their inverse errors (L. Zhang
+and X. Wu, "Color demosaicking via directional linear minimum mean square-error estimation", 2005). Nine samples that an
+edge crosses have a mean that is none of theirs; so D stays (ours) between the least and the greatest of the 3 x 3
 estimates around it, and errs by no more than half of what lies between. Best where the colours share their detail.
 
-*Sharp.* Residual interpolation: m is predicted from o by a guided filter, and what the prediction leaves is interpolated
-(D. Kiku, Y. Monno, M. Tanaka and M. Okutomi, "Residual interpolation for color image demosaicking", 2013). Ours is its
-slope part alone: with a = cov(m, o) / var(o) of what the 3 x 3 mean leaves of both, averaged over windows, the missing
-colour is a m + the mean of the neighbours' (m - a o). The offset of the guided filter drops out. The four half-lines from
-a pixel are weighted by 1 / (sum of |change of D| around their first sample)^2 (after I. Pekkucuksen and Y. Altunbasak,
-"Gradient based threshold free color filter array interpolation", 2010). Best where colours have detail of their own.
+*Sharp.* Residual interpolation: m is predicted from o by a guided filter, and what the prediction leaves is
+interpolated (D. Kiku, Y. Monno, M. Tanaka and M. Okutomi, "Residual interpolation for color image demosaicking", 2013).
+Ours is its slope part alone: with a = cov(m, o) / var(o) of what the 3 x 3 mean leaves of both, averaged over windows,
+the missing colour is a m + the mean of the neighbours' (m - a o). The offset of the guided filter drops out. The four
+half-lines from a pixel are weighted by 1 / (sum of |change of D| around their first sample)^2 (after I. Pekkucuksen and
+Y. Altunbasak, "Gradient based threshold free color filter array interpolation", 2010). Best where colours have detail
+of their own.
 
-*Mixed* (ours): sharp + (smooth - sharp) / (1 + 1e5 s^4 d), where s tells how much of the change of the smooth estimator's D
-survives smoothing along the line (noise does not, coloured edges do), and d is the energy of smooth - sharp against that
-of the mosaic's own changes. Both are ratios of sums over 9 x 9 pixels.
+*Mixed* (ours): sharp + (smooth - sharp) / (1 + 1e5 s^4 d), where s tells how much of the change of the smooth
+estimator's D survives smoothing along the line (noise does not, coloured edges do), and d is the energy of smooth -
+sharp against that of the mosaic's own changes. Both are ratios of sums over 9 x 9 pixels.
 
 Red and blue: slope a of the colour on green over the 9 x 9 pixels around each of its samples, between 0 and 2 and
 pulled towards 1 where there is little to see; a green + the interpolated (sample - a green).
 
-*Again*: with all three colours at hand, o no longer needs the mean of neighbours, and the sharp estimate is repeated. It
-replaces the mixed one in so far as that trusted the smooth one (iterating gains where colours share their detail, and
-loses elsewhere: Y. Monno, D. Kiku, M. Tanaka and M. Okutomi, "Adaptive residual interpolation for color and multispectral
-image demosaicking", 2017). Red and blue then follow the new green.
+*Again*: with all three colours at hand, o no longer needs the mean of neighbours, and the sharp estimate is repeated.
+It replaces the mixed one in so far as that trusted the smooth one (iterating gains where colours share their detail,
+and loses elsewhere: Y. Monno, D. Kiku, M. Tanaka and M. Okutomi, "Adaptive residual interpolation for color and
+multispectral image demosaicking", 2017). Red and blue then follow the new green.
 
-All bounds are relative to the local mean square: the method has no unit. A pixel reaches no farther than `REACH` pixels.
+All bounds are relative to the local mean square: the method has no unit. A pixel reaches no farther than `REACH`
+pixels.
 """
 
 import numpy as np
@@ -40,7 +43,21 @@ from numpy.typing import NDArray
 
 from etendue_camera.mosaic.bilinear import colour_difference
 from etendue_camera.mosaic.frame import BLUE, GREEN, RED, checked, in_tiles
-from etendue_camera.mosaic.windows import Sum, centre, extreme, five, meet, moved, nine, pair, scaled, slope, square, three, within
+from etendue_camera.mosaic.windows import (
+    Sum,
+    centre,
+    extreme,
+    five,
+    meet,
+    moved,
+    nine,
+    pair,
+    scaled,
+    slope,
+    square,
+    three,
+    within,
+)
 from etendue_camera.sensor.cfa import COLOURS, phase
 
 FIRST_REACH, SECOND_REACH, CHROMA_REACH = 18, 12, 12
@@ -55,12 +72,13 @@ TINY = 1e-30  # of the squared peak: keeps ratios defined where all is black
 def residual(mosaic: NDArray, pattern: str) -> NDArray:
     """Green from two estimators along rows and columns, mixed by local statistics; red and blue by local slopes on it.
 
-    Takes and gives what a method does (see `frame`); the planes may leave the range of the mosaic: negative values are kept.
+    Takes and gives what a method does (see `frame`); the planes may leave the range of the mosaic: negative values are
+    kept.
 
     Notes
     -----
-    Mean CPSNR by `benchmarks/demosaic.py`: 41.2 dB on Kodak and 36.4 dB on McMaster pictures. Channels are expected to be
-    balanced: where grey is not grey to it, it cannot tell detail that the colours share.
+    Mean CPSNR by `benchmarks/demosaic.py`: 41.2 dB on Kodak and 36.4 dB on McMaster pictures. Channels are expected to
+    be balanced: where grey is not grey to it, it cannot tell detail that the colours share.
 
     Constant planes are exact to rounding, linear ones (each with its own slopes) to 1e-7 inside the border; grey detail
     near the sampling limit is not kept grey. Five pixels inside a dark neutral corner colours err by 0.001 of the white
@@ -103,7 +121,9 @@ def _towards_one(mosaic: NDArray) -> float:
 
 
 def _tile(planes: NDArray, mosaic: NDArray, sign: NDArray, places: list[tuple[int, int]]) -> None:
-    """Fill a tile. `sign` is 1 at green samples and -1 at others; `places` are the sites of red and blue in the cell."""
+    """Fill a tile. `sign` is 1 at green samples and -1 at others; `places` are the sites of red and blue in the
+    cell.
+    """
     level = scaled(square(np.square(mosaic), nine), 1 / 81)
     level += level.dtype.type(TINY)
     others = [scaled(pair(mosaic, axis), 0.5) for axis in (1, 0)]
@@ -149,7 +169,9 @@ def _mixed(mosaic: NDArray, sign: NDArray, level: NDArray, sharp: NDArray) -> tu
     energy = gap * gap
     energy *= 1 - own  # 2 at red and blue samples; at green ones rows and columns speak of different colours
     change = np.add(*meet(*(np.square(slope(mosaic, axis)) for axis in (0, 1))))
-    energy, change, floor, lasting = meet(square(energy, nine), square(change, nine), scaled(level * 81, FLOOR), lasting)
+    energy, change, floor, lasting = meet(
+        square(energy, nine), square(change, nine), scaled(level * 81, FLOOR), lasting
+    )
     trust = energy + floor
     trust /= change + floor
     trust *= lasting
@@ -213,7 +235,9 @@ def _likeliest(rough: NDArray, slow: NDArray, axis: int, level: NDArray) -> tupl
 
 
 def _sharp(mosaic: NDArray, others: list[NDArray], sign: NDArray, level: NDArray) -> NDArray:
-    """D by slopes, from the half-lines on which it changes least; `others` has the other colour of each row and column."""
+    """D by slopes, from the half-lines on which it changes least; `others` has the other colour of each row and
+    column.
+    """
     parts = []
     for axis, other in zip((1, 0), others, strict=True):
         difference = _difference(mosaic, _by_slope(mosaic, other, axis, level), sign)

@@ -75,13 +75,19 @@ def read_gains(file: str | Path) -> GainTable:
     Raises
     ------
     ValueError
-        If the header or a row cannot be read, heights do not start at 0 or do not ascend, or a gain is not above 0; the text
-        names the row.
+        If the header or a row cannot be read, heights do not start at 0 or do not ascend, or a gain is not above 0; the
+        text names the row.
     """
     with open(file, newline="", encoding="utf-8-sig") as opened:
-        rows = [[cell.strip() for cell in row] for row in csv.reader(line for line in opened if not line.startswith("#")) if row]
+        rows = [
+            [cell.strip() for cell in row]
+            for row in csv.reader(line for line in opened if not line.startswith("#"))
+            if row
+        ]
     if not rows or rows[0][0] != "height_mm" or len(rows[0]) < 2:
-        raise ValueError(f"{file} starts with {','.join(rows[0]) if rows else 'nothing'}; expected height_mm,gain or height_mm,R,G,B")
+        raise ValueError(
+            f"{file} starts with {','.join(rows[0]) if rows else 'nothing'}; expected height_mm,gain or height_mm,R,G,B"
+        )
     table = np.empty((len(rows) - 1, len(rows[0])))
     for number, row in enumerate(rows[1:]):
         try:
@@ -100,7 +106,10 @@ def write_gains(file: str | Path, table: GainTable) -> None:
     with open(file, "w", newline="", encoding="utf-8") as opened:
         writer = csv.writer(opened, lineterminator="\n")
         writer.writerow(["height_mm", *table.columns])
-        writer.writerows([repr(float(h)), *(repr(float(g)) for g in row)] for h, row in zip(table.heights_mm, table.gains, strict=True))
+        writer.writerows(
+            [repr(float(h)), *(repr(float(g)) for g in row)]
+            for h, row in zip(table.heights_mm, table.gains, strict=True)
+        )
 
 
 def calibrated(
@@ -112,7 +121,8 @@ def calibrated(
     first_row: int = 0,
     first_column: int = 0,
 ) -> GainTable:
-    """The table of a camera from a flat field, as its maker measures it: straight lines through each channel, by image height.
+    """The table of a camera from a flat field, as its maker measures it: straight lines through each channel, by image
+    height.
 
     Parameters
     ----------
@@ -134,21 +144,28 @@ def calibrated(
     Raises
     ------
     ValueError
-        If shapes do not fit, the axis is outside of the frame, a channel has pixels at fewer than 8 heights, or one is not above 0.
+        If shapes do not fit, the axis is outside of the frame, a channel has pixels at fewer than 8 heights, or one is
+        not above 0.
 
     Notes
     -----
-    Least squares of a cubic spline over all pixels of a channel, in the square of the height: even about the axis, and with as many
-    pixels to each of its pieces. Straight lines between the rows err most: 3e-5 of the light for cos4 to 39 degrees with 129 rows,
-    falling with the square of their number. A kink, where a rim begins to cut, is rounded over a sixteenth of the area.
+    Least squares of a cubic spline over all pixels of a channel, in the square of the height: even about the axis, and
+    with as many pixels to each of its pieces. Straight lines between the rows err most: 3e-5 of the light for cos4 to
+    39 degrees with 129 rows, falling with the square of their number. A kink, where a rim begins to cut, is rounded
+    over a sixteenth of the area.
     """
     flat = np.asarray(flat)
     if flat.ndim != 2 or flat.shape != (np.size(y_mm), np.size(x_mm)) or not np.isfinite(flat).all():
-        raise ValueError(f"flat has shape {flat.shape}; allowed is ({np.size(y_mm)}, {np.size(x_mm)}) as the positions say, all finite")
+        raise ValueError(
+            f"flat has shape {flat.shape}; allowed is ({np.size(y_mm)}, {np.size(x_mm)}) as the positions say, all "
+            f"finite"
+        )
     if rows < 2:
         raise ValueError(f"rows is {rows!r}; allowed are whole numbers from 2")
     if min(y_mm) * max(y_mm) > 0 or min(x_mm) * max(x_mm) > 0:
-        raise ValueError("the axis stands outside of the frame; gains are relative to it: calibrate with a frame that holds it")
+        raise ValueError(
+            "the axis stands outside of the frame; gains are relative to it: calibrate with a frame that holds it"
+        )
     radius = np.hypot(np.asarray(y_mm, float)[:, None], np.asarray(x_mm, float)[None, :])
     nodes = np.linspace(0.0, radius.max(), rows)
     index = cfa.channel_index(mask, *flat.shape, first_row, first_column)
@@ -157,10 +174,14 @@ def calibrated(
         here = index == number
         squared = (radius[here] / nodes[-1]) ** 2
         if np.unique(squared).size < 8:
-            raise ValueError(f"channel {channel} has pixels at {np.unique(squared).size} heights; a curve needs 8 at least")
+            raise ValueError(
+                f"channel {channel} has pixels at {np.unique(squared).size} heights; a curve needs 8 at least"
+            )
         curve = _curve(squared, flat[here].astype(float), (nodes / nodes[-1]) ** 2)
         if not curve.min() > 0:
-            raise ValueError(f"channel {channel} falls to {curve.min():g} of the flat field; a gain needs light everywhere")
+            raise ValueError(
+                f"channel {channel} falls to {curve.min():g} of the flat field; a gain needs light everywhere"
+            )
         gains[:, number] = curve[0] / curve
     return GainTable(nodes, gains, mask.channels)
 

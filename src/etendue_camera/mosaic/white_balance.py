@@ -2,8 +2,9 @@
 
 In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; whites by channel.
 Out: whites, gains, balanced mosaics, the level shown as white, the angle between two whites.
-Sources: Buchsbaum 1980, J. Franklin Inst. 310 (grey world); Land and McCann 1971, J. Opt. Soc. Am. 61 (white patch); Finlayson and
-Trezzi 2004, Color Imaging Conf. 12 (a power between the two). What they share: an estimate is as good as its assumption about the scene.
+Sources: Buchsbaum 1980, J. Franklin Inst. 310 (grey world); Land and McCann 1971, J. Opt. Soc. Am. 61 (white patch);
+Finlayson and Trezzi 2004, Color Imaging Conf. 12 (a power between the two). What they share: an estimate is as good as
+its assumption about the scene.
 """
 
 import numpy as np
@@ -17,7 +18,13 @@ VANISHING = 1e-9  # of the largest response: below it a gain would be noise
 
 
 def cell_means(
-    mosaic: FloatArray, mask: cfa.Mask, cell: int, ceiling: float, lowest: float, first_row: int = 0, first_column: int = 0
+    mosaic: FloatArray,
+    mask: cfa.Mask,
+    cell: int,
+    ceiling: float,
+    lowest: float,
+    first_row: int = 0,
+    first_column: int = 0,
 ) -> tuple[FloatArray, int]:
     """Mean of each channel over small cells of a mosaic, of those cells alone that are neither clipped nor dark.
 
@@ -44,12 +51,13 @@ def cell_means(
     Raises
     ------
     ValueError
-        If the mosaic is no finite (y, x) array with pixels, the cell is below 1, or the frame has no pixel of a channel.
+        If the mosaic is no finite (y, x) array with pixels, the cell is below 1, or the frame has no pixel of a
+        channel.
 
     Notes
     -----
-    Cells are taken or left as a whole, so that all channels look at the same places: if pixels were left out one by one, the channel
-    that clips first would see less of what is bright, and the estimate would lean away from it.
+    Cells are taken or left as a whole, so that all channels look at the same places: if pixels were left out one by
+    one, the channel that clips first would see less of what is bright, and the estimate would lean away from it.
     """
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or not mosaic.size or not np.isfinite(mosaic).all():
@@ -65,7 +73,8 @@ def cell_means(
         here = index == number
         if not here.any():
             raise ValueError(
-                f"a frame of {mosaic.shape[0]} x {mosaic.shape[1]} pixels has none of channel {channel}: no white can be seen in it"
+                f"a frame of {mosaic.shape[0]} x {mosaic.shape[1]} pixels has none of channel {channel}: no white can "
+                f"be seen in it"
             )
         means[number] = np.einsum("iajb,ab->ij", blocks, here / here.sum(), dtype=np.float64, casting="same_kind")
     usable = (blocks.max(axis=(1, 3)) < ceiling) & (blocks.mean(axis=(1, 3), dtype=np.float64) >= lowest)
@@ -73,7 +82,9 @@ def cell_means(
 
 
 def _side(size: int, period: int, cell: int) -> int:
-    """Side of a cell: whole periods, at least ``cell``, no more than the frame holds; a frame below one period is one cell."""
+    """Side of a cell: whole periods, at least ``cell``, no more than the frame holds; a frame below one period is
+    one cell.
+    """
     wanted = -(-cell // period) * period
     return max(min(wanted, size // period * period), min(size, period))
 
@@ -86,7 +97,8 @@ def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
     means : (channel, n) array
         At least one cell.
     power : float
-        1 or above: 1 is the plain mean, large ones lean towards the brightest cells. Negative values count as 0 above 1.
+        1 or above: 1 is the plain mean, large ones lean towards the brightest cells. Negative values count as 0 above
+        1.
 
     Returns
     -------
@@ -98,7 +110,9 @@ def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
         Without cells, or for a power below 1 or infinite.
     """
     means = _some(means)
-    require.allowed(1 <= power < np.inf, "power", power, "finite numbers from 1; of an infinite one there is white_patch")
+    require.allowed(
+        1 <= power < np.inf, "power", power, "finite numbers from 1; of an infinite one there is white_patch"
+    )
     if power == 1:
         return means.mean(axis=1)
     above = np.maximum(means, 0.0)
@@ -133,7 +147,9 @@ def white_patch(means: FloatArray, quantile: float = 0.99) -> FloatArray:
 def _some(means: FloatArray) -> FloatArray:
     means = np.asarray(means, np.float64)
     if means.ndim != 2 or not means.shape[1]:
-        raise ValueError(f"means has shape {means.shape}; allowed is (channel, n) with at least one cell: neither clipped nor dark")
+        raise ValueError(
+            f"means has shape {means.shape}; allowed is (channel, n) with at least one cell: neither clipped nor dark"
+        )
     return means
 
 
@@ -157,8 +173,8 @@ def angle_between(one: ArrayLike, other: ArrayLike) -> float:
 
     Notes
     -----
-    Source: Kahan's 2 atan(|u - v| / |u + v|) of the unit vectors; the arc cosine of their product has no digits left below 1e-6
-    degrees. Error: below 4e-16 relative to 1 rad.
+    Source: Kahan's 2 atan(|u - v| / |u + v|) of the unit vectors; the arc cosine of their product has no digits left
+    below 1e-6 degrees. Error: below 4e-16 relative to 1 rad.
     """
     units = []
     for vector in (np.asarray(one, np.float64), np.asarray(other, np.float64)):
@@ -191,8 +207,8 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
     Raises
     ------
     ValueError
-        If no response is above 0, one is not finite, or the floor is out of range; with a floor of 0 also for a response below
-        1e-9 of the largest: its gain would be infinite, negative, or nothing but noise.
+        If no response is above 0, one is not finite, or the floor is out of range; with a floor of 0 also for a
+        response below 1e-9 of the largest: its gain would be infinite, negative, or nothing but noise.
     """
     found = np.asarray(responses, np.float64)
     require.allowed(0 <= floor < 1, "floor", floor, "numbers from 0 and below 1")
@@ -211,7 +227,8 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
 
 
 def gains_of(white: ArrayLike) -> FloatArray:
-    """Gains that make all channels of a white equal to its largest: at least 1, so that what is clipped stays where it was or above.
+    """Gains that make all channels of a white equal to its largest: at least 1, so that what is clipped stays where it
+    was or above.
 
     Parameters
     ----------
@@ -260,7 +277,12 @@ def display_white(white: float, clipped: float, fixed: bool = False) -> float:
 
 
 def balanced(
-    mosaic: FloatArray, gains: ArrayLike, mask: cfa.Mask, first_row: int = 0, first_column: int = 0, ceiling: float = np.inf
+    mosaic: FloatArray,
+    gains: ArrayLike,
+    mask: cfa.Mask,
+    first_row: int = 0,
+    first_column: int = 0,
+    ceiling: float = np.inf,
 ) -> FloatArray:
     """Each pixel times the gain of its channel.
 
@@ -287,7 +309,10 @@ def balanced(
     """
     mosaic, gains = np.asarray(mosaic), np.asarray(gains, np.float64)
     if mosaic.ndim < 2 or gains.shape != (len(mask.channels),):
-        raise ValueError(f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and ({len(mask.channels)},)")
+        raise ValueError(
+            f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and "
+            f"({len(mask.channels)},)"
+        )
     found = np.empty_like(mosaic)
     for channel, gain in zip(mask.channels, gains, strict=True):
         for rows, columns in cfa.sites_of(mask, channel, first_row, first_column):

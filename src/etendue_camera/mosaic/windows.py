@@ -4,8 +4,9 @@ In:  arrays (y, x), any unit.
 Out: sums over windows, in the same unit.
 
 An operation that looks k samples around returns an array that is shorter by k at each end, so all arrays made from one
-have the same centre, and `meet` cuts them to what they share. Windows are summed by pairs of opposite neighbours: mirrored
-arrays have mirrored sums, bit for bit. No running sums: what a sample does ends where the window ends, NaN included.
+have the same centre, and `meet` cuts them to what they share. Windows are summed by pairs of opposite neighbours:
+mirrored arrays have mirrored sums, bit for bit. No running sums: what a sample does ends where the window ends, NaN
+included.
 """
 
 from collections.abc import Callable

@@ -20,7 +20,8 @@ _SERIES_BELOW = 1.0
 _ASYMPTOTIC_ABOVE = 30.0
 # v^2/4 (1 - v^2/8 + ...): the square of J1 (DLMF 10.8.3) integrated term by term, in powers of (v/2)^2
 _ENCIRCLED_SERIES = [
-    (-1) ** k * factorial(2 * k + 2) / (factorial(k) * factorial(k + 2) * factorial(k + 1) ** 2 * (k + 1)) for k in range(11)
+    (-1) ** k * factorial(2 * k + 2) / (factorial(k) * factorial(k + 2) * factorial(k + 1) ** 2 * (k + 1))
+    for k in range(11)
 ]
 
 
@@ -82,19 +83,27 @@ def pattern(v: Floats) -> Floats:
 def slope(v: FloatArray) -> FloatArray:
     """Derivative of the pattern, -8 J1(v) J2(v) / v^2; v may be negative."""
     safe = np.where(np.abs(v) < 1e-8, 1.0, v)
-    return np.where(np.abs(v) < 1e-8, -0.5 * v, -8.0 * scipy.special.j1(safe) * scipy.special.jv(2, safe) / (safe * safe))
+    return np.where(
+        np.abs(v) < 1e-8, -0.5 * v, -8.0 * scipy.special.j1(safe) * scipy.special.jv(2, safe) / (safe * safe)
+    )
 
 
 def hermite_table(highest: float, step: float) -> FloatArray:
-    """Cubics of the pattern between v = 0 and ``highest``: (intervals, 4) coefficients in v/step - index, constant first."""
+    """Cubics of the pattern between v = 0 and ``highest``: (intervals, 4) coefficients in v/step - index, constant
+    first.
+    """
     v = step * np.arange(int(highest / step) + 3)
     value, rise = pattern(v), step * slope(v)
     change = np.diff(value)
-    return np.stack([value[:-1], rise[:-1], 3.0 * change - 2.0 * rise[:-1] - rise[1:], rise[:-1] + rise[1:] - 2.0 * change], axis=1)
+    return np.stack(
+        [value[:-1], rise[:-1], 3.0 * change - 2.0 * rise[:-1] - rise[1:], rise[:-1] + rise[1:] - 2.0 * change], axis=1
+    )
 
 
 def from_hermite_table(table: FloatArray, step: float, v: FloatArray) -> FloatArray:
-    """The pattern at v (0 or above, within the table), from `hermite_table` of the same step. Error: 0.625/384 step^4."""
+    """The pattern at v (0 or above, within the table), from `hermite_table` of the same step. Error: 0.625/384
+    step^4.
+    """
     place = v * (1.0 / step)
     index = place.astype(np.intp)
     place -= index
@@ -118,4 +127,6 @@ def outside(v: Floats) -> Floats:
     """
     near = np.minimum(v, _ASYMPTOTIC_ABOVE)
     far = np.maximum(v, _ASYMPTOTIC_ABOVE)
-    return np.where(v < _ASYMPTOTIC_ABOVE, scipy.special.j0(near) ** 2 + scipy.special.j1(near) ** 2, _outside_far(far))[()]
+    return np.where(
+        v < _ASYMPTOTIC_ABOVE, scipy.special.j0(near) ** 2 + scipy.special.j1(near) ** 2, _outside_far(far)
+    )[()]

@@ -1,6 +1,7 @@
 """What a perfect lens with a round hole in its light does: the annular aperture of mirror lenses, in closed form.
 
-In:  radius (um) or radial spatial frequency (cycles/um), wavelength (um), working f-number of the full circle, obstruction.
+In:  radius (um) or radial spatial frequency (cycles/um), wavelength (um), working f-number of the full circle,
+     obstruction.
 Out: transfer function and point spread function; exactly those of the circle where nothing is obstructed.
 Sources: O'Neill, Transfer function for an annular aperture, Journal of the Optical Society of America 46 (1956), 285;
 Born and Wolf, Principles of Optics, section 8.6.2.
@@ -94,11 +95,11 @@ def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruc
 
     Notes
     -----
-    Source: O'Neill 1956, as areas: the shifted annulus overlaps itself by circle on circle, plus hole on hole, minus twice
-    circle on hole, over pi (1 - eps^2). The last is the lens between two circles, from half angles that keep their digits
-    where the circles touch.
-    Error: 1e-15/(1 - eps^2) absolute (float64; 1e-7/(1 - eps^2) in float32, worked in float64 inside): the difference of
-    the areas.
+    Source: O'Neill 1956, as areas: the shifted annulus overlaps itself by circle on circle, plus hole on hole, minus
+    twice circle on hole, over pi (1 - eps^2). The last is the lens between two circles, from half angles that keep
+    their digits where the circles touch.
+    Error: 1e-15/(1 - eps^2) absolute (float64; 1e-7/(1 - eps^2) in float32, worked in float64 inside): the difference
+    of the areas.
     """
     require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
     if obstruction == 0.0:
@@ -131,7 +132,8 @@ def disc_overlap(distance: Floats, radius: float) -> Floats:
 
     Notes
     -----
-    Two circular segments (y - sin y)/2, with sin^2(y/4) from products of differences (Heron), not from the law of cosines.
+    Two circular segments (y - sin y)/2, with sin^2(y/4) from products of differences (Heron), not from the law of
+    cosines.
     Error: 3e-16 absolute.
     """
     distance = np.asarray(distance, float)

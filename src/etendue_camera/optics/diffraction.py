@@ -81,15 +81,17 @@ def airy_psf_density(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
     return np.pi / (4.0 * spot(wavelength, f_number) ** 2) * airy_intensity(r, wavelength, f_number)
 
 
-def airy_psf_stack(y: FloatArray, x: FloatArray, wavelengths: FloatArray, f_number: float, tolerance: float = 0.0) -> FloatArray:
+def airy_psf_stack(
+    y: FloatArray, x: FloatArray, wavelengths: FloatArray, f_number: float, tolerance: float = 0.0
+) -> FloatArray:
     """Airy point spread functions on one grid at many wavelengths.
 
     Parameters
     ----------
     y : (ny,) array, um
     x : (nx,) array, um
-        Positions from the centre of the spot. Rows and columns that are mirror images to the last bit are computed once:
-        an even grid about the centre, spacing x (i - n // 2), costs an eighth of its samples.
+        Positions from the centre of the spot. Rows and columns that are mirror images to the last bit are computed
+        once: an even grid about the centre, spacing x (i - n // 2), costs an eighth of its samples.
     wavelengths : (bands,) array, um
         Above 0.
     f_number : float, 1
@@ -109,8 +111,9 @@ def airy_psf_stack(y: FloatArray, x: FloatArray, wavelengths: FloatArray, f_numb
 
     Notes
     -----
-    The pattern is a function of v = pi r/(lambda N) alone: one table serves all wavelengths. It holds values and slopes;
-    cubic interpolation between them errs by step^4/384 times the fourth derivative, which is largest at the centre, 5/8.
+    The pattern is a function of v = pi r/(lambda N) alone: one table serves all wavelengths. It holds values and
+    slopes; cubic interpolation between them errs by step^4/384 times the fourth derivative, which is largest at the
+    centre, 5/8.
     Error: that of `airy_psf_density` with tolerance 0; measured below the tolerance else.
     """
     y, x, bands = np.asarray(y), np.asarray(x), np.atleast_1d(np.asarray(wavelengths, float))
@@ -270,10 +273,11 @@ def pixel_airy(row: Floats, column: Floats, pitch: float, wavelength: float, f_n
     at distance d. Far from the centre the energy outside R takes its place (round a closed outline the
     difference is 1 or 0: whether the centre is inside), which keeps the digits of faint pixels.
     Gauss-Legendre on every edge, with nodes in proportion to pitch/(lambda N).
-    Error: below 1e-15 absolute, and for pixels wider than a dark ring (pitch/(lambda N) of 1 and above: every camera at f/1) below
-    1e-14 + 2e-15 x the distance in pixels relative, a rounding of the four edges, which exceed their sum by as much: 2e-14 at 39 pixels,
-    4e-13 at 1000, 1e-10 at 100 000 (21 pixels against 25 digits, pitch/(lambda N) from 1 to 40). Narrower ones the same but on a dark
-    ring, where relative errors mean nothing; 3e-11 for 2e-9 of the energy, from 0.003 on and up to 39 rows and columns away.
+    Error: below 1e-15 absolute, and for pixels wider than a dark ring (pitch/(lambda N) of 1 and above: every camera at
+    f/1) below 1e-14 + 2e-15 x the distance in pixels relative, a rounding of the four edges, which exceed their sum by
+    as much: 2e-14 at 39 pixels, 4e-13 at 1000, 1e-10 at 100 000 (21 pixels against 25 digits, pitch/(lambda N) from 1
+    to 40). Narrower ones the same but on a dark ring, where relative errors mean nothing; 3e-11 for 2e-9 of the energy,
+    from 0.003 on and up to 39 rows and columns away.
     """
     scale = np.pi * pitch / spot(wavelength, f_number)
     require.positive("pitch", pitch, " um")

@@ -2,7 +2,8 @@
 
 In:  wavelengths (nm); spatial frequencies (cycles/um), separations of the spots (um), rotation (rad).
 Out: transmission (1); transfer functions, real and signed, 1 at zero frequency.
-Sources: a plate of a birefringent crystal splits a ray in two; two crossed plates, a retarder between them, make four equal spots.
+Sources: a plate of a birefringent crystal splits a ray in two; two crossed plates, a retarder between them, make four
+equal spots.
 """
 
 from typing import Any
@@ -64,8 +65,8 @@ def four_spot_otf(fy: Floats, fx: Floats, separation_y: Floats, separation_x: Fl
 
     Notes
     -----
-    Source: mean of the four shifted copies. The sign is kept: beyond 1/(2 d) contrast is reversed. Error: 2e-16 (1 + 3 pi d f)
-    absolute in float64.
+    Source: mean of the four shifted copies. The sign is kept: beyond 1/(2 d) contrast is reversed. Error: 2e-16 (1 + 3
+    pi d f) absolute in float64.
     """
     if rotation == 0.0:  # separable: cheaper, and exactly even in either frequency
         return np.cos(np.pi * separation_y * fy) * np.cos(np.pi * separation_x * fx)

@@ -1,6 +1,7 @@
 """Where a lens is in focus: magnification, defocus in mm, depth of field.
 
-In:  focal length, distances of focus and object from the front principal plane (mm), f-number, circle of confusion (mm).
+In:  focal length, distances of focus and object from the front principal plane (mm), f-number, circle of confusion
+     (mm).
 Out: signed magnification (1), image-side shifts and blur (mm), near and far limits (mm).
 Sources: the thin-lens equation 1/s' + 1/s = 1/f between principal planes, exact for any lens in air in paraxial optics;
 similar triangles through the exit pupil, whose diameter is m_p f/N and which stands f (m_p - m) in front of the sensor.
@@ -90,7 +91,8 @@ def effective_magnification(magnification: float, focal_length_mm: float, focus_
     found = float(magnification_of(focal_length_mm, focus_distance_mm))
     if magnification != 0 and abs(magnification - found) > AGREEMENT * abs(found):
         raise ValueError(
-            f"magnification is {magnification:g}, but a focus_distance of {focus_distance_mm:g} mm with f = {focal_length_mm:g} mm gives "
+            f"magnification is {magnification:g}, but a focus_distance of {focus_distance_mm:g} mm with f = "
+            f"{focal_length_mm:g} mm gives "
             f"{found:.9g}; give one of them and leave the other at its default"
         )
     return found
@@ -109,8 +111,8 @@ def defocus_mm(focal_length_mm: Floats, focus_distance_mm: Floats, object_distan
     Returns
     -------
     broadcast array, mm
-        s'(object) - s'(focus): positive for objects nearer than the focus, negative for farther ones, exactly 0 where the
-        two distances are equal or both infinite.
+        s'(object) - s'(focus): positive for objects nearer than the focus, negative for farther ones, exactly 0 where
+        the two distances are equal or both infinite.
 
     Raises
     ------
@@ -127,13 +129,19 @@ def defocus_mm(focal_length_mm: Floats, focus_distance_mm: Floats, object_distan
     of_focus = _shrink(focal_length_mm, focus_distance_mm, "focus_distance_mm")
     focus, where = np.broadcast_arrays(np.asarray(focus_distance_mm), np.asarray(object_distance_mm))
     both = np.isfinite(focus) & np.isfinite(where)
-    gap = np.subtract(focus, where, out=np.zeros(focus.shape, dtype=np.result_type(focus, where, np.float32)), where=both)
+    gap = np.subtract(
+        focus, where, out=np.zeros(focus.shape, dtype=np.result_type(focus, where, np.float32)), where=both
+    )
     # one product with a distance in it at a time: neither overflows
     return np.where(both, of_object * (gap * of_focus), focal_length_mm * (of_object - of_focus))[()]
 
 
 def blur_diameter(
-    focal_length_mm: float, f_number: float, focus_distance_mm: float, object_distance_mm: Floats, pupil_magnification: float = 1.0
+    focal_length_mm: float,
+    f_number: float,
+    focus_distance_mm: float,
+    object_distance_mm: Floats,
+    pupil_magnification: float = 1.0,
 ) -> Floats:
     """Diameter on the sensor of the disc of light from a point out of focus, by geometrical optics.
 
@@ -216,9 +224,9 @@ def depth_of_field(
     Notes
     -----
     Source: `blur_diameter` = c solved for the shift, and the shift for the distance,
-    s = f + v/(1 + v shift/f^2) with v = s_f - f: no difference of nearly equal numbers except at the hyperfocal distance
-    itself. For m_p = 1 the well-known s f^2/(f^2 +- N c (s - f)). Error: below 5e-16 relative, times far/focus for far (6000
-    random cases against 50 digits).
+    s = f + v/(1 + v shift/f^2) with v = s_f - f: no difference of nearly equal numbers except at the hyperfocal
+    distance itself. For m_p = 1 the well-known s f^2/(f^2 +- N c (s - f)). Error: below 5e-16 relative, times far/focus
+    for far (6000 random cases against 50 digits).
     """
     require.must(
         (np.asarray(circle_of_confusion_mm) > 0) & np.isfinite(circle_of_confusion_mm),
@@ -260,5 +268,7 @@ def _shrink(focal: Floats, distance: Floats, name: str) -> Floats:
     """f/(s - f), the size of the magnification."""
     require.finite("focal_length_mm", focal)
     if not np.all(np.asarray(distance) > np.asarray(focal)):
-        raise ValueError(f"{name} is {distance} mm; it must be above the focal length, {focal} mm: closer there is no real image")
+        raise ValueError(
+            f"{name} is {distance} mm; it must be above the focal length, {focal} mm: closer there is no real image"
+        )
     return focal / (np.asarray(distance) - focal)

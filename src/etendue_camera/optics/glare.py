@@ -4,8 +4,9 @@ In:  spatial frequencies (cycles/um), shares of the light (1), the width (um) an
 Out: transfer functions, real, 1 at zero frequency, never negative.
 Sources: Hankel transform of (1 + (r/r0)^2)^(-p/2) (Gradshteyn and Ryzhik 6.565.4); veiling glare index after ISO 9358.
 
-Two parts. A tail spreads light around every point, less with distance: scatter by surfaces and dust. A veil spreads light
-evenly over all of the frame: many reflections between surfaces. Both keep the light: what a point loses, its surroundings get.
+Two parts. A tail spreads light around every point, less with distance: scatter by surfaces and dust. A veil spreads
+light evenly over all of the frame: many reflections between surfaces. Both keep the light: what a point loses, its
+surroundings get.
 """
 
 from math import gamma
@@ -79,8 +80,8 @@ def tail_otf(frequency: Floats, r0: float, power: float = 3.0) -> Floats:
 
     Notes
     -----
-    Source: 2^(1 - n)/Gamma(n) x^n K_n(x) with x = 2 pi r0 f and n = p/2 - 1. Closed forms where they exist: exp(-x) for p = 3,
-    (1 + x) exp(-x) for p = 5.
+    Source: 2^(1 - n)/Gamma(n) x^n K_n(x) with x = 2 pi r0 f and n = p/2 - 1. Closed forms where they exist: exp(-x) for
+    p = 3, (1 + x) exp(-x) for p = 5.
     Error: below 1e-14 absolute for powers from 2.01 to 10 (1500 random cases against 50 digits).
     """
     _check(r0, power)
@@ -119,8 +120,8 @@ def glare_otf(radial: FloatArray, fraction: float, veil: float, r0: float, power
 
     Notes
     -----
-    The veil is the mean of the frame, which is the frame's component at frequency zero and at no other: on sampled planes it is
-    a transfer function, exactly. Contrast falls to 1 - veil at the lowest frequency there is.
+    The veil is the mean of the frame, which is the frame's component at frequency zero and at no other: on sampled
+    planes it is a transfer function, exactly. Contrast falls to 1 - veil at the lowest frequency there is.
     """
     if not (fraction >= 0 and veil >= 0 and fraction + veil <= 1):
         raise ValueError(f"fraction is {fraction} and veil is {veil}; both must be 0 or above, together at most 1")

@@ -2,10 +2,12 @@
 
 In:  share of each pupil cell that is open (1), optical path over the pupil (um), wavelength (um), working f-number.
 Out: point spread function (um-2) at any positions (um); transfer function at any frequencies (cycles/um).
-Sources: Goodman, Introduction to Fourier Optics, sections 6.3-6.4; Hopkins, Proceedings of the Royal Society A 231 (1955), 91,
-and Stokseth, JOSA 59 (1969), 1314, for defocus; matrix Fourier transforms after Soummer, Optics Express 15 (2007), 15935.
+Sources: Goodman, Introduction to Fourier Optics, sections 6.3-6.4; Hopkins, Proceedings of the Royal Society A 231
+(1955), 91, and Stokseth, JOSA 59 (1969), 1314, for defocus; matrix Fourier transforms after Soummer, Optics Express 15
+(2007), 15935.
 
-The sensor sees the pupil in units of lambda N_w: a cell of width c pupil radii adds a wave of frequency c/(2 lambda N_w).
+The sensor sees the pupil in units of lambda N_w: a cell of width c pupil radii adds a wave of frequency c/(2 lambda
+N_w).
 """
 
 from collections.abc import Callable
@@ -28,7 +30,13 @@ _BLOCK = 2**18  # elements of a block of Gauss points, 2 MB
 
 
 def pupil_psf(
-    amplitude: FloatArray, path: FloatArray | None, wavelength: float, f_number: float, y: FloatArray, x: FloatArray, reach: float = 1.0
+    amplitude: FloatArray,
+    path: FloatArray | None,
+    wavelength: float,
+    f_number: float,
+    y: FloatArray,
+    x: FloatArray,
+    reach: float = 1.0,
 ) -> FloatArray:
     """Point spread function of a sampled pupil at any rows and columns.
 
@@ -58,10 +66,10 @@ def pupil_psf(
 
     Notes
     -----
-    Two matrix products (a matrix Fourier transform), with frequencies of the pupil in proportion to lambda N_w: no grid of
-    positions is imposed. Where the pupil is its own mirror image the sums are folded into cosines of half the size.
-    Error: clear circle at f/2.8 against the Airy pattern over 512 x 512 samples of 0.5 um, 128, 256 and 512 cells: 5e-5,
-    1.2e-5 and 3e-6 of the peak, falling like n^-2; with cells in or out 2e-3, 6e-4 and 3e-4.
+    Two matrix products (a matrix Fourier transform), with frequencies of the pupil in proportion to lambda N_w: no grid
+    of positions is imposed. Where the pupil is its own mirror image the sums are folded into cosines of half the size.
+    Error: clear circle at f/2.8 against the Airy pattern over 512 x 512 samples of 0.5 um, 128, 256 and 512 cells:
+    5e-5, 1.2e-5 and 3e-6 of the peak, falling like n^-2; with cells in or out 2e-3, 6e-4 and 3e-4.
     """
     scale = 2.0 * spot(wavelength, f_number)
     if amplitude.ndim != 2 or amplitude.shape[0] != amplitude.shape[1]:
@@ -72,7 +80,8 @@ def pupil_psf(
     farthest = max(np.abs(np.asarray(y)).max(initial=0.0), np.abs(np.asarray(x)).max(initial=0.0))
     if not farthest <= 0.25 * scale * samples / reach:
         raise ValueError(
-            f"positions reach {farthest:g} um, but {samples} samples of the pupil carry {0.25 * scale * samples / reach:g} um; use more"
+            f"positions reach {farthest:g} um, but {samples} samples of the pupil carry "
+            f"{0.25 * scale * samples / reach:g} um; use more"
         )
     pupil = amplitude if path is None else amplitude * np.exp(2j * np.pi / wavelength * path)
     centres = cell_centres(samples, reach) / scale
@@ -98,8 +107,8 @@ def pupil_lattice(amplitude: FloatArray, path: FloatArray, wavelength: float) ->
     Returns
     -------
     (2n + 5, 2n + 5) complex array, 1
-        Transfer function with aberrations minus that without; no shift in the middle, exactly 0 there; the outermost three
-        rows and columns lie at or beyond the cut-off and are 0.
+        Transfer function with aberrations minus that without; no shift in the middle, exactly 0 there; the outermost
+        three rows and columns lie at or beyond the cut-off and are 0.
 
     Raises
     ------
@@ -108,9 +117,9 @@ def pupil_lattice(amplitude: FloatArray, path: FloatArray, wavelength: float) ->
 
     Notes
     -----
-    Source: the transfer function is the pupil's autocorrelation over its area (Goodman eq. 6-28), by two fast transforms.
-    The difference is kept because what is wrong with a sampled pupil is wrong with both: the corner of the transfer function
-    at zero frequency, where cells overlap themselves, and the weights of the edge cancel.
+    Source: the transfer function is the pupil's autocorrelation over its area (Goodman eq. 6-28), by two fast
+    transforms. The difference is kept because what is wrong with a sampled pupil is wrong with both: the corner of the
+    transfer function at zero frequency, where cells overlap themselves, and the weights of the edge cancel.
     """
     if amplitude.ndim != 2 or amplitude.shape[0] != amplitude.shape[1] or path.shape != amplitude.shape:
         raise ValueError(f"amplitude has shape {amplitude.shape} and path {path.shape}; both must be the same square")
@@ -154,7 +163,9 @@ def from_lattice(
     return (columns @ (rows @ lattice).T).T
 
 
-def radial_changes(amplitude: FloatArray, path: Callable[[FloatArray], FloatArray], wavelengths: FloatArray) -> FloatArray:
+def radial_changes(
+    amplitude: FloatArray, path: Callable[[FloatArray], FloatArray], wavelengths: FloatArray
+) -> FloatArray:
     """What round aberrations change in the transfer function of a round pupil, at shifts by whole cells.
 
     Parameters
@@ -192,7 +203,10 @@ def radial_changes(amplitude: FloatArray, path: Callable[[FloatArray], FloatArra
         long = path(centres[rows, None] ** 2 + centres**2)
         clear = _power(open_, weights[rows.start - half : rows.stop - half])
         for band, wavelength in enumerate(wavelengths):
-            power = _power(open_ * np.exp(2j * np.pi / wavelength * long), weights[rows.start - half : rows.stop - half]) - clear
+            power = (
+                _power(open_ * np.exp(2j * np.pi / wavelength * long), weights[rows.start - half : rows.stop - half])
+                - clear
+            )
             changes[band, 1:samples] += scipy.fft.fft(power).real[1:samples]
     return changes / (2.0 * samples * total)
 
@@ -203,7 +217,11 @@ def from_radial(nodes: FloatArray, values: FloatArray, nu: FloatArray) -> FloatA
 
 
 def radial_otf(
-    nu: FloatArray, path: Callable[[FloatArray], FloatArray], wavelength: float, obstruction: float = 0.0, nodes: int = 48
+    nu: FloatArray,
+    path: Callable[[FloatArray], FloatArray],
+    wavelength: float,
+    obstruction: float = 0.0,
+    nodes: int = 48,
 ) -> FloatArray:
     """Transfer function of a round pupil with round aberrations, to rounding.
 
@@ -252,11 +270,14 @@ def radial_otf(
 
 
 def radial_nodes(obstruction: float, count: int) -> FloatArray:
-    """Frequencies (in cut-offs) from 0 to 1 at which to tabulate a radial transfer function: ``count`` to a smooth piece.
+    """Frequencies (in cut-offs) from 0 to 1 at which to tabulate a radial transfer function: ``count`` to a smooth
+    piece.
 
     They crowd where one piece meets the next: where the shifted hole touches the aperture or itself, and at both ends.
     """
-    joints = np.unique([0.0, 1.0, *(v for v in (0.5 * (1 - obstruction), obstruction, 0.5 * (1 + obstruction)) if obstruction)])
+    joints = np.unique(
+        [0.0, 1.0, *(v for v in (0.5 * (1 - obstruction), obstruction, 0.5 * (1 + obstruction)) if obstruction)]
+    )
     share = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
     return np.append((joints[:-1, None] + np.diff(joints)[:, None] * share).ravel(), 1.0)
 
@@ -275,8 +296,8 @@ def steepest_slope(path: FloatArray, amplitude: FloatArray, reach: float = 1.0) 
     Returns
     -------
     float, um per pupil radius
-        From differences of neighbouring open cells. Eight cells across the pupil for each wave of it keep the steps of what
-        is correlated below half a wave.
+        From differences of neighbouring open cells. Eight cells across the pupil for each wave of it keep the steps of
+        what is correlated below half a wave.
     """
     open_ = amplitude > 0.0
     both = (open_[1:] & open_[:-1], open_[:, 1:] & open_[:, :-1])
@@ -285,7 +306,9 @@ def steepest_slope(path: FloatArray, amplitude: FloatArray, reach: float = 1.0) 
 
 
 def _waves(position: FloatArray, centres: FloatArray, even: bool) -> tuple[Any, slice]:
-    """Waves of the cells at the positions, and the cells they belong to: cosines of one half where the pupil is even."""
+    """Waves of the cells at the positions, and the cells they belong to: cosines of one half where the pupil is
+    even.
+    """
     position, samples = np.asarray(position, float).ravel(), centres.size
     if not even:
         return np.exp(-2j * np.pi * np.outer(position, centres)), slice(None)
@@ -321,7 +344,9 @@ def _power(rows: Any, weights: FloatArray) -> FloatArray:
 def _segment_integral(
     own: float, other: float, shift: FloatArray, path: Callable[[FloatArray], FloatArray], wavelength: float, nodes: int
 ) -> FloatArray:
-    """Over the part of a disc of radius ``own`` beyond the common chord with another at distance 2 shift; half of both segments."""
+    """Over the part of a disc of radius ``own`` beyond the common chord with another at distance 2 shift; half of
+    both segments.
+    """
     points, weights = np.polynomial.legendre.leggauss(nodes)
     t, wt = 0.5 * (1.0 + points), 0.5 * weights
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -67,7 +67,8 @@ def gaussian_sigma_from_fwhm(fwhm: Floats) -> Floats:
 
 
 def mean_square_radius(radius: FloatArray, psf: FloatArray) -> float:
-    """Mean of the squared radius of a round point spread function, um^2, of the size of its values where some are negative.
+    """Mean of the squared radius of a round point spread function, um^2, of the size of its values where some are
+    negative.
 
     Parameters
     ----------
@@ -77,8 +78,8 @@ def mean_square_radius(radius: FloatArray, psf: FloatArray) -> float:
 
     Notes
     -----
-    2 pi^2 times it bounds the second derivative of the transfer function by frequency, as J0 bends by 1/2 at most. Between radii both are
-    polynomials, for which four points of Gauss's rule are exact.
+    2 pi^2 times it bounds the second derivative of the transfer function by frequency, as J0 bends by 1/2 at most.
+    Between radii both are polynomials, for which four points of Gauss's rule are exact.
     """
     nodes, weights = scipy.special.roots_legendre(4)
     half = 0.5 * np.diff(radius)[:, None]
@@ -204,7 +205,8 @@ def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tu
     radius, psf = np.asarray(radius, float), np.asarray(psf, float)
     if radius.ndim != 1 or radius.shape != psf.shape or radius.size < 2:
         raise ValueError(
-            f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold at least two samples"
+            f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold "
+            f"at least two samples"
         )
     steps = np.diff(radius)
     if radius[0] != 0.0 or not np.all(steps > 0.0) or not np.all(np.isfinite(radius)):

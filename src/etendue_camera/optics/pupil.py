@@ -1,4 +1,5 @@
-"""The exit pupil as samples: how much of each cell the aperture covers, exactly, and the transfer function of a polygon.
+"""The exit pupil as samples: how much of each cell the aperture covers, exactly, and the transfer function of a
+polygon.
 
 In:  number of cells, shape of the aperture (circle, annulus, regular polygon with straight or rounded blades).
 Out: covered fractions of a square grid of cells (1), cell centres and outlines in units of the pupil radius.
@@ -58,7 +59,9 @@ class Aperture:
             raise ValueError(f"shape is {self.shape!r}; it must be 'circular', 'annular' or 'polygonal'")
         require.must(0.0 <= self.obstruction < 1.0, "obstruction", self.obstruction, "at least 0 and below 1")
         if self.shape != "annular" and self.obstruction != 0.0:
-            raise ValueError(f"obstruction is {self.obstruction}; a {self.shape} aperture is clear: use shape 'annular'")
+            raise ValueError(
+                f"obstruction is {self.obstruction}; a {self.shape} aperture is clear: use shape 'annular'"
+            )
         if self.shape == "polygonal":
             polygon(self.blades, self.rotation, self.rounding)
 
@@ -106,8 +109,8 @@ def amplitude(aperture: Aperture, samples: int, reach: float | None = None) -> F
 
     Notes
     -----
-    Weighting by area makes the error of what is summed over the pupil fall like samples^-2; with cells that are in or out
-    it falls like samples^-1.5, unevenly, and is 10-100 times larger at 128 to 512 samples (`benchmarks/pupil.py`).
+    Weighting by area makes the error of what is summed over the pupil fall like samples^-2; with cells that are in or
+    out it falls like samples^-1.5, unevenly, and is 10-100 times larger at 128 to 512 samples (`benchmarks/pupil.py`).
     Error: 1e-16 samples^2 absolute.
     """
     edges = cell_edges(samples, aperture.reach() if reach is None else reach)
@@ -140,8 +143,8 @@ def disc_cover(y_edges: FloatArray, x_edges: FloatArray, radius: float = 1.0) ->
 
     Notes
     -----
-    The area left of x and below y is the integral over y of x clipped to the half chord sqrt(R^2 - y^2), known in closed
-    form; a cell is its second difference. Error: 2e-16 R^2 over the area of a cell.
+    The area left of x and below y is the integral over y of x clipped to the half chord sqrt(R^2 - y^2), known in
+    closed form; a cell is its second difference. Error: 2e-16 R^2 over the area of a cell.
     """
     require.positive("radius", radius)
     y = np.clip(np.asarray(y_edges, float), -radius, radius)[:, None]
@@ -149,7 +152,9 @@ def disc_cover(y_edges: FloatArray, x_edges: FloatArray, radius: float = 1.0) ->
     inside = np.clip(x, -radius, radius)
     half = np.sqrt((radius - inside) * (radius + inside))
     under = np.clip(y, -half, half)  # where the line at x, not the arc, is the border
-    arc = _half_disc(y, radius) - np.where(np.abs(y) < half, _half_disc(y, radius), np.copysign(_half_disc(half, radius), y))
+    arc = _half_disc(y, radius) - np.where(
+        np.abs(y) < half, _half_disc(y, radius), np.copysign(_half_disc(half, radius), y)
+    )
     corner = inside * under + np.sign(x) * arc
     area = np.diff(np.diff(corner, axis=0), axis=1)
     return np.clip(area / np.outer(np.diff(y_edges), np.diff(x_edges)), 0.0, 1.0)
@@ -241,8 +246,8 @@ class PolygonOtf:
     Notes
     -----
     Source: a convex figure shifted by s along a direction shares with itself the integral over its parallel chords of
-    max(0, L - s). Between corners the chord L is linear, so the integral is exact. Exact values for 256 directions in the
-    angle after which everything repeats, linear between them; cubic in s over the largest chord.
+    max(0, L - s). Between corners the chord L is linear, so the integral is exact. Exact values for 256 directions in
+    the angle after which everything repeats, linear between them; cubic in s over the largest chord.
     Error: 6e-6 absolute for 3 to 64 blades (measured against the exact integral).
     """
 
@@ -261,7 +266,9 @@ class PolygonOtf:
             values[_TURNS:] = values[:2]
 
     def __call__(self, nu_y: FloatArray, nu_x: FloatArray) -> FloatArray:
-        """At frequencies in units of 1/(lambda N), arrays that broadcast; 1 at zero, 0 beyond the outline's own cut-off."""
+        """At frequencies in units of 1/(lambda N), arrays that broadcast; 1 at zero, 0 beyond the outline's own
+        cut-off.
+        """
         return self.at(2.0 * np.hypot(nu_y, nu_x), self.place(nu_y, nu_x))
 
     def place(self, nu_y: FloatArray, nu_x: FloatArray) -> FloatArray:

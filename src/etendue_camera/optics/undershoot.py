@@ -2,10 +2,11 @@
 
 In:  Nyquist frequency of the grid over the cut-off of the lens.
 Out: undershoot of a point as a share of its peak, and of any scene as a share of its brightest value.
-Sources: the discrete Fourier transform of the cut transfer function (Goodman, Introduction to Fourier Optics, eq. 6-32).
+Sources: the discrete Fourier transform of the cut transfer function (Goodman, Introduction to Fourier Optics, eq.
+6-32).
 
-Light that a grid resolves up to the cut-off has no undershoot. Below that, the point spread function on the grid is that of
-the square of frequencies which is left, and its dark rings are negative.
+Light that a grid resolves up to the cut-off has no undershoot. Below that, the point spread function on the grid is
+that of the square of frequencies which is left, and its dark rings are negative.
 """
 
 from functools import lru_cache

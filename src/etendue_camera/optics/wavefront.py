@@ -2,11 +2,12 @@
 
 In:  pupil coordinates y, x in pupil radii (the f-number's circle), coefficients (um of optical path), image heights.
 Out: optical path (um) over the pupil; its rms; the Strehl ratio.
-Sources: ANSI Z80.28 and OSA standard indices; Noll, Journal of the Optical Society of America 66 (1976), 207; Hopkins, Wave
-Theory of Aberrations (1950); Welford, Aberrations of Optical Systems; Mahajan, JOSA 73 (1983), 860.
+Sources: ANSI Z80.28 and OSA standard indices; Noll, Journal of the Optical Society of America 66 (1976), 207; Hopkins,
+Wave Theory of Aberrations (1950); Welford, Aberrations of Optical Systems; Mahajan, JOSA 73 (1983), 860.
 
-Signs: a positive optical path W adds exp(+2 pi i W/lambda) to the pupil and moves light along its gradient: the ray through
-(y, x) lands 2 N_w grad W away, on the side of the image towards which W grows. Pupil and image axes are parallel.
+Signs: a positive optical path W adds exp(+2 pi i W/lambda) to the pupil and moves light along its gradient: the ray
+through (y, x) lands 2 N_w grad W away, on the side of the image towards which W grows. Pupil and image axes are
+parallel.
 """
 
 from dataclasses import dataclass
@@ -75,8 +76,8 @@ def zernike(n: int, m: int, y: Floats, x: Floats) -> Floats:
 
     Notes
     -----
-    Source: Noll 1976 eqs. 1-3, the radial part as rho^|m| times a Jacobi polynomial by its three-term recurrence: the sum of
-    factorials that books print loses all digits near order 40.
+    Source: Noll 1976 eqs. 1-3, the radial part as rho^|m| times a Jacobi polynomial by its three-term recurrence: the
+    sum of factorials that books print loses all digits near order 40.
     Error: 1e-14 relative to the largest value for n <= 40 inside the disc.
     """
     if n < 0 or abs(m) > n or (n - m) % 2:
@@ -136,8 +137,8 @@ def zernike_sum(coefficients: tuple[float, ...], y: Floats, x: Floats, index: In
 class Seidel:
     """Wavefront coefficients of the third order, um of optical path at the edge of the pupil and at full image height.
 
-    W = W040 rho^4 + W131 h rho^3 cos t + W222 h^2 rho^2 cos^2 t + W220 h^2 rho^2 + W311 h^3 rho cos t, with h the image height
-    over the full one and t counted from the direction of the image point.
+    W = W040 rho^4 + W131 h rho^3 cos t + W222 h^2 rho^2 cos^2 t + W220 h^2 rho^2 + W311 h^3 rho cos t, with h the image
+    height over the full one and t counted from the direction of the image point.
     """
 
     w040: float = 0.0
@@ -191,15 +192,18 @@ def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
     Notes
     -----
     Source: the path between two spheres of a lens that keeps the sine condition, shift (1 - cos t) with
-    sin t = rho/(2 N_w), written without a difference. The paraxial W020 rho^2, W020 = shift/(8 N_w^2), is less than that by
-    1/(16 N_w^2) at the edge: 3.3 % at f/1.4, 0.8 % at f/2.8, 0.1 % at f/8; and after refocusing by 0.25 of that.
+    sin t = rho/(2 N_w), written without a difference. The paraxial W020 rho^2, W020 = shift/(8 N_w^2), is less than
+    that by 1/(16 N_w^2) at the edge: 3.3 % at f/1.4, 0.8 % at f/2.8, 0.1 % at f/8; and after refocusing by 0.25 of
+    that.
     Error: 4e-16 relative.
     """
     require.positive("f_number", f_number)
     require.must(np.isfinite(shift), "shift", shift, "finite, in um")
     sine = (np.asarray(y * y + x * x, float)) / (4.0 * f_number * f_number)
     if np.any(sine > 1.0 + 1e-12):
-        raise ValueError(f"f_number is {f_number}; an aplanatic pupil reaches to 2 f_number radii, here {2 * f_number:g}")
+        raise ValueError(
+            f"f_number is {f_number}; an aplanatic pupil reaches to 2 f_number radii, here {2 * f_number:g}"
+        )
     return shift * (sine / (1.0 + np.sqrt(np.maximum(1.0 - sine, 0.0))))
 
 
@@ -216,7 +220,8 @@ def defocus_w020(shift: Floats, f_number: Floats) -> Floats:
 
 
 def rms(amplitude: FloatArray, path: FloatArray) -> float:
-    """Standard deviation of the optical path over the pupil, in its unit; amplitude (1) is the share of each cell that is open.
+    """Standard deviation of the optical path over the pupil, in its unit; amplitude (1) is the share of each cell that
+    is open.
 
     Raises
     ------

@@ -91,7 +91,9 @@ def false_colour(picture: ArrayLike, reference: ArrayLike) -> float:
     if len(reference) < 3:
         return 0.0
     error = np.hypot(*(picture[1:] - reference[1:]))
-    detail = scipy.ndimage.maximum_filter(reference[0], 3, mode="nearest") - scipy.ndimage.minimum_filter(reference[0], 3, mode="nearest")
+    detail = scipy.ndimage.maximum_filter(reference[0], 3, mode="nearest") - scipy.ndimage.minimum_filter(
+        reference[0], 3, mode="nearest"
+    )
     total = float(detail.sum())
     return float((error * detail).sum() / total) if total > 0 else float(error.mean())
 

@@ -31,7 +31,8 @@ def coded(plane: NDArray, table: NDArray, first: tuple[int, int] = (0, 0)) -> ND
 
     Notes
     -----
-    Blocks that go on beyond the plane are filled with its outermost pixels. Decoders differ from each other by one number at most.
+    Blocks that go on beyond the plane are filled with its outermost pixels. Decoders differ from each other by one
+    number at most.
     """
     rows, columns = plane.shape
     top, left = first

@@ -24,7 +24,8 @@ FloatArray = NDArray[np.floating]
 
 
 def homography(corners: ArrayLike) -> FloatArray:
-    """(3, 3) matrix from the unit square to four corners (4, 2) in x and y: (0, 0), (1, 0), (1, 1), (0, 1) in this order.
+    """(3, 3) matrix from the unit square to four corners (4, 2) in x and y: (0, 0), (1, 0), (1, 1), (0, 1) in this
+    order.
 
     Raises
     ------
@@ -45,7 +46,9 @@ def homography(corners: ArrayLike) -> FloatArray:
 
 
 def turning(corners: ArrayLike) -> tuple[int, int]:
-    """How many of the four corners turn clockwise as pictures are seen (y down), and how many the other way; (4, 0): in order."""
+    """How many of the four corners turn clockwise as pictures are seen (y down), and how many the other way; (4, 0):
+    in order.
+    """
     points = np.asarray(corners, np.float64)
     ahead = np.roll(points, -1, axis=0) - points
     behind = points - np.roll(points, 1, axis=0)
@@ -63,7 +66,9 @@ class Patches:
     side: float  # of the smallest area that was averaged, pixels
 
 
-def chart_patches(picture: ArrayLike, corners: ArrayLike, rows: int, columns: int, clipped: ArrayLike, gap: float = GAP) -> Patches:
+def chart_patches(
+    picture: ArrayLike, corners: ArrayLike, rows: int, columns: int, clipped: ArrayLike, gap: float = GAP
+) -> Patches:
     """Average the middle of every patch of a grid.
 
     Parameters
@@ -84,8 +89,8 @@ def chart_patches(picture: ArrayLike, corners: ArrayLike, rows: int, columns: in
 
     Notes
     -----
-    A pixel belongs to a patch where its middle lies in the middle half of the patch. The covariance of the mean is that of the means of
-    4 x 4 parts of it over their number, so that neighbours may hang together.
+    A pixel belongs to a patch where its middle lies in the middle half of the patch. The covariance of the mean is that
+    of the means of 4 x 4 parts of it over their number, so that neighbours may hang together.
     """
     planes, mask = np.asarray(picture, np.float64), np.asarray(clipped, bool)
     turn = homography(corners)
@@ -100,7 +105,9 @@ def chart_patches(picture: ArrayLike, corners: ArrayLike, rows: int, columns: in
             x, y = _through(turn, places[:, 0], places[:, 1])
             side = min(side, *(math.hypot(x[i] - x[i - 1], y[i] - y[i - 1]) for i in range(4)))
             if not side >= SMALLEST:
-                raise ValueError(f"its patches are {side / MIDDLE:.1f} pixels wide; allowed is at least {SMALLEST / MIDDLE:.0f}")
+                raise ValueError(
+                    f"its patches are {side / MIDDLE:.1f} pixels wide; allowed is at least {SMALLEST / MIDDLE:.0f}"
+                )
             top, left = max(math.ceil(y.min()), 0), max(math.ceil(x.min()), 0)
             cut = np.s_[top : math.floor(y.max()) + 1, left : math.floor(x.max()) + 1]
             part = planes[:, *cut]
@@ -111,7 +118,9 @@ def chart_patches(picture: ArrayLike, corners: ArrayLike, rows: int, columns: in
             values = part[:, inside]
             block = (np.floor(2 * (a[inside] + 1)) * 4 + np.floor(2 * (b[inside] + 1))).astype(int)
             counts = np.bincount(block, minlength=16)
-            means = np.stack([np.bincount(block, own, 16) for own in values], 1)[counts > 0] / counts[counts > 0][:, None]
+            means = (
+                np.stack([np.bincount(block, own, 16) for own in values], 1)[counts > 0] / counts[counts > 0][:, None]
+            )
             mean.append(values.mean(1))
             covariance.append(np.cov(means.T).reshape(len(planes), -1) / len(means))
             share.append(float(mask[cut][inside].mean()))
@@ -121,7 +130,9 @@ def chart_patches(picture: ArrayLike, corners: ArrayLike, rows: int, columns: in
 def _through(matrix: FloatArray, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points through a homography."""
     w = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]
-    return (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) / w, (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) / w
+    return (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) / w, (
+        matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]
+    ) / w
 
 
 @dataclass(frozen=True)
@@ -164,8 +175,8 @@ def colour_errors(
     -------
     ColourErrors
         The true difference of a patch lies within ``reach`` of the one found: that is the distance below which a share
-        ``confidence`` of the draws about the measured colour stay. Wider than need be, and right also where the difference is 0. So
-        with the mean and the largest over patches.
+        ``confidence`` of the draws about the measured colour stay. Wider than need be, and right also where the
+        difference is 0. So with the mean and the largest over patches.
     """
     goal = np.asarray(reference, np.float64)
     found = lab_of(patches.mean.T)

@@ -87,7 +87,9 @@ def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDA
     """
     picture, reference = _pair(picture, reference)
     if picture.ndim < 2 or min(picture.shape[-2:]) < WINDOW:
-        raise ValueError(f"picture has shape {picture.shape}; allowed are at least {WINDOW} x {WINDOW} pixels, the window of SSIM")
+        raise ValueError(
+            f"picture has shape {picture.shape}; allowed are at least {WINDOW} x {WINDOW} pixels, the window of SSIM"
+        )
     peak = _above_zero("peak", peak)
     x, y = picture.astype(np.float64), reference.astype(np.float64)
     mean_x, mean_y = _windowed(x), _windowed(y)

@@ -26,9 +26,13 @@ class PatchNoise:
     sigma: Estimate  # the same, about a plane that slopes as the patch does
     snr: Estimate  # mean over sigma
     slope: float  # change of the fitted plane over the patch, of the mean
-    uneven: float  # rms of the means of 8 x 8 blocks about that plane, of the mean: what is neither slope nor fine noise
+    uneven: (
+        float  # rms of the means of 8 x 8 blocks about that plane, of the mean: what is neither slope nor fine noise
+    )
     uneven_white: float  # what it would be if the noise of pixels were independent
-    hidden: bool = False  # rounding leaves open how much noise there is: the interval of sigma says how much there may be
+    hidden: bool = (
+        False  # rounding leaves open how much noise there is: the interval of sigma says how much there may be
+    )
 
 
 def patch_noise(
@@ -56,25 +60,36 @@ def patch_noise(
 
     Notes
     -----
-    A plane that is fitted by least squares is taken off first, so that light that falls off is no noise. One frame holds temporal and
-    fixed noise together. Rounding adds 1/12 of its step, in squares, where noise is 0.6 steps or more; below, the interval holds what may
-    have stood in front of it. The interval is a jackknife over
-    8 x 8 blocks of pixels: noise whose neighbours hang together (a demosaiced or compressed picture) widens it, as long as they do
-    so over less than a block. It held sigma in 94 to 95 % of 400 seeds (white noise, 32 x 32 to 128 x 128 pixels), and in 89 (32 x 32)
-    to 94.5 % where noise is averaged over 3 x 3 pixels: ``python benchmarks/measure.py`` prints it.
+    A plane that is fitted by least squares is taken off first, so that light that falls off is no noise. One frame
+    holds temporal and fixed noise together. Rounding adds 1/12 of its step, in squares, where noise is 0.6 steps or
+    more; below, the interval holds what may have stood in front of it. The interval is a jackknife over
+    8 x 8 blocks of pixels: noise whose neighbours hang together (a demosaiced or compressed picture) widens it, as long
+    as they do so over less than a block. It held sigma in 94 to 95 % of 400 seeds (white noise, 32 x 32 to 128 x 128
+    pixels), and in 89 (32 x 32) to 94.5 % where noise is averaged over 3 x 3 pixels: ``python benchmarks/measure.py``
+    prints it.
     """
     values = np.asarray(plane, np.float64)
     if values.ndim != 2 or min(values.shape, default=0) < SMALLEST:
-        raise ValueError(f"the patch has {' x '.join(str(n) for n in values.shape)} pixels; allowed is at least {SMALLEST} x {SMALLEST}")
+        raise ValueError(
+            f"the patch has {' x '.join(str(n) for n in values.shape)} pixels; allowed is at least {SMALLEST} x "
+            f"{SMALLEST}"
+        )
     used = np.ones(values.shape, bool) if sites is None else np.asarray(sites, bool)
     if not np.isfinite(values[used]).all():
         raise ValueError("the patch holds values that are no numbers")
     each = left_out(used.astype(float))
     if (each[0] - each[1:]).min() < LEAST:
-        raise ValueError(f"the patch holds less than {LEAST} pixels of one colour in some of its 8 x 8 blocks: take a larger one")
+        raise ValueError(
+            f"the patch holds less than {LEAST} pixels of one colour in some of its 8 x 8 blocks: take a larger one"
+        )
     y, x = (np.linspace(-0.5, 0.5, n) for n in values.shape)
     design = np.stack(
-        [np.ones(int(used.sum())), np.broadcast_to(y[:, None], values.shape)[used], np.broadcast_to(x, values.shape)[used]], 1
+        [
+            np.ones(int(used.sum())),
+            np.broadcast_to(y[:, None], values.shape)[used],
+            np.broadcast_to(x, values.shape)[used],
+        ],
+        1,
     )
     first = float(values[used][0])  # equal values have no noise, to the last digit
     found = np.linalg.lstsq(design, values[used] - first, rcond=None)[0]
@@ -103,6 +118,11 @@ def patch_noise(
     level = abs(centre) or 1.0
     white = float(np.sqrt(np.mean(behind[0] / (each[0] - each[1:])))) / level
     return PatchNoise(
-        knife.of(mean, unit), sigma, snr, float(np.abs(found[1:]).sum()) / level, float(np.sqrt(np.mean(blocks**2))) / level, white,
+        knife.of(mean, unit),
+        sigma,
+        snr,
+        float(np.abs(found[1:]).sum()) / level,
+        float(np.sqrt(np.mean(blocks**2))) / level,
+        white,
         hidden,
-    )  # fmt: skip
+    )

@@ -15,7 +15,9 @@ from etendue import require
 from etendue_camera.colour.difference import delta_e_2000, lab
 from etendue_camera.colour.matrices import apply_matrix
 
-XYZ_TO_OPPONENT = np.array([[0.2787336, 0.7218031, -0.1065520], [-0.4487736, 0.2898056, 0.0771569], [0.0859513, -0.5899859, 0.5011089]])
+XYZ_TO_OPPONENT = np.array(
+    [[0.2787336, 0.7218031, -0.1065520], [-0.4487736, 0.2898056, 0.0771569], [0.0859513, -0.5899859, 0.5011089]]
+)
 """Lightness, red-green, blue-yellow, for the 2 degree observer. In print the Z term of red-green is -0.077; the sign
 here is the one that the cones give (Poirson and Wandell's axes times Smith and Pokorny's cones: +0.078)."""
 XYZ_TO_OPPONENT.setflags(write=False)
@@ -35,10 +37,10 @@ FILTERS = MappingProxyType(
         ),
     }
 )
-"""(weight, spread s in degrees) of the Gaussians exp(-r^2/s^2) of each opponent plane, before the weights of a plane are
-scaled to sum 1. ``published``: the table of 1996. ``half_width``: the widths of the authors' program (0.05, 0.225, ...
-degrees) read as half widths at half height, as ISETCam does. Read as full widths they are within 7 % of the published
-ones, so ``half_width`` blurs about twice as far."""
+"""(weight, spread s in degrees) of the Gaussians exp(-r^2/s^2) of each opponent plane, before the weights of a plane
+are scaled to sum 1. ``published``: the table of 1996. ``half_width``: the widths of the authors' program (0.05, 0.225,
+... degrees) read as half widths at half height, as ISETCam does. Read as full widths they are within 7 % of the
+published ones, so ``half_width`` blurs about twice as far."""
 
 
 def samples_per_degree(pixels_per_length: float, distance: float) -> float:
@@ -93,7 +95,8 @@ def seen(xyz: ArrayLike, samples: float, filters: str = "published") -> NDArray:
     -----
     Source: Zhang and Wandell 1996. The picture goes on as its mirror image beyond the border, half a pixel from the
     outermost samples; under it a Gaussian is a factor exp(-(pi s f)^2) on the cosine transform, so filters are never
-    cut off. (The authors' program cuts them at half a degree, where the negative Gaussian of 4.3 degrees has hardly begun.)
+    cut off. (The authors' program cuts them at half a degree, where the negative Gaussian of 4.3 degrees has hardly
+    begun.)
     Error: below 1e-14 (float64) and 3e-7 (float32) of the largest value, on waves of every frequency.
     """
     xyz = _picture("xyz", xyz)
@@ -158,7 +161,9 @@ def _transfer(terms: tuple[tuple[float, float], ...], shape: tuple[int, ...], sa
     total = sum(weight for weight, _ in terms)
     result = np.zeros(shape)
     for weight, width in terms:
-        ry, rx = ((np.pi * width * samples * f) ** 2 if samples < np.inf else np.where(f > 0, np.inf, 0.0) for f in (fy, fx))
+        ry, rx = (
+            (np.pi * width * samples * f) ** 2 if samples < np.inf else np.where(f > 0, np.inf, 0.0) for f in (fy, fx)
+        )
         result += (weight / total) * np.exp(-ry)[:, None] * np.exp(-rx)
     return result
 

@@ -30,7 +30,11 @@ def polychromatic(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
 
 def mean_otf(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
     """The same with its sign and phase: negative where contrast is reversed."""
-    share = np.full(otf.shape[0], 1 / otf.shape[0]) if weights is None else np.asarray(weights, dtype=float) / np.sum(weights)
+    share = (
+        np.full(otf.shape[0], 1 / otf.shape[0])
+        if weights is None
+        else np.asarray(weights, dtype=float) / np.sum(weights)
+    )
     return np.asarray(share @ otf)
 
 
@@ -69,16 +73,18 @@ def mtf50(otf: Callable[[FloatArray], FloatArray], weights: FloatArray | None, h
 def search_nodes(highest: float, nodes: int) -> FloatArray:
     """(nodes + 1,) frequencies from 0 to ``highest``, cycles/um, closer together towards 0: highest (k/nodes)^2."""
     if not (0 < highest < math.inf and nodes >= 2):
-        raise ValueError(f"highest is {highest} and nodes {nodes}; allowed are a finite frequency above 0 and at least 2 nodes")
+        raise ValueError(
+            f"highest is {highest} and nodes {nodes}; allowed are a finite frequency above 0 and at least 2 nodes"
+        )
     return np.asarray(highest * np.linspace(0.0, 1.0, nodes + 1) ** 2)
 
 
 def falls_below(response: Response, level: float, grid: FloatArray, values: FloatArray) -> float:
     """Lowest frequency at which a response has fallen to a level; NaN where it does not on the grid.
 
-    The crossing is bracketed on the nodes, guessed on a cubic spline through them, and solved on the response itself at five
-    places about the guess (inverse interpolation, its error the fifth power of their distance). A dip narrower than the
-    step between nodes can be missed; no transfer function of a lens, photodiode or pixel has one.
+    The crossing is bracketed on the nodes, guessed on a cubic spline through them, and solved on the response itself at
+    five places about the guess (inverse interpolation, its error the fifth power of their distance). A dip narrower
+    than the step between nodes can be missed; no transfer function of a lens, photodiode or pixel has one.
     """
     return _solved(response, [_bracket(level, grid, values, last=False)], grid, values)[0]
 
@@ -95,7 +101,11 @@ def _bracket(level: float, grid: FloatArray, values: FloatArray, last: bool) -> 
 
 
 def _solved(
-    response: Response, brackets: list[Bracket], grid: FloatArray, values: FloatArray, spline: scipy.interpolate.PPoly | None = None
+    response: Response,
+    brackets: list[Bracket],
+    grid: FloatArray,
+    values: FloatArray,
+    spline: scipy.interpolate.PPoly | None = None,
 ) -> list[float]:
     """The crossings of some levels, with one call of the response where nothing goes wrong; NaN for None."""
     asked = [b for b in brackets if b is not None]
@@ -107,7 +117,11 @@ def _solved(
     roots = []
     for (level, i), f, v in zip(asked, places, found, strict=True):
         falling = bool(np.all(np.diff(v) < 0))
-        roots.append(_inverse(f, v, level) if falling and v[0] >= level >= v[-1] else _narrowed(response, level, grid[i], grid[i + 1]))
+        roots.append(
+            _inverse(f, v, level)
+            if falling and v[0] >= level >= v[-1]
+            else _narrowed(response, level, grid[i], grid[i + 1])
+        )
     return [math.nan if b is None else roots.pop(0) for b in brackets]
 
 
@@ -153,7 +167,9 @@ def _narrowed(response: Response, level: float, low: float, high: float) -> floa
 
 @dataclass(frozen=True)
 class Curve:
-    """One transfer function along one direction, known at nodes: splines through its contrast, that squared, and its real part."""
+    """One transfer function along one direction, known at nodes: splines through its contrast, that squared, and its
+    real part.
+    """
 
     grid: FloatArray
     values: NDArray[Any]  # (nodes + 1,), signed
@@ -161,8 +177,12 @@ class Curve:
     @cached_property
     def _splines(self) -> list[scipy.interpolate.PPoly]:
         size = np.abs(self.values)
-        every = scipy.interpolate.CubicSpline(self.grid, np.stack([size, np.square(size), np.real(self.values)], axis=1))
-        return [scipy.interpolate.PPoly.construct_fast(np.ascontiguousarray(every.c[:, :, i]), every.x) for i in range(3)]
+        every = scipy.interpolate.CubicSpline(
+            self.grid, np.stack([size, np.square(size), np.real(self.values)], axis=1)
+        )
+        return [
+            scipy.interpolate.PPoly.construct_fast(np.ascontiguousarray(every.c[:, :, i]), every.x) for i in range(3)
+        ]
 
     @property
     def contrast(self) -> scipy.interpolate.PPoly:
@@ -185,8 +205,8 @@ class Curve:
         cut_off : float
             Contrast below which there is as good as none, between 0 and 1.
         response : callable or None
-            Contrast at frequencies (n,), on which crossings are solved as in `falls_below`; None: on the spline between the nodes,
-            with its error.
+            Contrast at frequencies (n,), on which crossings are solved as in `falls_below`; None: on the spline between
+            the nodes, with its error.
         """
         if not 0 < cut_off < 1:
             raise ValueError(f"cut_off is {cut_off}; allowed is a contrast between 0 and 1")
@@ -210,9 +230,9 @@ class Curve:
     def beyond(self, nyquist: float) -> float:
         """Share of the energy of a line's picture that lies beyond the Nyquist frequency, where sampling folds it back.
 
-        The integral of the squared contrast from ``nyquist`` to the last node, over that from 0. The spectrum of a line is
-        white, so that this is what of its light's energy sampling turns into false detail; of an edge, whose spectrum falls
-        as 1/f, it is less.
+        The integral of the squared contrast from ``nyquist`` to the last node, over that from 0. The spectrum of a line
+        is white, so that this is what of its light's energy sampling turns into false detail; of an edge, whose
+        spectrum falls as 1/f, it is less.
 
         Raises
         ------
@@ -221,8 +241,8 @@ class Curve:
 
         Notes
         -----
-        By a cubic spline through the squared contrast at the nodes: error below 1e-6 for a pixel of 8 um and 512 nodes up to
-        4 cycles/um.
+        By a cubic spline through the squared contrast at the nodes: error below 1e-6 for a pixel of 8 um and 512 nodes
+        up to 4 cycles/um.
         """
         if not nyquist > 0:
             raise ValueError(f"nyquist is {nyquist}; allowed is a frequency above 0")

@@ -14,12 +14,16 @@ NEAR = 0.3  # of a crossing: the frequencies that say where it is
 
 
 def falls_to(share: float, frequency: FloatArray, sfr: FloatArray, doubt: FloatArray | None = None) -> float:
-    """Lowest crossing: found on the rings, then by a cubic through those about it, each with the weight of its doubt; NaN without."""
+    """Lowest crossing: found on the rings, then by a cubic through those about it, each with the weight of its
+    doubt; NaN without.
+    """
     below = np.flatnonzero(sfr < share)
     if below.size == 0 or below[0] == 0:
         return math.nan
     at = int(below[0])
-    chord = float(frequency[at - 1] + (frequency[at] - frequency[at - 1]) * (sfr[at - 1] - share) / (sfr[at - 1] - sfr[at]))
+    chord = float(
+        frequency[at - 1] + (frequency[at] - frequency[at - 1]) * (sfr[at - 1] - share) / (sfr[at - 1] - sfr[at])
+    )
     about = np.abs(frequency / chord - 1) < NEAR
     if about.sum() < 6:
         return chord

@@ -2,8 +2,8 @@
 
 In:  a linear picture (y, x) whose edge is nearer to a column than to a row.
 Out: the line of the edge, and a curve whose response is the e-SFR.
-Sources: ISO 12233:2014 (straight edge, Hamming window) and 2023 (polynomial up to order 5, Tukey window). The factor for
-the three-point derivative is (2 pi f d)/sin(2 pi f d) for bins of d: the step between the two points is 2 d.
+Sources: ISO 12233:2014 (straight edge, Hamming window) and 2023 (polynomial up to order 5, Tukey window). The factor
+for the three-point derivative is (2 pi f d)/sin(2 pi f d) for bins of d: the step between the two points is 2 d.
 """
 
 from __future__ import annotations
@@ -48,7 +48,9 @@ class Binned:
         line = 0.5 * (self.means[2:] - self.means[:-2])
         places = (np.arange(len(line)) - 0.5 * (len(line) - 1)) * self.knot
         centre = float((places * line).sum() / line.sum())
-        line = line * shape(self.window, places - (centre if abs(centre) < 0.25 * places[-1] else 0.0), float(places[-1]))
+        line = line * shape(
+            self.window, places - (centre if abs(centre) < 0.25 * places[-1] else 0.0), float(places[-1])
+        )
         along = frequency * self.cosine
         found = np.abs(np.exp(-2j * np.pi * along[:, None] * places) @ line) / abs(line.sum())
         if self.derivative:
@@ -60,7 +62,9 @@ class Binned:
         values = (self.means - self.low) / (self.high - self.low)
         middle = max(int(np.argmax(values >= 0.5)), 1)
         at = (
-            middle + int(np.argmax(values[middle:] >= share)) if share >= 0.5 else middle - int(np.argmax(values[middle - 1 :: -1] < share))
+            middle + int(np.argmax(values[middle:] >= share))
+            if share >= 0.5
+            else middle - int(np.argmax(values[middle - 1 :: -1] < share))
         )
         low, high = values[at - 1], values[at]
         if not low <= share <= high:

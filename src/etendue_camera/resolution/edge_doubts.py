@@ -1,4 +1,5 @@
-"""Whether what was measured is one straight edge between two even fields, seen in what the fit has left and in its curve.
+"""Whether what was measured is one straight edge between two even fields, seen in what the fit has left and in its
+curve.
 
 In:  a measured edge.
 Out: names of what speaks against it.
@@ -37,17 +38,20 @@ def doubts(found: Measured, rise: float) -> tuple[str, ...]:
 
     Returns
     -------
-    names out of ``NAMES``: the line is bent; the step changes along it; the fields have a pattern; the rise leaves no even fields; the
-    curve leaves its plateaus as that of a line does; it rises twice.
+    names out of ``NAMES``: the line is bent; the step changes along it; the fields have a pattern; the rise leaves no
+    even fields; the curve leaves its plateaus as that of a line does; it rises twice.
 
     Notes
     -----
-    ``python benchmarks/measure_others.py`` prints what is taken and what is doubted of twenty edges and twenty other things.
+    ``python benchmarks/measure_others.py`` prints what is taken and what is doubted of twenty edges and twenty other
+    things.
     """
     seen = {
-        "bent": _bend(found) > BENT * found.rows, "changes": _changes(found), "pattern": _pattern(found),
+        "bent": _bend(found) > BENT * found.rows,
+        "changes": _changes(found),
+        "pattern": _pattern(found),
         "no_plateau": not rise <= WIDE * 2 * float(np.abs(found.fit.distance).max()),
-    }  # fmt: skip
+    }
     return tuple(name for name in NAMES if ({**seen, **_shape(found)})[name])
 
 
@@ -56,7 +60,9 @@ def _bend(found: Measured) -> float:
     v = np.linspace(-1.0, 1.0, found.rows)
     own = np.polynomial.polynomial.polyval(v, found.coefficients)
     straight = np.polynomial.polynomial.polyval(v, np.polynomial.polynomial.polyfit(v, own, 1))
-    return float(np.abs(own - straight).max()) / math.hypot(1.0, float(found.coefficients[1]) * 2 / max(found.rows - 1, 1))
+    return float(np.abs(own - straight).max()) / math.hypot(
+        1.0, float(found.coefficients[1]) * 2 / max(found.rows - 1, 1)
+    )
 
 
 def _changes(found: Measured) -> bool:
@@ -113,5 +119,9 @@ def _noise(found: Measured) -> float:
 
 def _peaks(slope: FloatArray, least: float) -> tuple[list[float], list[float]]:
     """Maxima of at least so much, and the lowest value between each and the next."""
-    at = [i for i in range(1, len(slope) - 1) if slope[i] >= least and slope[i] >= slope[i - 1] and slope[i] > slope[i + 1]]
+    at = [
+        i
+        for i in range(1, len(slope) - 1)
+        if slope[i] >= least and slope[i] >= slope[i - 1] and slope[i] > slope[i + 1]
+    ]
     return [float(slope[i]) for i in at], [float(slope[a:b].min()) for a, b in pairwise(at)]

@@ -2,7 +2,8 @@
 
 In:  a linear picture (y, x) with an edge, or a window of it, or the pixels of one colour of a mosaic.
 Out: MTF50, MTF10 (cycles/pixel along the normal) with intervals, rise, aliasing, angle, flags.
-Sources: the wild bootstrap by rows (Liu 1988; Shao 2010 where rows depend on each other), the bandwidth of Politis and White (2004).
+Sources: the wild bootstrap by rows (Liu 1988; Shao 2010 where rows depend on each other), the bandwidth of Politis and
+White (2004).
 """
 
 from __future__ import annotations
@@ -54,7 +55,9 @@ class EdgeResolution:
     response: EdgeResponse
     window: tuple[int, int, int, int]  # top, bottom, left, right of what was measured
     doubts: tuple[str, ...] = ()  # what speaks against a single straight edge, see `edge_doubts`
-    written: tuple[Rewritten, Rewritten] | None = None  # how far a lossy file moves MTF50 and MTF10; within the interval
+    written: tuple[Rewritten, Rewritten] | None = (
+        None  # how far a lossy file moves MTF50 and MTF10; within the interval
+    )
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -93,8 +96,8 @@ def edge_resolution(
     order, knots_per_pixel, half_width, tails, highest, samples
         As in `slanted_edge`.
     limits : (float, float) or None, unit of the picture
-        Ends of the scale on which the picture was recorded, such as (0, 1) of a linearised mosaic: where a thousandth of
-        the pixels lie at or beyond them the answer is flagged as clipped. None: nothing is known of a scale.
+        Ends of the scale on which the picture was recorded, such as (0, 1) of a linearised mosaic: where a thousandth
+        of the pixels lie at or beyond them the answer is flagged as clipped. None: nothing is known of a scale.
     rng : Generator or int
         Source of the draws, or its seed: the same seed gives the same interval.
     draws : int
@@ -108,8 +111,8 @@ def edge_resolution(
     sites : (y, x) array of bool or None
         The pixels to use; see `slanted_edge`.
     written : function or None
-        Of a picture and a Generator: the picture as the file gives it back that it was kept in, each time at another place of its
-        blocks and between its numbers. The interval is then made of both, as `edge_rewritten` says.
+        Of a picture and a Generator: the picture as the file gives it back that it was kept in, each time at another
+        place of its blocks and between its numbers. The interval is then made of both, as `edge_rewritten` says.
 
     Returns
     -------
@@ -129,9 +132,9 @@ def edge_resolution(
 
     It holds noise alone: not the method's own error (0.05 % of MTF50), nor texture or a bend that ``order`` does not
     follow, nor the effect of the line's uncertainty, which is of second order. The truth was inside it in 92.5 to
-    96.5 % of 200 seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, in 93 to 95 % for shot noise
-    and in 91 to 95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and its scatter 6 %:
-    ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
+    96.5 % of 200 seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, in 93 to 95 % for shot
+    noise and in 91 to 95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and its
+    scatter 6 %: ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
     """
     if not draws >= 50:
         raise ValueError(f"draws is {draws}; allowed is at least 50")
@@ -164,9 +167,17 @@ def edge_resolution(
     used = image if mask is None else image[mask]
     clipped = limits is not None and float(np.mean((used <= limits[0]) | (used >= limits[1]))) > CLIPPED
     return EdgeResolution(
-        response.mtf50, low, high,
-        response.mtf10, low10, high10,
-        response.mtf_nyquist, response.rise, response.aliasing, response.angle, response.vertical,
+        response.mtf50,
+        low,
+        high,
+        response.mtf10,
+        low10,
+        high10,
+        response.mtf_nyquist,
+        response.rise,
+        response.aliasing,
+        response.angle,
+        response.vertical,
         bias=float(reached.mean() - response.mtf50) if reached.size else math.nan,
         block=block,
         snr=1 / response.residual if response.residual > 0 else math.inf,
@@ -178,7 +189,7 @@ def edge_resolution(
         window=(top, bottom, left, right),
         doubts=doubts(found, response.rise),
         written=again,
-    )  # fmt: skip
+    )
 
 
 def _written(
@@ -196,7 +207,8 @@ def _written(
 
 
 def _block(found: Measured, rows: Curve, response: EdgeResponse) -> tuple[int, float]:
-    """Rows to smooth the draws over, 1 where contributions of neighbours to the response are not correlated, and a factor.
+    """Rows to smooth the draws over, 1 where contributions of neighbours to the response are not correlated, and a
+    factor.
 
     The factor on the draws makes good what smoothing takes off the correlation, what a fit absorbs where few pixels are
     independent, and that a variance over few blocks is known by few.
@@ -222,7 +234,13 @@ def _block(found: Measured, rows: Curve, response: EdgeResponse) -> tuple[int, f
 
 
 def _draws(
-    curve: Curve, rows: Curve, response: EdgeResponse, generator: np.random.Generator, draws: int, block: int, widening: float
+    curve: Curve,
+    rows: Curve,
+    response: EdgeResponse,
+    generator: np.random.Generator,
+    draws: int,
+    block: int,
+    widening: float,
 ) -> tuple[FloatArray, FloatArray]:
     """MTF50 and MTF10 of curves with other noise, inf where they are not reached."""
     count = rows.coefficients.shape[0]

@@ -13,20 +13,26 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating]
 Sites = NDArray[np.bool_]
-CLOSER, NEAREST = (0.25, 0.12, 0.06, 0.04, 0.04), 8.0  # of the picture's width, pixels: from where the line is then found again
+CLOSER, NEAREST = (
+    (0.25, 0.12, 0.06, 0.04, 0.04),
+    8.0,
+)  # of the picture's width, pixels: from where the line is then found again
 STRONG = 0.2  # part of the strongest squared gradient above which a pixel belongs to the edge
 
 
 def lost(why: str) -> str:
     """The message of every picture in which no edge can be measured."""
     return (
-        f"picture shows no edge that can be measured: {why}; allowed is one edge between two even fields, 2 to 43 degrees away "
+        f"picture shows no edge that can be measured: {why}; allowed is one edge between two even fields, 2 to 43 "
+        f"degrees away "
         "from rows and columns"
     )
 
 
 def smooth(image: FloatArray, sites: Sites | None = None) -> tuple[FloatArray, Sites | None]:
-    """A mean over 3 x 3 pixels, borders repeated; over the given sites alone twice that, and where its gradient is known."""
+    """A mean over 3 x 3 pixels, borders repeated; over the given sites alone twice that, and where its gradient is
+    known.
+    """
     if sites is None:
         return _mean(image), None
     held = _mean(_mean(sites.astype(float)))
@@ -56,7 +62,9 @@ def first_line(image: FloatArray, sites: Sites | None = None) -> tuple[bool, Flo
     """Whether the edge is nearer to a column, and its place at v = 0 and change to v = 1, from the squared gradient."""
     gy, gx = gradient(image, sites)
     weight = gx**2 + gy**2
-    most = np.partition(weight.ravel(), -max(weight.shape))[-max(weight.shape)]  # as many strong pixels as the edge is long
+    most = np.partition(weight.ravel(), -max(weight.shape))[
+        -max(weight.shape)
+    ]  # as many strong pixels as the edge is long
     if not most > 0:
         raise ValueError(lost("it is even all over"))
     weight = np.where(weight > STRONG * most, weight, 0.0)
@@ -90,15 +98,24 @@ def distances(coefficients: FloatArray, v: FloatArray, across: FloatArray, rows:
     """Signed distance of every pixel from the edge, along its normal, pixels."""
     polynomial = np.polynomial.polynomial
     slope = polynomial.polyval(v, polynomial.polyder(coefficients)) * 2 / max(rows - 1, 1)
-    return np.asarray((across[None, :] - polynomial.polyval(v, coefficients)[:, None]) / np.sqrt(1 + slope**2)[:, None], np.float64)
+    return np.asarray(
+        (across[None, :] - polynomial.polyval(v, coefficients)[:, None]) / np.sqrt(1 + slope**2)[:, None], np.float64
+    )
 
 
 def movement(
-    coefficients: FloatArray, v: FloatArray, rows: int, row: NDArray[np.intp], distance: FloatArray, rest: FloatArray, steep: FloatArray
+    coefficients: FloatArray,
+    v: FloatArray,
+    rows: int,
+    row: NDArray[np.intp],
+    distance: FloatArray,
+    rest: FloatArray,
+    steep: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Gauss-Newton step of the polynomial, what moves the fitted edge onto the picture, and its standard error.
 
-    ``row``, ``distance``, ``rest`` (picture less fit) and ``steep`` (derivative of the fit) are those of the pixels used.
+    ``row``, ``distance``, ``rest`` (picture less fit) and ``steep`` (derivative of the fit) are those of the pixels
+    used.
     """
     polynomial = np.polynomial.polynomial
     slope = (polynomial.polyval(v, polynomial.polyder(coefficients)) * 2 / max(rows - 1, 1))[row]

@@ -125,9 +125,13 @@ class _Survey:
 
 def _surveyed(image: FloatArray, sites: Sites | None) -> _Survey:
     if min(image.shape) < SMALLEST:
-        raise ValueError(lost(f"it has {image.shape[0]} x {image.shape[1]} pixels, and the least are {SMALLEST} x {SMALLEST}"))
+        raise ValueError(
+            lost(f"it has {image.shape[0]} x {image.shape[1]} pixels, and the least are {SMALLEST} x {SMALLEST}")
+        )
     gy, gx = gradient(image, sites)
-    jyy, jxx, jyx = (scipy.ndimage.uniform_filter(part, AROUND, mode="constant") for part in (gy * gy, gx * gx, gy * gx))
+    jyy, jxx, jyx = (
+        scipy.ndimage.uniform_filter(part, AROUND, mode="constant") for part in (gy * gy, gx * gx, gy * gx)
+    )
     total = jyy + jxx
     if not total.max() > 0:
         raise ValueError(lost("it is even all over"))
@@ -181,7 +185,9 @@ def _along(shape: tuple[int, ...], place: tuple[float, float], turn: float, star
     return np.asarray((along > start) & (along < stop) & (np.abs(across) < 0.5 * AROUND))
 
 
-def _sampled(energy: FloatArray, place: tuple[float, float], turn: float, along: FloatArray, across: FloatArray) -> FloatArray:
+def _sampled(
+    energy: FloatArray, place: tuple[float, float], turn: float, along: FloatArray, across: FloatArray
+) -> FloatArray:
     """Strength at distances along and across the edge, (along, across); 0 outside the picture."""
     s, c = math.sin(turn), math.cos(turn)
     y = place[0] + along[:, None] * c + across * s
@@ -206,7 +212,9 @@ def _ends(energy: FloatArray, place: tuple[float, float], turn: float) -> tuple[
     strength = float(np.median(ridge[middle - 6 : middle + 7]))
     weak = np.flatnonzero(ridge < ALIVE * strength)
     before, after = weak[weak < middle], weak[weak > middle]
-    return float(along[before[-1]]) if before.size else float(along[0]), float(along[after[0]]) if after.size else float(along[-1])
+    return float(along[before[-1]]) if before.size else float(along[0]), float(
+        along[after[0]]
+    ) if after.size else float(along[-1])
 
 
 def _straightened(
@@ -248,7 +256,13 @@ def _half_width(energy: FloatArray, place: tuple[float, float], turn: float, sta
 
 
 def _strip(
-    shape: tuple[int, ...], place: tuple[float, float], turn: float, start: float, stop: float, half: float, sites: Sites | None
+    shape: tuple[int, ...],
+    place: tuple[float, float],
+    turn: float,
+    start: float,
+    stop: float,
+    half: float,
+    sites: Sites | None,
 ) -> tuple[tuple[int, int, int, int], Sites]:
     if half < NARROWEST:
         raise ValueError(lost("something stands within 8 pixels of the strongest one"))

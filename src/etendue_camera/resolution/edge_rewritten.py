@@ -1,4 +1,5 @@
-"""What a lossy file has done to a measured edge: the edge that was found is written again and again, and measured again.
+"""What a lossy file has done to a measured edge: the edge that was found is written again and again, and measured
+again.
 
 In:  a measured edge, and who writes a picture as the file was written.
 Out: MTF50 and MTF10 of edges that were written again.
@@ -20,7 +21,10 @@ from etendue_camera.resolution.slanted_edge import Measured
 
 Written = Callable[[FloatArray, np.random.Generator], FloatArray]
 TIMES, TRIED = 16, 3  # edges that are written, and those that say how much noise they take
-BY_ROWS, AGAIN = 0.93, 0.57  # of the bootstrap's reach and of the spread of edges written again: both hold the noise of the picture
+BY_ROWS, AGAIN = (
+    0.93,
+    0.57,
+)  # of the bootstrap's reach and of the spread of edges written again: both hold the noise of the picture
 SEEN = 1.05  # times the rest without noise, from which on noise shows in a file
 MOST = 3.0  # times the rest, of the noise in front of the file
 
@@ -38,10 +42,11 @@ class Rewritten:
 
         Notes
         -----
-        The parts are added in squares. With noise both see the same, without it the second alone sees what a file does. `BY_ROWS` and
-        `AGAIN` make the interval score (Gneiting and Raftery 2007) smallest of 4,800 edges, 60 kinds of file, blur and noise, which
-        ``benchmarks/measure_coverage.py`` does not draw (other seeds; of half of them other sides, angles and levels), times 1.045: 96 % of
-        these are held, and the shares of the 60 kinds scatter no more than draws do.
+        The parts are added in squares. With noise both see the same, without it the second alone sees what a file does.
+        `BY_ROWS` and `AGAIN` make the interval score (Gneiting and Raftery 2007) smallest of 4,800 edges, 60 kinds of
+        file, blur and noise, which ``benchmarks/measure_coverage.py`` does not draw (other seeds; of half of them other
+        sides, angles and levels), times 1.045: 96 % of these are held, and the shares of the 60 kinds scatter no more
+        than draws do.
         """
         if not math.isfinite(self.spread):
             return low, math.inf
@@ -53,14 +58,21 @@ class Rewritten:
 
 
 def rewritten(
-    found: Measured, written: Written, tails: bool, own: FloatArray, crossings: Callable[[Curve], FloatArray], rng: np.random.Generator
+    found: Measured,
+    written: Written,
+    tails: bool,
+    own: FloatArray,
+    crossings: Callable[[Curve], FloatArray],
+    rng: np.random.Generator,
 ) -> list[Rewritten]:
-    """How far each of some frequencies is moved, those that ``crossings`` finds in curves (frequency, curve); inf where one is not reached.
+    """How far each of some frequencies is moved, those that ``crossings`` finds in curves (frequency, curve); inf where
+    one is not reached.
 
     Notes
     -----
-    The edge spread function that was found takes the place of the scene. It gets white noise, on either side of the edge so much as
-    leaves behind the file what is left beside the edge; where noise does not come through, none is added.
+    The edge spread function that was found takes the place of the scene. It gets white noise, on either side of the
+    edge so much as leaves behind the file what is left beside the edge; where noise does not come through, none is
+    added.
     """
     v, across = np.linspace(-1.0, 1.0, found.rows), np.arange(found.columns) - 0.5 * (found.columns - 1)
     away = distances(found.coefficients, v, across, found.rows)

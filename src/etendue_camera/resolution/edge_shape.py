@@ -44,8 +44,9 @@ def edge_shape(image: FloatArray, sites: Sites | None = None) -> EdgeShape:
 
     Notes
     -----
-    Error on a Gaussian edge of 1 pixel rms, 120 x 100 pixels, noise of 1 % of the step, 0 to 30 degrees, bent by 0 and 2.7 pixels: angle
-    within 0.1 degrees, bend within 0.2 pixels. A bent edge that leaves the picture at its sides is seen in part.
+    Error on a Gaussian edge of 1 pixel rms, 120 x 100 pixels, noise of 1 % of the step, 0 to 30 degrees, bent by 0 and
+    2.7 pixels: angle within 0.1 degrees, bend within 0.2 pixels. A bent edge that leaves the picture at its sides is
+    seen in part.
     """
     vertical, line = first_line(image, sites)
     value, _ = smooth(image, sites)

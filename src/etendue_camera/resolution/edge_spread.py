@@ -1,4 +1,5 @@
-"""The edge spread function: a least-squares spline through the pixels by distance, plateaus and tails far from the edge.
+"""The edge spread function: a least-squares spline through the pixels by distance, plateaus and tails far from the
+edge.
 
 In:  distance of every pixel from the edge (pixels), its value (any linear unit).
 Out: a curve that is linear in the values, its Fourier transform in closed form, and how noise of the values moves it.
@@ -54,7 +55,9 @@ class Fit:
         return total.reshape(rows, size)
 
 
-def fit(distance: FloatArray, values: FloatArray, knot: float, half_width: float | None, sites: Sites | None = None) -> Fit:
+def fit(
+    distance: FloatArray, values: FloatArray, knot: float, half_width: float | None, sites: Sites | None = None
+) -> Fit:
     """Least squares over the widest stretch about the edge in which every interval between knots holds pixels enough.
 
     ``distance`` and ``values`` are (rows, columns); only ``sites`` are used where they are given. ValueError where the
@@ -148,7 +151,9 @@ class Curve:
         inside = (place >= 0) & (place <= count - DEGREE)
         basis = cubic(np.where(inside, place - first, 0.0))
         spline = sum(basis[a] * self.coefficients[first + a] for a in range(DEGREE + 1))
-        far = np.where(distance < 0, self.low, self.high) - self.spread / np.where(np.abs(distance) < self.knot, self.knot, distance)
+        far = np.where(distance < 0, self.low, self.high) - self.spread / np.where(
+            np.abs(distance) < self.knot, self.knot, distance
+        )
         return np.asarray(np.where(inside, spline, far), np.float64)
 
     def crossing(self, share: float) -> float:
@@ -195,7 +200,9 @@ def whole(found: Fit, half_width: float | None, tails: bool) -> Curve:
         outer, design = _far(found, width, tails)
         model = np.linalg.lstsq(design, found.value[outer], rcond=None)[0]
         rest = found.value[outer] - design @ model
-        if np.mean(rest**2) < found.noise**2 * (1 + 3 * math.sqrt(2 / rest.size)) or _strays(found, model, width, reach):
+        if np.mean(rest**2) < found.noise**2 * (1 + 3 * math.sqrt(2 / rest.size)) or _strays(
+            found, model, width, reach
+        ):
             break
     curve = joined(found.coefficients, found.knot, model, width)
     if not abs(curve.high - curve.low) > FAINTEST * found.noise:
@@ -245,30 +252,38 @@ def _plateau(places: FloatArray, model: FloatArray, knot: float) -> FloatArray:
 def influence(found: Fit, curve: Curve, rows: int, tails: bool) -> Curve:
     """What the residuals of each row have brought into a curve: (rows, ...).
 
-    The curve is linear in the values of the pixels as long as line and passage stay. Residuals are scaled up by the freedom
-    that the fit has taken, and the normal equations are those of the fit.
+    The curve is linear in the values of the pixels as long as line and passage stay. Residuals are scaled up by the
+    freedom that the fit has taken, and the normal equations are those of the fit.
     """
     freedom = math.sqrt(found.rest.size / max(found.rest.size - len(found.coefficients), 1))
     change = scipy.linalg.cho_solve_banded((found.factor, True), found.by_row(rows).T).T * freedom
     outer, design = _far(found, curve.width, tails)
     own = design * found.rest[outer, None]
     moved = np.stack([np.bincount(found.row[outer], column, rows) for column in own.T], axis=1)
-    return joined(np.asarray(change, np.float64), found.knot, moved @ np.linalg.inv(design.T @ design) * freedom, curve.width)
+    return joined(
+        np.asarray(change, np.float64), found.knot, moved @ np.linalg.inv(design.T @ design) * freedom, curve.width
+    )
 
 
 def refitted(found: Fit, curve: Curve, values: FloatArray, tails: bool) -> tuple[Curve, FloatArray]:
-    """Curves of other values (n, pixels) at the pixels of a fit, line and passage being those of the first, and what is left of them."""
+    """Curves of other values (n, pixels) at the pixels of a fit, line and passage being those of the first, and what
+    is left of them.
+    """
     size, acting = len(found.coefficients), found.first + np.arange(DEGREE + 1)[:, None]
     right = np.stack([np.bincount(acting.ravel(), (found.basis * own).ravel(), size) for own in values], axis=1)
     coefficients = np.asarray(scipy.linalg.cho_solve_banded((found.factor, True), right), np.float64).T
     outer, design = _far(found, curve.width, tails)
     model = values[:, outer] @ design @ np.linalg.inv(design.T @ design)
-    rest = np.stack([value - (own[acting] * found.basis).sum(0) for value, own in zip(values, coefficients, strict=True)])
+    rest = np.stack(
+        [value - (own[acting] * found.basis).sum(0) for value, own in zip(values, coefficients, strict=True)]
+    )
     return joined(coefficients, found.knot, model, curve.width), rest
 
 
 def redrawn(curve: Curve, rows: Curve, weights: FloatArray) -> Curve:
-    """Curves as of new pictures, whose residuals are those of this one times a weight for each row: ``weights`` (n, rows)."""
+    """Curves as of new pictures, whose residuals are those of this one times a weight for each row: ``weights`` (n,
+    rows).
+    """
     return Curve(
         curve.coefficients + weights @ rows.coefficients,
         curve.knot,

@@ -1,12 +1,13 @@
-"""What a picture can tell of fine detail: noise equivalent quanta, information capacity, detection by the ideal observer.
+"""What a picture can tell of fine detail: noise equivalent quanta, information capacity, detection by the ideal
+observer.
 
 In:  signal and noise power at spatial frequencies, in cycles/pixel.
 Out: NEQ (quanta a pixel), bits a pixel, bits a pixel along a line, signal-to-noise ratios.
-Sources: Shannon 1949 (capacity of Gaussian channels side by side); Dainty and Shaw 1974 and ICRU 54 (NEQ); Wagner and Brown
-1985 (ideal observer); Koren, Electronic Imaging 2024 (signal power of a slanted edge).
+Sources: Shannon 1949 (capacity of Gaussian channels side by side); Dainty and Shaw 1974 and ICRU 54 (NEQ); Wagner and
+Brown 1985 (ideal observer); Koren, Electronic Imaging 2024 (signal power of a slanted edge).
 
-All three stand on one function of frequency. Detail is relative: what is seen is the contrast about a mean, so that a gain, or a
-pointwise curve that noise does not leave, changes none of them.
+All three stand on one function of frequency. Detail is relative: what is seen is the contrast about a mean, so that a
+gain, or a pointwise curve that noise does not leave, changes none of them.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ NYQUIST = 0.5  # cycles/pixel
 
 @dataclass(frozen=True)
 class Square:
-    """Nodes in the upper half of the Nyquist square, and weights that sum to 1, its whole area: power is the same at f and -f."""
+    """Nodes in the upper half of the Nyquist square, and weights that sum to 1, its whole area: power is the same at
+    f and -f.
+    """
 
     fy: FloatArray  # (m,) cycles/pixel, above 0
     fx: FloatArray  # (n,) cycles/pixel
@@ -46,8 +49,9 @@ def nyquist_square(nodes: int = 48) -> Square:
 
     Notes
     -----
-    Error of the capacity with 48 nodes, relative: below 1e-8 for Gaussian and square pixels, 5e-5 where a diffraction cut-off lies inside
-    the square; of SNRi 2e-4 for spots up to 12 pixels wide (``python benchmarks/information.py --frames 0``).
+    Error of the capacity with 48 nodes, relative: below 1e-8 for Gaussian and square pixels, 5e-5 where a diffraction
+    cut-off lies inside the square; of SNRi 2e-4 for spots up to 12 pixels wide
+    (``python benchmarks/information.py --frames 0``).
     """
     if nodes < 2:
         raise ValueError(f"nodes is {nodes}; allowed is at least 2")
@@ -69,7 +73,8 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
     Returns
     -------
     array
-        Of light alone the number of photoelectrons, whatever the gain. 0 where there is no signal, infinite where a signal has no noise.
+        Of light alone the number of photoelectrons, whatever the gain. 0 where there is no signal, infinite where a
+        signal has no noise.
 
     Raises
     ------
@@ -85,7 +90,8 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
 
 
 def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10) -> FloatArray:
-    """Of several channels together, looked at by the best weighted sum of them at each frequency (Hotelling's observer).
+    """Of several channels together, looked at by the best weighted sum of them at each frequency (Hotelling's
+    observer).
 
     Parameters
     ----------
@@ -112,7 +118,8 @@ def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10
 
 
 def signal_variance(ratio: float) -> float:
-    """Variance over mean^2 of light that is anything between two levels of this ratio, all equally likely: (range/mean)^2 / 12.
+    """Variance over mean^2 of light that is anything between two levels of this ratio, all equally likely:
+    (range/mean)^2 / 12.
 
     The signal power of Koren: 0.12 for the 4:1 of ISO 12233; 1/3 at most, from black on.
 
@@ -136,7 +143,8 @@ def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
         NEQ at the nodes of the square.
     square : Square
     variance : float
-        Of the signal over its mean^2, see `signal_variance`: detail whose power is the same at all frequencies of the square, none beyond.
+        Of the signal over its mean^2, see `signal_variance`: detail whose power is the same at all frequencies of the
+        square, none beyond.
 
     Returns
     -------
@@ -145,8 +153,8 @@ def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
 
     Notes
     -----
-    The half is Shannon's: values are real, so that frequencies f and -f are one. Detail beyond the square, which folds back, is left
-    out of signal and noise.
+    The half is Shannon's: values are real, so that frequencies f and -f are one. Detail beyond the square, which folds
+    back, is left out of signal and noise.
     """
     if not variance >= 0:
         raise ValueError(f"variance is {variance}; allowed are numbers at or above 0")
@@ -156,8 +164,8 @@ def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
 def capacity_along(quanta: Callable[[FloatArray], ArrayLike], variance: float, nodes: int = 48) -> float:
     """The same along a line, bits a pixel of the line: the integral of log2(1 + variance NEQ) from 0 to Nyquist.
 
-    What is read from a slanted edge, where one direction is all that is known (Imatest's C of an edge). ``quanta`` gives NEQ at (n,)
-    frequencies, cycles/pixel.
+    What is read from a slanted edge, where one direction is all that is known (Imatest's C of an edge). ``quanta``
+    gives NEQ at (n,) frequencies, cycles/pixel.
     """
     if not variance >= 0:
         raise ValueError(f"variance is {variance}; allowed are numbers at or above 0")
@@ -179,11 +187,14 @@ def gaussian_object(fy: ArrayLike, fx: ArrayLike, sigma: float) -> FloatArray:
 
 def rectangle_object(fy: ArrayLike, fx: ArrayLike, height: float, width: float) -> FloatArray:
     """Spectrum of a rectangle of 1, pixel^2; sides in pixels."""
-    return np.asarray(height * width * np.sinc(height * np.asarray(fy, np.float64)) * np.sinc(width * np.asarray(fx, np.float64)))
+    return np.asarray(
+        height * width * np.sinc(height * np.asarray(fy, np.float64)) * np.sinc(width * np.asarray(fx, np.float64))
+    )
 
 
 def ideal_observer(quanta: ArrayLike, spectrum: ArrayLike, square: Square, contrast: float = 1.0) -> float:
-    """SNRi: how surely the best observer tells that a known object is there, contrast sqrt(integral of |spectrum|^2 NEQ).
+    """SNRi: how surely the best observer tells that a known object is there, contrast sqrt(integral of |spectrum|^2
+    NEQ).
 
     Parameters
     ----------
@@ -199,7 +210,7 @@ def ideal_observer(quanta: ArrayLike, spectrum: ArrayLike, square: Square, contr
     Returns
     -------
     float
-        With 0.5 erfc(-SNRi / 2) the share of right answers where two fields are shown, one with the object. Detail beyond the
-        Nyquist square is not counted.
+        With 0.5 erfc(-SNRi / 2) the share of right answers where two fields are shown, one with the object. Detail
+        beyond the Nyquist square is not counted.
     """
     return abs(contrast) * math.sqrt(square.mean(np.abs(np.asarray(spectrum)) ** 2 * np.asarray(quanta, np.float64)))

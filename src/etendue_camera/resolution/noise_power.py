@@ -28,14 +28,21 @@ def spectra(responses: ArrayLike, sites: ArrayLike, fy: ArrayLike, fx: ArrayLike
     """
     h, at = np.asarray(responses, np.float64), np.asarray(sites, np.float64)
     if h.ndim != 4 or at.shape != (h.shape[0], 2):
-        raise ValueError(f"responses has shape {h.shape} and sites {at.shape}; allowed are (place, channel, y, x) and (place, 2)")
-    down = np.exp(-2j * np.pi * np.asarray(fy, np.float64)[None, :, None] * (np.arange(h.shape[2]) - at[:, :1])[:, None, :])
-    right = np.exp(-2j * np.pi * np.asarray(fx, np.float64)[None, :, None] * (np.arange(h.shape[3]) - at[:, 1:])[:, None, :])
+        raise ValueError(
+            f"responses has shape {h.shape} and sites {at.shape}; allowed are (place, channel, y, x) and (place, 2)"
+        )
+    down = np.exp(
+        -2j * np.pi * np.asarray(fy, np.float64)[None, :, None] * (np.arange(h.shape[2]) - at[:, :1])[:, None, :]
+    )
+    right = np.exp(
+        -2j * np.pi * np.asarray(fx, np.float64)[None, :, None] * (np.arange(h.shape[3]) - at[:, 1:])[:, None, :]
+    )
     return np.asarray(np.einsum("pmy,pcyx,pnx->pcmn", down, h, right, optimize=True))
 
 
 def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
-    """Cross power (channel, channel, m, n) of noise with these variances (place,), from `spectra`; the mean over the cell's places.
+    """Cross power (channel, channel, m, n) of noise with these variances (place,), from `spectra`; the mean over the
+    cell's places.
 
     Its integral over the Nyquist square is the covariance of `noise_propagation.carried_covariance`.
     """
@@ -48,8 +55,8 @@ def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
 def carried_signal(answers: ArrayLike, signal: ArrayLike) -> ComplexArray:
     """(channel, m, n): fine detail of relative contrast 1 behind the chain, from `spectra`.
 
-    ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the transfer function in front of them. What
-    the mosaic turns into other frequencies (aliases, colour fringes) is no part of it.
+    ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the transfer function in front
+    of them. What the mosaic turns into other frequencies (aliases, colour fringes) is no part of it.
     """
     return np.asarray(np.einsum("pmn,pcmn->cmn", np.asarray(signal), np.asarray(answers)) / len(np.asarray(answers)))
 
@@ -60,8 +67,8 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
     Parameters
     ----------
     frames : (frame, channel, y, x) array
-        At least two frames of the same scene: their mean is taken off, which is signal and what all have in common, and the
-        power put right by frames / (frames - 1).
+        At least two frames of the same scene: their mean is taken off, which is signal and what all have in common, and
+        the power put right by frames / (frames - 1).
     block : int, pixels
         Side of the squares of which periodograms are taken, side by side, without a window. At least 2.
 
@@ -70,7 +77,8 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
     (channel, channel, block, block) array
         At ``numpy.fft.fftfreq(block)`` along y and x. The relative standard error of a power is 1 / sqrt(periodograms).
     int
-        Periodograms behind each value that are independent: of one frame less than there are, which their mean has taken.
+        Periodograms behind each value that are independent: of one frame less than there are, which their mean has
+        taken.
 
     Raises
     ------
@@ -105,5 +113,7 @@ def expected_periodogram(responses: ArrayLike, variance: ArrayLike, block: int) 
     covariance = np.fft.ifft2(np.einsum("p,pcyx,pdyx->cdyx", v, found, found.conj()) / len(h)).real
     lags = [np.fft.fftfreq(n, 1 / n) for n in size]
     share = [np.maximum(0.0, 1 - np.abs(lag) / block) for lag in lags]
-    waves = [np.exp(-2j * np.pi * np.outer(np.fft.fftfreq(block), lag)) * own for lag, own in zip(lags, share, strict=True)]
+    waves = [
+        np.exp(-2j * np.pi * np.outer(np.fft.fftfreq(block), lag)) * own for lag, own in zip(lags, share, strict=True)
+    ]
     return np.asarray(np.einsum("my,cdyx,nx->cdmn", waves[0], covariance, waves[1], optimize=True))

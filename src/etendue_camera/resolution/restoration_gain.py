@@ -51,7 +51,8 @@ def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) 
 
 
 def bilinear_noise_spectrum(fy: ArrayLike, fx: ArrayLike, green: bool) -> NDArray:
-    """Power spectrum that white noise of a Bayer mosaic has behind bilinear demosaicing, averaged over the pixels of a tile.
+    """Power spectrum that white noise of a Bayer mosaic has behind bilinear demosaicing, averaged over the pixels of a
+    tile.
 
     Parameters
     ----------

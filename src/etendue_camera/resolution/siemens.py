@@ -77,7 +77,8 @@ def star_response(
     highest : float, cycles/pixel
         Up to 1; the innermost ring has it.
     sites : (y, x) array of bool or None
-        The pixels to use, such as those of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel of the picture.
+        The pixels to use, such as those of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel of
+        the picture.
 
     Returns
     -------
@@ -90,28 +91,34 @@ def star_response(
 
     Notes
     -----
-    A ring of radius r holds f = cycles/(2 pi r). Its pixels are fitted by a + b cos(n phi) + c sin(n phi), whatever their
-    places, so that frequencies above 0.5 cycles/pixel do not fold; noise is taken out of b^2 + c^2. The centre moves by
-    Gauss-Newton until the sines stand still.
+    A ring of radius r holds f = cycles/(2 pi r). Its pixels are fitted by a + b cos(n phi) + c sin(n phi), whatever
+    their places, so that frequencies above 0.5 cycles/pixel do not fold; noise is taken out of b^2 + c^2. The centre
+    moves by Gauss-Newton until the sines stand still.
 
     A ring does not hold one frequency alone: for a round transfer function H it gives n times the integral of
-    H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the closed form of a
-    Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
+    H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the closed form
+    of a Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
     """
     image = np.asarray(picture, np.float64)
     mask = np.ones(image.shape, np.bool_) if sites is None else np.asarray(sites, np.bool_)
     _check(image, cycles, radius, contrast, highest)
     if mask.shape != image.shape:
         raise ValueError(f"sites has shape {mask.shape}; allowed is the picture's shape {image.shape}")
-    place: FloatArray = np.array(centre if centre is not None else (0.5 * (image.shape[0] - 1), 0.5 * (image.shape[1] - 1)), np.float64)
+    place: FloatArray = np.array(
+        centre if centre is not None else (0.5 * (image.shape[0] - 1), 0.5 * (image.shape[1] - 1)), np.float64
+    )
     inner, outer = max(cycles / (2 * np.pi * highest), 1.0), 0.95 * radius
     edges = _edges(inner, outer)
     if len(edges) < 5:
-        raise ValueError(f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings")
+        raise ValueError(
+            f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings"
+        )
     if refine:
         place = _refined(image, mask, place, cycles, edges)
     if np.any(place - outer < -0.5) or np.any(place + outer > np.array(image.shape) - 0.5):
-        raise ValueError(f"radius is {radius}; allowed is a star inside the picture {image.shape} about its centre {tuple(place)}")
+        raise ValueError(
+            f"radius is {radius}; allowed is a star inside the picture {image.shape} about its centre {tuple(place)}"
+        )
     rings = _rings(image, mask, place, cycles, edges)
     amplitude = np.sqrt(np.maximum(rings.b**2 + rings.c**2 - 2 * rings.variance, 0.0))
     modulation = amplitude / rings.mean
@@ -120,18 +127,25 @@ def star_response(
     order = np.argsort(frequency)
     frequency, modulation, doubt = frequency[order], modulation[order], doubt[order]
     if not modulation[: len(order) // 4 + 1].max() > 4 * np.median(doubt):
-        raise ValueError("picture shows no star that can be measured; allowed is a star of that many cycles about that centre")
+        raise ValueError(
+            "picture shows no star that can be measured; allowed is a star of that many cycles about that centre"
+        )
     full = contrast if contrast is not None else at_zero(frequency, modulation, doubt)
     sfr = modulation / full
     mtf50, mtf10 = (falls_to(share, frequency, sfr, doubt / full) for share in (0.5, 0.1))
     return StarResponse(
-        frequency, sfr, doubt / full, cycles / (2 * np.pi * frequency), mtf50, mtf10,
+        frequency,
+        sfr,
+        doubt / full,
+        cycles / (2 * np.pi * frequency),
+        mtf50,
+        mtf10,
         above_nyquist=bool(mtf50 > NYQUIST),
         not_reached=not (sfr < 0.5).any(),
         centre=(float(place[0]), float(place[1])),
         contrast=float(full),
         residual=rings.residual / float(np.mean(rings.mean)),
-    )  # fmt: skip
+    )
 
 
 def _check(image: FloatArray, cycles: int, radius: float, contrast: float | None, highest: float) -> None:
@@ -201,7 +215,9 @@ def _rings(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges
     variance = power * 0.5 * (inverse[:, 1, 1] + inverse[:, 2, 2])
     frequency = np.bincount(own, cycles / (2 * np.pi * near), count) / total
     residual = float(np.sqrt(np.mean(rest**2)))
-    return _Rings(frequency, found[:, 0], found[:, 1], found[:, 2], variance, residual, own, y, x, rest, waves[1], waves[2])
+    return _Rings(
+        frequency, found[:, 0], found[:, 1], found[:, 2], variance, residual, own, y, x, rest, waves[1], waves[2]
+    )
 
 
 def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> FloatArray:
@@ -225,7 +241,9 @@ def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edg
 
 def at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) -> float:
     """What the modulation tends to towards frequency 0: exp of a parabola through the logarithms of the outer rings."""
-    low = (frequency <= max(OUTER * float(frequency[0]), float(frequency[min(5, len(frequency) - 1)]))) & (modulation > 3 * doubt)
+    low = (frequency <= max(OUTER * float(frequency[0]), float(frequency[min(5, len(frequency) - 1)]))) & (
+        modulation > 3 * doubt
+    )
     if low.sum() < 4:
         raise ValueError("picture shows no star that can be measured without its contrast; allowed is a known contrast")
     weight = modulation[low] / np.maximum(doubt[low], 1e-6)

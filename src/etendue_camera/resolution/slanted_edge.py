@@ -47,7 +47,9 @@ class EdgeResponse:
     mtf10: float = math.nan  # NaN where it is not reached
     mtf_nyquist: float = math.nan  # the response at 0.5 cycles/pixel
     rise: float = math.nan  # distance from 10 to 90 % of the step
-    aliasing: float = math.nan  # share of the energy of the line spread up to ``highest`` that lies above 0.5 cycles/pixel
+    aliasing: float = (
+        math.nan
+    )  # share of the energy of the line spread up to ``highest`` that lies above 0.5 cycles/pixel
 
     @property
     def mtf50_limited(self) -> float:
@@ -130,9 +132,9 @@ def slanted_edge(
     nothing but its noise: it gives way to plateaus and tails where these describe it as well.
 
     Error, noise-free, 200 x 400 pixels, 2 to 40 degrees, Gaussians and diffraction with a pixel: MTF50 within 0.05 %,
-    response within 1e-3 below 0.5 cycles/pixel; ``python benchmarks/slanted_edge.py`` prints it. With noise of 1 % of the
-    step, 0.8 % rms of the MTF50; its noise may be a tenth of the step. ``method="iso"`` on the same pictures: -4 to 5 % of
-    MTF50 (``python benchmarks/resolution.py``).
+    response within 1e-3 below 0.5 cycles/pixel; ``python benchmarks/slanted_edge.py`` prints it. With noise of 1 % of
+    the step, 0.8 % rms of the MTF50; its noise may be a tenth of the step. ``method="iso"`` on the same pictures: -4 to
+    5 % of MTF50 (``python benchmarks/resolution.py``).
     """
     image, mask = checked(picture, sites)
     check(order, knots_per_pixel, half_width, highest, samples, method)
@@ -152,7 +154,9 @@ def slanted_edge(
 def measured(
     image: FloatArray, sites: Sites | None, *, order: int, knots_per_pixel: float, half_width: float | None, tails: bool
 ) -> Measured:
-    """The line and the edge spread function of a picture by the spline; arguments as `slanted_edge` has checked them."""
+    """The line and the edge spread function of a picture by the spline; arguments as `slanted_edge` has checked
+    them.
+    """
     vertical, line = first_line(image, sites)
     u_image = image if vertical else image.T
     mask = sites if sites is None or vertical else sites.T
@@ -170,7 +174,9 @@ def measured(
         damping *= 0.5 if step @ last < 0 else 1.0  # pixels that come and go with the line can make it swing
         step, last = damping * step, step
         coefficients = coefficients + step
-        if np.all(np.abs(step) < np.maximum(STILL, 0.25 * doubt)):  # of its turn and bend: a shift is the spline's to follow
+        if np.all(
+            np.abs(step) < np.maximum(STILL, 0.25 * doubt)
+        ):  # of its turn and bend: a shift is the spline's to follow
             break
     else:
         raise ValueError(lost("its line could not be found"))
@@ -180,7 +186,9 @@ def measured(
 
 def said(found: Measured, highest: float, samples: int) -> EdgeResponse:
     """The figures of a measured edge."""
-    return _said(found.curve, found.fit.noise, found.coefficients, found.vertical, (found.rows, found.columns), highest, samples)
+    return _said(
+        found.curve, found.fit.noise, found.coefficients, found.vertical, (found.rows, found.columns), highest, samples
+    )
 
 
 def _said(
@@ -198,7 +206,9 @@ def _said(
     slope = coefficients[1] * 2 / max(shape[0] - 1, 1)
     low, high = sorted((float(curve.low), float(curve.high)))
     return EdgeResponse(
-        frequency, sfr, mtf50,
+        frequency,
+        sfr,
+        mtf50,
         above_nyquist=bool(mtf50 > NYQUIST),
         not_reached=math.isnan(mtf50),
         angle=math.degrees(math.atan(slope)),
@@ -212,11 +222,13 @@ def _said(
         mtf_nyquist=float(curve.response(np.array([NYQUIST]))[0]),
         rise=curve.crossing(0.9) - curve.crossing(0.1),
         aliasing=folded(frequency, sfr),
-    )  # fmt: skip
+    )
 
 
 def folded(frequency: FloatArray, sfr: FloatArray) -> float:
-    """Share of the line spread's energy (Parseval: the integral of sfr^2) above 0.5 cycles/pixel; 0 where none is sampled."""
+    """Share of the line spread's energy (Parseval: the integral of sfr^2) above 0.5 cycles/pixel; 0 where none is
+    sampled.
+    """
     power = sfr**2
     below = np.minimum(frequency, NYQUIST)
     part = np.trapezoid(np.interp(below, frequency, power), below)
@@ -248,13 +260,17 @@ def checked(picture: ArrayLike, sites: ArrayLike | None) -> tuple[FloatArray, Si
         return image, None
     mask = np.asarray(sites)
     if mask.shape != image.shape or mask.dtype != np.bool_:
-        raise ValueError(f"sites has shape {mask.shape} and type {mask.dtype}; allowed is bool of the picture's shape {image.shape}")
+        raise ValueError(
+            f"sites has shape {mask.shape} and type {mask.dtype}; allowed is bool of the picture's shape {image.shape}"
+        )
     if not np.isfinite(image[mask]).all():
         raise ValueError("picture holds values that are no numbers")
     return image, mask
 
 
-def check(order: int, knots_per_pixel: float, half_width: float | None, highest: float, samples: int, method: str = "spline") -> None:
+def check(
+    order: int, knots_per_pixel: float, half_width: float | None, highest: float, samples: int, method: str = "spline"
+) -> None:
     """ValueError for arguments out of range."""
     if not 1 <= order <= 5:
         raise ValueError(f"order is {order}; allowed is 1 to 5")
@@ -263,7 +279,9 @@ def check(order: int, knots_per_pixel: float, half_width: float | None, highest:
     if half_width is not None and not half_width >= 4:
         raise ValueError(f"half_width is {half_width}; allowed is at least 4")
     if not 0 < highest <= 0.5 * knots_per_pixel:
-        raise ValueError(f"highest is {highest}; allowed is above 0 and at most half of knots_per_pixel, {0.5 * knots_per_pixel:g}")
+        raise ValueError(
+            f"highest is {highest}; allowed is above 0 and at most half of knots_per_pixel, {0.5 * knots_per_pixel:g}"
+        )
     if samples < 3:
         raise ValueError(f"samples is {samples}; allowed is at least 3")
     if method not in METHODS:

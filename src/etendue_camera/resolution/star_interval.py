@@ -52,7 +52,9 @@ def count_cycles(picture: ArrayLike, centre: tuple[float, float], radius: float,
     power = np.zeros(2049)
     for share in RINGS:
         r = share * radius
-        ring = scipy.ndimage.map_coordinates(image, [centre[0] + r * np.sin(angle), centre[1] + r * np.cos(angle)], order=1, mode="nearest")
+        ring = scipy.ndimage.map_coordinates(
+            image, [centre[0] + r * np.sin(angle), centre[1] + r * np.cos(angle)], order=1, mode="nearest"
+        )
         power += np.abs(np.fft.rfft(ring - ring.mean())) ** 2
     seen = power[FEWEST : MOST + 1]
     best = int(seen.argmax()) + FEWEST
@@ -95,9 +97,10 @@ def star_resolution(
 
     Notes
     -----
-    The interval holds noise alone, of pixels that are independent: not the 1 % of MTF50 by which a contrast that is not given may be
-    wrong. The harmonics of a star of black and white sectors count as noise, so that its intervals are too wide. Sinusoidal ones held MTF50
-    in 90 to 93 % of 400 seeds (72 cycles, 125 pixels, noise of 1 and 5 % of the mean): ``python benchmarks/measure.py`` prints it.
+    The interval holds noise alone, of pixels that are independent: not the 1 % of MTF50 by which a contrast that is not
+    given may be wrong. The harmonics of a star of black and white sectors count as noise, so that its intervals are too
+    wide. Sinusoidal ones held MTF50 in 90 to 93 % of 400 seeds (72 cycles, 125 pixels, noise of 1 and 5 % of the mean):
+    ``python benchmarks/measure.py`` prints it.
     """
     mask = None if sites is None else np.asarray(sites, np.bool_)
     count = count_cycles(picture, centre, radius, mask) if cycles is None else cycles

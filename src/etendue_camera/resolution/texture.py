@@ -2,8 +2,8 @@
 
 In:  a linear picture (y, x) and the original at the same places, such as `dead_leaves` rendered at the pixels' centres.
 Out: frequencies (cycles/pixel), response, coherence, MTF50 with flags.
-Sources: Kirk et al. (2014), cross spectrum with the known chart; Cao, Guichard and Hornung (2009) and Burns (2011), power
-spectrum less that of the noise; Hann windows, means over rings.
+Sources: Kirk et al. (2014), cross spectrum with the known chart; Cao, Guichard and Hornung (2009) and Burns (2011),
+power spectrum less that of the noise; Hann windows, means over rings.
 """
 
 from __future__ import annotations
@@ -57,17 +57,17 @@ def texture_response(
     picture : (y, x) array, any linear unit
         At least 64 x 64.
     original : (y, x) array
-        For ``"cross"`` the texture at the same places, to a few pixels; for ``"power"`` any piece of the same texture of that
-        shape. It must itself be sampled without aliases: rendered with a softness of 0.7 pixels or more.
+        For ``"cross"`` the texture at the same places, to a few pixels; for ``"power"`` any piece of the same texture
+        of that shape. It must itself be sampled without aliases: rendered with a softness of 0.7 pixels or more.
     method : {"cross", "power"}
-        ``"cross"``: cross spectrum over the original's power, which noise, aliases and whatever else the original does not
-        explain leave alone. ``"power"``: root of the ratio of powers, where all of these count as contrast.
+        ``"cross"``: cross spectrum over the original's power, which noise, aliases and whatever else the original does
+        not explain leave alone. ``"power"``: root of the ratio of powers, where all of these count as contrast.
     known : callable or None
         Transfer function in cycles/pixel that the original already contains, such as that of its softness: the response
         holds it again. None: 1.
     noise : (y, x) array, number or None
-        For ``"power"``: an evenly lit piece of the same camera's picture, of at least 64 x 64 pixels, or the rms of white
-        noise, whose power is taken off.
+        For ``"power"``: an evenly lit piece of the same camera's picture, of at least 64 x 64 pixels, or the rms of
+        white noise, whose power is taken off.
     gain : float or None
         Picture over original at frequency 0; None: that of their means, for which both must count from no light.
     rings : int or None
@@ -84,13 +84,13 @@ def texture_response(
 
     Notes
     -----
-    Both are windowed and transformed, the shift between them is found from the cross spectrum's phase and taken out, and
-    powers are added up over rings. The response of a ring is at its mean frequency, weighted by the original's power.
-    Error for 400 x 400 pixels, leaves of 4 to 60 pixels, Gaussians of 0.45 to 1.5 pixels rms: cross, MTF50 within 0.5 %
-    noise-free and 1 % with noise of 5 % of the mean. Power, noise known, the same chart: within 1 % for MTF50 up to 0.32
-    cycles/pixel, 6 % at 0.42, where aliases count as contrast; another piece of such a chart: 13 %, because a few large
-    leaves decide its power (``python benchmarks/resolution.py``). Linear processing alone: what denoises or sharpens by
-    content has no transfer function, and
+    Both are windowed and transformed, the shift between them is found from the cross spectrum's phase and taken out,
+    and powers are added up over rings. The response of a ring is at its mean frequency, weighted by the original's
+    power. Error for 400 x 400 pixels, leaves of 4 to 60 pixels, Gaussians of 0.45 to 1.5 pixels rms: cross, MTF50
+    within 0.5 % noise-free and 1 % with noise of 5 % of the mean. Power, noise known, the same chart: within 1 % for
+    MTF50 up to 0.32 cycles/pixel, 6 % at 0.42, where aliases count as contrast; another piece of such a chart: 13 %,
+    because a few large leaves decide its power (``python benchmarks/resolution.py``). Linear processing alone: what
+    denoises or sharpens by content has no transfer function, and
     the two methods then differ.
     """
     image, ideal = np.asarray(picture, np.float64), np.asarray(original, np.float64)
@@ -104,7 +104,9 @@ def texture_response(
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     radial = np.hypot(fy, fx)
     ring = np.minimum((radial / NYQUIST * count).astype(np.intp), count)
-    twice = np.where((fx > 0) & (fx < NYQUIST), 2.0, 1.0) * np.ones(shape[:1])[:, None]  # the half plane that rfft leaves out
+    twice = (
+        np.where((fx > 0) & (fx < NYQUIST), 2.0, 1.0) * np.ones(shape[:1])[:, None]
+    )  # the half plane that rfft leaves out
 
     def total(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(ring.ravel(), (twice * values).ravel(), count + 1)[:count], np.float64)
@@ -114,7 +116,9 @@ def texture_response(
     cross = cross * np.exp(2j * np.pi * (fy * shift[0] + fx * shift[1]))
     power, own = total(np.abs(seen) ** 2), total(np.abs(ideal_spectrum) ** 2)
     if not own[1:].min() > 0:
-        raise ValueError("original has rings without power; allowed is a texture of all frequencies up to 0.5 cycles/pixel")
+        raise ValueError(
+            "original has rings without power; allowed is a texture of all frequencies up to 0.5 cycles/pixel"
+        )
     frequency = total(np.abs(ideal_spectrum) ** 2 * radial) / own
     together = total(cross.real)
     coherence = np.clip(together**2 / np.maximum(power * own, 1e-300), 0, 1)
@@ -128,15 +132,21 @@ def texture_response(
     number = total(np.ones_like(radial))
     free = 0.5 * number / 1.94  # a Hann window makes 1.94 frequencies along each axis hang together; half are mirrored
     doubt = np.abs(sfr) * np.sqrt((1 - coherence) / np.maximum(2 * coherence * free, 1e-300))
-    sfr, frequency, coherence, doubt = (part[1:] for part in (sfr, frequency, coherence, doubt))  # the first holds the mean
+    sfr, frequency, coherence, doubt = (
+        part[1:] for part in (sfr, frequency, coherence, doubt)
+    )  # the first holds the mean
     mtf50, mtf10 = (falls_to(share, frequency, sfr) for share in (0.5, 0.1))
     return TextureResponse(frequency, sfr, coherence, doubt, mtf50, mtf10, math.isnan(mtf50), scale, shift)
 
 
-def _check(image: FloatArray, ideal: FloatArray, method: str, noise: ArrayLike | None, gain: float | None, rings: int | None) -> None:
+def _check(
+    image: FloatArray, ideal: FloatArray, method: str, noise: ArrayLike | None, gain: float | None, rings: int | None
+) -> None:
     for name, value in (("picture", image), ("original", ideal)):
         if value.ndim != 2 or min(value.shape, default=0) < SMALLEST or not np.isfinite(value).all():
-            raise ValueError(f"{name} has shape {value.shape}; allowed is (y, x) of at least {SMALLEST} x {SMALLEST} finite values")
+            raise ValueError(
+                f"{name} has shape {value.shape}; allowed is (y, x) of at least {SMALLEST} x {SMALLEST} finite values"
+            )
     if image.shape != ideal.shape:
         raise ValueError(f"original has shape {ideal.shape}; allowed is that of the picture, {image.shape}")
     if method not in METHODS:
@@ -197,6 +207,8 @@ def _shift(cross: np.ndarray, fy: FloatArray, fx: FloatArray, radial: FloatArray
     for _ in range(ROUNDS):
         turned = cross[slow] * np.exp(2j * np.pi * place @ shift)
         weight = np.abs(turned)
-        step = np.linalg.solve(place.T @ (place * weight[:, None]), place.T @ (weight * np.angle(turned))) / (-2 * np.pi)
+        step = np.linalg.solve(place.T @ (place * weight[:, None]), place.T @ (weight * np.angle(turned))) / (
+            -2 * np.pi
+        )
         shift = shift + step
     return float(shift[0]), float(shift[1])

@@ -2,8 +2,9 @@
 
 In:  a real transfer function of radial frequency (cycles/um), photon weights by wavelength, separations (um).
 Out: brightness midway over that of a peak (1), Sparrow's and Rayleigh's separation (um).
-Sources: Sparrow 1916: the second derivative midway vanishes. Rayleigh 1879: one point on the other's first dark ring, and
-where no ring is dark the same dip as two Airy discs then have. `diffraction` holds the closed forms of the Airy disc.
+Sources: Sparrow 1916: the second derivative midway vanishes. Rayleigh 1879: one point on the other's first dark ring,
+and where no ring is dark the same dip as two Airy discs then have. `diffraction` holds the closed forms of the Airy
+disc.
 """
 
 from __future__ import annotations
@@ -71,14 +72,16 @@ class Spread:
         return float(self.frequency[-1] + self.frequency[0])
 
 
-def spread_of(otf: Transfer, highest: float, weights: ArrayLike | None = None, kind: str = "point", nodes: int = NODES) -> Spread:
+def spread_of(
+    otf: Transfer, highest: float, weights: ArrayLike | None = None, kind: str = "point", nodes: int = NODES
+) -> Spread:
     """The spread function of a transfer function.
 
     Parameters
     ----------
     otf : callable
-        Radial frequency (n,) in cycles/um to the transfer function, (n,) or (wavelength, n); the real part is taken. That
-        of a lens with a square pixel along one direction stands for all directions.
+        Radial frequency (n,) in cycles/um to the transfer function, (n,) or (wavelength, n); the real part is taken.
+        That of a lens with a square pixel along one direction stands for all directions.
     highest : float, cycles/um
         Where it ends: the cut-off, or where it has become negligible. A cut-off inside costs digits (2e-6 left).
     weights : (wavelength,) array or None
@@ -104,7 +107,11 @@ def spread_of(otf: Transfer, highest: float, weights: ArrayLike | None = None, k
     if found.shape[-1:] != frequency.shape or found.ndim > 2:
         raise ValueError(f"otf gives shape {found.shape}; allowed is ({nodes},) or (wavelength, {nodes})")
     if found.ndim == 2:
-        share = np.full(len(found), 1 / len(found)) if weights is None else np.asarray(weights, np.float64) / np.sum(weights)
+        share = (
+            np.full(len(found), 1 / len(found))
+            if weights is None
+            else np.asarray(weights, np.float64) / np.sum(weights)
+        )
         if share.shape != found.shape[:1]:
             raise ValueError(f"weights has shape {share.shape}; allowed is one for each of {len(found)} wavelengths")
         found = share @ found
@@ -122,7 +129,13 @@ def _gauss(nodes: int) -> tuple[FloatArray, FloatArray]:
 
 
 def two_point_saddle(
-    separation: ArrayLike, otf: Transfer, highest: float, weights: ArrayLike | None = None, *, kind: str = "point", nodes: int = NODES
+    separation: ArrayLike,
+    otf: Transfer,
+    highest: float,
+    weights: ArrayLike | None = None,
+    *,
+    kind: str = "point",
+    nodes: int = NODES,
 ) -> tuple[FloatArray, FloatArray]:
     """How deep the dip is between the pictures of two equal incoherent points.
 
@@ -178,9 +191,10 @@ def rayleigh_separation(
 ) -> float:
     """The separation at which one point lies on the other's first dark ring, um, or one with as deep a dip.
 
-    A ring is dark where the first minimum of the spread is at most ``dark`` of its peak and a brighter one follows. Where it is not (mixed
-    wavelengths, a pixel, an aberrated lens), the separation whose midpoint has 0.7350 of a peak's brightness: what two
-    Airy discs have at Rayleigh's separation, so that both rules agree where they meet. NaN where there is none.
+    A ring is dark where the first minimum of the spread is at most ``dark`` of its peak and a brighter one follows.
+    Where it is not (mixed wavelengths, a pixel, an aberrated lens), the separation whose midpoint has 0.7350 of a
+    peak's brightness: what two Airy discs have at Rayleigh's separation, so that both rules agree where they meet. NaN
+    where there is none.
 
     Arguments as in `spread_of`. Error: 1e-12 of the Airy disc's 1.219670 lambda N.
     """
@@ -216,7 +230,9 @@ def _rayleigh(spread: Spread, sparrow: float, dark: float, within: float = 0.0) 
         near, far = far, 1.1 * far
         if _saddle(spread, far, within)[0] <= RAYLEIGH_SADDLE:
             return float(
-                scipy.optimize.brentq(lambda s: _saddle(spread, s, within)[0] - RAYLEIGH_SADDLE, near, far, xtol=max(within, 1e-13) * far)
+                scipy.optimize.brentq(
+                    lambda s: _saddle(spread, s, within)[0] - RAYLEIGH_SADDLE, near, far, xtol=max(within, 1e-13) * far
+                )
             )
     return math.nan
 
@@ -237,12 +253,18 @@ def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray], 
             low = max(at - step, 0.01 * step)
             if not derivative(np.array([low]))[0] < 0:
                 return None
-            return float(scipy.optimize.brentq(lambda x: float(derivative(np.array([x]))[0]), low, at, xtol=max(within, 1e-14) * at))
+            return float(
+                scipy.optimize.brentq(
+                    lambda x: float(derivative(np.array([x]))[0]), low, at, xtol=max(within, 1e-14) * at
+                )
+            )
     return None
 
 
 def _saddle(spread: Spread, separation: float, within: float = 0.0) -> tuple[float, float]:
-    """Ratio and offset of a peak; the ratio is stationary there, so that the root of the peak is looked for to the root of ``within``."""
+    """Ratio and offset of a peak; the ratio is stationary there, so that the root of the peak is looked for to the
+    root of ``within``.
+    """
     half = 0.5 * separation
 
     def both(x: FloatArray) -> FloatArray:

@@ -1,10 +1,11 @@
 """Deconvolution with a known transfer function: Wiener's filter and Richardson-Lucy.
 
-In:  planes (..., y, x) in any unit; transfer function at the frequencies of the padded plane; what is known of noise and signal.
+In:  planes (..., y, x) in any unit; transfer function at the frequencies of the padded plane; what is known of noise
+     and signal.
 Out: restored planes; the gain at each frequency.
-Sources: N. Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time Series (1949); W. H. Richardson, J. Opt. Soc. Am. 62
-(1972) 55; L. B. Lucy, Astron. J. 79 (1974) 745; total variation after N. Dey et al., Microsc. Res. Tech. 69 (2006) 260; the
-discrepancy principle of V. A. Morozov (1966).
+Sources: N. Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time Series (1949); W. H. Richardson, J.
+Opt. Soc. Am. 62 (1972) 55; L. B. Lucy, Astron. J. 79 (1974) 745; total variation after N. Dey et al., Microsc. Res.
+Tech. 69 (2006) 260; the discrepancy principle of V. A. Morozov (1966).
 
 Planes are continued by their mirror image, without a seam (``sampling.pad``): neither filter sees the other border.
 """
@@ -21,12 +22,15 @@ from etendue import require
 from etendue.transfer import sampling
 
 OUTER_FREQUENCY = 1 / 256  # cycles/pixel, below which a picture's power spectrum is taken as flat
-FAR_ABOVE = 16.0  # times the largest value: a pedestal beside which single precision would keep fewer than 20 bits of a picture
+FAR_ABOVE = (
+    16.0  # times the largest value: a pedestal beside which single precision would keep fewer than 20 bits of a picture
+)
 STEEPEST = 1e-3  # of the largest value: gradients well above it count by direction alone in the total variation
 
 
 def frequencies(rows: int, columns: int) -> tuple[NDArray, NDArray]:
-    """Frequencies along y and x, cycles/pixel, of the half spectrum of a padded plane: where a transfer function is needed.
+    """Frequencies along y and x, cycles/pixel, of the half spectrum of a padded plane: where a transfer function is
+    needed.
 
     Parameters
     ----------
@@ -184,7 +188,8 @@ def richardson_lucy_periodic(
     frame : (rows, columns) or None
         The first of them alone count in the residual; None: all.
     start : {"mean", "data"}
-        From an even plane, as is usual, or from the data themselves: what comes out is then never less sharp than they are.
+        From an even plane, as is usual, or from the data themselves: what comes out is then never less sharp than they
+        are.
 
     Returns
     -------
@@ -201,20 +206,26 @@ def richardson_lucy_periodic(
     Notes
     -----
     x <- x H^T(y / Hx), where 0/0 is 0. A ratio is never larger than the largest of the first
-    iteration, max(y) / mean(y): so it stays bounded where a band-limited kernel, which has negative parts, makes Hx 0 or
-    less. What falls below 0 becomes 0 and the sum is put right: both change nothing for a kernel without negative parts.
-    The end between two iterations makes the result continuous in the data. Error: below 3e-14 of the largest value after
-    20 iterations (reference richardson_lucy_1d).
+    iteration, max(y) / mean(y): so it stays bounded where a band-limited kernel, which has negative parts, makes Hx 0
+    or less. What falls below 0 becomes 0 and the sum is put right: both change nothing for a kernel without negative
+    parts. The end between two iterations makes the result continuous in the data. Error: below 3e-14 of the largest
+    value after 20 iterations (reference richardson_lucy_1d).
     """
     data = _floating(data)
     seen = tuple(slice(size) for size in frame or data.shape)
     if data.ndim != 2 or transfer.shape != (data.shape[0], data.shape[1] // 2 + 1):
-        raise ValueError(f"data has shape {data.shape} and transfer {transfer.shape}; allowed are (ny, nx) and (ny, nx // 2 + 1)")
+        raise ValueError(
+            f"data has shape {data.shape} and transfer {transfer.shape}; allowed are (ny, nx) and (ny, nx // 2 + 1)"
+        )
     if data.size and not data.min() >= 0:
-        raise ValueError(f"data holds {data.min():g}; allowed are numbers at or above 0: add a pedestal, and take it away behind")
+        raise ValueError(
+            f"data holds {data.min():g}; allowed are numbers at or above 0: add a pedestal, and take it away behind"
+        )
     _check_iterations(iterations, total_variation, residual, start)
     kind, (rows, columns) = data.dtype.type, data.shape
-    forward = transfer.astype(np.result_type(data.dtype, np.complex64) if np.iscomplexobj(transfer) else data.dtype, copy=False)
+    forward = transfer.astype(
+        np.result_type(data.dtype, np.complex64) if np.iscomplexobj(transfer) else data.dtype, copy=False
+    )
     back = np.conj(forward)
 
     def filtered(plane: NDArray, by: NDArray) -> NDArray:
@@ -299,7 +310,13 @@ def richardson_lucy(
         lift = whole.dtype.type(wanted)
         # where the lift is the smallest value itself, rounding must not leave it below 0
         estimate, done[channel] = richardson_lucy_periodic(
-            np.maximum(whole + lift, 0), transfer[channel], iterations, total_variation, float(limits[channel]), plane.shape, start
+            np.maximum(whole + lift, 0),
+            transfer[channel],
+            iterations,
+            total_variation,
+            float(limits[channel]),
+            plane.shape,
+            start,
         )
         result[channel] = estimate[: plane.shape[0], : plane.shape[1]] - lift
     return result, done
@@ -320,8 +337,8 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
     Returns
     -------
     (...) array, dimensionless
-        (1 - (1 - |H|^2)^n) / H: n conj(H) where H is small, 1/H where n is large. 1 where H is 1, from n = 1 on. Started
-        from the data, (1 - |H|^2)^n more: 1 for n = 0.
+        (1 - (1 - |H|^2)^n) / H: n conj(H) where H is small, 1/H where n is large. 1 where H is 1, from n = 1 on.
+        Started from the data, (1 - |H|^2)^n more: 1 for n = 0.
 
     Raises
     ------
@@ -330,8 +347,8 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
 
     Notes
     -----
-    Source: with x = c (1 + e), y = c (1 + d) the iteration is e <- e + H^T (d - H e) to first order, which is Landweber's.
-    The sum of powers is taken as -expm1(n log1p(-|H|^2)) / |H|^2.
+    Source: with x = c (1 + e), y = c (1 + d) the iteration is e <- e + H^T (d - H e) to first order, which is
+    Landweber's. The sum of powers is taken as -expm1(n log1p(-|H|^2)) / |H|^2.
     """
     require.amount("iterations", iterations)
     transfer = np.asarray(transfer)
@@ -357,9 +374,13 @@ def _sum_of_powers(square: NDArray, terms: int) -> NDArray:
 
 
 def _curvature(plane: NDArray) -> NDArray:
-    """Divergence of the unit vectors along the gradient, per pixel: between -4 and 4, on a plane that closes upon itself."""
+    """Divergence of the unit vectors along the gradient, per pixel: between -4 and 4, on a plane that closes upon
+    itself.
+    """
     down, right = np.roll(plane, -1, 0) - plane, np.roll(plane, -1, 1) - plane
-    size = np.sqrt(down**2 + right**2 + plane.dtype.type((STEEPEST * float(plane.max())) ** 2 + np.finfo(plane.dtype).tiny))
+    size = np.sqrt(
+        down**2 + right**2 + plane.dtype.type((STEEPEST * float(plane.max())) ** 2 + np.finfo(plane.dtype).tiny)
+    )
     down /= size
     right /= size
     return down - np.roll(down, 1, 0) + right - np.roll(right, 1, 1)
@@ -386,6 +407,9 @@ def _on_padded(planes: NDArray, values: NDArray, name: str) -> NDArray:
     rows, columns = (sampling.padded_size(size) for size in planes.shape[-2:])
     if values.shape[-2:] != (rows, columns // 2 + 1):
         raise ValueError(
-            f"{name} has shape {values.shape}; allowed is (..., {rows}, {columns // 2 + 1}), at the frequencies of the padded plane"
+            f"{name} has shape {values.shape}; allowed is (..., {rows}, {columns // 2 + 1}), at the frequencies of the "
+            f"padded plane"
         )
-    return values.astype(np.result_type(planes.dtype, np.complex64) if np.iscomplexobj(values) else planes.dtype, copy=False)
+    return values.astype(
+        np.result_type(planes.dtype, np.complex64) if np.iscomplexobj(values) else planes.dtype, copy=False
+    )

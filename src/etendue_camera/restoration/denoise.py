@@ -2,11 +2,13 @@
 
 In:  planes (..., y, x), the noise model: variance = shot x value + floor.
 Out: planes of the same kind.
-Sources: J.-S. Lee, IEEE Trans. PAMI 2 (1980) 165 (linear minimum mean-square error from local mean and variance); K. He, J. Sun, X. Tang,
-IEEE Trans. PAMI 35 (2013) 1397 (coefficients averaged over the windows that hold a pixel, by box sums).
+Sources: J.-S. Lee, IEEE Trans. PAMI 2 (1980) 165 (linear minimum mean-square error from local mean and variance); K.
+He, J. Sun, X. Tang, IEEE Trans. PAMI 35 (2013) 1397 (coefficients averaged over the windows that hold a pixel, by box
+sums).
 
-Chosen over a bilateral filter because its one constant is the noise variance itself, at every pixel its own, with nothing to tune;
-because it takes five box means whatever the window, is linear in each window and so turns no gradient round; and because it keeps the sum.
+Chosen over a bilateral filter because its one constant is the noise variance itself, at every pixel its own, with
+nothing to tune; because it takes five box means whatever the window, is linear in each window and so turns no gradient
+round; and because it keeps the sum.
 """
 
 from __future__ import annotations
@@ -48,8 +50,8 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
     -----
     In a window of mean m and variance v with noise n = strength^2 (shot max(m, 0) + floor), the estimate is
     a x + (1 - a) m with a = max(v - n, 0) / v; a pixel gets the mean over the windows that hold it. The sum is kept
-    because a box mean with mirrored borders is a symmetric operator: sum of mean(a) x = sum of a m. Means and variances are
-    taken in double precision. Error: sum 1e-14 of the sum of sizes in float64; float32 2e-7 of the largest value.
+    because a box mean with mirrored borders is a symmetric operator: sum of mean(a) x = sum of a m. Means and variances
+    are taken in double precision. Error: sum 1e-14 of the sum of sizes in float64; float32 2e-7 of the largest value.
     """
     planes = np.asarray(planes)
     if planes.ndim < 2:
@@ -70,7 +72,9 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
 
 def _one(plane: NDArray, shot: float, floor: float, size: int) -> NDArray:
     mean = _box(plane, size)
-    middle = float(mean.mean()) if mean.size else 0.0  # variances about it: no cancellation for a small variance on a bright ground
+    middle = (
+        float(mean.mean()) if mean.size else 0.0
+    )  # variances about it: no cancellation for a small variance on a bright ground
     variance = _box((plane - middle) ** 2, size) - (mean - middle) ** 2
     noise = shot * np.maximum(mean, 0) + floor
     kept = np.divide(np.maximum(variance - noise, 0), variance, out=np.zeros_like(plane), where=variance > 0)

@@ -2,8 +2,9 @@
 
 In:  frames of linear values, times, the level at which each saturates, what is known of their noise.
 Out: the light per time, and the variance that is left in it.
-Sources: inverse-variance weights: Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010, section 3 (weights
-from the expected signal, not from the noisy value, which would favour what came out too dark). Clipped mean: Stetson, PASP 99 (1987).
+Sources: inverse-variance weights: Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010,
+section 3 (weights from the expected signal, not from the noisy value, which would favour what came out too dark).
+Clipped mean: Stetson, PASP 99 (1987).
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
 
 
 def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArray:
-    """Light per time: what the used frames hold together, over their times together; of the shortest where none is used.
+    """Light per time: what the used frames hold together, over their times together; of the shortest where none is
+    used.
 
     Parameters
     ----------
@@ -83,12 +85,22 @@ def variance_of(rate: NDArray, times: ArrayLike, shot: ArrayLike, floor: ArrayLi
     t = np.asarray(times, rate.dtype)[:, None, None, None]
     a, b = (np.asarray(x, rate.dtype)[:, None, None] for x in (shot, floor))
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
-        raise ValueError(f"the noise of a frame has a variance of {np.max(floor):.3g}, beyond {rate.dtype}; take a larger conversion gain")
+        raise ValueError(
+            f"the noise of a frame has a variance of {np.max(floor):.3g}, beyond {rate.dtype}; take a larger "
+            f"conversion gain"
+        )
     return np.asarray((a * np.maximum(rate, 0) * t + b) / t**2)
 
 
 def merged(
-    frames: NDArray, times: ArrayLike, level: ArrayLike, shot: ArrayLike, floor: ArrayLike, method: str, sigmas: float, margin: int
+    frames: NDArray,
+    times: ArrayLike,
+    level: ArrayLike,
+    shot: ArrayLike,
+    floor: ArrayLike,
+    method: str,
+    sigmas: float,
+    margin: int,
 ) -> tuple[NDArray, NDArray]:
     """One picture of several, in light per time, and its variance.
 
@@ -118,7 +130,9 @@ def merged(
         An unknown method, or a time that is not above 0.
     """
     if not np.all(np.asarray(times) > 0):
-        raise ValueError(f"the times of the frames are {', '.join(f'{t:g}' for t in np.ravel(times))}; allowed are times above 0")
+        raise ValueError(
+            f"the times of the frames are {', '.join(f'{t:g}' for t in np.ravel(times))}; allowed are times above 0"
+        )
     t = np.asarray(times, frames.dtype)[:, None, None, None]
     if method == "mean":
         used: Any = np.ones((len(frames), 1, 1, 1), bool)

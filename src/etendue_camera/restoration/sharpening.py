@@ -2,8 +2,8 @@
 
 In:  planes (..., y, x) in any unit, strength or radius; or spatial frequency (cycles/pixel).
 Out: sharpened planes; transfer function and noise gain, dimensionless.
-Sources: seed paper eq. 11, whose taps sum to 0: alone it makes an edge image, and sharpening is identity + k L. Unsharp masking:
-a blurred copy is taken away.
+Sources: seed paper eq. 11, whose taps sum to 0: alone it makes an edge image, and sharpening is identity + k L. Unsharp
+masking: a blurred copy is taken away.
 """
 
 import math
@@ -198,8 +198,8 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
 
     Notes
     -----
-    Taps are those of `gaussian_taps`; shrinking by the threshold is continuous, where leaving small differences out would
-    make steps of it. Error: below 2e-15 (1 + amount) of the largest value in float64 against direct convolution.
+    Taps are those of `gaussian_taps`; shrinking by the threshold is continuous, where leaving small differences out
+    would make steps of it. Error: below 2e-15 (1 + amount) of the largest value in float64 against direct convolution.
     """
     planes = np.asarray(planes)
     if planes.ndim < 2:
@@ -299,7 +299,9 @@ def unsharp_noise_gain(radius: float, amount: float) -> float:
 
 
 def _second_difference(values: NDArray, axis: int, out: NDArray | None = None) -> NDArray:
-    """Neighbour - 2 value + neighbour, the edge sample repeated; 0 along an axis of length 1 and, exactly, for a constant."""
+    """Neighbour - 2 value + neighbour, the edge sample repeated; 0 along an axis of length 1 and, exactly, for a
+    constant.
+    """
     result = np.empty_like(values) if out is None else out
     if values.shape[axis] < 2:
         result[...] = 0

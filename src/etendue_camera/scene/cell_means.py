@@ -1,4 +1,5 @@
-"""Means over grid cells of what charts are made of: steps, half planes, Gaussian spots, and anything else by quadrature.
+"""Means over grid cells of what charts are made of: steps, half planes, Gaussian spots, and anything else by
+quadrature.
 
 In:  positions of cell centres (um), the side of a cell (um), geometry (um).
 Out: mean over each cell, in the dtype of the positions.
@@ -84,7 +85,12 @@ def half_plane_mean(distance: FloatArray, angle: float, softness: float, cell: f
         for node, weight in zip(*np.polynomial.legendre.leggauss(12), strict=True):
             total = total + 0.5 * float(weight) * step_mean(t + b * float(node), softness, 2 * a)
         return np.clip(total, 0, 1)
-    ends = _bowl(t + a + b, softness) - _bowl(t + a - b, softness) - _bowl(t - a + b, softness) + _bowl(t - a - b, softness)
+    ends = (
+        _bowl(t + a + b, softness)
+        - _bowl(t + a - b, softness)
+        - _bowl(t - a + b, softness)
+        + _bowl(t - a - b, softness)
+    )
     return np.clip(ends / (4 * a * b), 0, 1)
 
 

@@ -123,7 +123,8 @@ def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Dr
     Notes
     -----
     Exact: along the normal the profile is the integral of a Gaussian of rms width softness. Means over cells are
-    exact too, to 3.2e-10 of the contrast (worst at tilts of 1e-5 degrees): for a hard edge, the area of the half plane in each square.
+    exact too, to 3.2e-10 of the contrast (worst at tilts of 1e-5 degrees): for a hard edge, the area of the half plane
+    in each square.
     """
     y, x = require_axes(y, x)
     if not -90 < angle_deg < 90:
@@ -209,13 +210,19 @@ def zone_plate(y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, rad
         squared = v**2 + u**2
         frequency = highest_frequency / radius * np.sqrt(squared)
         contrast = np.exp(-2.0 * (np.pi * drawn.softness * frequency) ** 2)
-        return np.cos(np.pi * highest_frequency / radius * squared) * contrast * soft_step(radius - np.sqrt(squared), drawn.softness)
+        return (
+            np.cos(np.pi * highest_frequency / radius * squared)
+            * contrast
+            * soft_step(radius - np.sqrt(squared), drawn.softness)
+        )
 
     found = _painted(wave, y.astype(np.float64), x.astype(np.float64), drawn.cell)
     return drawn.blend((0.5 + 0.5 * found).astype(x.dtype))
 
 
-def step_wedge(y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, drawn: Drawn) -> FloatArray:
+def step_wedge(
+    y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, drawn: Drawn
+) -> FloatArray:
     """Vertical bars of equal width, one for each level from left to right.
 
     Parameters
@@ -279,7 +286,9 @@ def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float
     require_spot_distance(spacing, rms_width)
     if drawn.cell > spacing:
         raise ValueError(f"cell must be at most the spacing, {spacing} um, got {drawn.cell} um")
-    fraction = _row_of_spots(y, spacing, rms_width, drawn.cell)[:, None] * _row_of_spots(x, spacing, rms_width, drawn.cell)
+    fraction = _row_of_spots(y, spacing, rms_width, drawn.cell)[:, None] * _row_of_spots(
+        x, spacing, rms_width, drawn.cell
+    )
     return drawn.blend(float(spot_sigma / rms_width) ** 2 * fraction)
 
 

@@ -17,7 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from etendue_camera.scene.cell_means import closely, half_plane_mean
-from etendue_camera.scene.charts import Drawn, require_axes, require_positive, siemens_star, soft_box, step_wedge, zone_plate
+from etendue_camera.scene.charts import (
+    Drawn,
+    require_axes,
+    require_positive,
+    siemens_star,
+    soft_box,
+    step_wedge,
+    zone_plate,
+)
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -83,10 +91,14 @@ def patches_factors(
     """
     y, x = require_axes(y, x)
     require_positive(width=width, height=height)
-    return _profile(y, "rows", rows, "height", height, gap, drawn), _profile(x, "columns", columns, "width", width, gap, drawn)
+    return _profile(y, "rows", rows, "height", height, gap, drawn), _profile(
+        x, "columns", columns, "width", width, gap, drawn
+    )
 
 
-def _profile(position: FloatArray, what: str, count: int, along: str, length: float, gap: float, drawn: Drawn) -> FloatArray:
+def _profile(
+    position: FloatArray, what: str, count: int, along: str, length: float, gap: float, drawn: Drawn
+) -> FloatArray:
     if count != int(count) or count < 1:
         raise ValueError(f"{what} must be a whole number above 0, got {count}")
     count = int(count)
@@ -149,7 +161,9 @@ def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, sp
     table = np.asarray(spectra, dtype=np.result_type(rows_profile, columns_profile))
     if table.ndim != 2 or len(table) != rows * columns:
         raise ValueError(f"spectra must have shape ({rows * columns}, n), got {table.shape}")
-    along_x = np.ascontiguousarray(table.T).reshape(-1, rows, columns) @ columns_profile  # strided, the sum hangs on n before numpy 2.3
+    along_x = (
+        np.ascontiguousarray(table.T).reshape(-1, rows, columns) @ columns_profile
+    )  # strided, the sum hangs on n before numpy 2.3
     return rows_profile.T @ along_x
 
 
@@ -283,7 +297,9 @@ def _centre(region: Region) -> tuple[float, float]:
 def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, drawn: Drawn) -> FloatArray:
     """A dark square in a light one in grey. The Gaussian is round, so tilted squares stay separable."""
     angle = np.deg2rad(float(angle_deg))
-    outer, inner = (_square(y, x, angle, side * panel, drawn.softness, drawn.cell) for side in (OUTER_SQUARE, INNER_SQUARE))
+    outer, inner = (
+        _square(y, x, angle, side * panel, drawn.softness, drawn.cell) for side in (OUTER_SQUARE, INNER_SQUARE)
+    )
     return drawn.blend(0.5 + 0.5 * outer - inner)
 
 
@@ -300,7 +316,9 @@ def _square(y: FloatArray, x: FloatArray, angle: float, side: float, softness: f
         return at(v, u)
 
     def strip(position: FloatArray) -> FloatArray:
-        covered = half_plane_mean(position + half, angle, softness, cell) - half_plane_mean(position - half, angle, softness, cell)
+        covered = half_plane_mean(position + half, angle, softness, cell) - half_plane_mean(
+            position - half, angle, softness, cell
+        )
         return np.clip(covered, 0, 1)
 
     across, along = strip(u * cosine - v * sine), strip(v * cosine + u * sine)

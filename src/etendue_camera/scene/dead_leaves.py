@@ -1,11 +1,12 @@
 """The dead-leaves chart: discs of all sizes that cover each other, so that texture looks alike at every scale.
 
-In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), the range of radii (um), reflectances, a seed.
+In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), the range of radii (um), reflectances, a
+     seed.
 Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the range of the levels asked for.
 Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with density r^-3 as a target of texture.
 
-``softness`` and ``cell`` are those of ``charts.Drawn``. The discs belong to the chart, not to the grid: a finer grid, or another
-softness, shows the same leaves.
+``softness`` and ``cell`` are those of ``charts.Drawn``. The discs belong to the chart, not to the grid: a finer grid,
+or another softness, shows the same leaves.
 """
 
 from __future__ import annotations
@@ -39,7 +40,14 @@ class Leaves(NamedTuple):
 
 @lru_cache(maxsize=4)
 def leaves(
-    width: float, height: float, smallest: float, largest: float, low: float, high: float, seed: int, exponent: float = 3.0
+    width: float,
+    height: float,
+    smallest: float,
+    largest: float,
+    low: float,
+    high: float,
+    seed: int,
+    exponent: float = 3.0,
 ) -> Leaves:
     """The discs of a chart.
 
@@ -100,7 +108,9 @@ def _mean_power(smallest: float, largest: float, exponent: float, power: int) ->
     return float(smallest**power * (density @ np.exp(power * t)) / density.sum())
 
 
-def dead_leaves(y: npt.ArrayLike, x: npt.ArrayLike, chart: Leaves, softness: float, cell: float = 0.0, oversampling: int = 4) -> FloatArray:
+def dead_leaves(
+    y: npt.ArrayLike, x: npt.ArrayLike, chart: Leaves, softness: float, cell: float = 0.0, oversampling: int = 4
+) -> FloatArray:
     """The reflectance of a chart.
 
     Parameters
@@ -111,8 +121,8 @@ def dead_leaves(y: npt.ArrayLike, x: npt.ArrayLike, chart: Leaves, softness: flo
     softness : float, um
     cell : float, um
     oversampling : int, 1 to 32
-        The chart is painted on cells so many times finer than the positions, where the area that a disc covers is known to
-        a first approximation.
+        The chart is painted on cells so many times finer than the positions, where the area that a disc covers is known
+        to a first approximation.
 
     Returns
     -------
@@ -125,11 +135,11 @@ def dead_leaves(y: npt.ArrayLike, x: npt.ArrayLike, chart: Leaves, softness: flo
 
     Notes
     -----
-    Discs are painted from the top, each with the share that is still free; the result is convolved with the exact weights
-    of Gaussian and cell, the width of the painted cells taken out of the Gaussian's. Error for 2, 4, 8 and 16 times finer
-    cells, of the range of levels, discs from 4 samples. Softness of 1 sample: rms 8e-4, 2.2e-4, 6e-5, 2.5e-5, at most
-    1.2e-2, 3.3e-3, 8e-4, 3e-4. Means of hard leaves over cells: rms 2.2e-3, 7e-4, 2.1e-4, 8e-5, at most 4e-2, 1.5e-2, 4e-3,
-    2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
+    Discs are painted from the top, each with the share that is still free; the result is convolved with the exact
+    weights of Gaussian and cell, the width of the painted cells taken out of the Gaussian's. Error for 2, 4, 8 and 16
+    times finer cells, of the range of levels, discs from 4 samples. Softness of 1 sample: rms 8e-4, 2.2e-4, 6e-5,
+    2.5e-5, at most 1.2e-2, 3.3e-3, 8e-4, 3e-4. Means of hard leaves over cells: rms 2.2e-3, 7e-4, 2.1e-4, 8e-5, at most
+    4e-2, 1.5e-2, 4e-3, 2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
     """
     y, x = require_axes(y, x)
     Drawn(softness, cell)  # their ranges
@@ -148,7 +158,9 @@ def dead_leaves(y: npt.ArrayLike, x: npt.ArrayLike, chart: Leaves, softness: flo
     return np.clip(found, chart.low, chart.high)
 
 
-def _weights(position: FloatArray, softness: float, cell: float, fine: float, step: float) -> tuple[npt.NDArray[np.float32], float]:
+def _weights(
+    position: FloatArray, softness: float, cell: float, fine: float, step: float
+) -> tuple[npt.NDArray[np.float32], float]:
     """How painted cells add up to the values at positions (positions, cells), and where the first cell begins.
 
     Cells begin on the borders between positions, so that means over whole cells are sums.
@@ -170,7 +182,9 @@ def _painted(chart: Leaves, top: float, left: float, rows: int, columns: int, fi
     """Mean reflectance of fine cells, discs from the top as long as anything shows through."""
     y, x = ((np.arange(n) + 0.5) * fine + start for n, start in ((rows, top), (columns, left)))
     grown = chart.radius + fine
-    near = np.flatnonzero((chart.y + grown > y[0]) & (chart.y - grown < y[-1]) & (chart.x + grown > x[0]) & (chart.x - grown < x[-1]))
+    near = np.flatnonzero(
+        (chart.y + grown > y[0]) & (chart.y - grown < y[-1]) & (chart.x + grown > x[0]) & (chart.x - grown < x[-1])
+    )
     free = np.ones((rows, columns), np.float32)
     value = np.zeros((rows, columns), np.float32)
     v0, v1 = (np.searchsorted(y, edge) for edge in (chart.y[near] - grown[near], chart.y[near] + grown[near]))
@@ -183,7 +197,9 @@ def _painted(chart: Leaves, top: float, left: float, rows: int, columns: int, fi
         open_ = free[box]
         if not open_.any():
             continue
-        square = np.square(y32[v0[i] : v1[i]] - np.float32(centre_y[i]))[:, None] + np.square(x32[u0[i] : u1[i]] - np.float32(centre_x[i]))
+        square = np.square(y32[v0[i] : v1[i]] - np.float32(centre_y[i]))[:, None] + np.square(
+            x32[u0[i] : u1[i]] - np.float32(centre_x[i])
+        )
         covered = np.clip(np.float32(radius[i] + 0.5) - np.sqrt(square), 0, 1)
         covered *= open_
         open_ -= covered

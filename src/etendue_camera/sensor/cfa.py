@@ -1,6 +1,7 @@
 """Colour filter arrays of any period: which pixel sees through which filter.
 
-In:  the name of an array, its letters row by row ("RG/GB"), one letter, or a table of them; planes by channel; pixel indices.
+In:  the name of an array, its letters row by row ("RG/GB"), one letter, or a table of them; planes by channel; pixel
+     indices.
 Out: a ``Mask``; one value per pixel; the index of each pixel's channel; positions beyond the border.
 Sources: Bayer, US patent 3971065 (1976). Quad-Bayer: each site of a Bayer cell four pixels large. RGBW: Compton and
 Hamilton, US patent 8139130 (2012), with panchromatic pixels on a checkerboard. X-Trans: the 6 x 6 cell of Fujifilm's X
@@ -86,8 +87,8 @@ def parse(text: str) -> Mask:
     Parameters
     ----------
     text : str
-        One of `NAMES`, in any case; or rows of letters separated by "/", all of one length, such as "RG/GB"; or one letter, of
-        pixels that all have the same filter, such as those of one plane.
+        One of `NAMES`, in any case; or rows of letters separated by "/", all of one length, such as "RG/GB"; or one
+        letter, of pixels that all have the same filter, such as those of one plane.
 
     Returns
     -------
@@ -114,16 +115,21 @@ def parse(text: str) -> Mask:
     else:
         rows = tuple(row.strip().upper() for row in text.strip().strip("/").split("/"))
     if len({len(row) for row in rows}) != 1 or not all(row.isascii() and row.isalpha() for row in rows):
-        raise ValueError(f"pattern is {text!r}; allowed are rows of letters of one length, separated by '/', such as 'RG/GB'")
+        raise ValueError(
+            f"pattern is {text!r}; allowed are rows of letters of one length, separated by '/', such as 'RG/GB'"
+        )
     if max(len(rows), len(rows[0])) > LARGEST_PERIOD:
-        raise ValueError(f"the pattern repeats after {len(rows)} x {len(rows[0])} pixels; allowed are at most {LARGEST_PERIOD}")
+        raise ValueError(
+            f"the pattern repeats after {len(rows)} x {len(rows[0])} pixels; allowed are at most {LARGEST_PERIOD}"
+        )
     across = _shortest(["".join(row[x] for row in rows) for x in range(len(rows[0]))])
     down = _shortest(list(rows))
     return Mask(tuple(row[:across] for row in rows[:down]))
 
 
 def parse_rows(text: str) -> Mask:
-    """The mask written in the lines of a table: letters, with or without commas and spaces between them; # starts a comment.
+    """The mask written in the lines of a table: letters, with or without commas and spaces between them; # starts a
+    comment.
 
     Raises
     ------
@@ -139,7 +145,13 @@ def parse_rows(text: str) -> Mask:
 
 def tint(channel: str) -> tuple[float, float, float]:
     """Red, green, blue of a letter, for pictures of a mosaic; grey for what is no known colour."""
-    known = {"R": (1.0, 0.0, 0.0), "G": (0.0, 1.0, 0.0), "B": (0.0, 0.0, 1.0), "Y": (1.0, 1.0, 0.0), "M": (1.0, 0.0, 1.0)}
+    known = {
+        "R": (1.0, 0.0, 0.0),
+        "G": (0.0, 1.0, 0.0),
+        "B": (0.0, 0.0, 1.0),
+        "Y": (1.0, 1.0, 0.0),
+        "M": (1.0, 0.0, 1.0),
+    }
     return known.get(channel, (1.0, 1.0, 1.0))
 
 
@@ -177,7 +189,9 @@ def phase(pattern: str) -> dict[str, list[tuple[int, int]]]:
     return {c: [divmod(i, 2) for i in range(4) if pattern[i] == c] for c in COLOURS}
 
 
-def channel_index(mask: Mask | str, rows: int, columns: int, first_row: int = 0, first_column: int = 0) -> NDArray[np.uint8]:
+def channel_index(
+    mask: Mask | str, rows: int, columns: int, first_row: int = 0, first_column: int = 0
+) -> NDArray[np.uint8]:
     """The channel of every pixel of a window: its place in ``mask.channels``.
 
     Parameters
@@ -199,7 +213,9 @@ def channel_index(mask: Mask | str, rows: int, columns: int, first_row: int = 0,
     return table[(np.arange(rows) + first_row)[:, None] % height, (np.arange(columns) + first_column)[None, :] % width]
 
 
-def frames_of_channel(frames: NDArray, mask: Mask | str, channel: str, first_row: int = 0, first_column: int = 0) -> NDArray:
+def frames_of_channel(
+    frames: NDArray, mask: Mask | str, channel: str, first_row: int = 0, first_column: int = 0
+) -> NDArray:
     """The pixels of one channel as frames of their own: those of each place in the period one below the other.
 
     Parameters
@@ -248,7 +264,9 @@ def pick(planes: NDArray, mask: Mask | str, first_row: int = 0, first_column: in
     """
     planes, mask = np.asarray(planes), parse(mask) if isinstance(mask, str) else mask
     if planes.ndim != 3 or planes.shape[0] != len(mask.channels):
-        raise ValueError(f"planes has shape {planes.shape}; allowed is ({len(mask.channels)}, y, x): {', '.join(mask.channels)}")
+        raise ValueError(
+            f"planes has shape {planes.shape}; allowed is ({len(mask.channels)}, y, x): {', '.join(mask.channels)}"
+        )
     mosaic = np.empty(planes.shape[1:], planes.dtype)
     for plane, channel in zip(planes, mask.channels, strict=True):
         for where in sites_of(mask, channel, first_row, first_column):
@@ -259,7 +277,10 @@ def pick(planes: NDArray, mask: Mask | str, first_row: int = 0, first_column: in
 def sites_of(mask: Mask, channel: str, first_row: int = 0, first_column: int = 0) -> list[tuple[slice, slice]]:
     """Slices of a window that hold all the pixels of a channel."""
     height, width = mask.period
-    return [(slice((y - first_row) % height, None, height), slice((x - first_column) % width, None, width)) for y, x in mask.sites(channel)]
+    return [
+        (slice((y - first_row) % height, None, height), slice((x - first_column) % width, None, width))
+        for y, x in mask.sites(channel)
+    ]
 
 
 def continued(size: int, period: int, margin: int) -> NDArray[np.intp]:

@@ -70,7 +70,9 @@ def shares(
     """
     whole = photodiode.collection_per_absorption(0.0, absorption, depletion, depth, length, back)
     if whole == math.inf:
-        raise ValueError("all charge comes from infinitely far: make absorption, diffusion_depth or diffusion_length finite")
+        raise ValueError(
+            "all charge comes from infinitely far: make absorption, diffusion_depth or diffusion_length finite"
+        )
     depleted = photodiode.collection_per_absorption(math.inf, absorption, depletion, depth, length, back)
     if depth == 0.0 or depletion == math.inf:
         return 1.0, np.zeros_like(t)
@@ -210,7 +212,9 @@ def mixing(kernel: FloatArray, mask: Mask) -> FloatArray:
     return mixed / np.bincount(index.ravel(), minlength=len(kernel))[:, None]
 
 
-def diffuse(mosaic: FloatArray, kernel: FloatArray, mask: Mask, first_row: int = 0, first_column: int = 0) -> FloatArray:
+def diffuse(
+    mosaic: FloatArray, kernel: FloatArray, mask: Mask, first_row: int = 0, first_column: int = 0
+) -> FloatArray:
     """A mosaic after its charge has wandered.
 
     Parameters
@@ -228,9 +232,10 @@ def diffuse(mosaic: FloatArray, kernel: FloatArray, mask: Mask, first_row: int =
 
     Notes
     -----
-    Beyond the border the mosaic is continued by whole periods of the mask (`cfa.continued`): uniform light comes out the
-    same up to the border. Farther inside than the kernel reaches charge is conserved to rounding: 1e-15 of the total in
-    double precision. Convolution by Fourier transform: error 3e-16 (6e-7 in single precision) of the largest value.
+    Beyond the border the mosaic is continued by whole periods of the mask (`cfa.continued`): uniform light comes out
+    the same up to the border. Farther inside than the kernel reaches charge is conserved to rounding: 1e-15 of the
+    total in double precision. Convolution by Fourier transform: error 3e-16 (6e-7 in single precision) of the largest
+    value.
     """
     rows, columns = mosaic.shape
     r = (kernel.shape[1] - 1) // 2

@@ -1,7 +1,9 @@
-"""Crosstalk of full planes: what a pixel of each channel would collect at every place, its neighbours being those of the mask.
+"""Crosstalk of full planes: what a pixel of each channel would collect at every place, its neighbours being those of
+the mask.
 
 In:  planes (channel, y, x) of photocurrent; the pixel kernels of the channels (`crosstalk.kernels`); the mask.
-Out: planes (channel, y, x), blurred and mixed as the mosaic is, without being a mosaic; the transfer functions between them.
+Out: planes (channel, y, x), blurred and mixed as the mosaic is, without being a mosaic; the transfer functions between
+     them.
 """
 
 import numpy as np
@@ -14,8 +16,8 @@ FloatArray = NDArray[np.floating]
 
 
 def neighbours(mask: Mask, count: int) -> FloatArray:
-    """(channel that collects, channel of the filter, rows, columns of the cell): of how many pixels of one channel charge that has moved so
-    far down and right comes from the other; distances count round the cell."""
+    """(channel that collects, channel of the filter, rows, columns of the cell): of how many pixels of one channel
+    charge that has moved so far down and right comes from the other; distances count round the cell."""
     height, width = mask.period
     index = channel_index(mask, height, width)
     found = np.zeros((count, count, height, width))
@@ -26,9 +28,16 @@ def neighbours(mask: Mask, count: int) -> FloatArray:
 
 
 def channel_transfer(
-    kept: FloatArray, moved: FloatArray, along_y: FloatArray, along_x: FloatArray, mask: Mask, fy: FloatArray, fx: FloatArray
+    kept: FloatArray,
+    moved: FloatArray,
+    along_y: FloatArray,
+    along_x: FloatArray,
+    mask: Mask,
+    fy: FloatArray,
+    fx: FloatArray,
 ) -> NDArray:
-    """Transfer functions between channels: what detail in the light behind one filter becomes in the pixels of a channel.
+    """Transfer functions between channels: what detail in the light behind one filter becomes in the pixels of a
+    channel.
 
     Parameters
     ----------
@@ -41,12 +50,14 @@ def channel_transfer(
     Returns
     -------
     (channel that collects, channel of the filter, m, n) array
-        At 0 `crosstalk.mixing`. The Fourier transform of `plane_kernels` as wide as the tables are; complex where they are not even.
+        At 0 `crosstalk.mixing`. The Fourier transform of `plane_kernels` as wide as the tables are; complex where they
+        are not even.
 
     Notes
     -----
-    Where charge comes from repeats with the cell of the mask, so that the share of a channel is a sum of waves with its period, and each
-    wave moves the spectrum of the kernel, which is a sum of products along y and x. Error: 1e-13 of `plane_kernels`, transformed.
+    Where charge comes from repeats with the cell of the mask, so that the share of a channel is a sum of waves with its
+    period, and each wave moves the spectrum of the kernel, which is a sum of products along y and x. Error: 1e-13 of
+    `plane_kernels`, transformed.
     """
     height, width = mask.period
     count = len(kept)
@@ -126,12 +137,16 @@ def diffuse_planes(planes: NDArray, kernel: FloatArray, mask: Mask) -> NDArray:
     r = (kernel.shape[1] - 1) // 2
     height, width = mask.period
     around = planes[:, continued(rows, height, r)][:, :, continued(columns, width, r)]
-    shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in around.shape[1:])  # what wraps round stays in the margin
+    shape = tuple(
+        scipy.fft.next_fast_len(n, real=True) for n in around.shape[1:]
+    )  # what wraps round stays in the margin
     spectra = [scipy.fft.rfft2(plane, shape, workers=1) for plane in around]
     found = np.empty_like(planes)
     for collects in range(count):
         total: NDArray = np.zeros((1, 1), np.complex64)
         for source, spectrum in enumerate(spectra):
-            total = total + spectrum * scipy.fft.rfft2(between[collects, source], shape, workers=1).astype(spectrum.dtype)
+            total = total + spectrum * scipy.fft.rfft2(between[collects, source], shape, workers=1).astype(
+                spectrum.dtype
+            )
         found[collects] = scipy.fft.irfft2(total, shape, workers=1)[2 * r : 2 * r + rows, 2 * r : 2 * r + columns]
     return found

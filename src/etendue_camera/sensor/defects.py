@@ -38,7 +38,10 @@ def drawn_map(uniform: NDArray, hot: float, dead: float, stuck: float) -> NDArra
     """
     shares = np.array([hot, dead, stuck], dtype=float)
     if not np.all(shares >= 0) or not shares.sum() <= 1:
-        raise ValueError(f"hot, dead and stuck are {hot!r}, {dead!r} and {stuck!r}; allowed are shares at or above 0, together at most 1")
+        raise ValueError(
+            f"hot, dead and stuck are {hot!r}, {dead!r} and {stuck!r}; allowed are shares at or above 0, together at "
+            f"most 1"
+        )
     found = np.zeros(uniform.shape, dtype=np.uint8)
     low = 0.0
     for kind, share in zip((HOT, DEAD, STUCK), shares, strict=True):
@@ -95,7 +98,10 @@ def read_list(file: str | Path) -> tuple[tuple[int, int, int], ...]:
         for number, line in enumerate(table, 2):
             row, column, kind = (str(value or "").strip() for value in list(line.values())[:3])
             if not row.lstrip("-").isdigit() or not column.lstrip("-").isdigit() or kind not in KINDS:
-                raise ValueError(f"{file}, entry {number - 1}: {row},{column},{kind}; expected two whole numbers and {', '.join(KINDS)}")
+                raise ValueError(
+                    f"{file}, entry {number - 1}: {row},{column},{kind}; expected two whole numbers and "
+                    f"{', '.join(KINDS)}"
+                )
             found.append((int(row), int(column), KINDS[kind]))
     return tuple(found)
 

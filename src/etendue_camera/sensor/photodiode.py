@@ -97,8 +97,8 @@ def collection(
     Source: seed paper section 2.4. The printed closed form is 0/0 at alpha L_f = 1 and overflows for thick
     layers; this one has neither fault (see `_field_free`).
     Error: below 5e-15 (float64) and 4e-7 (float32) relative over alpha 1e-6..1e3, Ld 1e-3..1e2, L 1e-2..1e3,
-    Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic); weaker absorption as far as the result is above
-    2e-308, where floats begin to lose digits.
+    Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic); weaker absorption as far as the result is
+    above 2e-308, where floats begin to lose digits.
     """
     diode = _diode(absorption, depletion, diffusion_depth, diffusion_length, back)
     if absorption == 0.0:
@@ -129,8 +129,8 @@ def collection_mtf(
     Notes
     -----
     Source: seed paper eq. 6. Radial: in two dimensions f is the length of the frequency vector.
-    Error: below 5e-15 (float64) and 4e-7 (float32) relative over the box of `collection`, and for any absorption down to 5e-324, the
-    smallest number (54 points of 5e-324..1e-200 against 400-digit arithmetic: 9e-16).
+    Error: below 5e-15 (float64) and 4e-7 (float32) relative over the box of `collection`, and for any absorption down
+    to 5e-324, the smallest number (54 points of 5e-324..1e-200 against 400-digit arithmetic: 9e-16).
     """
     diode = _diode(absorption, depletion, diffusion_depth, diffusion_length, back)
     if depletion == np.inf:
@@ -143,13 +143,21 @@ def collection_mtf(
 
 
 def collection_per_absorption(
-    frequency: Floats, absorption: float, depletion: float, diffusion_depth: float, diffusion_length: float, back: Back = "absorbing"
+    frequency: Floats,
+    absorption: float,
+    depletion: float,
+    diffusion_depth: float,
+    diffusion_length: float,
+    back: Back = "absorbing",
 ) -> Floats:
-    """D(f)/alpha, um, which has a limit at alpha = 0; inf where silicon without end or recombination is hardly absorbing.
+    """D(f)/alpha, um, which has a limit at alpha = 0; inf where silicon without end or recombination is hardly
+    absorbing.
 
     Parameters, errors and accuracy as in `collection`.
     """
-    return _collection_per_absorption(frequency, *_diode(absorption, depletion, diffusion_depth, diffusion_length, back))
+    return _collection_per_absorption(
+        frequency, *_diode(absorption, depletion, diffusion_depth, diffusion_length, back)
+    )
 
 
 def collection_mtf_bands(
@@ -195,7 +203,9 @@ def collection_mtf_bands(
     if nodes == 0 or frequency.size <= 2 * nodes or endless or highest == 0.0:
         return _every_mtf(frequency, diodes)
     lowest = 1.0 / diffusion_length
-    slowest = 1.0 / diffusion_depth if 0.0 < diffusion_depth < np.inf else float(np.min(alphas[alphas > 0.0], initial=np.inf))
+    slowest = (
+        1.0 / diffusion_depth if 0.0 < diffusion_depth < np.inf else float(np.min(alphas[alphas > 0.0], initial=np.inf))
+    )
     slowest = min(slowest, max(2.0 * np.pi * highest, lowest)) if slowest < np.inf else lowest
     first, last = np.log1p(np.array([lowest, np.hypot(lowest, 2.0 * np.pi * highest)]) / slowest)
     step = (last - first) / (nodes - 1)
@@ -224,11 +234,15 @@ def collection_mtf_bands(
 
 
 def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, float, Back]]) -> FloatArray:
-    """`collection_mtf` of diodes that differ in their absorption alone, (n, ...): all at once, with the bits of each alone."""
+    """`collection_mtf` of diodes that differ in their absorption alone, (n, ...): all at once, with the bits of each
+    alone.
+    """
     _, depletion, depth, length, back = diodes[0]
     if not (0.0 < depth < np.inf and depletion < np.inf and frequency.size <= FEW):
         return np.stack([collection_mtf(frequency, *diode) for diode in diodes])
-    at_zero, depleted, passed, absorption = (np.array(column)[:, None] for column in zip(*map(_constants, diodes), strict=True))
+    at_zero, depleted, passed, absorption = (
+        np.array(column)[:, None] for column in zip(*map(_constants, diodes), strict=True)
+    )
     flat = frequency.reshape(-1)
     decay = np.hypot(1.0 / length, (2.0 * np.pi) * flat)
     below = depth * _field_free(decay * depth, absorption * depth, back)
@@ -239,7 +253,9 @@ def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, fl
 
 @lru_cache(maxsize=4096)
 def _constants(diode: tuple[float, float, float, float, Back]) -> tuple[float, float, float, float]:
-    """What does not depend on the frequency: D(0)/alpha, what the depletion layer collects of it, what passes it; and alpha."""
+    """What does not depend on the frequency: D(0)/alpha, what the depletion layer collects of it, what passes it;
+    and alpha.
+    """
     return (float(_collection_per_absorption(0.0, *diode)), *_depleted(diode[0], diode[1]), diode[0])
 
 
@@ -262,7 +278,9 @@ def _slopes(values: FloatArray) -> FloatArray:
     return slopes
 
 
-def _diode(absorption: float, depletion: float, depth: float, length: float, back: Back) -> tuple[float, float, float, float, Back]:
+def _diode(
+    absorption: float, depletion: float, depth: float, length: float, back: Back
+) -> tuple[float, float, float, float, Back]:
     """The checked parameters as plain floats, which leave the precision to the frequencies."""
     require.must(0.0 <= absorption < np.inf, "absorption", absorption, "finite and 0 or above, in 1/um")
     for name, value in (("depletion", depletion), ("diffusion_depth", depth)):
@@ -275,7 +293,9 @@ def _diode(absorption: float, depletion: float, depth: float, length: float, bac
     return float(absorption), float(depletion), float(depth), float(length), back
 
 
-def _collection_per_absorption(frequency: Floats, absorption: float, depletion: float, depth: float, length: float, back: str) -> Floats:
+def _collection_per_absorption(
+    frequency: Floats, absorption: float, depletion: float, depth: float, length: float, back: str
+) -> Floats:
     """D(f)/alpha in um, which has a limit at alpha = 0."""
     frequency = require.floating(frequency)
     depleted, passed = _depleted(absorption, depletion)
@@ -292,7 +312,8 @@ def _collection_per_absorption(frequency: Floats, absorption: float, depletion: 
 
 
 def _field_free(x: FloatArray, a: Floats, back: str) -> FloatArray:
-    """Charge from the field-free layer, the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f and a, or a (n, 1).
+    """Charge from the field-free layer, the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f and a, or a (n,
+    1).
 
     g is the chance to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and
     cosh(x(1 - y))/cosh(x) over a reflecting one. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, both are

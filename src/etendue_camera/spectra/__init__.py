@@ -26,15 +26,54 @@ from etendue_camera.spectra.luminance import (
 from etendue_camera.spectra.named import ENDINGS, spectrum
 from etendue_camera.spectra.names import camera_range, check_camera, check_illuminant, check_rgb_space, rgb_space_names
 from etendue_camera.spectra.reflectances import require_shares
-from etendue_camera.spectra.spaces import adaptation_matrix, rgb_space_matrix, rgb_space_primaries, rgb_space_white, white_chromaticity
+from etendue_camera.spectra.spaces import (
+    adaptation_matrix,
+    rgb_space_matrix,
+    rgb_space_primaries,
+    rgb_space_white,
+    white_chromaticity,
+)
 from etendue_camera.spectra.upsampling import srgb_to_xyz, upsampling_basis
 
 __all__ = [
-    "ENDINGS", "Edges", "FloatArray", "adaptation_matrix", "camera_range", "camera_rows", "camera_sensitivity", "check_camera",
+    "ENDINGS",
+    "Edges",
+    "FloatArray",
+    "adaptation_matrix",
+    "camera_range",
+    "camera_rows",
+    "camera_sensitivity",
+    "check_camera",
     "check_illuminant",
-    "check_luminance", "check_rgb_space", "colorchecker", "colour_matching", "colour_version", "cone_fundamentals", "csv_rows",
-    "cut_off_note", "display_primaries", "held_in_the_infrared", "held_note", "illuminant", "light_of_luminance", "light_of_radiance",
-    "luminance_notes", "luminance_of", "luminous_efficiency", "rendered_share", "require_rows", "require_shares", "rgb_space_matrix",
-    "rgb_space_names", "rgb_space_primaries", "rgb_space_white", "spectrum", "srgb_to_xyz", "table_from_csv", "unmeasured_share",
-    "upsampling_basis", "white_chromaticity", "xyz_to_lms_matrix",
-]  # fmt: skip
+    "check_luminance",
+    "check_rgb_space",
+    "colorchecker",
+    "colour_matching",
+    "colour_version",
+    "cone_fundamentals",
+    "csv_rows",
+    "cut_off_note",
+    "display_primaries",
+    "held_in_the_infrared",
+    "held_note",
+    "illuminant",
+    "light_of_luminance",
+    "light_of_radiance",
+    "luminance_notes",
+    "luminance_of",
+    "luminous_efficiency",
+    "rendered_share",
+    "require_rows",
+    "require_shares",
+    "rgb_space_matrix",
+    "rgb_space_names",
+    "rgb_space_primaries",
+    "rgb_space_white",
+    "spectrum",
+    "srgb_to_xyz",
+    "table_from_csv",
+    "unmeasured_share",
+    "upsampling_basis",
+    "white_chromaticity",
+    "xyz_to_lms_matrix",
+]

@@ -1,11 +1,12 @@
-"""colour-science itself: the authority behind every shipped table. The one module that imports it, at the first call that needs it.
+"""colour-science itself: the authority behind every shipped table. The one module that imports it, at the first call
+that needs it.
 
 In:  nothing, or the kind and name of a table.
 Out: its tables as plain float64 arrays; ValueError with the nearest names for one that it does not have.
 Sources: the data and matrices of colour-science; CIE 15:2018 for interpolation.
 
-A smooth table is brought to 1 nm by Sprague's quintic where its rows are coarser. What that puts below 0 beside steep feet (at most 1.4e-4
-of a channel's area) is set to 0.
+A smooth table is brought to 1 nm by Sprague's quintic where its rows are coarser. What that puts below 0 beside steep
+feet (at most 1.4e-4 of a channel's area) is set to 0.
 """
 
 import importlib.metadata
@@ -68,7 +69,9 @@ def smooth_rows(table: Any) -> FloatArray:
     if not np.allclose(steps, steps[0], rtol=1e-9) or steps[0] <= 1.0 or len(nodes) < 6:
         return rows
     fine = np.linspace(nodes[0], nodes[-1], round(nodes[-1] - nodes[0]) + 1)
-    curves = np.stack([colour_science().SpragueInterpolator(nodes, np.array(column))(fine) for column in columns], axis=1)
+    curves = np.stack(
+        [colour_science().SpragueInterpolator(nodes, np.array(column))(fine) for column in columns], axis=1
+    )
     if columns.min() >= 0:
         curves = np.maximum(curves, 0.0)
     return np.column_stack([fine, curves])
@@ -105,7 +108,9 @@ def lookup(table: Mapping[str, Any], name: str, kind: str, besides: str = "") ->
 
 
 def space_of(name: str) -> dict[str, Any]:
-    """An RGB space: its matrix to XYZ, the chromaticities of its primaries (3, 2) and white (2,), the name of its white."""
+    """An RGB space: its matrix to XYZ, the chromaticities of its primaries (3, 2) and white (2,), the name of its
+    white.
+    """
     space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
     return {
         "matrix": np.array(space.matrix_RGB_to_XYZ, dtype=np.float64),
@@ -123,14 +128,19 @@ def whites() -> dict[str, FloatArray]:
 
 def adaptation_of(name: str) -> FloatArray:
     """XYZ to sharpened cone responses, (3, 3)."""
-    return np.array(lookup(colour_science().adaptation.CHROMATIC_ADAPTATION_TRANSFORMS, name, "adaptation transform"), dtype=np.float64)
+    return np.array(
+        lookup(colour_science().adaptation.CHROMATIC_ADAPTATION_TRANSFORMS, name, "adaptation transform"),
+        dtype=np.float64,
+    )
 
 
 # ----------------------------------------------------------------------------------------------- all of them
 
 
 def everything() -> dict[str, np.ndarray[Any, Any]]:
-    """All that a stage may ask for, as arrays by name: tables of a kind stand below each other, spaces and matrices behind each other."""
+    """All that a stage may ask for, as arrays by name: tables of a kind stand below each other, spaces and matrices
+    behind each other.
+    """
     found: dict[str, np.ndarray[Any, Any]] = {}
     for kind, (tables, form) in TABLES.items():
         names = list(OBSERVERS) if kind == "observer" else list(tables())
@@ -147,5 +157,8 @@ def everything() -> dict[str, np.ndarray[Any, Any]]:
     found["space/white_name"] = np.array([space["white_name"] for space in spaces])
     found |= {"white/names": np.array(list(whites())), "white/xy": np.stack(list(whites().values()))}
     transforms = list(colour_science().adaptation.CHROMATIC_ADAPTATION_TRANSFORMS)
-    found |= {"adaptation/names": np.array(transforms), "adaptation/matrix": np.stack([adaptation_of(name) for name in transforms])}
+    found |= {
+        "adaptation/names": np.array(transforms),
+        "adaptation/matrix": np.stack([adaptation_of(name) for name in transforms]),
+    }
     return found

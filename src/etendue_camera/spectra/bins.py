@@ -107,7 +107,8 @@ def table_from_csv(
 
 
 def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
-    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads them.
+    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads
+    them.
 
     The name under which a distribution brings a table is as good as its path.
     """
@@ -115,11 +116,14 @@ def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
 
 
 def require_rows(path: str | Path, edges: Edges) -> None:
-    """Refuse a table whose rows do not stand for all of these wavelengths (`ends.beyond`), where neither 0 nor an end value would do."""
+    """Refuse a table whose rows do not stand for all of these wavelengths (`ends.beyond`), where neither 0 nor an
+    end value would do.
+    """
     rows, bounds = csv_rows(path)[1], checked_edges(edges)
     if max(beyond(rows, bounds[0], bounds[-1])) > 1e-9:
         raise ValueError(
-            f"{path} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {bounds[0]:g} to {bounds[-1]:g} nm; "
+            f"{path} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {bounds[0]:g} to "
+            f"{bounds[-1]:g} nm; "
             "add rows, or narrow the scene's wavelengths"
         )
 
@@ -139,7 +143,9 @@ def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     first, header = lines[0]
     names = header[1:]
     if header[0] != "wavelength_nm" or not names or not all(names) or len(set(names)) < len(names):
-        raise ValueError(f"{path}, line {first}: header {','.join(header)!r}; expected 'wavelength_nm,a,b,...' with distinct names")
+        raise ValueError(
+            f"{path}, line {first}: header {','.join(header)!r}; expected 'wavelength_nm,a,b,...' with distinct names"
+        )
     rows = [_csv_row(path, number, cells, header) for number, cells in lines[1:]]
     if len(rows) < 2:
         raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")

@@ -16,7 +16,10 @@ def main() -> None:
     place = Path(str(files("etendue_camera") / "data" / "spectra.npz"))
     place.write_bytes(data)
     tables = sum(len(array) for name, array in found.items() if name.endswith("/names"))
-    print(f"{place.name}: {tables} tables of colour-science {found[shipped.VERSION]}, {len(data)} bytes, digest {shipped.digest_of(data)}")
+    print(
+        f"{place.name}: {tables} tables of colour-science {found[shipped.VERSION]}, {len(data)} bytes, digest "
+        f"{shipped.digest_of(data)}"
+    )
 
 
 if __name__ == "__main__":

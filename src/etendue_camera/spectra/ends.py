@@ -4,14 +4,15 @@ In:  the rows of a table (nm, values), the wavelengths of the light (nm).
 Out: how far rows reach, nm; a note, where something hangs on what nobody measured.
 Source: CIE 15:2018 and ASTM E308, which hold the nearest measured value; departures are named here.
 
-A row stands for half a step on either side, so that a table to 700 nm in steps of 10 nm covers bins to 705 nm: that far its end value
-holds, whatever the table is (steps above 20 nm are a drawn curve, and its ends are its ends). Farther out
+A row stands for half a step on either side, so that a table to 700 nm in steps of 10 nm covers bins to 705 nm: that far
+its end value holds, whatever the table is (steps above 20 nm are a drawn curve, and its ends are its ends). Farther out
 
 - reflectances hold their end value: a surface does not turn black where its measurement ends;
-- sensitivities and filters are 0, as what a camera gathers there nobody measured, and an end value held over the infrared would
-  be most of the signal; the note says how much hangs on it;
+- sensitivities and filters are 0, as what a camera gathers there nobody measured, and an end value held over the
+  infrared would be most of the signal; the note says how much hangs on it;
 - curves by wavelength of a lens (fall-off, angles, distortion) hold their end columns;
-- an illuminant is refused in what is rendered; for the luminance of the whole light it holds its end value (`luminance`);
+- an illuminant is refused in what is rendered; for the luminance of the whole light it holds its end value
+  (`luminance`);
 - scales are refused: none of the two would be a scale;
 - matching functions and cones are 0, which is how the CIE defines them.
 """
@@ -32,7 +33,9 @@ def reach_of(rows: Any) -> tuple[float, float]:
 
 
 def beyond(rows: Any, lowest: float, highest: float) -> tuple[float, float]:
-    """How much (nm) of the light from ``lowest`` to ``highest`` lies below and above what the rows stand for; 0 where nothing does."""
+    """How much (nm) of the light from ``lowest`` to ``highest`` lies below and above what the rows stand for; 0
+    where nothing does.
+    """
     first, last = reach_of(rows)
     return max(0.0, min(first, highest) - lowest), max(0.0, highest - max(last, lowest))
 
@@ -41,7 +44,9 @@ HELD_TABLES = {"ColorChecker": (380.0, 730.0, 10.0), "basis of RGB": (380.0, 780
 
 
 def held_in_the_infrared(name: str, lowest: float, highest: float) -> list[str]:
-    """`held_note` of a table of the library whose end values hold; no word below 780 nm, where what hangs on them is hardly seen."""
+    """`held_note` of a table of the library whose end values hold; no word below 780 nm, where what hangs on them is
+    hardly seen.
+    """
     first, last, step = HELD_TABLES[name]
     if highest <= SEEN and lowest >= first - step:
         return []
@@ -68,8 +73,10 @@ def cut_off_note(what: str, names: Any, rows: Any, values: Any, lowest: float, h
     if not text:
         return []
     return [
-        f"{what} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {lowest:g} to {highest:g} nm: beyond "
-        f"{first:g} and {last:g} nm it counts as 0; with its end values held, {100 * worst:.2g} % of the signal of {text} would lie there; "
+        f"{what} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {lowest:g} to {highest:g} "
+        f"nm: beyond "
+        f"{first:g} and {last:g} nm it counts as 0; with its end values held, {100 * worst:.2g} % of the signal of "
+        f"{text} would lie there; "
         "add rows to the table, or narrow the scene's wavelengths"
     ]
 
@@ -80,6 +87,7 @@ def held_note(what: str, rows: Any, lowest: float, highest: float) -> list[str]:
     if below + above <= CONSEQUENCE * (highest - lowest):
         return []
     return [
-        f"{what} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {lowest:g} to {highest:g} nm: its end values "
+        f"{what} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {lowest:g} to {highest:g} "
+        f"nm: its end values "
         f"hold over the other {100 * (below + above) / (highest - lowest):.2g} % of these wavelengths"
     ]

@@ -17,7 +17,16 @@ import numpy as np
 
 from etendue_camera.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
 from etendue_camera.spectra import shipped
-from etendue_camera.spectra.bins import Edges, FloatArray, bin_means, checked_edges, csv_rows, frozen, table_from_csv, with_reach
+from etendue_camera.spectra.bins import (
+    Edges,
+    FloatArray,
+    bin_means,
+    checked_edges,
+    csv_rows,
+    frozen,
+    table_from_csv,
+    with_reach,
+)
 from etendue_camera.spectra.named import spectrum
 from etendue_camera.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, LOWEST_TEMPERATURE, state_of
 
@@ -111,7 +120,9 @@ def planck_power(temperature: float, wavelength: FloatArray) -> FloatArray:
 def _line(wavelength: float, edges: tuple[float, ...]) -> FloatArray:
     bounds = np.asarray(edges)
     if not bounds[0] <= wavelength <= bounds[-1]:
-        raise ValueError(f"spectral line at {wavelength:g} nm lies outside the bins, {bounds[0]:g} to {bounds[-1]:g} nm")
+        raise ValueError(
+            f"spectral line at {wavelength:g} nm lies outside the bins, {bounds[0]:g} to {bounds[-1]:g} nm"
+        )
     held = min(int(np.searchsorted(bounds, wavelength, side="right")) - 1, len(bounds) - 2)
     power = np.zeros(len(bounds) - 1)
     power[held] = 1.0 / (bounds[held + 1] - bounds[held])

@@ -42,18 +42,21 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
 
     Notes
     -----
-    V is linear between its rows at 1 nm, a table between its own: three Gauss points to an interval of both are exact for their
-    product, whatever bins a pipeline has. A table that ends inside 360-830 nm holds its end value.
-    Error: 2e-16 for D65, A and FL11 (against exact fractions), 1.2e-15 for Planck radiators of 1000, 3200 and 1e5 K (40 digits).
-    Sums over bins, products of their means, miss it: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3 and 1.1e-2 with bins of 5, 10, 20 (380-780 nm),
-    50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3 and 3.1e-3 with 5, 10 and 20 nm.
+    V is linear between its rows at 1 nm, a table between its own: three Gauss points to an interval of both are exact
+    for their product, whatever bins a pipeline has. A table that ends inside 360-830 nm holds its end value.
+    Error: 2e-16 for D65, A and FL11 (against exact fractions), 1.2e-15 for Planck radiators of 1000, 3200 and 1e5 K (40
+    digits). Sums over bins, products of their means, miss it: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3 and 1.1e-2 with bins
+    of 5, 10, 20 (380-780 nm), 50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3 and 3.1e-3 with 5, 10
+    and 20 nm.
     """
     total, held = _luminance_of(str(name), float(lowest), float(highest), state_of(name))
     if held > UNMEASURED * total:
         rows = illuminant_rows(name)[0]
         raise ValueError(
-            f"illuminant {name!r} is tabulated from {rows[0]:g} to {rows[-1]:g} nm; with its end values held {100 * held / total:.2g} % of "
-            "its luminance would lie beyond: it is not known; take another light, or white_luminance = 0 and give the scene's radiance"
+            f"illuminant {name!r} is tabulated from {rows[0]:g} to {rows[-1]:g} nm; with its end values held "
+            f"{100 * held / total:.2g} % of "
+            "its luminance would lie beyond: it is not known; take another light, or white_luminance = 0 and give the "
+            "scene's radiance"
         )
     return total
 
@@ -164,7 +167,8 @@ def check_luminance(name: str) -> None:
 
 def _unseen(name: str) -> str:
     return (
-        f"illuminant {name!r} has no luminance, no eye sees it: take white_luminance = 0 and give the scene's radiance (W m-2 sr-1) instead"
+        f"illuminant {name!r} has no luminance, no eye sees it: take white_luminance = 0 and give the scene's "
+        f"radiance (W m-2 sr-1) instead"
     )
 
 
@@ -181,14 +185,16 @@ def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
         share = unmeasured_share(name)
         if share > CONSEQUENCE:
             said.append(
-                f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm: beyond, its end values hold, which makes up "
+                f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm: beyond, its end values hold, which "
+                f"makes up "
                 f"{100 * share:.2g} % of its luminance"
             )
     if lowest > MOST_OF_IT[0] or highest < MOST_OF_IT[1]:
         share = rendered_share(name, lowest, highest)
         if share < 1 - UNMEASURED:
             said.append(
-                f"{lowest:g} to {highest:g} nm holds {100 * share:.2g} % of the luminance of {name}: white_luminance is that of the whole "
+                f"{lowest:g} to {highest:g} nm holds {100 * share:.2g} % of the luminance of {name}: white_luminance "
+                f"is that of the whole "
                 "light; lux and exposure figures are of what is rendered"
             )
     return said

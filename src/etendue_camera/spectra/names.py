@@ -1,4 +1,5 @@
-"""The names of tables, of colour-science and of distributions, so that a plan can refuse a wrong one without importing the library.
+"""The names of tables, of colour-science and of distributions, so that a plan can refuse a wrong one without importing
+the library.
 
 In:  a name, and the wavelengths it is wanted for (nm).
 Out: nothing, or ValueError with the nearest names that exist.

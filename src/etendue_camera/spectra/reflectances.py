@@ -28,6 +28,7 @@ def require_shares(what: str, path: str | Path) -> None:
     worst = int(np.argmax(highest))
     if highest[worst] > HIGHEST:
         raise ValueError(
-            f"{what}: {names[worst]} of {path} reaches {highest[worst]:g}: a reflectance is a share; divide percents by 100 "
+            f"{what}: {names[worst]} of {path} reaches {highest[worst]:g}: a reflectance is a share; divide percents "
+            f"by 100 "
             f"(up to {HIGHEST:g} passes, for what fluoresces)"
         )

@@ -3,9 +3,10 @@
 In:  kind and name of a table.
 Out: plain read-only float64 arrays, the same to the last bit as the library's own.
 
-``data/spectra.npz`` holds them, made by ``python -m etendue_camera.spectra.build`` from the version of colour-science that is written in
-it; a test holds every one equal to the library. Where another version is installed its own tables are taken: from the library once, then
-from the user's folder for caches. A name that is not among them is asked of the library itself.
+``data/spectra.npz`` holds them, made by ``python -m etendue_camera.spectra.build`` from the version of colour-science
+that is written in it; a test holds every one equal to the library. Where another version is installed its own tables
+are taken: from the library once, then from the user's folder for caches. A name that is not among them is asked of the
+library itself.
 """
 
 import hashlib
@@ -36,7 +37,8 @@ def arrays() -> Arrays:
     version = authority.colour_version()
     if str(found[VERSION]) == version:
         return found
-    key = f"{version} {digest_of(data + Path(authority.__file__).read_bytes())}"  # and of the code that would find them anew
+    # and of the code that would find them anew
+    key = f"{version} {digest_of(data + Path(authority.__file__).read_bytes())}"
     kept = cache.read("spectra", key)
     if kept is not None:
         try:
@@ -90,7 +92,8 @@ def names(kind: str) -> Iterator[str]:
 
 
 def curve(kind: str, name: str, besides: str = "") -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (rows,) in nm and values of a table: (rows,) of lights and reflectances, (rows, k) of what has channels.
+    """Wavelengths (rows,) in nm and values of a table: (rows,) of lights and reflectances, (rows, k) of what has
+    channels.
 
     Kinds: illuminant, camera and display as they are tabulated; smooth camera, observer, patch and basis at 1 nm.
 

@@ -29,7 +29,8 @@ def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tup
 
 
 def rgb_space_white(name: str) -> str:
-    """Name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; the space's own name where it is of no other.
+    """Name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; the space's own name where it
+    is of no other.
 
     A white counts as an illuminant's where its chromaticity is the published one.
     """
@@ -40,7 +41,9 @@ def rgb_space_white(name: str) -> str:
 
 
 def white_chromaticity(name: str) -> tuple[float, float] | None:
-    """xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None of a light that has none."""
+    """xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None of a light
+    that has none.
+    """
     if name in list(shipped.names("space")):
         return rgb_space_primaries(name)[1]
     return _published_white(name)

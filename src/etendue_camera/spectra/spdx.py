@@ -25,8 +25,9 @@ def read_spdx(path: Path) -> tuple[list[str], npt.NDArray[np.float64], npt.NDArr
     Parameters
     ----------
     path : Path
-        A root ``IESTM2714`` with ``SpectralDistribution`` and in it ``<SpectralData wavelength="380.0">0.013</SpectralData>``,
-        two at least, of ascending wavelength in nm. What the head says is not looked at, nor is ``SpectralQuantity``.
+        A root ``IESTM2714`` with ``SpectralDistribution`` and in it
+        ``<SpectralData wavelength="380.0">0.013</SpectralData>``, two at least, of ascending wavelength in nm. What the
+        head says is not looked at, nor is ``SpectralQuantity``.
 
     Returns
     -------
@@ -39,11 +40,17 @@ def read_spdx(path: Path) -> tuple[list[str], npt.NDArray[np.float64], npt.NDArr
     """
     try:
         root = ElementTree.fromstring(plain_files.table(path))
-    except (ElementTree.ParseError, LookupError, ValueError) as error:  # no XML; an encoding that is not known, or of several bytes
+    except (
+        ElementTree.ParseError,
+        LookupError,
+        ValueError,
+    ) as error:  # no XML; an encoding that is not known, or of several bytes
         raise ValueError(f"{path} is no SPDX file: {error}; expected XML, best in UTF-8") from None
     found = [one for one in root.iter() if one.tag.rpartition("}")[2] == "SpectralData"]
     if len(found) < 2:
-        raise ValueError(f"{path} has {len(found)} elements SpectralData; at least two are needed, as ANSI/IES TM-27-14 has them")
+        raise ValueError(
+            f"{path} has {len(found)} elements SpectralData; at least two are needed, as ANSI/IES TM-27-14 has them"
+        )
     rows = np.array([[_number(path, one, one.get("wavelength")), _number(path, one, one.text)] for one in found])
     for before, after in zip(rows[:-1, 0], rows[1:, 0], strict=True):
         if not after > before:

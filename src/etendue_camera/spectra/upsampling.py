@@ -20,7 +20,9 @@ from etendue_camera.spectra.names import EYE
 
 
 def whole_axis(edges: tuple[float, ...]) -> tuple[float, ...]:
-    """Bin edges continued with the widths of their end bins over all that an eye sees, so that a window has the colours of the whole."""
+    """Bin edges continued with the widths of their end bins over all that an eye sees, so that a window has the
+    colours of the whole.
+    """
     first, last = edges[1] - edges[0], edges[-1] - edges[-2]
     below = min(math.ceil(max(0.0, edges[0] - EYE[0]) / first - 1e-9), math.ceil(edges[0] / first - 1e-9) - 1)
     above = math.ceil(max(0.0, EYE[1] - edges[-1]) / last - 1e-9)
@@ -83,8 +85,8 @@ def upsampling_basis(edges: Edges) -> FloatArray:
     Returns
     -------
     (n, 3) array, dimensionless
-        The same in a bin, however many bins like it are rendered beside it. Columns add up to 1 in every bin, so that grey
-        photographs get flat spectra.
+        The same in a bin, however many bins like it are rendered beside it. Columns add up to 1 in every bin, so that
+        grey photographs get flat spectra.
 
     Raises
     ------
@@ -96,8 +98,8 @@ def upsampling_basis(edges: Edges) -> FloatArray:
     Source: the basis of Mallett & Yuksel (2019, https://doi.org/10.2312/sr.20191216), Sprague to 1 nm, means
     over the bins, held outside 380-780 nm. Two corrections: each row is divided by its sum (which is 1 within
     1e-5), and a 3 x 3 matrix makes the round trip exact for the whole light in bins like these (`whole_axis`), that is
-    sum(basis x D65 x observer) = ``srgb_to_xyz(edges)``. Together they move the basis by at most 1.2e-3 (5 nm bins), 4.6e-3 (10 nm) and
-    2.2e-2 (20 nm).
+    sum(basis x D65 x observer) = ``srgb_to_xyz(edges)``. Together they move the basis by at most 1.2e-3 (5 nm bins),
+    4.6e-3 (10 nm) and 2.2e-2 (20 nm).
     Error: round trip below 1e-15, sum of columns within 2e-15 of 1. Values within [0.0029, 0.978] for 10 nm
     bins over 380-780 nm, so that RGB inside [0, 1] gives reflectances inside [0, 1]; bins of 20 nm reach
     -0.0064.

@@ -13,10 +13,20 @@ from etendue.cli.saying import command, say, show, tell
 
 @command("compare")
 @options.FILE
-@click.option("--axis", required=True, metavar="AXIS[=V,V,..]", help="demosaic.use, demosaic.use=a,b or sharpen.strength=0,0.1,0.2.")
+@click.option(
+    "--axis",
+    required=True,
+    metavar="AXIS[=V,V,..]",
+    help="demosaic.use, demosaic.use=a,b or sharpen.strength=0,0.1,0.2.",
+)
 @options.settings()
 @click.option(
-    "--repeat", default=5, show_default=True, type=click.IntRange(1), metavar="N", help="Time each alternative so often; the best counts."
+    "--repeat",
+    default=5,
+    show_default=True,
+    type=click.IntRange(1),
+    metavar="N",
+    help="Time each alternative so often; the best counts.",
 )
 @click.option("--noise-free", is_flag=True, help="Expected values: no noise, no rounding.")
 @click.option("--no-mtf50", is_flag=True, help="Leave the run in front of an edge out.")
@@ -26,25 +36,34 @@ from etendue.cli.saying import command, say, show, tell
 @options.JSON
 @options.gather
 def compare(
-    given: options.Given, axis: str, repeat: int, noise_free: bool, no_mtf50: bool, scheduler: str, workers: int | None,
-    output: Path | None, as_json: bool,
-) -> None:  # fmt: skip
+    given: options.Given,
+    axis: str,
+    repeat: int,
+    noise_free: bool,
+    no_mtf50: bool,
+    scheduler: str,
+    workers: int | None,
+    output: Path | None,
+    as_json: bool,
+) -> None:
     """Rank alternatives: quality against run time, plugins included.
 
-    --axis demosaic.use takes every installed stage that writes what the stage `demosaic` of the file writes and reads no more
-    than it does, and does not say that it has another role; demosaic.use=a,b takes these, and '{ use = "mine",
-    iterations = 5 }' one with its parameters. Any stage and any parameter may be the axis. Light, mosaic and noise are computed
-    once, the same for all that stand behind them.
+    --axis demosaic.use takes every installed stage that writes what the stage `demosaic` of the file writes and reads
+    no more than it does, and does not say that it has another role; demosaic.use=a,b takes these, and '{ use = "mine",
+    iterations = 5 }' one with its parameters. Any stage and any parameter may be the axis. Light, mosaic and noise are
+    computed once, the same for all that stand behind them.
 
-    The reference is what the same pixels would give without noise and mosaic, at every pixel, through the same later stages. PSNR
-    is measured on linear values where the axis has its effect: at the stage's own picture, or at rgb_camera for what stands before
-    it; "encoded", CIEDE2000, zipper and false colour on the finished picture. A stage that reads and writes rgb_camera alone
-    (sharpening, denoising) is left out of the reference: it is held against the picture that did not need it. Any other axis in
-    front of the pixels or behind the demosaicer (f_number, display.display) reaches the reference too: then each value has one of
-    its own, and the rank goes by PSNR of the encoded picture. A border of 10 pixels is not counted. MTF50 comes from a second,
-    noise-free run of the same camera in front of a slanted edge. Time is that of the stage alone on one thread.
+    The reference is what the same pixels would give without noise and mosaic, at every pixel, through the same later
+    stages. PSNR is measured on linear values where the axis has its effect: at the stage's own picture, or at
+    rgb_camera for what stands before it; "encoded", CIEDE2000, zipper and false colour on the finished picture. A stage
+    that reads and writes rgb_camera alone (sharpening, denoising) is left out of the reference: it is held against the
+    picture that did not need it. Any other axis in front of the pixels or behind the demosaicer (f_number,
+    display.display) reaches the reference too: then each value has one of its own, and the rank goes by PSNR of the
+    encoded picture. A border of 10 pixels is not counted. MTF50 comes from a second, noise-free run of the same camera
+    in front of a slanted edge. Time is that of the stage alone on one thread.
 
-    Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off, or one that was named is refused, or all but one are.
+    Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off, or one that was named is refused, or all but
+    one are.
     """
     from etendue.present.terminal.terminal import TerminalProgress
     from etendue.result_files import check_folder
@@ -58,7 +77,9 @@ def compare(
     how = Options(check_scheduler(scheduler), workers or 0)
     progress = None if as_json else TerminalProgress
     along = parse_axis(axis, options.number)
-    folder = output or Path(f"{pipeline.name}-compare-{along.key.removesuffix('.use').removeprefix('camera.').replace('.', '_')}")
+    folder = output or Path(
+        f"{pipeline.name}-compare-{along.key.removesuffix('.use').removeprefix('camera.').replace('.', '_')}"
+    )
     found = measure(pipeline, along, repeat, noise_free, how, progress, not no_mtf50, lambda: check_folder(folder))
     files = write_files(found, folder)
     if as_json:
@@ -74,27 +95,52 @@ def compare(
 @options.SWEEPS
 @options.TOLERANCE
 @options.NOTHING_LEFT_OUT
-@click.option("--samples-per-degree", default=34.0, show_default=True, metavar="S", help="Pixels in a degree of view: 100 dpi at 50 cm.")
-@click.option("--without", multiple=True, metavar="STAGE", help="Leave this too out of the ideal camera: diffusion" + options.REPEAT)
-@click.option("--keep", multiple=True, metavar="STAGE", help="Keep this in the ideal camera, such as distortion" + options.REPEAT)
 @click.option(
-    "--pictures", default=12, show_default=True, type=click.IntRange(0), metavar="N",
+    "--samples-per-degree",
+    default=34.0,
+    show_default=True,
+    metavar="S",
+    help="Pixels in a degree of view: 100 dpi at 50 cm.",
+)
+@click.option(
+    "--without",
+    multiple=True,
+    metavar="STAGE",
+    help="Leave this too out of the ideal camera: diffusion" + options.REPEAT,
+)
+@click.option(
+    "--keep", multiple=True, metavar="STAGE", help="Keep this in the ideal camera, such as distortion" + options.REPEAT
+)
+@click.option(
+    "--pictures",
+    default=12,
+    show_default=True,
+    type=click.IntRange(0),
+    metavar="N",
     help="Pictures with -o at most, spread over the sweep.",
-)  # fmt: skip
+)
 @options.SCHEDULER
 @options.WORKERS
 @options.output("Table as CSV and JSON, pictures side by side.")
 @options.JSON
 @options.gather
 def quality(
-    given: options.Given, as_json: bool, samples_per_degree: float, without: tuple[str, ...], keep: tuple[str, ...], pictures: int,
-    scheduler: str, workers: int | None, output: Path | None,
-) -> None:  # fmt: skip
+    given: options.Given,
+    as_json: bool,
+    samples_per_degree: float,
+    without: tuple[str, ...],
+    keep: tuple[str, ...],
+    pictures: int,
+    scheduler: str,
+    workers: int | None,
+    output: Path | None,
+) -> None:
     """How far a camera is from the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
 
-    For every cell of the sweep: PSNR of camera primaries and of the encoded picture, SSIM of its luma, CIEDE2000 and S-CIELAB of
-    the displayed light, SNR, visible noise in a uniform region, dynamic range. Blur, aberrations, distortion and glare are left
-    out of the ideal camera, and so is sharpening; its pixels, its light and its colours are those of the camera.
+    For every cell of the sweep: PSNR of camera primaries and of the encoded picture, SSIM of its luma, CIEDE2000 and
+    S-CIELAB of the displayed light, SNR, visible noise in a uniform region, dynamic range. Blur, aberrations,
+    distortion and glare are left out of the ideal camera, and so is sharpening; its pixels, its light and its colours
+    are those of the camera.
 
     Exit codes: 0 done, 2 the request is wrong, 3 some cells failed.
     """
@@ -111,8 +157,18 @@ def quality(
     draw = pictures_of(pipeline.name) if output else None
     progress = None if as_json else TerminalProgress
     found = measure(
-        pipeline, installed_stages(), samples_per_degree, without, keep, leave_out, how, progress, draw, output, pictures
-    )  # fmt: skip
+        pipeline,
+        installed_stages(),
+        samples_per_degree,
+        without,
+        keep,
+        leave_out,
+        how,
+        progress,
+        draw,
+        output,
+        pictures,
+    )
     if output:
         write(found, output)
     tell(as_json, found.document(), print_quality)
@@ -123,15 +179,17 @@ def quality(
 @options.FILE
 @options.settings("camera.iso=800, demosaic.use=demosaic_bilinear; repeatable.")
 @click.option("--reflectance", default=0.18, show_default=True, metavar="R", help="Of the grey card.")
-@click.option("--frames", default=4, show_default=True, metavar="N", help="Frames of noise, each with fixed patterns of its own.")
+@click.option(
+    "--frames", default=4, show_default=True, metavar="N", help="Frames of noise, each with fixed patterns of its own."
+)
 @options.JSON
 @options.gather
 def noise(given: options.Given, reflectance: float, frames: int, as_json: bool) -> None:
     """Noise behind every stage of a camera in front of a grey card: predicted, and found in frames of noise.
 
-    Predicted from shot noise, read noise, fixed patterns and rounding, and from what the stages behind the mosaic answer to one
-    pixel; stages that adapt to their picture adapt to noise, and differ from the prediction. Correlations between channels and
-    between neighbours say how coarse and how coloured the noise looks.
+    Predicted from shot noise, read noise, fixed patterns and rounding, and from what the stages behind the mosaic
+    answer to one pixel; stages that adapt to their picture adapt to noise, and differ from the prediction. Correlations
+    between channels and between neighbours say how coarse and how coloured the noise looks.
     """
     from etendue.contract.registry import installed_stages
     from etendue.present.terminal.terminal import TerminalProgress

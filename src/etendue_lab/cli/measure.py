@@ -12,17 +12,33 @@ from etendue.cli.saying import command, tell
 
 @command("measure")
 @click.argument("picture", type=click.Path(path_type=Path), metavar="PICTURE")
-@click.option("--edge", "edges", multiple=True, metavar="X,Y,W,H", help="One slanted edge, in a rectangle; or auto. Repeatable.")
-@click.option("--star", "stars", multiple=True, metavar="X,Y,R", help="A Siemens star: its middle and radius. Repeatable.")
-@click.option("--cycles", type=click.IntRange(8, 400), metavar="N", help="Periods of the stars in one turn; counted where not given.")
+@click.option(
+    "--edge", "edges", multiple=True, metavar="X,Y,W,H", help="One slanted edge, in a rectangle; or auto. Repeatable."
+)
+@click.option(
+    "--star", "stars", multiple=True, metavar="X,Y,R", help="A Siemens star: its middle and radius. Repeatable."
+)
+@click.option(
+    "--cycles",
+    type=click.IntRange(8, 400),
+    metavar="N",
+    help="Periods of the stars in one turn; counted where not given.",
+)
 @click.option("--noise", multiple=True, metavar="X,Y,W,H", help="An even patch. Repeatable.")
 @click.option(
-    "--chart", metavar="X0,Y0,..,X3,Y3",
+    "--chart",
+    metavar="X0,Y0,..,X3,Y3",
     help="A ColorChecker: outer corners of dark skin, bluish green, black and white, in this order.",
-)  # fmt: skip
-@click.option("--encoding", default="sRGB", show_default=True, metavar="E", help="Of the values: sRGB, BT.709 or linear.")
+)
 @click.option(
-    "--space", default="sRGB", show_default=True, metavar="NAME", help="Primaries and white: 'Display P3', 'Adobe RGB (1998)', ..."
+    "--encoding", default="sRGB", show_default=True, metavar="E", help="Of the values: sRGB, BT.709 or linear."
+)
+@click.option(
+    "--space",
+    default="sRGB",
+    show_default=True,
+    metavar="NAME",
+    help="Primaries and white: 'Display P3', 'Adobe RGB (1998)', ...",
 )
 @click.option(
     "--channel",
@@ -32,20 +48,40 @@ from etendue.cli.saying import command, tell
 @click.option("--pitch", metavar="LENGTH", help="Of the camera's pixels, such as 4um: frequencies in cycles/mm too.")
 @options.JSON
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), metavar="FILE", help="Curves of edges and stars: .csv, .png, .svg or .pdf."
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Curves of edges and stars: .csv, .png, .svg or .pdf.",
 )
 @click.option(
-    "--picture", "shown", type=click.Path(path_type=Path), metavar="FILE",
+    "--picture",
+    "shown",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
     help="The photograph with what was measured outlined: .png, .svg or .pdf.",
-)  # fmt: skip
+)
 def measure(
-    picture: Path, edges: tuple[str, ...], stars: tuple[str, ...], cycles: int | None, noise: tuple[str, ...], chart: str | None,
-    encoding: str, space: str, channel: str | None, pitch: str | None, as_json: bool, output: Path | None, shown: Path | None,
-) -> None:  # fmt: skip
-    """A photograph of your own, measured with the instruments that measure simulated ones, each figure with its 95 % interval.
+    picture: Path,
+    edges: tuple[str, ...],
+    stars: tuple[str, ...],
+    cycles: int | None,
+    noise: tuple[str, ...],
+    chart: str | None,
+    encoding: str,
+    space: str,
+    channel: str | None,
+    pitch: str | None,
+    as_json: bool,
+    output: Path | None,
+    shown: Path | None,
+) -> None:
+    """A photograph of your own, measured with the instruments that measure simulated ones, each figure with its 95 %
+    interval.
 
-    MTF of slanted edges and Siemens stars, noise of even patches, colour differences of a ColorChecker; in pixels from the upper left.
-    Without a region the strongest slanted edge is found. PNG, JPEG, TIFF; raw files on their own mosaic (pip install 'etendue[raw]').
+    MTF of slanted edges and Siemens stars, noise of even patches, colour differences of a ColorChecker; in pixels from
+    the upper left. Without a region the strongest slanted edge is found. PNG, JPEG, TIFF; raw files on their own mosaic
+    (pip install 'etendue[raw]').
 
     Exit codes: 0 done, 2 the request is wrong or the picture does not hold what was said.
     """

@@ -18,10 +18,10 @@ from etendue.cli.saying import command, say, show
 def stability(stages: tuple[str, ...], every: bool, workers: int | None, as_json: bool) -> None:
     """Try stages where numbers are hard: do they compute, or refuse in words?
 
-    Every installed stage, plugins too, at the ends and in the corners of every range that it declares, at zero and infinity where they
-    are allowed, and inside; in single, double and long double precision; with inputs that are dark, bright, undefined or negative;
-    with inputs and parameters moved by their last bit. Then the kernels against closed forms of many digits, and whole cameras at
-    extremes. With names: these stages alone.
+    Every installed stage, plugins too, at the ends and in the corners of every range that it declares, at zero and
+    infinity where they are allowed, and inside; in single, double and long double precision; with inputs that are dark,
+    bright, undefined or negative; with inputs and parameters moved by their last bit. Then the kernels against closed
+    forms of many digits, and whole cameras at extremes. With names: these stages alone.
 
     An error is relative to the largest value of what is written; condition is how many times a small change grows.
 

@@ -61,7 +61,9 @@ def parse_axis(text: str, value_of: Callable[[str], Any]) -> Asked:
     values = tuple(value_of(part) for part in parts)
     for part, value in zip(parts, values, strict=True):
         if part.startswith(("{", "[")) and isinstance(value, str):
-            raise RequestError([Fault(f"--axis {key}", f'{part} is no TOML; a table is written {{ use = "NAME", iterations = 5 }}')])
+            raise RequestError(
+                [Fault(f"--axis {key}", f'{part} is no TOML; a table is written {{ use = "NAME", iterations = 5 }}')]
+            )
     if len(values) == 1 and isinstance(values[0], list):
         return Asked(key, tuple(values[0]))
     if len(values) == 1 and isinstance(values[0], dict) and "from" in values[0]:
@@ -105,18 +107,30 @@ def _split(text: str) -> list[str]:
 
 
 def check_axis(asked: Asked, pipeline: Pipeline) -> Asked:
-    """The axis by its name, and what can be said of it without planning: the stage is there, and there are values where they are needed."""
+    """The axis by its name, and what can be said of it without planning: the stage is there, and there are values
+    where they are needed.
+    """
     names = [entry.name for entry in pipeline.stages]
     place = f"--axis {asked.key}"
     asked = replace(asked, key=axis_name(asked.key, pipeline.document()))
     if not asked.stage and asked.key in names and asked.values is None:
-        raise RequestError([Fault(place, f"{asked.key} is a stage: its alternatives are {asked.key}.use")], pipeline.file)
+        raise RequestError(
+            [Fault(place, f"{asked.key} is a stage: its alternatives are {asked.key}.use")], pipeline.file
+        )
     if asked.stage and asked.stage not in names:
         uses = {entry.use: entry.name for entry in pipeline.stages}
-        hint = f"; {asked.stage} is named {uses[asked.stage]!r} here" if asked.stage in uses else nearest(asked.stage, names)
+        hint = (
+            f"; {asked.stage} is named {uses[asked.stage]!r} here"
+            if asked.stage in uses
+            else nearest(asked.stage, names)
+        )
         raise RequestError([Fault(place, f"there is no stage named {asked.stage!r}{hint}")], pipeline.file)
     if asked.values is None and not asked.swaps and asked.key != SENSOR:
-        known = "" if asked.stage or asked.key in camera.names() else nearest(asked.key, [*camera.names(), *(f"{n}.use" for n in names)])
+        known = (
+            ""
+            if asked.stage or asked.key in camera.names()
+            else nearest(asked.key, [*camera.names(), *(f"{n}.use" for n in names)])
+        )
         raise RequestError([Fault(place, f"needs values: --axis {asked.key}=VALUE,VALUE,..{known}")], pipeline.file)
     return asked
 
@@ -140,8 +154,8 @@ def check_writes(asked: Asked, node: Node, registry: Registry) -> None:
 def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     """Installed stages that write what a stage writes and read no more than it does; and what could not be looked at.
 
-    Transfer functions of earlier stages may always be read. The stage itself comes first. Those that say that they serve another
-    role (``Stage.role``) and those that only stand in references are none.
+    Transfer functions of earlier stages may always be read. The stage itself comes first. Those that say that they
+    serve another role (``Stage.role``) and those that only stand in references are none.
     """
     own = node.alternatives[0]
     reads = {str(d) for d in reads_of(own.kind).values() if not d.optional}
@@ -165,8 +179,8 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
 def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
     """The camera alone, and what of it the sweep of its file would have changed.
 
-    Where the file gives a value beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) it holds; where it gives
-    none, the first value of the sweep does.
+    Where the file gives a value beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) it
+    holds; where it gives none, the first value of the sweep does.
     """
     at: dict[str, Any] = {}
     if SENSOR in pipeline.sweep:
@@ -179,7 +193,11 @@ def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
             at[key] = own
             continue
         value = (
-            written.get("from") if isinstance(written, Mapping) else written[0] if isinstance(written, list | tuple) and written else None
+            written.get("from")
+            if isinstance(written, Mapping)
+            else written[0]
+            if isinstance(written, list | tuple) and written
+            else None
         )
         if value is None:
             continue  # a fault, which the planner reports
@@ -202,7 +220,9 @@ def _of_one_sensor(pipeline: Pipeline) -> tuple[str, Pipeline]:
         return "", pipeline  # a fault, which the planner reports
     own = {name: value for name, value in table.items() if name not in (SENSOR, "label")}
     name = str(table.get(SENSOR, ""))
-    alone = replace(alone, preset_name=name, preset=preset(name).values() if name else {}, shared={**pipeline.shared, **own})
+    alone = replace(
+        alone, preset_name=name, preset=preset(name).values() if name else {}, shared={**pipeline.shared, **own}
+    )
     return str(table.get("label", name)), alone
 
 

@@ -3,11 +3,12 @@
 In:  a pipeline without a sweep, the nodes it becomes, the stage that is compared.
 Out: the pipeline with the reference's stages behind its own, and what is to be measured against what.
 
-The reference branches off at ``photon_rate`` and has every channel at every pixel: no mask, an ideal exposure, no demosaicing, and
-each stage behind that is there twice. In front of the demosaicer full planes are a mosaic run plane by plane: what corrects the mosaic
-corrects them too, each plane as the mosaic of a sensor with one filter. What moves charge behind the mask is replaced by a stage of the
-same role on ``photon_rate``. Both branches read one and the same light, white and colour matrix, computed once. Where the compared
-stage stands in both branches, its axis reaches the reference's stage too.
+The reference branches off at ``photon_rate`` and has every channel at every pixel: no mask, an ideal exposure, no
+demosaicing, and each stage behind that is there twice. In front of the demosaicer full planes are a mosaic run plane by
+plane: what corrects the mosaic corrects them too, each plane as the mosaic of a sensor with one filter. What moves
+charge behind the mask is replaced by a stage of the same role on ``photon_rate``. Both branches read one and the same
+light, white and colour matrix, computed once. Where the compared stage stands in both branches, its axis reaches the
+reference's stage too.
 """
 
 from __future__ import annotations
@@ -53,7 +54,9 @@ class Branched:
     display: Pair | None  # the encoded picture
     colour: Pair | None  # tristimulus values behind the balance
     without: str  # the compared stage, where the reference does without it
-    counterpart: str  # what stands for the compared stage in the reference; '' where the two branches share it, or nothing does
+    counterpart: (
+        str  # what stands for the compared stage in the reference; '' where the two branches share it, or nothing does
+    )
     notes: tuple[str, ...]
 
     def axes(self, key: str, values: Any) -> dict[str, Any]:
@@ -94,7 +97,9 @@ def _read(node: Node) -> set[str]:
 
 
 def noise_free(pipeline: Pipeline, nodes: tuple[Node, ...], registry: Registry) -> Pipeline:
-    """Expected values: what makes ``mosaic_linear`` is replaced, and with it all that stands before it up to the mosaic."""
+    """Expected values: what makes ``mosaic_linear`` is replaced, and with it all that stands before it up to the
+    mosaic.
+    """
     linear = makes(nodes, MOSAIC)
     if linear is None or writer(nodes, CHARGE) is None or linear.kind.role == REFERENCE:
         return pipeline
@@ -114,14 +119,19 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, regist
     demosaic, light = makes(nodes, CAMERA), writer(nodes, LIGHT)
     if demosaic is None or light is None:
         lacking = LIGHT if light is None else CAMERA
-        raise RequestError(f"no stage writes {lacking}: the reference needs a pixel stage, and a demosaicer to stand for", pipeline.file)
+        raise RequestError(
+            f"no stage writes {lacking}: the reference needs a pixel stage, and a demosaicer to stand for",
+            pipeline.file,
+        )
     made = Reference(pipeline, nodes, key, registry)
     made.planes(light, demosaic)
     made.behind(demosaic)
     twin, compared = made.twin, key.rpartition(".")[0]
 
     def pair(node: Node | None, variable: str) -> Pair | None:
-        return Pair((node.name, variable), (twin[node.name], variable)) if node is not None and node.name in twin else None
+        return (
+            Pair((node.name, variable), (twin[node.name], variable)) if node is not None and node.name in twin else None
+        )
 
     at = next((n for n in nodes if n.name == compared and n.name in twin), None)
     own = next((v for v in PICTURES if at is not None and v in at.writes), None)
@@ -169,11 +179,17 @@ class Reference:
             self.notes.append(f"in the reference stands {use} as the file says, whatever the value of {self.key}")
 
     def planes(self, light: Node, demosaic: Node, needless: Collection[str] = ()) -> None:
-        """From the light to camera channels: every channel at every pixel, corrected plane by plane, but for what is named as needless."""
+        """From the light to camera channels: every channel at every pixel, corrected plane by plane, but for what is
+        named as needless.
+        """
         before = self.nodes[: self.nodes.index(demosaic)]
         source = light.name
         for node in before[self.nodes.index(light) :]:
-            use = installed.serving(self.registry, node.kind.role, LIGHT, LIGHT) if node.kind.role and _changes(node, CHARGE) else ""
+            use = (
+                installed.serving(self.registry, node.kind.role, LIGHT, LIGHT)
+                if node.kind.role and _changes(node, CHARGE)
+                else ""
+            )
             if use:
                 source, self.stands[node.name] = self.add(node, use, {LIGHT: source}), use
                 self.follow(node, use, source)
@@ -205,7 +221,13 @@ class Reference:
         if node.name == self.compared and node.kind.role in RESTORING:
             return "which is compared with what needed none"
         behind = [n for n in self.nodes[self.nodes.index(light) :] if n is not light]
-        maps = [v for _, s, v in node.inputs[0] if v != MOSAIC for n in behind if n.name == s and {"y", "x"} <= set(n.writes[v].dims)]
+        maps = [
+            v
+            for _, s, v in node.inputs[0]
+            if v != MOSAIC
+            for n in behind
+            if n.name == s and {"y", "x"} <= set(n.writes[v].dims)
+        ]
         if maps:
             return f"which reads {maps[0]}, a picture of the mosaic"
         one, graph = node.alternatives[0], graph_of(self.pipeline, self.registry)
@@ -228,8 +250,10 @@ class Reference:
                 self.twin[node.name] = next(self.twin[s] for _, s, v in node.inputs[0] if v == CAMERA)
                 self.without = node.name
                 self.notes.append(
-                    f"the reference does without {node.name} and is as blurred as the light on the pixels: what undoes blur counts as an "
-                    "error here. What a restoration gains and costs is in mtf50_gain and noise_gain, where its stage writes them"
+                    f"the reference does without {node.name} and is as blurred as the light on the pixels: what undoes "
+                    f"blur counts as an "
+                    "error here. What a restoration gains and costs is in mtf50_gain and noise_gain, where its stage "
+                    "writes them"
                 )
                 continue
             origin = {port: self.twin.get(s, s) for port, s, _ in node.inputs[0]}
@@ -242,6 +266,8 @@ def _changes(node: Node, variable: str) -> bool:
 
 
 def _restores(node: Node) -> bool:
-    """Whether a stage betters camera values and looks at nothing else: the truth it aims at is what it was not needed for."""
+    """Whether a stage betters camera values and looks at nothing else: the truth it aims at is what it was not
+    needed for.
+    """
     reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
     return reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING

@@ -73,7 +73,11 @@ class Reader:
 
     def of(self, found: tuple[str, Any], position: int = 0) -> Any:
         variable, node = found
-        return self.at((node.name, variable), position) if node is not None and node.name in [n.name for n in self.plan.nodes] else None
+        return (
+            self.at((node.name, variable), position)
+            if node is not None and node.name in [n.name for n in self.plan.nodes]
+            else None
+        )
 
     def why(self, position: int) -> str:
         """What went wrong at a value of the axis: the first stage that failed."""
@@ -87,7 +91,11 @@ class Reader:
     def shared_faults(self) -> list[str]:
         """Stages that failed for all alternatives alike."""
         own = {node.name for node in self.plan.nodes if self.dims & set(node.axes)}
-        return [f"{r.stage} failed: {r.message.strip().rpartition(chr(10))[2]}" for r in self.outcome.failed if r.stage not in own]
+        return [
+            f"{r.stage} failed: {r.message.strip().rpartition(chr(10))[2]}"
+            for r in self.outcome.failed
+            if r.stage not in own
+        ]
 
     def alternative(self, position: int) -> Alternative | None:
         if not self.asked.stage:

@@ -3,8 +3,8 @@
 In:  a pipeline with its reference, the axis, the plan of its main run.
 Out: for each value of the axis, and for the reference, the frequency of half contrast across the edge, cycles/pixel.
 
-The scene becomes an axis of two values, an edge and an even field of the same light, so that fall-off divides out. What the
-rendering of the edge takes from the contrast is known exactly, and divided out too.
+The scene becomes an axis of two values, an edge and an even field of the same light, so that fall-off divides out. What
+the rendering of the edge takes from the contrast is known exactly, and divided out too.
 """
 
 from __future__ import annotations
@@ -44,10 +44,13 @@ class EdgeFigures:
     note: str = ""
 
 
-def measure(branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options) -> EdgeFigures:
+def measure(
+    branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options
+) -> EdgeFigures:
     """Run the edge and measure it; what stands in the way is a note, not an exception.
 
-    ``white``: the brightest that a white surface becomes at any value of the axis, 1 where pixels saturate; 0: not known.
+    ``white``: the brightest that a white surface becomes at any value of the axis, 1 where pixels saturate; 0: not
+    known.
     """
     try:
         return _measured(branched, plan, asked, values, white, registry, options)
@@ -56,7 +59,9 @@ def measure(branched: Branched, plan: Plan, asked: Asked, values: Any, white: fl
         return EdgeFigures({}, {}, f"no MTF50: {text}")
 
 
-def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options) -> EdgeFigures:
+def _measured(
+    branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options
+) -> EdgeFigures:
     place, reference = branched.linear.ours, branched.linear.reference
     if place[1] == "rgb_display":
         raise ValueError("the stage writes encoded values, on which no transfer function is defined")
@@ -83,8 +88,12 @@ def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: 
         planes = [at(where, which, position) for which in (0, 1)]
         if any(p is None for p in planes):
             return None
-        weights = _luminance(where[1], len(planes[0]), *(at((n.name, v), 1, position) if n else None for n, v in _named(matrix)))
-        edge, flat = (np.tensordot(weights, np.asarray(p, np.float64), 1)[BORDER:-BORDER, BORDER:-BORDER] for p in planes)
+        weights = _luminance(
+            where[1], len(planes[0]), *(at((n.name, v), 1, position) if n else None for n, v in _named(matrix))
+        )
+        edge, flat = (
+            np.tensordot(weights, np.asarray(p, np.float64), 1)[BORDER:-BORDER, BORDER:-BORDER] for p in planes
+        )
         if not np.all(flat > 0):
             raise ValueError("the even field of the same light is dark")
         return crossing(edge / flat, _pixels(sigma, made, position))
@@ -124,7 +133,8 @@ def pitches_of(plan: Plan) -> list[float]:
 
 
 def crossing(picture: Any, sigma: float) -> float:
-    """Lowest frequency of half contrast of what made a picture of an edge that was drawn with a Gaussian of ``sigma`` pixels.
+    """Lowest frequency of half contrast of what made a picture of an edge that was drawn with a Gaussian of ``sigma``
+    pixels.
 
     NaN where it is not reached below 1 cycle/pixel. Linear between samples 1/400 cycles/pixel apart: 1e-5 relative.
     """
@@ -141,8 +151,10 @@ def crossing(picture: Any, sigma: float) -> float:
 
 def edge_and_field(
     base: Pipeline, nodes: tuple[Node, ...], plan: Plan, white: float, registry: Registry
-) -> tuple[Pipeline, str, float]:  # fmt: skip
-    """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the edge, um."""
+) -> tuple[Pipeline, str, float]:
+    """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the
+    edge, um.
+    """
     sources = [n for n in nodes if n.is_source and "radiance" in n.writes]
     pixel = next((n for n in nodes if n.ends_in_sum), None)
     if len(sources) != 1 or pixel is None:
@@ -186,7 +198,9 @@ def edge_and_field(
     dropped = ("sensor_height", "sensor_width", "first_row", "first_column", "window_rows", "window_columns")
     pipeline = noise_free(base, nodes, registry)
     stages = tuple(
-        replace(e, values={**{k: v for k, v in e.values.items() if k not in dropped}, **window}) if e.name == pixel.name and window else e
+        replace(e, values={**{k: v for k, v in e.values.items() if k not in dropped}, **window})
+        if e.name == pixel.name and window
+        else e
         for e in pipeline.stages
     )
     return replace(pipeline, stages=stages, sweep={f"{source.name}.use": scenes}), source.name, softness * spacing

@@ -31,7 +31,9 @@ def linear_figures(picture: Any, reference: Any) -> dict[str, float | None]:
 
 
 def by_its_own_white(picture: Any, reference: Any) -> float | None:
-    """PSNR where the full scale is the brightest value of the reference: what pictures of different exposure can be ranked by."""
+    """PSNR where the full scale is the brightest value of the reference: what pictures of different exposure can be
+    ranked by.
+    """
     peak = float(inside(reference).max())
     return fidelity.psnr(inside(picture), inside(reference), peak) if peak > 0 else None
 

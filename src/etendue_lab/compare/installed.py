@@ -15,7 +15,9 @@ from etendue_camera.roles import REFERENCE
 
 
 def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[str, ...] = ()) -> str:
-    """The stage of a role that reads one variable, with these dims where they are given, and writes another; '' if none."""
+    """The stage of a role that reads one variable, with these dims where they are given, and writes another; '' if
+    none.
+    """
 
     def fits(kind: Any) -> bool:
         read = [d for d in reads_of(kind).values() if d.variable == reads and d.dims == (dims or d.dims)]

@@ -27,12 +27,27 @@ from etendue_lab.compare.study import Comparison
 
 PLOT, CROPS = "error_against_time.png", "crops.png"
 MOST_CROPS = 9
-NARROW, WIDE, UNBOUNDED = 112, 150, 200  # columns of a terminal that hold all figures, and the distributions beside them
+NARROW, WIDE, UNBOUNDED = (
+    112,
+    150,
+    200,
+)  # columns of a terminal that hold all figures, and the distributions beside them
 UNITS = {
-    "psnr": "dB", "psnr_white": "dB", "psnr_encoded": "dB", "rmse": "1", "ssim": "1", "delta_e": "CIEDE2000", "zipper": "1",
-    "false_colour": "CIELAB", "mtf50": "cycles/pixel", "mtf50_reference": "cycles/pixel", "seconds": "s", "mpixel_per_second": "Mpixel/s",
-    "seconds_per_mpixel": "s/Mpixel", "error": "1",
-}  # fmt: skip
+    "psnr": "dB",
+    "psnr_white": "dB",
+    "psnr_encoded": "dB",
+    "rmse": "1",
+    "ssim": "1",
+    "delta_e": "CIEDE2000",
+    "zipper": "1",
+    "false_colour": "CIELAB",
+    "mtf50": "cycles/pixel",
+    "mtf50_reference": "cycles/pixel",
+    "seconds": "s",
+    "mpixel_per_second": "Mpixel/s",
+    "seconds_per_mpixel": "s/Mpixel",
+    "error": "1",
+}
 DISPENSABLE = ("zipper", "false colour")
 
 
@@ -107,7 +122,9 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
         console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
     if len(shown) < len(columns):
         console.print(
-            f"{'more':<10}{', '.join(DISPENSABLE)}: in compare.csv, and here where the terminal is {NARROW} columns wide", soft_wrap=True
+            f"{'more':<10}{', '.join(DISPENSABLE)}: in compare.csv, and here where the terminal is {NARROW} columns "
+            f"wide",
+            soft_wrap=True,
         )
     for path in files:
         console.print(f"{'file':<10}{escape(str(path))}", soft_wrap=True)
@@ -117,7 +134,9 @@ def _ranked_by(found: Comparison) -> str:
     place = f"{found.variable[0]}.{found.variable[1]}"
     if found.rank_by == "psnr_encoded":
         return "PSNR of the encoded picture"
-    return f"PSNR at {place}" + (", full scale the brightest of each reference" if found.rank_by == "psnr_white" else "")
+    return f"PSNR at {place}" + (
+        ", full scale the brightest of each reference" if found.rank_by == "psnr_white" else ""
+    )
 
 
 class _Column(NamedTuple):
@@ -159,13 +178,23 @@ def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]
         lines += [("from", f"{origin}: {', '.join(labels)}") for origin, labels in by_origin.items()]
     without = f", which does without {found.without}" if found.without else ""
     each = "; each value has its own" if found.own_reference else ""
-    lines.append(("reference", f"noise-free full planes of the same pixels, through the same later stages{without}{each}"))
+    lines.append(
+        ("reference", f"noise-free full planes of the same pixels, through the same later stages{without}{each}")
+    )
     if found.own_reference:
-        lines.append(("rank", f"by {_ranked_by(found)}: on one linear scale, references of different light cannot be held side by side"))
+        lines.append(
+            (
+                "rank",
+                f"by {_ranked_by(found)}: on one linear scale, references of different light cannot be held side by "
+                f"side",
+            )
+        )
     lines.append(("PSNR", "dB, full scale 1; encoded, dE00 (CIEDE2000), zipper, false colour: of the finished picture"))
     lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free; ideal: that of the reference"))
     if any(row.seconds is not None for row in found.rows):
-        lines.append(("error", "rms, full scale 1, of what the rows are ranked by; against time in error_against_time.png"))
+        lines.append(
+            ("error", "rms, full scale 1, of what the rows are ranked by; against time in error_against_time.png")
+        )
         lines.append(("time", "of the stage alone, one thread; * nothing better is as fast"))
     lines.append(("noise", found.noise))
     for keys, text in (
@@ -206,7 +235,9 @@ def _plot(found: Comparison) -> bytes:
             points.append(Point(row.label, row.seconds_per_mpixel, row.error, row.pareto))
     lacking = [row.label for row in found.rows if row.seconds_per_mpixel and getattr(row, found.rank_by) == math.inf]
     if lacking and points:
-        found.notes.append(f"{PLOT} has logarithmic axes, on which no error has no place; not in it: {', '.join(lacking)}")
+        found.notes.append(
+            f"{PLOT} has logarithmic axes, on which no error has no place; not in it: {', '.join(lacking)}"
+        )
     if not points:
         return b""
     what = "the encoded picture" if found.rank_by == "psnr_encoded" else found.variable[1]
@@ -215,7 +246,9 @@ def _plot(found: Comparison) -> bytes:
 
 
 def _crops(found: Comparison) -> bytes:
-    """The best side by side with the reference of the best, each with its size; those that lie nobody knows where are named in a note."""
+    """The best side by side with the reference of the best, each with its size; those that lie nobody knows where
+    are named in a note.
+    """
     best = [(row, row.position) for row in found.rows if row.position is not None and row.position in found.pictures]
     if not best:
         return b""
@@ -230,11 +263,24 @@ def _crops(found: Comparison) -> bytes:
     if len(alike) > MOST_CROPS:
         others = ", ".join(row.label for row, _ in alike[MOST_CROPS:])
         found.notes.append(
-            f"{CROPS} shows the best {MOST_CROPS} of {len(alike)}; --axis '{found.key}=...' with fewer shows others: {others}"
+            f"{CROPS} shows the best {MOST_CROPS} of {len(alike)}; --axis '{found.key}=...' with fewer shows others: "
+            f"{others}"
         )
-    strips = [Strip(f"reference of {best[0][0].label}" if found.own_reference else "reference", reference, found.planes.get(best[0][1]))]
+    strips = [
+        Strip(
+            f"reference of {best[0][0].label}" if found.own_reference else "reference",
+            reference,
+            found.planes.get(best[0][1]),
+        )
+    ]
     for row, at in alike[:MOST_CROPS]:
-        strips.append(Strip(f"{row.label}  {_number(getattr(row, found.rank_by), '.2f')} dB", found.pictures[at], found.planes.get(at)))
+        strips.append(
+            Strip(
+                f"{row.label}  {_number(getattr(row, found.rank_by), '.2f')} dB",
+                found.pictures[at],
+                found.planes.get(at),
+            )
+        )
     encoded = any(row.psnr_encoded is not None for row, _ in alike)
     return strip(strips, encoded, f"{found.pipeline}: where they differ most")
 

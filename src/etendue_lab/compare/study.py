@@ -3,9 +3,10 @@
 In:  a pipeline, an axis (`axis.Asked`), how often stages are timed, whether noise counts.
 Out: a ``Comparison``: a row for each alternative, best first, and the pictures to look at.
 
-The alternatives are one axis of one run: everything in front of them, its random numbers too, is computed once and the same for
-all. The reference (`branches`) is what the same pixels would give without noise and mosaic. Where the axis reaches the reference too,
-each value has one of its own, and the rank goes by what can be held side by side: the finished pictures.
+The alternatives are one axis of one run: everything in front of them, its random numbers too, is computed once and the
+same for all. The reference (`branches`) is what the same pixels would give without noise and mosaic. Where the axis
+reaches the reference too, each value has one of its own, and the rank goes by what can be held side by side: the
+finished pictures.
 """
 
 from __future__ import annotations
@@ -75,9 +76,15 @@ class Comparison:
 
 
 def compare(
-    pipeline: Pipeline, asked: Asked, repeat: int = 5, expected: bool = False, options: Options | None = None, progress: Any = None,
-    edges: bool = True, ready: Callable[[], None] | None = None,
-) -> Comparison:  # fmt: skip
+    pipeline: Pipeline,
+    asked: Asked,
+    repeat: int = 5,
+    expected: bool = False,
+    options: Options | None = None,
+    progress: Any = None,
+    edges: bool = True,
+    ready: Callable[[], None] | None = None,
+) -> Comparison:
     """Run the alternatives and measure them.
 
     Parameters
@@ -115,7 +122,10 @@ def compare(
         found, broken = candidates(next(n for n in nodes if n.name == asked.stage), registry)
         values, notes = tuple(found), [f"not looked at: {text}" for text in broken]
         if len(found) == 1:
-            notes.append(f"no other installed stage writes what {asked.stage} writes and reads no more: etendue stages lists them all")
+            notes.append(
+                f"no other installed stage writes what {asked.stage} writes and reads no more: etendue stages lists "
+                f"them all"
+            )
     elif asked.stage:
         check_writes(asked, next(n for n in nodes if n.name == asked.stage), registry)
     first = tuple(key for key in at if own_value(pipeline, key) is None)
@@ -128,7 +138,11 @@ def compare(
         ready()
     outcome = execute(plan, None, options, progress(plan) if progress else None)
     reader = Reader(plan, outcome, asked, branched)
-    texts = reader.axis.values if asked.named else labels_of(values if isinstance(values, tuple) else reader.axis.values, reader.axis.units)
+    texts = (
+        reader.axis.values
+        if asked.named
+        else labels_of(values if isinstance(values, tuple) else reader.axis.values, reader.axis.units)
+    )
     measured = [_row(reader, branched, i, str(text), repeat) for i, text in enumerate(texts)]
     if edges and any(row.status == "done" for row in measured):
         whites = (reader.of(("white", writer(nodes, "white")), i) for i in range(reader.count))
@@ -149,22 +163,47 @@ def compare(
     for row in rows:
         decibels = getattr(row, by)
         row.error = None if decibels is None else 10 ** (-decibels / 20)
-    known = {row.position: references[row.position] for row in rows if row.position is not None and references[row.position] is not None}
+    known = {
+        row.position: references[row.position]
+        for row in rows
+        if row.position is not None and references[row.position] is not None
+    }
     shown = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in known}
     notes += [*_on_the_references(known, shown, branched, asked), *reader.shared_faults()]
     if len(rows) - sum(row.status == "refused" for row in rows) == 1:
-        notes.insert(0, f"there is nothing to hold it against: {'the others are refused' if len(rows) > 1 else 'it is the only one'}")
+        notes.insert(
+            0,
+            f"there is nothing to hold it against: "
+            f"{'the others are refused' if len(rows) > 1 else 'it is the only one'}",
+        )
     pictures = reader.pictures(branched, measured)
     return Comparison(
-        pipeline.name, asked.key, rows, branched.linear.ours, branched.linear.reference, branched.without,
-        "expected values, without noise and rounding" if expected else "1 frame, the same draws for all where they stand behind the noise",
-        tuple(next(iter(known.values())).shape[-2:]), at, notes, first, reader.axis.units, by, reader.own_reference,
-        asked.values is not None, *pictures, reader.planes(branched, pictures[0]),
-    )  # fmt: skip
+        pipeline.name,
+        asked.key,
+        rows,
+        branched.linear.ours,
+        branched.linear.reference,
+        branched.without,
+        "expected values, without noise and rounding"
+        if expected
+        else "1 frame, the same draws for all where they stand behind the noise",
+        tuple(next(iter(known.values())).shape[-2:]),
+        at,
+        notes,
+        first,
+        reader.axis.units,
+        by,
+        reader.own_reference,
+        asked.values is not None,
+        *pictures,
+        reader.planes(branched, pictures[0]),
+    )
 
 
 def rank_by(rows: Iterable[Row]) -> str:
-    """What rows are ranked by whose references differ: a dark picture has little to lose on a linear scale that all share."""
+    """What rows are ranked by whose references differ: a dark picture has little to lose on a linear scale that all
+    share.
+    """
     return "psnr_encoded" if all(row.psnr_encoded is not None for row in rows if row.psnr is not None) else "psnr_white"
 
 
@@ -199,10 +238,14 @@ def _keeping_inputs(plan: Plan, asked: Asked) -> Plan:
     node = next((n for n in plan.nodes if n.name == asked.stage), None)
     if node is None or node.is_transfer:
         return plan
-    return replace(plan, kept=plan.kept | {(source, variable) for bound in node.inputs for _, source, variable in bound})
+    return replace(
+        plan, kept=plan.kept | {(source, variable) for bound in node.inputs for _, source, variable in bound}
+    )
 
 
-def _planned(branched: Branched, wanted: tuple[str, ...], asked: Asked, values: Any, registry: Registry) -> tuple[Plan, Any, list[Row]]:
+def _planned(
+    branched: Branched, wanted: tuple[str, ...], asked: Asked, values: Any, registry: Registry
+) -> tuple[Plan, Any, list[Row]]:
     """The plan of all alternatives that can serve, and rows of those that cannot."""
     pipeline = replace(branched.pipeline, wanted=wanted, keep=wanted)
 
@@ -221,7 +264,9 @@ def _planned(branched: Branched, wanted: tuple[str, ...], asked: Asked, values: 
                 good.append(value)
             except RequestError as error:
                 last = error
-                refused.append(_refused(value, asked, registry, "; ".join(dict.fromkeys(f.message for f in error.faults))))
+                refused.append(
+                    _refused(value, asked, registry, "; ".join(dict.fromkeys(f.message for f in error.faults)))
+                )
         if not good:
             raise _as_asked(last, asked) from None
         return plan_of(tuple(good)), tuple(good), refused
@@ -244,7 +289,9 @@ def _as_asked(error: RequestError, asked: Asked) -> RequestError:
 def _refused(value: Any, asked: Asked, registry: Registry, reason: str) -> Row:
     table = value if isinstance(value, dict) else {"use": value}
     use = str(table.get("use", "")) if asked.swaps else ""
-    row = Row(use or value, str(table.get("label", use)) if asked.swaps else str(value), use, status="refused", reason=reason)
+    row = Row(
+        use or value, str(table.get("label", use)) if asked.swaps else str(value), use, status="refused", reason=reason
+    )
     if use in registry:
         row.distribution, row.version = registry.installed(use).distribution, registry.installed(use).version
     return row
@@ -261,7 +308,10 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
         row.status, row.reason = "failed", reader.why(position)
         return row
     if picture.shape != reference.shape:
-        row.status, row.reason = "refused", f"it gives {picture.shape}, but the reference has {reference.shape} (channel, y, x)"
+        row.status, row.reason = (
+            "refused",
+            f"it gives {picture.shape}, but the reference has {reference.shape} (channel, y, x)",
+        )
         return row
     found = linear_figures(picture, reference)
     if reader.own_reference:
@@ -318,7 +368,9 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
     return best if math.isfinite(best) else None
 
 
-def _on_the_references(references: dict[int, Any], labels: dict[int, str], branched: Branched, asked: Asked) -> list[str]:
+def _on_the_references(
+    references: dict[int, Any], labels: dict[int, str], branched: Branched, asked: Asked
+) -> list[str]:
     """What a reader of the table should know about the pictures it was measured on."""
     notes, variable = [], branched.linear.reference[1]
     over = {i: float((r > 1).any(axis=0).mean()) if variable == "rgb_camera" else 0.0 for i, r in references.items()}
@@ -334,5 +386,8 @@ def _on_the_references(references: dict[int, Any], labels: dict[int, str], branc
         sized = ", ".join(f"{x} x {y}" for y, x in sorted(sizes))
         notes.append(f"the pictures have sizes of their own ({sized} pixels): what they show differs too")
     if variable == "rgb_display" and any(labels.values()):
-        notes.append(f"each {asked.key} gives the same light other numbers: PSNR holds each against a reference in its own numbers")
+        notes.append(
+            f"each {asked.key} gives the same light other numbers: PSNR holds each against a reference in its own "
+            f"numbers"
+        )
     return notes

@@ -1,4 +1,5 @@
-"""From a plan with raw frames to levels of exposure: stacks of a uniform light and of the dark, by time, for each camera of a sweep.
+"""From a plan with raw frames to levels of exposure: stacks of a uniform light and of the dark, by time, for each
+camera of a sweep.
 
 In:  a plan, and who reads the raw frames of its cells.
 Out: a measurement for each channel, with what the sensor's stages say of themselves.
@@ -37,7 +38,9 @@ def raw_node(plan: Plan) -> Node:
     return found[-1]
 
 
-def of_plan(plan: Plan, read: Read, options: Options | None = None, there: Collection[CellRef] | None = None) -> list[SensorChannel]:
+def of_plan(
+    plan: Plan, read: Read, options: Options | None = None, there: Collection[CellRef] | None = None
+) -> list[SensorChannel]:
     """Every channel of every camera of a sweep.
 
     Raises
@@ -54,7 +57,8 @@ def of_plan(plan: Plan, read: Read, options: Options | None = None, there: Colle
     cells = [cell for cell in plan.of(node.name) if there is None or cell.ref in there]
     if len(light) != 1 or not cells:
         raise RequestError(
-            "a sensor is measured in the light and in the dark: sweep the reflectance of a uniform scene over 0 and 1, as "
+            "a sensor is measured in the light and in the dark: sweep the reflectance of a uniform scene over 0 and 1, "
+            "as "
             "pipelines/emva.toml does, or: etendue emva FILE, which takes its own frames"
         )
     timed = [dim for dim, key in keys.items() if key == TIME]
@@ -76,25 +80,38 @@ def of_plan(plan: Plan, read: Read, options: Options | None = None, there: Colle
 
 
 def _measured(
-    plan: Plan, at: dict[str, Any], bright: list[Cell], dark: list[Cell], times: Mapping[CellRef, Any], read: Read,
+    plan: Plan,
+    at: dict[str, Any],
+    bright: list[Cell],
+    dark: list[Cell],
+    times: Mapping[CellRef, Any],
+    read: Read,
     options: Options | None,
-) -> list[SensorChannel]:  # fmt: skip
+) -> list[SensorChannel]:
     stacks = [_stacks(cells, times, read) for cells in (bright, dark)]
     shared = sorted(set(stacks[0]) & set(stacks[1]))
     few = min((len(stacks[k][t]) for k in (0, 1) for t in shared), default=0)
     if len(shared) < 4 or few < 2:
         raise RequestError(
-            f"there are {len(shared)} exposure times with light and dark, of {few} frames at least; four times and two frames of each are "
-            "needed: put the stage bracket with repeats = 2 in front of the exposure, or: etendue emva FILE, which takes its own frames"
+            f"there are {len(shared)} exposure times with light and dark, of {few} frames at least; four times and two "
+            f"frames of each are "
+            "needed: put the stage bracket with repeats = 2 in front of the exposure, or: etendue emva FILE, which "
+            "takes its own frames"
         )
     stages = _stages(plan, bright[0])
     mask = mask_of(stages)
     grid = bright[0].grids[RAW]
     first = tuple(round(grid.line(dim).start) for dim in ("y", "x"))
-    sheet, photons, rates = known(stages), photon_flux(plan, bright[0], options), photon_rates(plan, bright[0], mask, options)
+    sheet, photons, rates = (
+        known(stages),
+        photon_flux(plan, bright[0], options),
+        photon_rates(plan, bright[0], mask, options),
+    )
     found = []
     for channel in mask.channels:
-        light, black = ([cfa.frames_of_channel(np.stack(own[t]), mask, channel, *first) for t in shared] for own in stacks)
+        light, black = (
+            [cfa.frames_of_channel(np.stack(own[t]), mask, channel, *first) for t in shared] for own in stacks
+        )
         try:
             measurement = emva.measure(shared, light, black, photons * np.array(shared) if photons else None)
         except ValueError as error:
@@ -132,7 +149,9 @@ def _camera_time(plan: Plan, cell: Cell) -> float:
     axis = next((dim for dim in labels if plan.axis(dim).key == TIME), None)
     if axis is not None:
         return float(labels[axis])
-    return float(next((t for s in reversed(_stages(plan, cell)) if (t := getattr(s, TIME, None)) is not None), math.nan))
+    return float(
+        next((t for s in reversed(_stages(plan, cell)) if (t := getattr(s, TIME, None)) is not None), math.nan)
+    )
 
 
 def _at(plan: Plan, node: Node, cell: Cell) -> CellRef:
@@ -186,7 +205,11 @@ def photon_flux(plan: Plan, cell: Cell, options: Options | None) -> float:
     if own is None or not pitch:
         return 0.0
     bands = own.grids["irradiance"].bands()
-    light = collect(plan, {own.ref: ["irradiance"]}, options).arrays[own.ref]["irradiance"].mean(axis=(1, 2), dtype=np.float64)
+    light = (
+        collect(plan, {own.ref: ["irradiance"]}, options)
+        .arrays[own.ref]["irradiance"]
+        .mean(axis=(1, 2), dtype=np.float64)
+    )
     power = light * np.diff(bands.edges) * (pitch * 1e-6) ** 2
     return float(radiometry.photons_from_energy(power, 1e-3 * np.array(bands.values())).sum())
 
@@ -205,7 +228,9 @@ def lit(plan: Plan, options: Options | None) -> dict[str, float]:
 
 
 def saturation(plan: Plan) -> tuple[float, float, float]:
-    """Charge of a full pixel (electron), dark current of nearly all pixels (electron/s), and the camera's integration time (s)."""
+    """Charge of a full pixel (electron), dark current of nearly all pixels (electron/s), and the camera's
+    integration time (s).
+    """
     stages = _stages(plan, plan.of(raw_node(plan).name)[0])
     sheet = known(stages)
     time = next((t for s in stages if isinstance(t := getattr(s, TIME, None), float)), math.nan)

@@ -1,12 +1,15 @@
-"""``etendue emva``: a sensor measured as EMVA 1288 release 4 (linear) measures a camera, beside what its stages say of themselves.
+"""``etendue emva``: a sensor measured as EMVA 1288 release 4 (linear) measures a camera, beside what its stages say of
+themselves.
 
 In:  a pipeline as written, or an archive with raw frames of a uniform light and of the dark at several exposure times.
-Out: for each channel the photon transfer curve and the figures of the standard with 95 % intervals, and what they should be.
+Out: for each channel the photon transfer curve and the figures of the standard with 95 % intervals, and what they
+     should be.
 
-Of a pipeline the raw frames are made: the scene is replaced by a lamp that is the same everywhere, what bends, spreads or weakens light by
-place (lens, fall-off, vignetting, response by angle) is taken off, defective pixels are made sound, and a small window of the sensor is
-read, two frames at each exposure time, in the light and in the dark. The lamp has the spectrum of the scene's light and is as bright as
-fills the channel that sees it best after the camera's integration time; the dimmer channels get longer times.
+Of a pipeline the raw frames are made: the scene is replaced by a lamp that is the same everywhere, what bends, spreads
+or weakens light by place (lens, fall-off, vignetting, response by angle) is taken off, defective pixels are made sound,
+and a small window of the sensor is read, two frames at each exposure time, in the light and in the dark. The lamp has
+the spectrum of the scene's light and is as bright as fills the channel that sees it best after the camera's integration
+time; the dimmer channels get longer times.
 """
 
 from __future__ import annotations
@@ -51,7 +54,7 @@ Told = Callable[[Plan], Progress] | None
 
 def of_pipeline(
     pipeline: Pipeline, registry: Registry, pixels: int = SIDE, options: Options | None = None, progress: Told = None
-) -> EmvaReport:  # fmt: skip
+) -> EmvaReport:
     """Take the frames of a pipeline's sensor, and measure it.
 
     Parameters
@@ -102,7 +105,9 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
     names = {cell.ref: cell_name(plan, cell.ref) for cell in plan.of(node.name)}
     there = {ref for ref, name in names.items() if name in stored.finished}
     if (node.name, RAW) not in plan.kept or not there:
-        raise RequestError(f"{folder} holds no raw frames: name {node.name}.raw in 'keep', or: etendue emva FILE, which takes its own")
+        raise RequestError(
+            f"{folder} holds no raw frames: name {node.name}.raw in 'keep', or: etendue emva FILE, which takes its own"
+        )
 
     def read(ref: CellRef) -> Any:
         return stored.cell(names[ref]).read(RAW)
@@ -116,7 +121,9 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
 
 
 def _on_the_bench(pipeline: Pipeline, registry: Registry) -> Pipeline:
-    """A lamp in the place of the scene, nothing that changes light by place, sound pixels, and no stage behind the raw frame."""
+    """A lamp in the place of the scene, nothing that changes light by place, sound pixels, and no stage behind the
+    raw frame.
+    """
     use, kept, dropped = installed.made_for(registry, FlatScene), [], set()
     allowed = set(parameters_of(registry.load(use))) - {"reflectance", "centre_y", "centre_x", "light"}
     last = -1
@@ -125,7 +132,9 @@ def _on_the_bench(pipeline: Pipeline, registry: Registry) -> Pipeline:
         if kind is not None and RAW in {d.variable for d in writes_of(kind).values()}:
             last = number
     if last < 0:
-        raise RequestError("the pipeline has no stage that writes raw: a sensor is measured from its raw frames", pipeline.file)
+        raise RequestError(
+            "the pipeline has no stage that writes raw: a sensor is measured from its raw frames", pipeline.file
+        )
     for entry in pipeline.stages[: last + 1]:
         kind = registry.load(entry.use) if entry.use in registry else None
         if kind is None:
@@ -138,15 +147,21 @@ def _on_the_bench(pipeline: Pipeline, registry: Registry) -> Pipeline:
             dropped.add(entry.name)
         else:
             kept.append(sound(entry, registry))
-    entries = tuple(replace(e, origin={port: name for port, name in e.origin.items() if name not in dropped}) for e in kept)
+    entries = tuple(
+        replace(e, origin={port: name for port, name in e.origin.items() if name not in dropped}) for e in kept
+    )
     camera = {**pipeline.shared, **({"noise": "independent"} if "noise" in pipeline.shared else {})}
     return replace(pipeline, shared=camera, stages=entries, sweep={}, wanted=None, keep=None)
 
 
 def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:
     """So many pixels in light that is as wide; all of the frame where the pixel stage has no rows and columns."""
-    plan = make_plan(replace(_asking(pipeline, registry, (1.0,), ()), wanted=("photocurrent",)), registry, leave_out_allowed=False)
-    node = next((n for n in plan.nodes if n.kind.role == "pixel" and {"rows", "columns"} <= set(parameters_of(n.kind))), None)
+    plan = make_plan(
+        replace(_asking(pipeline, registry, (1.0,), ()), wanted=("photocurrent",)), registry, leave_out_allowed=False
+    )
+    node = next(
+        (n for n in plan.nodes if n.kind.role == "pixel" and {"rows", "columns"} <= set(parameters_of(n.kind))), None
+    )
     if node is None:
         return pipeline
     pitch = float(getattr(plan.of(node.name)[0].stage, "pixel_pitch"))  # noqa: B009
@@ -163,18 +178,29 @@ def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:
     return replace(pipeline, stages=tuple(entries))
 
 
-def _asking(pipeline: Pipeline, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]) -> Pipeline:
-    """With a series of exposures, each so many times the camera's own, in front of the exposure; swept over light and dark."""
+def _asking(
+    pipeline: Pipeline, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]
+) -> Pipeline:
+    """With a series of exposures, each so many times the camera's own, in front of the exposure; swept over light
+    and dark.
+    """
     use = next(registry.fitting(lambda kind: kind.role == "bracketing" and "brackets" in parameters_of(kind)), "")
     if not use:
         raise RequestError("no installed stage of the role 'bracketing' takes brackets")
-    at = next((i for i, e in enumerate(pipeline.stages) if e.use in registry and registry.load(e.use).role == "exposure"), None)
+    at = next(
+        (i for i, e in enumerate(pipeline.stages) if e.use in registry and registry.load(e.use).role == "exposure"),
+        None,
+    )
     if at is None:
-        raise RequestError("the pipeline has no stage of the role 'exposure', in front of which frames could begin", pipeline.file)
+        raise RequestError(
+            "the pipeline has no stage of the role 'exposure', in front of which frames could begin", pipeline.file
+        )
     name = "series"
     while any(entry.name == name for entry in pipeline.stages):
         name += "_"
-    series = StageEntry(name, use, {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}, {}, "the series of exposures")
+    series = StageEntry(
+        name, use, {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}, {}, "the series of exposures"
+    )
     scene = next(e.name for e in pipeline.stages if e.use in registry and is_source(registry.load(e.use)))
     sweep: dict[str, Any] = {f"{scene}.reflectance": list(reflectances)} if reflectances else {}
     stages = (*pipeline.stages[:at], series, *pipeline.stages[at:])
@@ -182,20 +208,32 @@ def _asking(pipeline: Pipeline, registry: Registry, shares: tuple[float, ...], r
 
 
 def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options | None, notes: list[str]) -> Pipeline:
-    """As bright as fills the best channel after the camera's integration time, with times that take every channel to its saturation."""
+    """As bright as fills the best channel after the camera's integration time, with times that take every channel to
+    its saturation.
+    """
     rates = lit(plan, options)
     well, dark, time = saturation(plan)
     best = max(rates.values())
     if not best > 0:  # nor where it is not known
         raise RequestError("the scene's light gives no photoelectrons: there is nothing to measure", pipeline.file)
     if not 0 < well < np.inf:
-        raise RequestError("no stage of the sensor says what its pixels hold or its converter reaches: exposures cannot be chosen")
+        raise RequestError(
+            "no stage of the sensor says what its pixels hold or its converter reaches: exposures cannot be chosen"
+        )
     short = min(time, AT_FIRST * well / dark) if dark > 0 else time
     if short < time:
-        notes.append(f"exposures are shorter than the camera's {time:.4g} s: its dark current alone brings {dark * time:.4g} electron then")
+        notes.append(
+            f"exposures are shorter than the camera's {time:.4g} s: its dark current alone brings {dark * time:.4g} "
+            f"electron then"
+        )
     factor = (well - dark * short) / (best * short)
     longest = AT_LAST * well / (dark * short) if dark > 0 else np.inf
-    shares = {float(f"{share * best / rate:.6g}") for rate in rates.values() if rate > DIM * best for share in (*BELOW, *ABOVE)}
+    shares = {
+        float(f"{share * best / rate:.6g}")
+        for rate in rates.values()
+        if rate > DIM * best
+        for share in (*BELOW, *ABOVE)
+    }
     levels = sorted(share * short / time for share in shares if share <= longest)
     asked = _asking(pipeline, registry, tuple(levels), (0, 1))
     source = next(n for n in plan.nodes if n.is_source)
@@ -205,5 +243,6 @@ def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options |
         raise RequestError(f"{source.alternatives[0].use} has no brightness that could be set")
     bright = {word: getattr(stage, word) * factor}
     return replace(
-        asked, stages=tuple(replace(e, values={**e.values, **bright}) if e.name == source.name else e for e in asked.stages)
-    )  # fmt: skip
+        asked,
+        stages=tuple(replace(e, values={**e.values, **bright}) if e.name == source.name else e for e in asked.stages),
+    )

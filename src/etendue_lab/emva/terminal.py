@@ -12,11 +12,19 @@ from typing import Any
 from etendue.present.terminal.terminal import _out, _table, escape
 
 NAMES = {
-    "gain": "system gain K", "read_noise": "read noise", "dark_current": "dark current", "full_well": "full well", "dsnu": "DSNU1288",
-    "prnu": "PRNU1288", "linearity_error": "linearity error", "saturation_capacity": "saturation capacity",
-    "absolute_sensitivity": "sensitivity limit", "dynamic_range": "dynamic range", "snr_max": "SNR max",
+    "gain": "system gain K",
+    "read_noise": "read noise",
+    "dark_current": "dark current",
+    "full_well": "full well",
+    "dsnu": "DSNU1288",
+    "prnu": "PRNU1288",
+    "linearity_error": "linearity error",
+    "saturation_capacity": "saturation capacity",
+    "absolute_sensitivity": "sensitivity limit",
+    "dynamic_range": "dynamic range",
+    "snr_max": "SNR max",
     "quantum_efficiency": "quantum efficiency",
-}  # fmt: skip
+}
 SENSORS = 900  # docs/emva.md
 PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
 
@@ -24,7 +32,9 @@ PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
 def print_emva(document: dict[str, Any]) -> None:
     """Measured beside expected."""
     console = _out()
-    console.print(f"{escape(document['pipeline'])}: {document['standard']}; intervals of {100 * document['confidence']:.0f} %")
+    console.print(
+        f"{escape(document['pipeline'])}: {document['standard']}; intervals of {100 * document['confidence']:.0f} %"
+    )
     held = known = 0
     for one in document["channels"]:
         at = ", ".join(f"{key} = {value}" for key, value in one["at"].items())
@@ -35,7 +45,13 @@ def print_emva(document: dict[str, Any]) -> None:
             continue
         times = curve["integration_time"]
         title += f"; {len(times)} exposures of {1e3 * times[0]:.3g} to {1e3 * times[-1]:.3g} ms"
-        columns = (("figure", "left"), ("measured", "right"), ("interval", "left"), ("expected", "right"), ("held", "left"))
+        columns = (
+            ("figure", "left"),
+            ("measured", "right"),
+            ("interval", "left"),
+            ("expected", "right"),
+            ("held", "left"),
+        )
         table = _table(title, *columns)
         for row in one["figures"]:
             unit = "%" if row["figure"] in PERCENT else "" if row["unit"] == "1" else row["unit"]
@@ -48,12 +64,15 @@ def print_emva(document: dict[str, Any]) -> None:
         console.print(table)
         if hidden := [NAMES[row["figure"]] for row in one["figures"] if not row["covered"]]:
             console.print(
-                f"channel {one['channel']}: not covered: rounding to whole numbers hides the noise of the dark: {', '.join(hidden)}"
+                f"channel {one['channel']}: not covered: rounding to whole numbers hides the noise of the dark: "
+                f"{', '.join(hidden)}"
             )
     if known:
         least, most = (100 * (1 - share) for share in reversed(document["simulated"]))
         counted = f"of {SENSORS} simulated sensors of two kinds {least:.0f} to {most:.0f} %"
-        console.print(f"{held} of {known} intervals hold what is expected; of 95 % intervals one in twenty does not ({counted})")
+        console.print(
+            f"{held} of {known} intervals hold what is expected; of 95 % intervals one in twenty does not ({counted})"
+        )
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
 

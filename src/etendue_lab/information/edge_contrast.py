@@ -3,7 +3,8 @@
 In:  a camera in front of a grey card, the pictures that are looked at.
 Out: by picture and channel the response across the edge at some frequencies, cycles/pixel.
 
-An even field of the same light divides fall-off out, and what the rendering of the edge takes from the contrast is divided out too.
+An even field of the same light divides fall-off out, and what the rendering of the edge takes from the contrast is
+divided out too.
 """
 
 from __future__ import annotations
@@ -29,7 +30,12 @@ SAMPLES = 129  # of the edge's response up to 1 cycle/pixel
 
 
 def edge_contrast(
-    detail: FineDetail, places: list[Place], white: float, frequency: Any, registry: Registry, options: Options | None = None
+    detail: FineDetail,
+    places: list[Place],
+    white: float,
+    frequency: Any,
+    registry: Registry,
+    options: Options | None = None,
 ) -> dict[Place, dict[str, Any]]:
     """By picture and channel: contrast at the frequencies along the normal of the edge, `ANGLE` degrees from x.
 
@@ -41,9 +47,13 @@ def edge_contrast(
         There is no single scene to be replaced, a stage broke off, or an edge is not to be seen.
     """
     base, _, sigma = edge_and_field(detail.pipeline, detail.plan.nodes, detail.plan, white, registry)
-    plan = make_plan(replace(base, wanted=tuple(f"{s}.{v}" for s, v in places), keep=None, precision="float64"), registry, False)
+    plan = make_plan(
+        replace(base, wanted=tuple(f"{s}.{v}" for s, v in places), keep=None, precision="float64"), registry, False
+    )
     refs = {(s, i): (s, (i,) if plan.node(s).axes else ()) for s, _ in places for i in (0, 1)}
-    arrays = collect(plan, {refs[s, i]: tuple(v for t, v in places if t == s) for s, v in places for i in (0, 1)}, options)
+    arrays = collect(
+        plan, {refs[s, i]: tuple(v for t, v in places if t == s) for s, v in places for i in (0, 1)}, options
+    )
     failed = next((r for r in arrays.reports.values() if r.status == "failed"), None)
     if failed is not None:
         raise ValueError(f"the stage {failed.stage!r} broke off in front of an edge: {failed.message.splitlines()[-1]}")
@@ -60,7 +70,9 @@ def edge_contrast(
             found[place] = {c: _response(picture, frequency, own, None if s.all() else s) for c, s in sites.items()}
             continue
         names = detail.names_of(place)
-        found[place] = {name: _response((edge[i] / field[i])[inside], frequency, own, None) for i, name in enumerate(names)}
+        found[place] = {
+            name: _response((edge[i] / field[i])[inside], frequency, own, None) for i, name in enumerate(names)
+        }
     return found
 
 
@@ -80,7 +92,8 @@ def _response(picture: Any, frequency: Any, own: Any, sites: Any) -> Any:
 
 
 def _rows(rows: int, period: int) -> slice:
-    """Rows in the middle over which the edge wanders by whole cells of the mosaic: what a demosaicer makes of its cells then averages out.
+    """Rows in the middle over which the edge wanders by whole cells of the mosaic: what a demosaicer makes of its cells
+    then averages out.
 
     Else false detail of low frequency, which is strong, leaks into the response next to 1/2 cycle/pixel.
     """

@@ -1,10 +1,11 @@
 """What a camera makes of fine grey detail on a grey card: its contrast, and the noise beside it, by spatial frequency.
 
 In:  a pipeline, the reflectance of its grey card.
-Out: charge of each channel, transfer functions of the stages in front of the mosaic, NEQ up to any of them and in every picture.
+Out: charge of each channel, transfer functions of the stages in front of the mosaic, NEQ up to any of them and in every
+     picture.
 
-Frequencies are in cycles/pixel. Detail is grey, so that every pixel of the mosaic sees the same of it, whatever its filter, and its light
-has the spectrum of the scene's white.
+Frequencies are in cycles/pixel. Detail is grey, so that every pixel of the mosaic sees the same of it, whatever its
+filter, and its light has the spectrum of the scene's white.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ class FineDetail(FlatField):
         front = [n for n in plan.nodes if n.name in self.before and is_seen_as_transfer(n.kind)]
         stages = {n.name: with_found(self.jobs[n.name, ()], results).stage for n in front}
         self.lens = {name: stage for name, stage in stages.items() if isinstance(stage, Transfer)}
-        self.moved = {name: stage for name, stage in stages.items() if isinstance(stage, ChannelTransfer) and stage.moves_charge()}
+        self.moved = {
+            name: stage for name, stage in stages.items() if isinstance(stage, ChannelTransfer) and stage.moves_charge()
+        }
         self.blurs = (*self.lens, *self.moved)  # stages that take contrast in front of the noise
         pixel = next((n for n in front if n.ends_in_sum), None)
         if pixel is None:
@@ -65,7 +68,10 @@ class FineDetail(FlatField):
         stage = self.lens[pixel.name]
         assert isinstance(stage, Summed)
         own = weights(stage, alone(stage, self.edges))
-        light = next((found["white_irradiance"] for found in reversed(list(arrays.values())) if "white_irradiance" in found), None)
+        light = next(
+            (found["white_irradiance"] for found in reversed(list(arrays.values())) if "white_irradiance" in found),
+            None,
+        )
         self.light = np.ones(own.shape[1]) if light is None or len(light) != own.shape[1] else np.asarray(light, float)
         self.photons, names = own * self.light, [str(v) for v in cell.grids[LIGHT]["channel"].values()]
         self.number = {c: names.index(c) for c in self.channels if c in names}
@@ -85,7 +91,9 @@ class FineDetail(FlatField):
     @cached_property
     def dark(self) -> float:
         """Charge of a pixel without light, electron."""
-        node = next((n for n in self.plan.nodes if CHARGE in n.writes and CURRENT in {v for _, _, v in n.inputs[0]}), None)
+        node = next(
+            (n for n in self.plan.nodes if CHARGE in n.writes and CURRENT in {v for _, _, v in n.inputs[0]}), None
+        )
         if node is None:
             return 0.0
         results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
@@ -101,7 +109,9 @@ class FineDetail(FlatField):
         return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
 
     def mean(self, channel: str, bands: Any, fy: Any, fx: Any, moved: Collection[str]) -> Any:
-        """(m, n) of a channel from what its bands hold (wavelength, m, n), with the charge that some stages move between pixels."""
+        """(m, n) of a channel from what its bands hold (wavelength, m, n), with the charge that some stages move
+        between pixels.
+        """
         if not moved:
             return np.tensordot(self.colours[channel], bands, 1)
         zero = np.zeros(1)
@@ -125,15 +135,20 @@ class FineDetail(FlatField):
         return light + sum(v for name, v in self.added(channel).items() if name not in without)
 
     def added(self, channel: str) -> dict[str, float]:
-        """Beside the shot noise of the light, by stage, electron^2; a stage of shot noise has that of the dark charge left."""
+        """Beside the shot noise of the light, by stage, electron^2; a stage of shot noise has that of the dark
+        charge left.
+        """
         charge, light = self.signal()[channel], self.electrons[channel]
-        return {name: max(0.0, stage.variance(charge) - (light if stage.role == SHOT else 0.0)) for name, stage in self.noisy().items()}
+        return {
+            name: max(0.0, stage.variance(charge) - (light if stage.role == SHOT else 0.0))
+            for name, stage in self.noisy().items()
+        }
 
     def quanta(self, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
         """(m, n) NEQ of the mosaic: of all its pixels together, each by its own noise.
 
-        The mean over the places of the cell: the ideal observer of one wave knows what every pixel's filter is. ``without``: stages whose
-        blur or noise is left out.
+        The mean over the places of the cell: the ideal observer of one wave knows what every pixel's filter is.
+        ``without``: stages whose blur or noise is left out.
         """
         total = np.zeros((len(fy), len(fx)))
         for channel in self.channels:
@@ -145,7 +160,9 @@ class FineDetail(FlatField):
     def quanta_of(self, channel: str, fy: Any, fx: Any) -> Any:
         """(m, n) NEQ of the pixels of one channel, in quanta a pixel of the frame."""
         share = float(np.mean(self.mask == channel))
-        return share * information.neq(self.electrons[channel] * self.contrast(channel, fy, fx), self.variances(channel))
+        return share * information.neq(
+            self.electrons[channel] * self.contrast(channel, fy, fx), self.variances(channel)
+        )
 
     # -- pictures ---------------------------------------------------------------------------------------------------
 
@@ -158,7 +175,9 @@ class FineDetail(FlatField):
 
     @cached_property
     def answers(self) -> dict[Place, list[tuple[Any, Any, float]]]:
-        """By picture: answers to a step of one pixel, variances, weight, at several places of the frame; see `FlatField.responses`."""
+        """By picture: answers to a step of one pixel, variances, weight, at several places of the frame; see
+        `FlatField.responses`.
+        """
         return self.responses(self.flat_mosaic([self.window(self.arrays[0][self.ref][MOSAIC])]), {}, True)
 
     def sites(self, shape: tuple[int, ...]) -> Any:
@@ -167,7 +186,9 @@ class FineDetail(FlatField):
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
     def signal_in(self, picture: Place, fy: Any, fx: Any, dark: bool = False) -> Any:
-        """(channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean alone, dark charge included."""
+        """(channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean alone,
+        dark charge included.
+        """
         before = {c: self.contrast(c, fy, fx) for c in self.channels}
         level = {c: (self.signal()[c] if dark else self.electrons[c]) / self.full for c in self.channels}
         places = np.stack([level[str(self.mask[p])] * before[str(self.mask[p])] for p in self.order])
@@ -175,7 +196,7 @@ class FineDetail(FlatField):
         for responses, _, weight in self.answers[picture]:
             total = total + weight * noise_power.carried_signal(
                 noise_power.spectra(responses, self.sites(responses.shape), fy, fx), places
-            )  # fmt: skip
+            )
         return total
 
     def noise_in(self, picture: Place, fy: Any, fx: Any) -> Any:
@@ -207,8 +228,8 @@ def fine_detail(
     Raises
     ------
     RequestError
-        Faults of the pipeline; a camera without a mosaic or without noise, one that does not say how noisy it is, a picture that is too
-        small, no light.
+        Faults of the pipeline; a camera without a mosaic or without noise, one that does not say how noisy it is, a
+        picture that is too small, no light.
     """
     if not 0 < reflectance <= 1:
         raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
@@ -217,7 +238,9 @@ def fine_detail(
     plan = make_plan(replace(flat, wanted=None, keep=None), registry, leave_out_allowed=False)
     notes += [note for note in plan.warnings if note not in notes]
     chosen = followed(plan, notes, "detail", pipeline.file)
-    wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, CHARGE) and not n.is_probe)
+    wanted = tuple(
+        f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, CHARGE) and not n.is_probe
+    )
     plan = make_plan(replace(flat, wanted=wanted, keep=None, precision="float64"), registry, leave_out_allowed=False)
     found = collect(plan, small(plan), options, progress(plan) if progress else None)
     failed = next((r for r in found.reports.values() if r.status == "failed"), None)
@@ -228,22 +251,28 @@ def fine_detail(
         raise RequestError(f"{made.unsaid()}: what its pictures hold cannot be predicted", pipeline.file)
     if not all(np.isfinite(v) and v > 0 for v in made.electrons.values()):
         raise RequestError(
-            "no light of the grey card reaches the pixels: give the scene more light, or the camera more time", pipeline.file
+            "no light of the grey card reaches the pixels: give the scene more light, or the camera more time",
+            pipeline.file,
         )
     if float(np.mean(made.window(found.arrays[made.ref][MOSAIC]) >= 0.999)) > 0.001:
-        notes.append("pixels of the grey card are full or at the top code: their noise is cut off, which no prediction knows")
+        notes.append(
+            "pixels of the grey card are full or at the top code: their noise is cut off, which no prediction knows"
+        )
     return made
 
 
 def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
     """All that the stages behind the light write, and what of the light has no place."""
     return {
-        (n.name, ()): own for n in plan.nodes
+        (n.name, ()): own
+        for n in plan.nodes
         if (own := tuple(v for v, d in n.writes.items() if not {"wavelength", "y"} <= set(d.dims))) and not n.is_probe
-    }  # fmt: skip
+    }
 
 
-def frames(detail: FineDetail, registry: Registry, count: int, expected: Collection[str] = ()) -> list[dict[Place, Any]]:
+def frames(
+    detail: FineDetail, registry: Registry, count: int, expected: Collection[str] = ()
+) -> list[dict[Place, Any]]:
     """Pictures and mosaic of frames of noise, each with fixed patterns of its own, of the same light, in the window.
 
     ``expected``: stages whose expected values stand for what they draw or round.
@@ -265,10 +294,15 @@ def frames(detail: FineDetail, registry: Registry, count: int, expected: Collect
                 continue
             results[ref], report = compute(replace(jobs[ref], expected=node.name in expected), results)
             if report.status == "failed":
-                raise RequestError(f"the stage {node.name!r} broke off: {report.message.splitlines()[-1]}", detail.pipeline.file)
-        found.append({
-            (name, v): detail.window(results[name, ()].arrays[v]).astype(np.float64)
-            for name in (n.name for n in own.nodes if n.name in drawn and (n.name, ()) in jobs) for v in wanted
-            if v in results[name, ()].arrays
-        })  # fmt: skip
+                raise RequestError(
+                    f"the stage {node.name!r} broke off: {report.message.splitlines()[-1]}", detail.pipeline.file
+                )
+        found.append(
+            {
+                (name, v): detail.window(results[name, ()].arrays[v]).astype(np.float64)
+                for name in (n.name for n in own.nodes if n.name in drawn and (n.name, ()) in jobs)
+                for v in wanted
+                if v in results[name, ()].arrays
+            }
+        )
     return found

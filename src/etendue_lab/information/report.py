@@ -43,7 +43,9 @@ class Curve:
 
     @property
     def apart(self) -> float:
-        """Largest |found / predicted - 1|, where there is a hundredth of the largest NEQ: below, a zero of the picture's response."""
+        """Largest |found / predicted - 1|, where there is a hundredth of the largest NEQ: below, a zero of the
+        picture's response.
+        """
         least = FAINTEST * max(self.predicted, default=0.0)
         return max((abs(f / p - 1) for f, p in zip(self.found, self.predicted, strict=True) if p > least), default=0.0)
 
@@ -69,22 +71,44 @@ class InformationReport:
         before: float | None = None
         for row in self.rows:
             lost = None if before is None else before - row.bits
-            rows.append({
-                "stage": row.stage, "what": row.what, "bits_per_pixel": row.bits, "lost": lost, "bits_per_pixel_of_a_line": row.bits_line,
-                "neq": [{"cycles_per_pixel": f, "quanta_per_pixel": q} for f, q in zip(ENDS, row.quanta, strict=True)],
-                "snri": row.observer, "channels": row.channels,
-            })  # fmt: skip
+            rows.append(
+                {
+                    "stage": row.stage,
+                    "what": row.what,
+                    "bits_per_pixel": row.bits,
+                    "lost": lost,
+                    "bits_per_pixel_of_a_line": row.bits_line,
+                    "neq": [
+                        {"cycles_per_pixel": f, "quanta_per_pixel": q} for f, q in zip(ENDS, row.quanta, strict=True)
+                    ],
+                    "snri": row.observer,
+                    "channels": row.channels,
+                }
+            )
             before = row.bits
         curves = [
             {
-                "stage": c.stage, "variable": c.variable, "channel": c.channel, "cycles_per_pixel": list(c.frequency),
-                "predicted": list(c.predicted), "found": list(c.found), "largest_difference": c.apart, "periodograms": c.periodograms,
-                "standard_error": c.standard_error, "bits_per_pixel_of_a_line": {"predicted": c.bits_predicted, "found": c.bits_found},
+                "stage": c.stage,
+                "variable": c.variable,
+                "channel": c.channel,
+                "cycles_per_pixel": list(c.frequency),
+                "predicted": list(c.predicted),
+                "found": list(c.found),
+                "largest_difference": c.apart,
+                "periodograms": c.periodograms,
+                "standard_error": c.standard_error,
+                "bits_per_pixel_of_a_line": {"predicted": c.bits_predicted, "found": c.bits_found},
             }
             for c in self.curves
-        ]  # fmt: skip
+        ]
         return {
-            "pipeline": self.pipeline, "reflectance": self.reflectance, "contrast_ratio": self.ratio,
-            "object": {"width_pixels": self.size, "contrast": self.contrast}, "electrons": self.electrons, "block": self.block,
-            "rows": rows, "neq": curves, "notes": self.notes,
-        }  # fmt: skip
+            "pipeline": self.pipeline,
+            "reflectance": self.reflectance,
+            "contrast_ratio": self.ratio,
+            "object": {"width_pixels": self.size, "contrast": self.contrast},
+            "electrons": self.electrons,
+            "block": self.block,
+            "rows": rows,
+            "neq": curves,
+            "notes": self.notes,
+        }

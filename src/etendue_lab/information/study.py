@@ -1,10 +1,12 @@
-"""``etendue information``: how many bits a pixel a camera tells of fine detail, and where along the chain they are lost.
+"""``etendue information``: how many bits a pixel a camera tells of fine detail, and where along the chain they are
+lost.
 
 In:  a pipeline as written, the reflectance of its grey card, the contrast of the detail on it, a number of frames.
-Out: information capacity, NEQ and SNRi from light to the last picture, from the camera's own figures; NEQ found in its pictures.
+Out: information capacity, NEQ and SNRi from light to the last picture, from the camera's own figures; NEQ found in its
+     pictures.
 
-Found: noise power in periodograms of frames of the grey card, contrast across a slanted edge without noise, the mean of the card. What is
-found knows nothing of the transfer functions and variances from which the prediction is made.
+Found: noise power in periodograms of frames of the grey card, contrast across a slanted edge without noise, the mean of
+the card. What is found knows nothing of the transfer functions and variances from which the prediction is made.
 """
 
 from __future__ import annotations
@@ -55,9 +57,11 @@ def information(
     reflectance : float
         Of the card, above 0 and at most 1.
     ratio : float
-        Of the brightest to the darkest detail, above 1: the signal is anything between, the same power at all frequencies.
+        Of the brightest to the darkest detail, above 1: the signal is anything between, the same power at all
+        frequencies.
     size, contrast : float
-        Of the Gaussian spot that the ideal observer looks for: its width at half height in pixels, its contrast at the peak.
+        Of the Gaussian spot that the ideal observer looks for: its width at half height in pixels, its contrast at the
+        peak.
     count : int
         Frames of noise; 0: nothing is measured.
 
@@ -70,7 +74,9 @@ def information(
     alone, taken = without_sweep(pipeline)
     notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
     detail = fine_detail(alone, registry, reflectance, options, progress, notes)
-    report = InformationReport(pipeline.name, reflectance, ratio, size, contrast, detail.electrons, BLOCK, notes=detail.notes)
+    report = InformationReport(
+        pipeline.name, reflectance, ratio, size, contrast, detail.electrons, BLOCK, notes=detail.notes
+    )
     _Chain(detail, report).follow()
     if count:
         _Found(detail, report, registry, options).measure(count)
@@ -111,7 +117,9 @@ class _Chain:
                 continue
             self._add(name, kind, lambda fy, fx, without=without: detail.quanta(fy, fx, without))
         for picture in detail.answers:
-            self._add(picture[0], picture[1], lambda fy, fx, p=picture: self._together(p, fy, fx), self._by_channel(picture))
+            self._add(
+                picture[0], picture[1], lambda fy, fx, p=picture: self._together(p, fy, fx), self._by_channel(picture)
+            )
 
     def _together(self, picture: Place, fy: Any, fx: Any) -> Any:
         return kernel.neq_of_channels(self.detail.signal_in(picture, fy, fx), self.detail.noise_in(picture, fy, fx))
@@ -127,17 +135,25 @@ class _Chain:
     def _add(self, stage: str, what: str, quanta: Any, channels: dict[str, float] | None = None) -> None:
         found = quanta(self.square.fy, self.square.fx)
         ends = quanta(np.zeros(1), np.array([0.0, 0.25, 0.4999]))[0]
-        self.report.rows.append(Row(
-            stage, what, kernel.capacity(found, self.square, self.variance),
-            kernel.capacity_along(lambda f: quanta(np.zeros(1), f)[0], self.variance),
-            tuple(float(v) for v in ends), kernel.ideal_observer(found, self.spot, self.square, self.report.contrast), channels or {},
-        ))  # fmt: skip
+        self.report.rows.append(
+            Row(
+                stage,
+                what,
+                kernel.capacity(found, self.square, self.variance),
+                kernel.capacity_along(lambda f: quanta(np.zeros(1), f)[0], self.variance),
+                tuple(float(v) for v in ends),
+                kernel.ideal_observer(found, self.spot, self.square, self.report.contrast),
+                channels or {},
+            )
+        )
 
 
 class _Found:
     """What frames of noise and an edge show."""
 
-    def __init__(self, detail: FineDetail, report: InformationReport, registry: Registry, options: Options | None) -> None:
+    def __init__(
+        self, detail: FineDetail, report: InformationReport, registry: Registry, options: Options | None
+    ) -> None:
         self.detail, self.report, self.registry, self.options = detail, report, registry, options
         self.frequency = np.arange(1, BLOCK // 2 + 1) / BLOCK
         self.variance = kernel.signal_variance(report.ratio)
@@ -149,7 +165,9 @@ class _Found:
                 stacks.setdefault(place, []).append(picture)
         every = {place: np.stack(stack) for place, stack in stacks.items()}
         mosaic = every[self.detail.first.name, MOSAIC]
-        wanted = {place: planes for place, planes in every.items() if place in self.detail.answers and place[1] in LINEAR}
+        wanted = {
+            place: planes for place, planes in every.items() if place in self.detail.answers and place[1] in LINEAR
+        }
         means = [planes.mean(axis=(0, 2, 3)).max() for place, planes in wanted.items() if place[1] != "xyz_scene"]
         white = max([float(mosaic.mean(axis=0).max()), *means]) / self.report.reflectance
         try:
@@ -161,18 +179,23 @@ class _Found:
             return
         for place in ((self.detail.first.name, MOSAIC), *wanted):
             self.report.curves += (
-                self._mosaic(mosaic, seen[place]) if place[1] == MOSAIC else self._picture(place, every[place], seen[place])
+                self._mosaic(mosaic, seen[place])
+                if place[1] == MOSAIC
+                else self._picture(place, every[place], seen[place])
             )
         fewest = min((curve.periodograms for curve in self.report.curves), default=ENOUGH)
         if fewest < ENOUGH:
             self.report.notes.append(
-                f"only {fewest} periodograms stand behind a found value: --frames {1 + math.ceil((count - 1) * ENOUGH / fewest)}"
+                f"only {fewest} periodograms stand behind a found value: --frames "
+                f"{1 + math.ceil((count - 1) * ENOUGH / fewest)}"
             )
 
     # -- noise ------------------------------------------------------------------------------------------------------
 
     def _mosaic(self, frames: Any, contrast: dict[str, Any]) -> list[Curve]:
-        """By channel: each place of the cell by itself, on its own lattice, whose power repeats beyond its Nyquist frequency."""
+        """By channel: each place of the cell by itself, on its own lattice, whose power repeats beyond its Nyquist
+        frequency.
+        """
         detail, period = self.detail, self.detail.mask.shape
         block = [max(2, BLOCK // p) for p in period]
         curves = []
@@ -189,7 +212,10 @@ class _Found:
                 light = plane.mean() * detail.electrons[channel] / detail.signal()[channel]
                 total += kernel.neq(light * contrast[channel], noise) / len(detail.order)
             fy, fx = self._normal()
-            expected = detail.quanta_of(channel, [0.0], np.zeros(1))[0, 0] * np.abs(np.diagonal(detail.contrast(channel, fy, fx))) ** 2
+            expected = (
+                detail.quanta_of(channel, [0.0], np.zeros(1))[0, 0]
+                * np.abs(np.diagonal(detail.contrast(channel, fy, fx))) ** 2
+            )
             curves.append(self._curve(detail.first.name, MOSAIC, channel, expected, total, periodograms, 3))
         return curves
 
@@ -218,9 +244,16 @@ class _Found:
     def _curve(self, stage: str, what: str, channel: str, expected: Any, found: Any, count: int, rows: int) -> Curve:
         bits = [self._bits(quanta) for quanta in (expected, found)]
         return Curve(
-            stage, what, channel, tuple(self.frequency), tuple(map(float, expected)), tuple(map(float, found)), count,
-            1 / math.sqrt(count * rows), *bits,
-        )  # fmt: skip
+            stage,
+            what,
+            channel,
+            tuple(self.frequency),
+            tuple(map(float, expected)),
+            tuple(map(float, found)),
+            count,
+            1 / math.sqrt(count * rows),
+            *bits,
+        )
 
     def _bits(self, quanta: Any) -> float:
         return kernel.capacity_along(lambda f: np.interp(f, self.frequency, quanta), self.variance)

@@ -18,27 +18,48 @@ def print_information(document: dict[str, Any]) -> None:
     console = _out()
     electrons = ", ".join(f"{channel} {value:.0f}" for channel, value in document["electrons"].items())
     console.print(
-        f"{document['pipeline']}: grey detail of {document['contrast_ratio']:g}:1 on a card of reflectance {document['reflectance']:g}; "
+        f"{document['pipeline']}: grey detail of {document['contrast_ratio']:g}:1 on a card of reflectance "
+        f"{document['reflectance']:g}; "
         f"photoelectrons {electrons}"
     )
     rows = document["rows"]
     columns: tuple[tuple[str, str], ...] = (
-        ("stage", "left"), ("", "left"), ("bits/pixel", "right"), ("lost", "right"), ("along a line", "right"), ("NEQ 0", "right"),
-        ("NEQ 1/4", "right"), ("NEQ 1/2", "right"), ("SNRi", "right"), ("channels alone", "left"),
-    )  # fmt: skip
+        ("stage", "left"),
+        ("", "left"),
+        ("bits/pixel", "right"),
+        ("lost", "right"),
+        ("along a line", "right"),
+        ("NEQ 0", "right"),
+        ("NEQ 1/4", "right"),
+        ("NEQ 1/2", "right"),
+        ("SNRi", "right"),
+        ("channels alone", "left"),
+    )
     told = []
     for row in rows:
         lost = "" if row["lost"] is None else _signed(row["lost"])
         alone = " ".join(f"{c} {bits:.2f}" for c, bits in row["channels"].items())
         quanta = [f"{point['quanta_per_pixel']:.4g}" for point in row["neq"]]
         along, snri = f"{row['bits_per_pixel_of_a_line']:.3f}", f"{row['snri']:.2f}"
-        told.append((row["stage"], KINDS.get(row["what"], row["what"]), f"{row['bits_per_pixel']:.3f}", lost, along, *quanta, snri, alone))
+        told.append(
+            (
+                row["stage"],
+                KINDS.get(row["what"], row["what"]),
+                f"{row['bits_per_pixel']:.3f}",
+                lost,
+                along,
+                *quanta,
+                snri,
+                alone,
+            )
+        )
     if not any(row[-1] for row in told):
         columns, told = columns[:-1], [row[:-1] for row in told]
     _print_whole(console, "information up to each stage, all channels together", columns, told)
     spot = document["object"]
     console.print(
-        f"NEQ in quanta a pixel at 0, 1/4 and 1/2 cycles/pixel along x; SNRi of a spot {spot['width_pixels']:g} pixels wide with a "
+        f"NEQ in quanta a pixel at 0, 1/4 and 1/2 cycles/pixel along x; SNRi of a spot {spot['width_pixels']:g} pixels "
+        f"wide with a "
         f"contrast of {100 * spot['contrast']:g} %"
     )
     if document["neq"]:
@@ -51,9 +72,13 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
     frequency = curves[0]["cycles_per_pixel"]
     shown = [min(range(len(frequency)), key=[abs(f - at) for f in frequency].__getitem__) for at in (0.125, 0.25, 0.5)]
     columns = (
-        ("stage", "left"), ("", "left"), *((f"{frequency[i]:g}", "right") for i in shown), ("line bits", "right"),
-        ("found", "right"), ("largest difference", "right"),
-    )  # fmt: skip
+        ("stage", "left"),
+        ("", "left"),
+        *((f"{frequency[i]:g}", "right") for i in shown),
+        ("line bits", "right"),
+        ("found", "right"),
+        ("largest difference", "right"),
+    )
     told, last = [], None
     for curve in curves:
         stage, last = ("" if last == curve["stage"] else curve["stage"]), curve["stage"]
@@ -61,9 +86,18 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
         bits = curve["bits_per_pixel_of_a_line"]
         away = f"{100 * curve['largest_difference']:.1f} %"
         told.append((stage, curve["channel"], *cells, f"{bits['predicted']:.3f}", f"{bits['found']:.3f}", away))
-    _print_whole(console, "NEQ of the linear pictures along x, found in noise and an edge (ratio to the prediction)", columns, told, 2)
+    _print_whole(
+        console,
+        "NEQ of the linear pictures along x, found in noise and an edge (ratio to the prediction)",
+        columns,
+        told,
+        2,
+    )
     error, fewest = max(c["standard_error"] for c in curves), min(c["periodograms"] for c in curves)
-    console.print(f"{fewest} periodograms and more behind a value; standard error of the noise power found: {100 * error:.1f} % at most")
+    console.print(
+        f"{fewest} periodograms and more behind a value; standard error of the noise power found: {100 * error:.1f} % "
+        f"at most"
+    )
 
 
 def _signed(value: float) -> str:

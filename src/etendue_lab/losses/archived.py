@@ -23,19 +23,26 @@ from etendue_lab.losses.study import RUNS, losses
 
 SENSOR = "sensor"  # the word for presets of a camera
 ABOUT = (
-    "The camera{at}: what a stage adds to a loss, averaged over all orders in which the stages of the ideal camera could be"
-    " made real (Shapley values); the shares are of what is lost before others win it back, and a stage below 0 wins back. "
+    "The camera{at}: what a stage adds to a loss, averaged over all orders in which the stages of the ideal camera "
+    "could be"
+    " made real (Shapley values); the shares are of what is lost before others win it back, and a stage below 0 wins "
+    "back. "
     "Contrast and signal-to-noise ratio are of a grey card, colour of the scene."
 )
 
 
-def losses_at(folder: Path, at: Mapping[str, Any], told: Callable[[str], None] = lambda text: None, runs: int = RUNS) -> dict[str, Any]:
-    """Shapley values of the camera at some values of its axes, ``{dim: value}``; ``why`` in their place where there are none.
+def losses_at(
+    folder: Path, at: Mapping[str, Any], told: Callable[[str], None] = lambda text: None, runs: int = RUNS
+) -> dict[str, Any]:
+    """Shapley values of the camera at some values of its axes, ``{dim: value}``; ``why`` in their place where there are
+    none.
 
     Only cameras of a grey card and, for colour, at most ``runs`` of the scene are computed; nothing of the archive is.
     """
     try:
-        found: dict[str, Any] = finite(losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document())
+        found: dict[str, Any] = finite(
+            losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document()
+        )
     except EtendueError as error:
         return {"losses": [], "notes": [], "why": str(error).strip().split("\n")[-1]}
     shown = [{**loss, "value": loss["camera"]} for loss in found["losses"]]  # the word that whoever shows it knows
@@ -60,7 +67,11 @@ def camera_at(folder: Path, at: Mapping[str, Any]) -> Pipeline:
         dim = key.removesuffix(".use").replace(".", "_")
         values = list(axes.get(key, ()))
         value = at.get(dim, values[0] if values else None)
-        item = written[values.index(value)] if isinstance(written, list) and value in values and len(written) == len(values) else value
+        item = (
+            written[values.index(value)]
+            if isinstance(written, list) and value in values and len(written) == len(values)
+            else value
+        )
         _set(document, key, item)
     again = parse_pipeline(toml.dumps(document), str(run.path.with_suffix(".toml")), run.path.parent)
     run.pipeline()  # its inputs are held against their digests
@@ -88,7 +99,11 @@ def _set(document: dict[str, Any], key: str, item: Any) -> None:
     stage, _, name = key.rpartition(".")
     if not stage:
         camera = document.setdefault("camera", {})
-        camera.update({k: v for k, v in item.items() if k != "label"} if key == SENSOR and isinstance(item, Mapping) else {key: item})
+        camera.update(
+            {k: v for k, v in item.items() if k != "label"}
+            if key == SENSOR and isinstance(item, Mapping)
+            else {key: item}
+        )
         return
     for table in document["stages"]:
         if table.get("name", table["use"]) == stage:

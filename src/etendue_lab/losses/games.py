@@ -3,8 +3,8 @@
 In:  a camera in front of a grey card (`FineDetail`).
 Out: for any set of stages the loss in decibels, all other stages ideal.
 
-Decibels, because transfer functions multiply: what two blurs lose together is then nearly the sum of what each does, where contrast itself
-falls by less and less.
+Decibels, because transfer functions multiply: what two blurs lose together is then nearly the sum of what each does,
+where contrast itself falls by less and less.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ def channel_of(detail: FineDetail) -> str:
 class Contrast:
     """Mean contrast along x from 0 to Nyquist, of one channel.
 
-    Stages in front of the mosaic by their transfer functions, band by band; those behind it by what they make of the transfer function in
-    front of them. The ideal of a pixel is a point, of a demosaicer every channel at every pixel.
+    Stages in front of the mosaic by their transfer functions, band by band; those behind it by what they make of the
+    transfer function in front of them. The ideal of a pixel is a point, of a demosaicer every channel at every pixel.
     """
 
     def __init__(self, detail: FineDetail) -> None:
@@ -89,8 +89,8 @@ class Contrast:
 class SignalToNoise:
     """SNR of the grey card in one channel, against that of its light's shot noise alone.
 
-    Noise in front of the mosaic by its variance, stages behind it by what they make of noise power; ``gains``: of stages that take light,
-    the share that passes.
+    Noise in front of the mosaic by its variance, stages behind it by what they make of noise power; ``gains``: of
+    stages that take light, the share that passes.
     """
 
     def __init__(self, detail: FineDetail, gains: Mapping[str, float]) -> None:
@@ -120,7 +120,10 @@ class SignalToNoise:
     def _added(self, channel: str, light: float, present: frozenset[str]) -> float:
         """Variance beside the shot noise of light, electron^2."""
         charge = light + self.detail.dark
-        every = {n: stage.variance(charge) - (light if stage.role == SHOT else 0.0) for n, stage in self.detail.noisy().items()}
+        every = {
+            n: stage.variance(charge) - (light if stage.role == SHOT else 0.0)
+            for n, stage in self.detail.noisy().items()
+        }
         return sum(max(0.0, v) for n, v in every.items() if n in present)
 
     def _mosaic(self, place: Place, light: Mapping[str, float], variance: Mapping[str, float]) -> tuple[Any, float]:
@@ -128,12 +131,18 @@ class SignalToNoise:
         if place != self.places[0]:
             return np.full(self.square.weight.shape, variance[self.channel]), light[self.channel]
         shares, level = self._carried[place]
-        power = sum(share * variance[str(self.detail.mask[p])] for share, p in zip(shares, self.detail.order, strict=True))
-        return power, float(sum(part * light[str(self.detail.mask[p])] for part, p in zip(level, self.detail.order, strict=True)))
+        power = sum(
+            share * variance[str(self.detail.mask[p])] for share, p in zip(shares, self.detail.order, strict=True)
+        )
+        return power, float(
+            sum(part * light[str(self.detail.mask[p])] for part, p in zip(level, self.detail.order, strict=True))
+        )
 
     @cached_property
     def _carried(self) -> dict[Place, tuple[Any, Any]]:
-        """By picture: (place, m, n) noise power for a variance of 1 at a place of the cell, (place,) signal for a mean of 1."""
+        """By picture: (place, m, n) noise power for a variance of 1 at a place of the cell, (place,) signal for a
+        mean of 1.
+        """
         found, count = {}, len(self.detail.order)
         for place in self.places:
             i, zero = _index(self.detail, place, self.channel), np.zeros(1)
@@ -141,7 +150,10 @@ class SignalToNoise:
             level: Any = 0.0
             for h, _, weight in self.detail.answers[place]:
                 sites = self.detail.sites(h.shape)
-                power = power + weight * np.abs(noise_power.spectra(h, sites, self.square.fy, self.square.fx)[:, i]) ** 2 / count
+                power = (
+                    power
+                    + weight * np.abs(noise_power.spectra(h, sites, self.square.fy, self.square.fx)[:, i]) ** 2 / count
+                )
                 level = level + weight * noise_power.spectra(h, sites, zero, zero)[:, i, 0, 0].real / count
             found[place] = (power, level)
         return found
@@ -153,8 +165,13 @@ class SignalToNoise:
         found, last = {}, None
         for place in self.places:
             shares, level = self._carried[place]
-            power = sum(share * variance[str(self.detail.mask[p])] for share, p in zip(shares, self.detail.order, strict=True))
-            signal = sum(a * self.detail.electrons[str(self.detail.mask[p])] for a, p in zip(level, self.detail.order, strict=True))
+            power = sum(
+                share * variance[str(self.detail.mask[p])] for share, p in zip(shares, self.detail.order, strict=True)
+            )
+            signal = sum(
+                a * self.detail.electrons[str(self.detail.mask[p])]
+                for a, p in zip(level, self.detail.order, strict=True)
+            )
             if last is not None:
                 seen = last[0] > 1e-9 * np.max(last[0])
                 found[place] = np.divide(power, last[0], out=np.ones_like(power), where=seen), float(signal / last[1])

@@ -43,7 +43,8 @@ class Shares:
     def of_pair(self, one: str, other: str) -> float:
         """By how much less is brought when two players leave: values and interactions predict it.
 
-        Exact where no three players bring anything together: phi_i + phi_j + half the interactions of both with all others.
+        Exact where no three players bring anything together: phi_i + phi_j + half the interactions of both with all
+        others.
         """
         i, j = self.order[one], self.order[other]
         others = [k for k in range(len(self.players)) if k not in (i, j)]
@@ -80,7 +81,9 @@ def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) 
 
     n, everyone = len(names), (1 << len(names)) - 1
     exact = 2**n <= most
-    values, interactions, errors, orders = (*_exact(asked, n), np.zeros(n), 0) if exact else _sampled(asked, n, most, seed)
+    values, interactions, errors, orders = (
+        (*_exact(asked, n), np.zeros(n), 0) if exact else _sampled(asked, n, most, seed)
+    )
     return Shares(names, values, interactions, errors, asked(everyone) - asked(0), len(known), orders)
 
 
@@ -123,7 +126,12 @@ def _sampled(
                 added[number, i] += 0.5 * gain
                 if position + 1 < n:
                     j = order[position + 1]
-                    both = asked(mask | 1 << int(i) | 1 << int(j)) - asked(mask | 1 << int(i)) - asked(mask | 1 << int(j)) + asked(mask)
+                    both = (
+                        asked(mask | 1 << int(i) | 1 << int(j))
+                        - asked(mask | 1 << int(i))
+                        - asked(mask | 1 << int(j))
+                        + asked(mask)
+                    )
                     for a, b in ((i, j), (j, i)):
                         together[a, b] += both
                         counted[a, b] += 1

@@ -1,10 +1,12 @@
 """``etendue losses``: what part of the lost contrast, signal-to-noise ratio and colour each stage of a camera is owed.
 
 In:  a pipeline as written, the reflectance of a grey card.
-Out: Shapley values by stage, what the camera would be without it, and pairs: predicted from the values, and as they are.
+Out: Shapley values by stage, what the camera would be without it, and pairs: predicted from the values, and as they
+     are.
 
-A stage that is removed gives way to its ideal (decision 0026): a lens that spreads no light, a pixel that is a point, a source of noise
-that draws nothing, every channel at every pixel. What numerical error a stage brings is another question, see accuracy.
+A stage that is removed gives way to its ideal (decision 0026): a lens that spreads no light, a pixel that is a point, a
+source of noise that draws nothing, every channel at every pixel. What numerical error a stage brings is another
+question, see accuracy.
 """
 
 from __future__ import annotations
@@ -50,9 +52,11 @@ class LossReport:
     def document(self) -> dict[str, Any]:
         """As JSON holds it."""
         return {
-            "pipeline": self.pipeline, "reflectance": self.reflectance, "losses": [_document(game) for game in self.games],
+            "pipeline": self.pipeline,
+            "reflectance": self.reflectance,
+            "losses": [_document(game) for game in self.games],
             "notes": self.notes,
-        }  # fmt: skip
+        }
 
 
 def losses(
@@ -69,7 +73,8 @@ def losses(
     Parameters
     ----------
     pipeline : Pipeline
-        A sweep is left out. Contrast and noise are those of a grey card in the place of its scene; colour is that of its own scene.
+        A sweep is left out. Contrast and noise are those of a grey card in the place of its scene; colour is that of
+        its own scene.
     registry : Registry
     reflectance : float
         Of the card, above 0 and at most 1.
@@ -94,7 +99,16 @@ def losses(
     contrast = Contrast(detail)
     snr = SignalToNoise(detail, _gains(detail, registry, options, notes))
     report.games.append(
-        _game("contrast", "dB", "mean contrast up to Nyquist", contrast.players, contrast.loss, contrast.contrast, ANALYTIC, seed)
+        _game(
+            "contrast",
+            "dB",
+            "mean contrast up to Nyquist",
+            contrast.players,
+            contrast.loss,
+            contrast.contrast,
+            ANALYTIC,
+            seed,
+        )
     )
     report.games.append(_game("SNR", "dB", "SNR of the grey card", snr.players, snr.loss, snr.snr, ANALYTIC, seed))
     if runs:
@@ -125,7 +139,12 @@ def _gains(detail: FineDetail, registry: Registry, options: Options | None, note
     """Share of the light that passes each stage that only takes light."""
     found = {}
     for node in detail.plan.nodes:
-        if node.is_transfer or not node.kind.pointwise or "irradiance" not in node.writes or node.name not in detail.before:
+        if (
+            node.is_transfer
+            or not node.kind.pointwise
+            or "irradiance" not in node.writes
+            or node.name not in detail.before
+        ):
             continue
         if "irradiance" not in {v for _, _, v in node.inputs[0]}:
             continue
@@ -151,16 +170,33 @@ def without_stages(pipeline: Pipeline, out: Collection[str]) -> Pipeline:
 
 
 def _colour(
-    report: LossReport, pipeline: Pipeline, registry: Registry, runs: int, seed: int, options: Options | None, told: Callable[[str], None]
+    report: LossReport,
+    pipeline: Pipeline,
+    registry: Registry,
+    runs: int,
+    seed: int,
+    options: Options | None,
+    told: Callable[[str], None],
 ) -> None:
     try:
         cameras = _Cameras(pipeline, registry, options, told)
         least = min(2 ** len(cameras.players), fewest(len(cameras.players)))
         if runs < least:
-            raise ValueError(f"{len(cameras.players)} stages take part, for which {least} cameras must be run: --runs {least}")
+            raise ValueError(
+                f"{len(cameras.players)} stages take part, for which {least} cameras must be run: --runs {least}"
+            )
         report.notes += [note for note in cameras.ideal.notes if note not in report.notes]
         report.games.append(
-            _game("colour", "CIEDE2000^2", "rms CIEDE2000 to the ideal camera", cameras.players, cameras.loss, cameras.figure, runs, seed)
+            _game(
+                "colour",
+                "CIEDE2000^2",
+                "rms CIEDE2000 to the ideal camera",
+                cameras.players,
+                cameras.loss,
+                cameras.figure,
+                runs,
+                seed,
+            )
         )
     except (RequestError, ValueError) as error:
         text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
@@ -170,11 +206,13 @@ def _colour(
 class _Cameras:
     """The same camera with some of its stages ideal, run in front of its own scene.
 
-    Mosaic, noise, converter, what works on the mosaic and the demosaicer are one: the ideal camera has every channel at every pixel in the
-    place of them all.
+    Mosaic, noise, converter, what works on the mosaic and the demosaicer are one: the ideal camera has every channel at
+    every pixel in the place of them all.
     """
 
-    def __init__(self, pipeline: Pipeline, registry: Registry, options: Options | None, told: Callable[[str], None]) -> None:
+    def __init__(
+        self, pipeline: Pipeline, registry: Registry, options: Options | None, told: Callable[[str], None]
+    ) -> None:
         self.pipeline, self.registry, self.options, self.told = pipeline, registry, options, told
         self.ideal: Ideal = ideal_of(pipeline, registry)
         demosaic = next(iter(self.ideal.replaced))
@@ -187,7 +225,9 @@ class _Cameras:
         self.reference = self._lab(frozenset())
 
     def loss(self, present: frozenset[str]) -> float:
-        """Mean of the squared colour difference to the ideal camera: of errors that know nothing of each other it is a sum."""
+        """Mean of the squared colour difference to the ideal camera: of errors that know nothing of each other it is
+        a sum.
+        """
         if present not in self.pictures:
             apart = difference.delta_e_2000(self._lab(present), self.reference) if present else np.zeros(1)
             self.pictures[present] = float(np.mean(np.square(apart)))
@@ -197,7 +237,10 @@ class _Cameras:
         return math.sqrt(self.loss(present))
 
     def _lab(self, present: frozenset[str]) -> Any:
-        self.told(f"the camera with {', '.join(n for n in self.players if n in present) or 'nothing'} as it is, and all else ideal")
+        self.told(
+            f"the camera with {', '.join(n for n in self.players if n in present) or 'nothing'} as it is, and all else "
+            f"ideal"
+        )
         if self.mosaic in present:
             camera = without_stages(self.pipeline, set(self.ideal.left_out) - present - self.beside)
         else:
@@ -227,20 +270,33 @@ def _document(game: Game) -> dict[str, Any]:
     found = game.shares
     stages = [
         {
-            "stage": name, "loss": float(found.values[i]), "share": float(found.values[i] / found.gross) if found.gross else math.nan,
-            "standard_error": float(found.errors[i]), "figure_without": game.without.get(name, math.nan),
+            "stage": name,
+            "loss": float(found.values[i]),
+            "share": float(found.values[i] / found.gross) if found.gross else math.nan,
+            "standard_error": float(found.errors[i]),
+            "figure_without": game.without.get(name, math.nan),
         }
         for i, name in enumerate(found.players)
-    ]  # fmt: skip
+    ]
     pairs = [
         {
-            "stages": [one, other], "interaction": float(found.interactions[found.order[one], found.order[other]]),
-            "predicted": predicted, "found": lost,
+            "stages": [one, other],
+            "interaction": float(found.interactions[found.order[one], found.order[other]]),
+            "predicted": predicted,
+            "found": lost,
         }
         for (one, other), (predicted, lost) in game.pairs.items()
-    ]  # fmt: skip
+    ]
     return {
-        "what": game.name, "unit": game.unit, "figure": game.figure, "ideal": game.ideal, "camera": game.camera, "loss": found.total,
+        "what": game.name,
+        "unit": game.unit,
+        "figure": game.figure,
+        "ideal": game.ideal,
+        "camera": game.camera,
+        "loss": found.total,
         "lost_before_gains": found.gross,
-        "stages": stages, "pairs": pairs, "coalitions": found.coalitions, "orders": found.orders or None,
-    }  # fmt: skip
+        "stages": stages,
+        "pairs": pairs,
+        "coalitions": found.coalitions,
+        "orders": found.orders or None,
+    }

@@ -17,23 +17,34 @@ PAIRS = 3  # with the strongest interactions, that are named
 def print_losses(document: dict[str, Any]) -> None:
     """Shares of contrast, signal-to-noise ratio and colour."""
     console = _out()
-    console.print(f"{document['pipeline']}: what each stage is owed of the losses, against the camera with ideal stages")
+    console.print(
+        f"{document['pipeline']}: what each stage is owed of the losses, against the camera with ideal stages"
+    )
     for loss in document["losses"]:
-        columns = (("stage", "left"), ("of what is lost", "right"), (f"loss [{loss['unit']}]", "right"), ("without it", "right"))
+        columns = (
+            ("stage", "left"),
+            ("of what is lost", "right"),
+            (f"loss [{loss['unit']}]", "right"),
+            ("without it", "right"),
+        )
         table = _table(
-            f"{loss['what']}: {loss['figure']} {loss['camera']:.4g}, ideal {loss['ideal']:.4g}; loss {loss['loss']:.4g} {loss['unit']}",
+            f"{loss['what']}: {loss['figure']} {loss['camera']:.4g}, ideal {loss['ideal']:.4g}; loss "
+            f"{loss['loss']:.4g} {loss['unit']}",
             *columns,
         )
         for row in loss["stages"]:
             error = "" if not loss["orders"] or row["standard_error"] is None else f" +- {row['standard_error']:.1g}"
-            table.add_row(row["stage"], _percent(row["share"]), f"{row['loss']:.3f}{error}", _figure(row["figure_without"]))
+            table.add_row(
+                row["stage"], _percent(row["share"]), f"{row['loss']:.3f}{error}", _figure(row["figure_without"])
+            )
         console.print(table)
         how = f"{loss['orders']} random orders" if loss["orders"] else "all sets of stages"
         console.print(f"  shares from {how}: {loss['coalitions']} cameras")
         if loss["pairs"] and loss["lost_before_gains"]:
             worst = max(abs(pair["predicted"] - pair["found"]) for pair in loss["pairs"])
             console.print(
-                f"  what two stages lose together is predicted within {100 * worst / loss['lost_before_gains']:.1f} % of what is lost; "
+                f"  what two stages lose together is predicted within {100 * worst / loss['lost_before_gains']:.1f} % "
+                f"of what is lost; "
                 f"most between {_strongest(loss)}"
             )
     for note in document["notes"]:

@@ -1,4 +1,5 @@
-"""``etendue measure``: a photograph measured with the instruments that measure simulated ones: edges, stars, noise, a ColorChecker.
+"""``etendue measure``: a photograph measured with the instruments that measure simulated ones: edges, stars, noise, a
+ColorChecker.
 
 In:  a picture file, regions of it (pixels).
 Out: a document: MTF50, noise and colour differences, each with an interval.

@@ -23,7 +23,10 @@ from etendue_lab.measure.regions import corners
 
 ROWS, COLUMNS = 4, 6
 GREYS = slice(18, 24)
-WHITE, OBSERVED = "D50", tuple(float(nm) for nm in range(380, 731))  # the light of published values; where reflectances are known
+WHITE, OBSERVED = (
+    "D50",
+    tuple(float(nm) for nm in range(380, 731)),
+)  # the light of published values; where reflectances are known
 CLIPPED = 0.02  # share of a patch's pixels from which on its colour is not known
 BETTER, BAD = 0.6, 5.0  # of the mean difference: another order of the corners fits so much better; where that is asked
 STRANGE = 20.0  # mean difference behind one gain, beyond which it is hardly that chart
@@ -44,7 +47,10 @@ def to_lab(space: str) -> Callable[[Any], Any]:
     """From linear RGB of a space to L*a*b* under D50, its white taken to that of D50 (Bradford)."""
     matrix, xy = spectra.rgb_space_matrix(space)
     _, _, white = reference()
-    adapted = von_kries_matrix(xyz_from_xy((float(xy[0]), float(xy[1]))), white, spectra.adaptation_matrix("Bradford")) @ matrix
+    adapted = (
+        von_kries_matrix(xyz_from_xy((float(xy[0]), float(xy[1]))), white, spectra.adaptation_matrix("Bradford"))
+        @ matrix
+    )
     return lambda rgb: lab(np.tensordot(adapted, rgb, 1), white)
 
 
@@ -60,7 +66,10 @@ def measured_chart(photograph: Photograph, text: str, space: str, confidence: fl
     if photograph.names == ("grey",):
         raise RequestError(f"--chart: {photograph.path.name} is grey; the colours of a chart need a colour picture")
     notes = []
-    (left, top), (right, bottom) = np.floor(np.maximum(places.min(0), 0)).astype(int), np.ceil(places.max(0)).astype(int) + 1
+    (left, top), (right, bottom) = (
+        np.floor(np.maximum(places.min(0), 0)).astype(int),
+        np.ceil(places.max(0)).astype(int) + 1,
+    )
     cut = np.s_[top:bottom, left:right]
     if photograph.is_raw:
         planes = np.moveaxis(developed(photograph.path)[cut], -1, 0) / 65535.0
@@ -73,25 +82,45 @@ def measured_chart(photograph: Photograph, text: str, space: str, confidence: fl
     names, goal, _ = reference()
     patches, as_is, exposed, gain = _in_order(text, places, (left, top), planes, clipped, convert, confidence)
     if patches.clipped.max() > CLIPPED:
-        several = [f"{name} ({100 * share:.0f} %)" for name, share in zip(names, patches.clipped, strict=True) if share > CLIPPED]
+        several = [
+            f"{name} ({100 * share:.0f} %)"
+            for name, share in zip(names, patches.clipped, strict=True)
+            if share > CLIPPED
+        ]
         notes.append(f"clipped, so that their colours are not known: {', '.join(several)}")
     if exposed.mean > STRANGE:
-        notes.append("these are hardly the colours of a ColorChecker: look at the corners, and at --encoding and --space")
+        notes.append(
+            "these are hardly the colours of a ColorChecker: look at the corners, and at --encoding and --space"
+        )
     rows = [
         {
-            "patch": name, "lab": as_is.lab[:, i].tolist(), "reference": goal[:, i].tolist(), "clipped": float(patches.clipped[i]),
-            **_between("delta_e", as_is.delta_e[i], as_is.reach[i]), **_between("exposed", exposed.delta_e[i], exposed.reach[i]),
+            "patch": name,
+            "lab": as_is.lab[:, i].tolist(),
+            "reference": goal[:, i].tolist(),
+            "clipped": float(patches.clipped[i]),
+            **_between("delta_e", as_is.delta_e[i], as_is.reach[i]),
+            **_between("exposed", exposed.delta_e[i], exposed.reach[i]),
         }
         for i, name in enumerate(names)
-    ]  # fmt: skip
+    ]
     return {
-        "corners": text, "space": space, "white": WHITE, "gain": gain, "patches": rows, "notes": notes,
-        "as_is": _summary(as_is, names), "exposed": _summary(exposed, names),
-    }  # fmt: skip
+        "corners": text,
+        "space": space,
+        "white": WHITE,
+        "gain": gain,
+        "patches": rows,
+        "notes": notes,
+        "as_is": _summary(as_is, names),
+        "exposed": _summary(exposed, names),
+    }
 
 
-def _errors(patches: Patches, convert: Any, confidence: float, draws: int = DRAWS) -> tuple[ColourErrors, ColourErrors, float]:
-    """As it stands, and times the gain that makes the luminances of the greys those of the reference, by least squares."""
+def _errors(
+    patches: Patches, convert: Any, confidence: float, draws: int = DRAWS
+) -> tuple[ColourErrors, ColourErrors, float]:
+    """As it stands, and times the gain that makes the luminances of the greys those of the reference, by least
+    squares.
+    """
     _, goal, _ = reference()
     as_is = colour_errors(patches, convert, goal, confidence, draws=draws)
     found, wanted = (_luminance(one[0, GREYS]) for one in (as_is.lab, goal))
@@ -141,6 +170,7 @@ def _between(name: str, value: float, reach: float) -> dict[str, float]:
 def _summary(found: ColourErrors, names: tuple[str, ...]) -> dict[str, Any]:
     worst = int(found.delta_e.argmax())
     return {
-        **_between("mean", found.mean, found.mean_reach), **_between("max", found.delta_e[worst], found.max_reach),
+        **_between("mean", found.mean, found.mean_reach),
+        **_between("max", found.delta_e[worst], found.max_reach),
         "worst": names[worst],
-    }  # fmt: skip
+    }

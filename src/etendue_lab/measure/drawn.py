@@ -29,27 +29,49 @@ def drawn(path: Path, document: dict[str, Any]) -> Plot:
     wide, high = (INCHES * size / max(rows, columns) for size in (columns, rows))
     figure = new_figure(max(wide, 3.0), max(high, 3.0), layout=None)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(_shown(photograph), extent=(-0.5, columns - 0.5, rows - 0.5, -0.5), interpolation="nearest", cmap="gray", vmin=0, vmax=1)
+    axes.imshow(
+        _shown(photograph),
+        extent=(-0.5, columns - 0.5, rows - 0.5, -0.5),
+        interpolation="nearest",
+        cmap="gray",
+        vmin=0,
+        vmax=1,
+    )
     axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
     axes.set_axis_off()
     numbers: list[list[Any]] = []
-    marks = [("edge", one, one["region"]) for one in document["edges"]] + [("star", one, one["star"]) for one in document["stars"]]
+    marks = [("edge", one, one["region"]) for one in document["edges"]] + [
+        ("star", one, one["star"]) for one in document["stars"]
+    ]
     marks += [("noise", one, one["region"]) for one in document["noise"]]
     for number, (kind, one, where) in enumerate(marks):
         colour = f"C{(number + 1) % 10}"
         place = [float(part) for part in where.split(",")]
         words = _noise(one) if kind == "noise" else _response(one)
         x, y = _outlined(axes, kind, one, place, colour)
-        low, right = y < LOW * rows, x > 0.5 * columns  # words stand over a region; where there is no room, at its lower end, inward
+        low, right = (
+            y < LOW * rows,
+            x > 0.5 * columns,
+        )  # words stand over a region; where there is no room, at its lower end, inward
         axes.annotate(
-            words, (x, y), xytext=(-4 if right else 4, -4 if low else 4), textcoords="offset points", color="white", fontsize=7,
-            va="top" if low else "bottom", ha="right" if right else "left", bbox=DARK,
-        )  # fmt: skip
+            words,
+            (x, y),
+            xytext=(-4 if right else 4, -4 if low else 4),
+            textcoords="offset points",
+            color="white",
+            fontsize=7,
+            va="top" if low else "bottom",
+            ha="right" if right else "left",
+            bbox=DARK,
+        )
         numbers.append([kind, where, words])
     if document["chart"]:
         corners = np.array([float(part) for part in document["chart"]["corners"].split(",")]).reshape(4, 2)
         axes.plot(*np.vstack([corners, corners[:1]]).T, color="C1", lw=1.5)
-        words = f"Delta E 2000: mean {document['chart']['as_is']['mean']:.2f}, exposed {document['chart']['exposed']['mean']:.2f}"
+        words = (
+            f"Delta E 2000: mean {document['chart']['as_is']['mean']:.2f}, exposed "
+            f"{document['chart']['exposed']['mean']:.2f}"
+        )
         axes.text(*corners.mean(0), words, color="white", fontsize=7, ha="center", bbox=DARK)
         numbers.append(["chart", document["chart"]["corners"], words])
     return Plot(figure, ("kind", "region", "measured"), numbers)
@@ -79,7 +101,9 @@ def _outlined(axes: Any, kind: str, one: dict[str, Any], place: list[float], col
 def _words(axes: Any, x: float, y: float, width: float, height: float) -> tuple[float, float]:
     """The corner of a region at which its words begin."""
     columns, rows = axes.get_xlim()[1], axes.get_ylim()[0]
-    return (x + width if x + width / 2 > 0.5 * columns else x), (y + height if y < LOW * rows and y + height < (1 - LOW) * rows else y)
+    return (x + width if x + width / 2 > 0.5 * columns else x), (
+        y + height if y < LOW * rows and y + height < (1 - LOW) * rows else y
+    )
 
 
 def _response(one: dict[str, Any]) -> str:
@@ -91,7 +115,9 @@ def _response(one: dict[str, Any]) -> str:
 def _noise(one: dict[str, Any]) -> str:
     own = one["channels"][-1]
     sigma = own["linear"]["sigma"]
-    text = f"{own['channel']}: sigma {100 * sigma['value']:.3g} % ({100 * sigma['low']:.3g} to {100 * sigma['high']:.3g})"
+    text = (
+        f"{own['channel']}: sigma {100 * sigma['value']:.3g} % ({100 * sigma['low']:.3g} to {100 * sigma['high']:.3g})"
+    )
     return text + (", not covered" if one["not_covered"] else "")
 
 

@@ -23,14 +23,20 @@ from etendue_lab.measure.photograph import PLANES, Photograph
 from etendue_lab.measure.regions import FOUND, Window, window
 
 ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
-LEAST, MOST = 1.0, 44.0  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
+LEAST, MOST = (
+    1.0,
+    44.0,
+)  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
 STEEP = 2.0, 43.0  # degrees from the raster of an edge that is taken by itself
 MISFIT, TIMES = 0.04, 4.0  # of the step, and of the noise: rms about the edge beyond which it is no single edge
 ALONE = 0.02  # of the step, rms about the edge up to which nothing else stands in a region
 CLEARER = 1.5  # times the ratio of step to rest that a strip of a region has, where something else stands in the region
 TILTED = 1.92  # errors of MTF50, of what both levels are wrong by: holds 96 % of 400 edges in 8 bits without noise
 LOST, COARSER, FINER = 0.0235, 2.0, 8.34  # of MTF50: see `_lost`
-FINE, TWICE = 2.0, 0.5  # mean step of a table below which edges written again show little but rounding, and how much of that is both's
+FINE, TWICE = (
+    2.0,
+    0.5,
+)  # mean step of a table below which edges written again show little but rounding, and how much of that is both's
 METHOD = 5e-4  # of MTF50: error of the method itself (`slanted_edge`), below which no interval says anything
 SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
 HIDDEN = "its step is lost in noise"
@@ -38,14 +44,24 @@ TRIED = 0.08, 0.6  # cycles/pixel, of MTF50: Gaussian blurs of 2 to 0.35 pixels
 TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's table, that of quality 75 being 29
 KINDS = {  # of what keeps the edges of a picture from being found by themselves: what its reason holds, and what helps
     "shorter than 24 pixels": (("shorter than",), "take the chart larger in the picture"),
-    "along rows or columns": (("along the raster", "not slanted", "nothing in it stands at a slant"), "turn the chart by some 5 degrees"),
-    "nearly along a diagonal": (("along a diagonal",), "turn the chart: edges are best at some 5 degrees from rows and columns"),
+    "along rows or columns": (
+        ("along the raster", "not slanted", "nothing in it stands at a slant"),
+        "turn the chart by some 5 degrees",
+    ),
+    "nearly along a diagonal": (
+        ("along a diagonal",),
+        "turn the chart: edges are best at some 5 degrees from rows and columns",
+    ),
     "less than 8 pixels from something else": (("something stands within",), "give the edge more room"),
-    "not straight, or not alone": (("not straight", "no single straight", "distances", "line", "in one row", "no step"), ""),
+    "not straight, or not alone": (
+        ("not straight", "no single straight", "distances", "line", "in one row", "no step"),
+        "",
+    ),
     "no stronger than noise or texture about it": ((HIDDEN,), ""),
 }
 REGIONS = (
-    "give regions: --edge X,Y,WIDTH,HEIGHT about one slanted edge, --star X,Y,RADIUS, --noise X,Y,WIDTH,HEIGHT of an even patch, "
+    "give regions: --edge X,Y,WIDTH,HEIGHT about one slanted edge, --star X,Y,RADIUS, --noise X,Y,WIDTH,HEIGHT of an "
+    "even patch, "
     "--chart with the four corners of a ColorChecker"
 )
 
@@ -59,7 +75,9 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
         A region outside the picture; no edge, one along the raster, a bent one.
     """
     if text != FOUND:
-        return _measured_in(photograph, window("--edge", text, photograph.columns, photograph.rows), channel, confidence)
+        return _measured_in(
+            photograph, window("--edge", text, photograph.columns, photograph.rows), channel, confidence
+        )
     places, why = slanted(photograph, channel)
     measured, refusals = [], []
     for place in places:
@@ -70,7 +88,8 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
             continue
         if not STEEP[0] <= abs(one["angle"]) <= STEEP[1]:
             refusals.append(
-                f"the edge is not slanted: it stands {abs(one['angle']):.1f} degrees from the {one['near']}; allowed is 2 to 43"
+                f"the edge is not slanted: it stands {abs(one['angle']):.1f} degrees from the {one['near']}; allowed "
+                f"is 2 to 43"
             )
             continue
         if not math.isfinite(one["mtf50_high"]):
@@ -85,7 +104,9 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
 
 
 def _measured_in(photograph: Photograph, region: Window, channel: str, confidence: float) -> dict[str, Any]:
-    """The one edge of a region; where something else stands in a corner of it, that of the strip whose box the region is."""
+    """The one edge of a region; where something else stands in a corner of it, that of the strip whose box the
+    region is.
+    """
     refusal: RequestError | None = None
     whole: dict[str, Any] = {}
     try:
@@ -122,7 +143,9 @@ def _why(refusals: list[str], why: list[str]) -> str:
     return f"what it has of edges is {'; or '.join(kinds)}{f' ({help})' if help else ''}"
 
 
-def _measured(photograph: Photograph, place: Window, channel: str, confidence: float, strip: Any = None) -> dict[str, Any]:
+def _measured(
+    photograph: Photograph, place: Window, channel: str, confidence: float, strip: Any = None
+) -> dict[str, Any]:
     """The edge in a rectangle, or that of the pixels of a strip in it."""
     what = f"--edge {place}"
     if strip is not None:
@@ -149,28 +172,45 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
     line = [[inner.x + (u if found.vertical else v), inner.y + (v if found.vertical else u)] for u, v in ends_of_line]
     levels = tuple(float(v) for v in np.percentile(image if sites is None else image[sites], (5, 95)))
     return {
-        "region": str(inner), "channel": channel, "angle": found.angle, "near": "columns" if found.vertical else "rows",
-        "bend": None if shape is None else shape.bend, "line": line, "half_width": response.half_width,
-        "mtf50": found.mtf50, "mtf10": found.mtf10, **_intervals(photograph, levels, found, confidence),
-        "mtf_nyquist": found.mtf_nyquist, "rise": found.rise, "contrast": response.contrast, "snr": found.snr, "clipped": clipped,
-        "doubts": list(found.doubts), "not_covered": _untried(photograph, channel, found, _step(image, sites)),
+        "region": str(inner),
+        "channel": channel,
+        "angle": found.angle,
+        "near": "columns" if found.vertical else "rows",
+        "bend": None if shape is None else shape.bend,
+        "line": line,
+        "half_width": response.half_width,
+        "mtf50": found.mtf50,
+        "mtf10": found.mtf10,
+        **_intervals(photograph, levels, found, confidence),
+        "mtf_nyquist": found.mtf_nyquist,
+        "rise": found.rise,
+        "contrast": response.contrast,
+        "snr": found.snr,
+        "clipped": clipped,
+        "doubts": list(found.doubts),
+        "not_covered": _untried(photograph, channel, found, _step(image, sites)),
         "flags": [*found.flags, *(["clipped"] if clipped > CLIPPED and not found.clipped else [])],
-        "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(),
-    }  # fmt: skip
+        "frequency": response.frequency.tolist(),
+        "sfr": response.sfr.tolist(),
+    }
 
 
 def _untried(photograph: Photograph, channel: str, found: EdgeResolution, step: float) -> list[str]:
     """What of a picture lies outside of what intervals have been tried on (``benchmarks/measure_coverage.py``)."""
     noise = step / found.snr if found.snr > 0 else math.inf
     seen = {
-        "sharp": found.mtf50 > TRIED[1] or found.not_reached, "blurred": found.mtf50 < TRIED[0], "noise": noise > TRIED_NOISE,
+        "sharp": found.mtf50 > TRIED[1] or found.not_reached,
+        "blurred": found.mtf50 < TRIED[0],
+        "noise": noise > TRIED_NOISE,
         "coarse": photograph.lossy and float(np.mean(photograph.table)) > TRIED_STEPS,
         "colour": photograph.lossy and channel in PLANES,
-    }  # fmt: skip
+    }
     return [name for name, outside in seen.items() if outside]
 
 
-def _intervals(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> dict[str, Any]:
+def _intervals(
+    photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float
+) -> dict[str, Any]:
     """Intervals of noise with what a file adds to them, all parts in squares, and those parts, of MTF50."""
     doubt, lost = _rounding(photograph, levels, found, confidence), _lost(photograph, levels, found)
     z = float(scipy.special.ndtri(0.5 + 0.5 * confidence))
@@ -184,10 +224,16 @@ def _intervals(photograph: Photograph, levels: tuple[float, ...], found: EdgeRes
     if conservative:
         fifty, ten = _wider(found.mtf50, *fifty, METHOD), _wider(found.mtf10, *ten, METHOD)
     return {
-        "mtf50_low": fifty[0], "mtf50_high": fifty[1], "mtf10_low": ten[0], "mtf10_high": ten[1],
-        "conservative": conservative, "rounding": doubt,
-        "compression": None if found.written is None else {"bias": found.written[0].bias, "spread": found.written[0].spread, "lost": lost},
-    }  # fmt: skip
+        "mtf50_low": fifty[0],
+        "mtf50_high": fifty[1],
+        "mtf10_low": ten[0],
+        "mtf10_high": ten[1],
+        "conservative": conservative,
+        "rounding": doubt,
+        "compression": None
+        if found.written is None
+        else {"bias": found.written[0].bias, "spread": found.written[0].spread, "lost": lost},
+    }
 
 
 def _lost(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution) -> float:
@@ -195,10 +241,10 @@ def _lost(photograph: Photograph, levels: tuple[float, ...], found: EdgeResoluti
 
     Notes
     -----
-    These begin from the edge that the file has left: what it took off a sharp one they have not any more. So much that truth lies on the
-    average higher, and as much is its spread: `LOST` times the squared ratio of the table's mean step to the step of the edge, times
-    exp(`FINER` MTF50), up to the sharpest edge that was tried. Fitted with `edge_rewritten.BY_ROWS` to the same edges; 0.1 of MTF50 for
-    blurs of 0.35 pixels at quality 75, 0.005 at 95.
+    These begin from the edge that the file has left: what it took off a sharp one they have not any more. So much that
+    truth lies on the average higher, and as much is its spread: `LOST` times the squared ratio of the table's mean step
+    to the step of the edge, times exp(`FINER` MTF50), up to the sharpest edge that was tried. Fitted with
+    `edge_rewritten.BY_ROWS` to the same edges; 0.1 of MTF50 for blurs of 0.35 pixels at quality 75, 0.005 at 95.
     """
     if not math.isfinite(found.mtf50):
         return 0.0
@@ -206,7 +252,9 @@ def _lost(photograph: Photograph, levels: tuple[float, ...], found: EdgeResoluti
 
 
 def _rounding(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> float:
-    """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by, of its step."""
+    """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by,
+    of its step.
+    """
     low, high = levels
     steps = [photograph.step(low), photograph.step(high)]
     if found.written is not None:
@@ -241,7 +289,10 @@ def _roomy(place: Window, strip: Any, photograph: Photograph) -> tuple[Window, A
     """A window with room about a strip that is narrower than an edge's picture may be."""
     (y, height), (x, width) = (
         _widened(first, length, size)
-        for first, length, size in ((place.y, place.height, photograph.rows), (place.x, place.width, photograph.columns))
+        for first, length, size in (
+            (place.y, place.height, photograph.rows),
+            (place.x, place.width, photograph.columns),
+        )
     )
     held = np.zeros((height, width), bool)
     held[place.y - y : place.y - y + place.height, place.x - x : place.x - x + place.width] = strip
@@ -276,7 +327,9 @@ def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, i
     if step <= MISFIT or step <= TIMES * _noise(image, sites) / _step(image, sites):
         return
     bend = "" if shape is None else f": up to {shape.bend:.1f} pixels from a line {_stands(shape)}"
-    raise RequestError(f"{what}: the edge is not straight, or not alone{bend}; the rest about it is {100 * step:.0f} % of its step")
+    raise RequestError(
+        f"{what}: the edge is not straight, or not alone{bend}; the rest about it is {100 * step:.0f} % of its step"
+    )
 
 
 def _step(image: Any, sites: Any) -> float:
@@ -289,6 +342,16 @@ def _noise(image: Any, sites: Any) -> float:
     if sites is None:
         steps = [np.diff(image, axis=0), np.diff(image, axis=1)]
     else:
-        period = next((n for n in (2, 6) if np.array_equal(sites[n:], sites[:-n]) and np.array_equal(sites[:, n:], sites[:, :-n])), 2)
-        steps = [(image[period:] - image[:-period])[sites[period:]], (image[:, period:] - image[:, :-period])[sites[:, period:]]]
+        period = next(
+            (
+                n
+                for n in (2, 6)
+                if np.array_equal(sites[n:], sites[:-n]) and np.array_equal(sites[:, n:], sites[:, :-n])
+            ),
+            2,
+        )
+        steps = [
+            (image[period:] - image[:-period])[sites[period:]],
+            (image[:, period:] - image[:, :-period])[sites[:, period:]],
+        ]
     return min(float(np.median(np.abs(one))) for one in steps) / (0.6745 * math.sqrt(2))

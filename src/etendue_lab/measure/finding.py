@@ -33,11 +33,15 @@ class Place:
 
 
 def slanted(photograph: Photograph, channel: str) -> tuple[list[Place], list[str]]:
-    """Places of edges, and why others are none; in a large picture first looked for by means over squares of the file's own numbers."""
+    """Places of edges, and why others are none; in a large picture first looked for by means over squares of the
+    file's own numbers.
+    """
     factor = math.ceil(math.sqrt(photograph.rows * photograph.columns / SEARCHED))
     sites = photograph.sites(channel)
     if factor > 1:
-        factor = factor if sites is None else max(factor, 3)  # in any mosaic three by three pixels hold every colour that edges have
+        factor = (
+            factor if sites is None else max(factor, 3)
+        )  # in any mosaic three by three pixels hold every colour that edges have
         small, _ = _in_parts(_smaller(photograph, sites, factor), None)
         parts = [_span(*one.window, factor, photograph) for one in small[:MOST]]
         wide = [_in(photograph, channel, part) for part in dict.fromkeys(parts)]
@@ -51,12 +55,20 @@ def slanted(photograph: Photograph, channel: str) -> tuple[list[Place], list[str
 def strips_of(photograph: Photograph, channel: str, region: Window) -> list[Place]:
     """Strips whose box a region is: of a turned strip it holds corners, too, in which something else may stand."""
     top, left = max(region.y - AROUND, 0), max(region.x - AROUND, 0)
-    part = (top, min(region.y + region.height + AROUND, photograph.rows), left, min(region.x + region.width + AROUND, photograph.columns))
+    part = (
+        top,
+        min(region.y + region.height + AROUND, photograph.rows),
+        left,
+        min(region.x + region.width + AROUND, photograph.columns),
+    )
     places = [_cut_to(region, _place(one)) for one in _in(photograph, channel, part, MOST, TRIES)[0]]
     return [
-        one for one in places
-        if one is not None and one.window.width >= SPANNED * region.width and one.window.height >= SPANNED * region.height
-    ]  # fmt: skip
+        one
+        for one in places
+        if one is not None
+        and one.window.width >= SPANNED * region.width
+        and one.window.height >= SPANNED * region.height
+    ]
 
 
 def _cut_to(region: Window, place: Place) -> Place | None:
@@ -68,8 +80,12 @@ def _cut_to(region: Window, place: Place) -> Place | None:
     part[:] = place.strip[max(-y, 0) :, max(-x, 0) :][: part.shape[0], : part.shape[1]] if part.size else False
     if not held.any():
         return None
-    rows, columns = (slice(int(seen[0]), int(seen[-1]) + 1) for seen in (np.flatnonzero(held.any(axis)) for axis in (1, 0)))
-    window = Window(region.x + columns.start, region.y + rows.start, columns.stop - columns.start, rows.stop - rows.start)
+    rows, columns = (
+        slice(int(seen[0]), int(seen[-1]) + 1) for seen in (np.flatnonzero(held.any(axis)) for axis in (1, 0))
+    )
+    window = Window(
+        region.x + columns.start, region.y + rows.start, columns.stop - columns.start, rows.stop - rows.start
+    )
     return Place(window, held[rows, columns])
 
 
@@ -83,7 +99,9 @@ def _in_parts(image: Any, sites: Any) -> tuple[list[FoundEdge], list[str]]:
     found, why = [], []
     for top, bottom, left, right in _parts(*image.shape):
         cut = np.s_[top:bottom, left:right]
-        edges, words = find_edges(image[cut], None if sites is None else sites[cut], most=MOST, tries=TRIES, shortest=SHORTEST)
+        edges, words = find_edges(
+            image[cut], None if sites is None else sites[cut], most=MOST, tries=TRIES, shortest=SHORTEST
+        )
         found += [_moved(one, top, left) for one in edges]
         why += words
     return sorted(found, key=lambda one: -one.promise), why
@@ -109,8 +127,12 @@ def _apart(places: list[Place]) -> list[Place]:
     for place in places:
         y, x = (float(part.mean()) for part in np.nonzero(place.strip))
         y, x = round(y) + place.window.y, round(x) + place.window.x
-        if not any(0 <= y - one.window.y < one.window.height and 0 <= x - one.window.x < one.window.width
-                   and one.strip[y - one.window.y, x - one.window.x] for one in kept):  # fmt: skip
+        if not any(
+            0 <= y - one.window.y < one.window.height
+            and 0 <= x - one.window.x < one.window.width
+            and one.strip[y - one.window.y, x - one.window.x]
+            for one in kept
+        ):
             kept.append(place)
     return kept
 
@@ -130,7 +152,9 @@ def _parts(rows: int, columns: int) -> list[tuple[int, int, int, int]]:
     return found
 
 
-def _span(top: int, bottom: int, left: int, right: int, factor: int, photograph: Photograph) -> tuple[int, int, int, int]:
+def _span(
+    top: int, bottom: int, left: int, right: int, factor: int, photograph: Photograph
+) -> tuple[int, int, int, int]:
     """Pixels of what was found on means, with room, and no more than an edge needs: top, bottom, left, right."""
     ends = []
     for first, last, size in ((top, bottom, photograph.rows), (left, right, photograph.columns)):
@@ -144,7 +168,11 @@ def _smaller(photograph: Photograph, sites: Any, factor: int) -> Any:
     rows, columns = photograph.rows // factor, photograph.columns // factor
 
     def total(plane: Any) -> Any:
-        return plane[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor).sum((1, 3), dtype=np.float64)
+        return (
+            plane[: rows * factor, : columns * factor]
+            .reshape(rows, factor, columns, factor)
+            .sum((1, 3), dtype=np.float64)
+        )
 
     if sites is not None:
         return total(photograph.values[..., 0] * sites) / np.maximum(total(sites), 1)

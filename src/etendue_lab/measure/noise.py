@@ -37,7 +37,8 @@ def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict
     clipped = float(photograph.clipped(place.cut).mean())
     if clipped > CLIPPED:
         raise RequestError(
-            f"{what}: {100 * clipped:.1f} % of the patch is clipped, which hides its noise; take one that is neither black nor white"
+            f"{what}: {100 * clipped:.1f} % of the patch is clipped, which hides its noise; take one that is neither "
+            f"black nor white"
         )
     luminance = () if photograph.is_raw or len(photograph.names) == 1 else ("luminance",)
     rows, hidden = [], []
@@ -64,10 +65,15 @@ def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict
 
 
 def _step(photograph: Photograph, name: str, cut: Any) -> float:
-    """Between the numbers of a plane in linear light; of luminance the step of one number that adds as much as those of the channels."""
+    """Between the numbers of a plane in linear light; of luminance the step of one number that adds as much as those
+    of the channels.
+    """
     if name != "luminance":
         return photograph.step(float(photograph.linear(name, cut)[0].mean()))
-    steps = [w * photograph.step(float(plane.mean())) for w, plane in zip(photograph.weights, photograph.planes(cut), strict=True)]
+    steps = [
+        w * photograph.step(float(plane.mean()))
+        for w, plane in zip(photograph.weights, photograph.planes(cut), strict=True)
+    ]
     values = photograph.values[cut]
     same = bool((values == values[..., :1]).all())  # then their rounding is the same, too
     return sum(steps) if same else math.hypot(*steps)
@@ -75,19 +81,27 @@ def _step(photograph: Photograph, name: str, cut: Any) -> float:
 
 def _check_even(what: str, name: str, found: PatchNoise, step: float) -> None:
     if found.slope > SLOPE:
-        raise RequestError(f"{what}: the patch is not even: {name} changes by {100 * found.slope:.0f} % of its mean over it")
+        raise RequestError(
+            f"{what}: the patch is not even: {name} changes by {100 * found.slope:.0f} % of its mean over it"
+        )
     blocks, noise = found.uneven * abs(found.mean.value), found.sigma.high if found.hidden else found.sigma.value
-    seen = found.uneven > UNEVEN or blocks > max(MOST * noise, step)  # what is less than a number of the file is its rounding
+    seen = found.uneven > UNEVEN or blocks > max(
+        MOST * noise, step
+    )  # what is less than a number of the file is its rounding
     if found.uneven > TIMES * found.uneven_white and seen:
         raise RequestError(
-            f"{what}: the patch is not even: parts of it differ by {100 * found.uneven:.1f} % rms in {name}, beside its noise"
+            f"{what}: the patch is not even: parts of it differ by {100 * found.uneven:.1f} % rms in {name}, beside "
+            f"its noise"
         )
 
 
 def _said(found: PatchNoise) -> dict[str, Any]:
     snr = asdict(found.snr)
     return {
-        "mean": asdict(found.mean), "sigma": asdict(found.sigma), "snr": snr,
+        "mean": asdict(found.mean),
+        "sigma": asdict(found.sigma),
+        "snr": snr,
         "snr_db": {key: 20 * math.log10(snr[key]) if snr[key] > 0 else math.nan for key in ("value", "low", "high")},
-        "slope": found.slope, "uneven": found.uneven,
-    }  # fmt: skip
+        "slope": found.slope,
+        "uneven": found.uneven,
+    }

@@ -23,13 +23,39 @@ ENCODINGS = ("sRGB", "BT.709", "linear")
 CHANNELS = ("luminance", "red", "green", "blue")
 PLANES = ("red", "green", "blue")
 RAW = frozenset(
-    {".dng", ".nef", ".nrw", ".cr2", ".cr3", ".crw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".pef", ".srw", ".raw", ".3fr", ".iiq", ".x3f"}
+    {
+        ".dng",
+        ".nef",
+        ".nrw",
+        ".cr2",
+        ".cr3",
+        ".crw",
+        ".arw",
+        ".sr2",
+        ".raf",
+        ".orf",
+        ".rw2",
+        ".pef",
+        ".srw",
+        ".raw",
+        ".3fr",
+        ".iiq",
+        ".x3f",
+    }
 )
 MOST_PIXELS = 160_000_000  # Pillow opens no more than 179 million
 INSTALL = "pip install 'etendue[raw]'"
-LINEARISED: dict[str, Any] = {"sRGB": transfer.srgb_decode, "BT.709": transfer.bt709_decode, "linear": lambda values: values}
+LINEARISED: dict[str, Any] = {
+    "sRGB": transfer.srgb_decode,
+    "BT.709": transfer.bt709_decode,
+    "linear": lambda values: values,
+}
 
-ENCODED: dict[str, Any] = {"sRGB": transfer.srgb_encode, "BT.709": transfer.bt709_encode, "linear": lambda values: values}
+ENCODED: dict[str, Any] = {
+    "sRGB": transfer.srgb_encode,
+    "BT.709": transfer.bt709_encode,
+    "linear": lambda values: values,
+}
 
 
 @dataclass(frozen=True)
@@ -62,7 +88,9 @@ class Photograph:
     def names(self) -> tuple[str, ...]:
         """What its channels are called."""
         if self.is_raw:
-            return tuple(name for name, letter in zip(PLANES, "RGB", strict=True) if letter in self._letters) or ("grey",)
+            return tuple(name for name, letter in zip(PLANES, "RGB", strict=True) if letter in self._letters) or (
+                "grey",
+            )
         return PLANES if self.values.shape[2] == 3 else ("grey",)
 
     @cached_property
@@ -84,7 +112,9 @@ class Photograph:
         if asked is None:
             return "green" if self.is_raw else "luminance"
         if self.is_raw and asked == "luminance":
-            raise RequestError("--channel luminance: pixels of a raw file have one colour each; give red, green or blue")
+            raise RequestError(
+                "--channel luminance: pixels of a raw file have one colour each; give red, green or blue"
+            )
         return asked
 
     def linear(self, channel: str, cut: Any = np.s_[:]) -> tuple[Any, Any]:
@@ -103,7 +133,9 @@ class Photograph:
         return self.colours[cut] == channel[0].upper()
 
     def step(self, level: float) -> float:
-        """Between neighbouring numbers of the file in linear light, about a level of it; 0 where numbers are no whole ones."""
+        """Between neighbouring numbers of the file in linear light, about a level of it; 0 where numbers are no
+        whole ones.
+        """
         if self.is_raw:
             return 1 / self.full
         if self.values.dtype.kind == "f":
@@ -114,7 +146,9 @@ class Photograph:
         return float(above - below)
 
     def coarse(self, low: float, high: float) -> float:
-        """Mean step of a JPEG's table over an edge between two levels of linear light, both in numbers of the file; 0 of other files."""
+        """Mean step of a JPEG's table over an edge between two levels of linear light, both in numbers of the file;
+        0 of other files.
+        """
         if not self.lossy:
             return 0.0
         below, above = ENCODED[self.encoding](np.clip(np.array([low, high]), 0.0, 1.0))
@@ -126,7 +160,9 @@ class Photograph:
         return self.table is not None
 
     def written(self, linear: Any, rng: np.random.Generator) -> Any:
-        """A plane in linear light as a file like this one gives it back, at some place of its blocks, its levels between its numbers."""
+        """A plane in linear light as a file like this one gives it back, at some place of its blocks, its levels
+        between its numbers.
+        """
         encoded = self.full * ENCODED[self.encoding](np.clip(linear, 0.0, 1.0))
         dark, bright = np.percentile(encoded[::2, ::2], (5, 95))
         encoded += np.interp(encoded, (dark, max(bright, dark + 1)), rng.uniform(-0.5, 0.5, 2))
@@ -143,7 +179,9 @@ class Photograph:
         return self._decoded(np.moveaxis(self.values[cut], -1, 0))
 
     def clipped(self, cut: Any = np.s_[:]) -> Any:
-        """(y, x): pixels of which a channel is at an end of its scale; of a raw file at the upper one, below which noise is whole."""
+        """(y, x): pixels of which a channel is at an end of its scale; of a raw file at the upper one, below which
+        noise is whole.
+        """
         part = self.values[cut]
         top = (part >= self.full).any(-1)
         return top if self.is_raw else top | (part <= 0).any(-1)
@@ -174,7 +212,9 @@ def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Ph
         found = read_picture(str(path), MOST_PIXELS)
     except ValueError as error:
         raise RequestError(str(error)) from None
-    return Photograph(path, found.values, found.full, encoding, weights, (found.note,) if found.note else (), table=found.table)
+    return Photograph(
+        path, found.values, found.full, encoding, weights, (found.note,) if found.note else (), table=found.table
+    )
 
 
 def reader() -> Any:
@@ -212,18 +252,29 @@ def _raw(path: Path, weights: tuple[float, ...]) -> Photograph:
     except Exception as error:
         raise RequestError(f"{path} cannot be read as a raw file: {_told(error)}") from None
     if not white > black.max():
-        raise RequestError(f"{path.name} has white level {white:g} and black level {black.max():g}: no scale to measure on")
-    return Photograph(path, values[..., None], white - float(black.max()), "linear", weights, (), colours, float(black.mean()))
+        raise RequestError(
+            f"{path.name} has white level {white:g} and black level {black.max():g}: no scale to measure on"
+        )
+    return Photograph(
+        path, values[..., None], white - float(black.max()), "linear", weights, (), colours, float(black.mean())
+    )
 
 
 def developed(path: Path) -> Any:
-    """(rows, columns, 3): a raw file as LibRaw makes linear sRGB of it, white balance of the camera, 1 at the white level."""
+    """(rows, columns, 3): a raw file as LibRaw makes linear sRGB of it, white balance of the camera, 1 at the white
+    level.
+    """
     rawpy = reader()
     try:
         with rawpy.imread(str(path)) as file:
             return file.postprocess(
-                gamma=(1, 1), no_auto_bright=True, output_bps=16, use_camera_wb=True, output_color=rawpy.ColorSpace.sRGB, user_flip=0
-            )  # fmt: skip
+                gamma=(1, 1),
+                no_auto_bright=True,
+                output_bps=16,
+                use_camera_wb=True,
+                output_color=rawpy.ColorSpace.sRGB,
+                user_flip=0,
+            )
     except Exception as error:
         raise RequestError(f"{path.name} cannot be developed by LibRaw: {_told(error)}") from None
 

@@ -66,14 +66,22 @@ def window(option: str, text: str, columns: int, rows: int) -> Window:
     """A rectangle inside a picture."""
     x, y, width, height = (round(one) for one in numbers(option, text, 4, "X,Y,WIDTH,HEIGHT"))
     if not (x >= 0 and y >= 0 and width > 0 and height > 0 and x + width <= columns and y + height <= rows):
-        raise RequestError(f"{option} {text}: outside the picture, which is {columns} x {rows} pixels (X,Y,WIDTH,HEIGHT)")
+        raise RequestError(
+            f"{option} {text}: outside the picture, which is {columns} x {rows} pixels (X,Y,WIDTH,HEIGHT)"
+        )
     return Window(x, y, width, height)
 
 
 def circle(option: str, text: str, columns: int, rows: int) -> Circle:
     """A circle inside a picture."""
     x, y, radius = numbers(option, text, 3, "X,Y,RADIUS")
-    if not (radius > 0 and x - radius >= -0.5 and y - radius >= -0.5 and x + radius <= columns - 0.5 and y + radius <= rows - 0.5):
+    if not (
+        radius > 0
+        and x - radius >= -0.5
+        and y - radius >= -0.5
+        and x + radius <= columns - 0.5
+        and y + radius <= rows - 0.5
+    ):
         raise RequestError(f"{option} {text}: outside the picture, which is {columns} x {rows} pixels (X,Y,RADIUS)")
     return Circle(x, y, radius)
 

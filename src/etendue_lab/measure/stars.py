@@ -19,7 +19,9 @@ from etendue_lab.measure.regions import Circle, circle
 ROOM = 2  # pixels about the star
 
 
-def measured_star(photograph: Photograph, text: str, channel: str, cycles: int | None, confidence: float) -> dict[str, Any]:
+def measured_star(
+    photograph: Photograph, text: str, channel: str, cycles: int | None, confidence: float
+) -> dict[str, Any]:
     """One star.
 
     Raises
@@ -35,19 +37,28 @@ def measured_star(photograph: Photograph, text: str, channel: str, cycles: int |
     try:
         found = star_resolution(
             image, (place.y - top, place.x - left), place.radius, cycles=cycles, sites=sites, confidence=confidence
-        )  # fmt: skip
+        )
     except ValueError as error:
         reason = str(error).partition("; allowed is")[0].removeprefix("picture ")
         raise RequestError(f"--star {place}: {reason}{_cycles(image, place, (left, top), sites, cycles)}") from None
     response = found.response
     return {
-        "star": f"{left + response.centre[1]:.2f},{top + response.centre[0]:.2f},{place.radius:g}", "channel": channel,
-        "cycles": found.cycles, "mtf50": response.mtf50, "mtf50_low": found.mtf50_low, "mtf50_high": found.mtf50_high,
-        "mtf10": response.mtf10, "mtf10_low": found.mtf10_low, "mtf10_high": found.mtf10_high, "contrast": response.contrast,
+        "star": f"{left + response.centre[1]:.2f},{top + response.centre[0]:.2f},{place.radius:g}",
+        "channel": channel,
+        "cycles": found.cycles,
+        "mtf50": response.mtf50,
+        "mtf50_low": found.mtf50_low,
+        "mtf50_high": found.mtf50_high,
+        "mtf10": response.mtf10,
+        "mtf10_low": found.mtf10_low,
+        "mtf10_high": found.mtf10_high,
+        "contrast": response.contrast,
         "clipped": float(photograph.clipped(cut).mean()),
         "flags": [name for name in ("above_nyquist", "not_reached") if getattr(response, name)],
-        "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(), "doubt": response.doubt.tolist(),
-    }  # fmt: skip
+        "frequency": response.frequency.tolist(),
+        "sfr": response.sfr.tolist(),
+        "doubt": response.doubt.tolist(),
+    }
 
 
 def _cycles(image: Any, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:

@@ -59,21 +59,30 @@ def measure(path: Path, asked: Asked) -> dict[str, Any]:
     edges = asked.edges or (() if asked.stars or asked.noise or asked.chart else (FOUND,))
     channel = photograph.channel(asked.channel)
     notes = [
-        f"{one.partition(': ')[0]}: values are read as {asked.space}, encoding {asked.encoding} (others: --space, --encoding)"
+        f"{one.partition(': ')[0]}: values are read as {asked.space}, encoding {asked.encoding} (others: --space, "
+        f"--encoding)"
         for one in photograph.notes
         if not is_named(one, asked.space, asked.encoding)
     ]
     chart = measured_chart(photograph, asked.chart, asked.space, CONFIDENCE) if asked.chart else None
     document = {
-        "picture": path.name, "rows": photograph.rows, "columns": photograph.columns, "full": photograph.full,
-        "encoding": "raw" if photograph.is_raw else asked.encoding, "confidence": CONFIDENCE, "pitch": asked.pitch,
-        "edges": [_beside(measured_edge(photograph, one, channel, CONFIDENCE), asked.pitch, photograph.rows) for one in edges],
+        "picture": path.name,
+        "rows": photograph.rows,
+        "columns": photograph.columns,
+        "full": photograph.full,
+        "encoding": "raw" if photograph.is_raw else asked.encoding,
+        "confidence": CONFIDENCE,
+        "pitch": asked.pitch,
+        "edges": [
+            _beside(measured_edge(photograph, one, channel, CONFIDENCE), asked.pitch, photograph.rows) for one in edges
+        ],
         "stars": [
-            _beside(measured_star(photograph, one, channel, asked.cycles, CONFIDENCE), asked.pitch, photograph.rows) for one in asked.stars
+            _beside(measured_star(photograph, one, channel, asked.cycles, CONFIDENCE), asked.pitch, photograph.rows)
+            for one in asked.stars
         ],
         "noise": [measured_noise(photograph, one, CONFIDENCE) for one in asked.noise],
         "chart": chart,
-    }  # fmt: skip
+    }
     return {**document, "notes": [*notes, *(chart.pop("notes") if chart else [])]}
 
 
@@ -87,7 +96,9 @@ def _beside(row: dict[str, Any], pitch: float | None, rows: int) -> dict[str, An
 
 def curves(document: dict[str, Any]) -> Plot:
     """The responses of edges and stars as a plot and as rows."""
-    measured = [("edge", one, one["region"]) for one in document["edges"]] + [("star", one, one["star"]) for one in document["stars"]]
+    measured = [("edge", one, one["region"]) for one in document["edges"]] + [
+        ("star", one, one["star"]) for one in document["stars"]
+    ]
     pitch = document["pitch"]
     figure = new_figure(7.0, 4.6)
     axes = figure.add_subplot()
@@ -96,13 +107,22 @@ def curves(document: dict[str, Any]) -> Plot:
         label = f"{kind} {where}" + ("" if math.isnan(one["mtf50"]) else f": MTF50 {one['mtf50']:.3f}")
         axes.plot(one["frequency"], one["sfr"], color=f"C{number}", lw=1.5, label=label)
         if math.isfinite(one["mtf50_low"]) and math.isfinite(one["mtf50_high"]):
-            axes.plot([one["mtf50_low"], one["mtf50_high"]], [0.5, 0.5], color=f"C{number}", lw=4, alpha=0.5, solid_capstyle="butt")
+            axes.plot(
+                [one["mtf50_low"], one["mtf50_high"]],
+                [0.5, 0.5],
+                color=f"C{number}",
+                lw=4,
+                alpha=0.5,
+                solid_capstyle="butt",
+            )
         rows += [
             [kind, where, one["channel"], f, "" if pitch is None else 1e3 * f / pitch, s]
             for f, s in zip(one["frequency"], one["sfr"], strict=True)
-        ]  # fmt: skip
+        ]
     axes.axvline(0.5, color="#777777", lw=0.8, ls=":")
-    axes.set(xlabel="frequency, cycles/pixel", ylabel="response", xlim=(0, 1), ylim=(0, None), title=document["picture"])
+    axes.set(
+        xlabel="frequency, cycles/pixel", ylabel="response", xlim=(0, 1), ylim=(0, None), title=document["picture"]
+    )
     axes.grid(True, color="#dddddd", lw=0.6)
     axes.legend(frameon=False, fontsize=8)
     return Plot(figure, ("kind", "region", "channel", "cycles_per_pixel", "cycles_per_mm", "response"), rows)

@@ -12,16 +12,26 @@ from typing import Any
 from etendue.present.terminal.terminal import _out, _table, escape
 
 FLAGS = {
-    "above_nyquist": "above Nyquist", "not_reached": "MTF50 not reached", "clipped": "clipped", "noisy": "wide interval",
-}  # fmt: skip
+    "above_nyquist": "above Nyquist",
+    "not_reached": "MTF50 not reached",
+    "clipped": "clipped",
+    "noisy": "wide interval",
+}
 DOUBTS = {
-    "bent": "it is bent", "changes": "its step changes along it", "pattern": "beside it is a pattern",
-    "no_plateau": "it leaves no even fields beside it", "line": "it rises and falls as a line does", "double": "it rises twice",
-}  # fmt: skip
+    "bent": "it is bent",
+    "changes": "its step changes along it",
+    "pattern": "beside it is a pattern",
+    "no_plateau": "it leaves no even fields beside it",
+    "line": "it rises and falls as a line does",
+    "double": "it rises twice",
+}
 UNTRIED = {
-    "sharp": "edges so sharp", "blurred": "edges so blurred", "noise": "so much noise", "coarse": "JPEG of so low a quality",
+    "sharp": "edges so sharp",
+    "blurred": "edges so blurred",
+    "noise": "so much noise",
+    "coarse": "JPEG of so low a quality",
     "colour": "one colour of a JPEG",
-}  # fmt: skip
+}
 
 
 def print_photograph(document: dict[str, Any]) -> None:
@@ -45,7 +55,13 @@ def print_photograph(document: dict[str, Any]) -> None:
 
 def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, Any]], pitch: float | None) -> None:
     edges = where == "region"
-    columns = [(where, "left"), ("angle" if edges else "cycles", "right"), ("MTF50", "right"), ("interval", "left"), ("MTF10", "right")]
+    columns = [
+        (where, "left"),
+        ("angle" if edges else "cycles", "right"),
+        ("MTF50", "right"),
+        ("interval", "left"),
+        ("MTF10", "right"),
+    ]
     columns += [("cycles/mm", "right")] if pitch else []
     columns += [("LW/PH", "right")]
     channels = sorted({row["channel"] for row in rows})
@@ -61,33 +77,61 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
             console.print(f"{row[where]}: {', '.join(FLAGS[flag] for flag in row['flags'])}")
         if row.get("doubts"):
             console.print(
-                f"{row[where]}: hardly one straight edge between two even fields: {', '.join(DOUBTS[one] for one in row['doubts'])}"
+                f"{row[where]}: hardly one straight edge between two even fields: "
+                f"{', '.join(DOUBTS[one] for one in row['doubts'])}"
             )
         if row.get("conservative"):
-            console.print(f"{row[where]}: conservative: no noise moves it, the interval is an upper bound of the method's error")
+            console.print(
+                f"{row[where]}: conservative: no noise moves it, the interval is an upper bound of the method's error"
+            )
         if row.get("not_covered"):
-            console.print(f"{row[where]}: not covered: intervals were not tried on {', '.join(UNTRIED[one] for one in row['not_covered'])}")
+            console.print(
+                f"{row[where]}: not covered: intervals were not tried on "
+                f"{', '.join(UNTRIED[one] for one in row['not_covered'])}"
+            )
 
 
 def _print_noise(console: Any, patch: dict[str, Any]) -> None:
-    columns = (("channel", "left"), ("mean", "right"), ("sigma", "right"), ("interval", "left"), ("SNR", "right"), ("SNR interval", "left"))
-    for kind, title, scale in (("linear", "linear light, % of full scale", 100.0), ("encoded", "numbers of the file", 1.0)):
+    columns = (
+        ("channel", "left"),
+        ("mean", "right"),
+        ("sigma", "right"),
+        ("interval", "left"),
+        ("SNR", "right"),
+        ("SNR interval", "left"),
+    )
+    for kind, title, scale in (
+        ("linear", "linear light, % of full scale", 100.0),
+        ("encoded", "numbers of the file", 1.0),
+    ):
         table = _table(f"noise of {patch['region']}, {title}", *columns)
         for row in patch["channels"]:
             own = row[kind]
             if own is None:
                 continue
-            cells = [_text(scale * own["mean"]["value"]), _text(scale * own["sigma"]["value"], 4), _range(own["sigma"], scale)]
+            cells = [
+                _text(scale * own["mean"]["value"]),
+                _text(scale * own["sigma"]["value"], 4),
+                _range(own["sigma"], scale),
+            ]
             table.add_row(row["channel"], *cells, _text(own["snr"]["value"], 4), _range(own["snr"]))
         console.print(table)
     if patch["hidden"] and not patch["not_covered"]:
-        console.print(f"{patch['region']}: below the steps of the file, which hide how much it is: {', '.join(patch['hidden'])}")
+        console.print(
+            f"{patch['region']}: below the steps of the file, which hide how much it is: {', '.join(patch['hidden'])}"
+        )
     if patch["not_covered"]:
         console.print(f"{patch['region']}: not covered: noise that JPEG has taken off is not known")
 
 
 def _print_chart(console: Any, chart: dict[str, Any]) -> None:
-    columns = (("patch", "left"), ("as it stands", "right"), ("interval", "left"), ("exposed", "right"), ("exposed interval", "left"))
+    columns = (
+        ("patch", "left"),
+        ("as it stands", "right"),
+        ("interval", "left"),
+        ("exposed", "right"),
+        ("exposed interval", "left"),
+    )
     table = _table(f"ColorChecker in {escape(chart['space'])}: Delta E 2000 under {chart['white']}", *columns)
     both = [(row, "delta_e", row, "exposed", row["patch"]) for row in chart["patches"]]
     both += [(chart["as_is"], word, chart["exposed"], word, word) for word in ("mean", "max")]

@@ -1,7 +1,9 @@
-"""A camera in front of a grey card: what its mosaic holds, how noisy that is by its own figures, what later stages answer to a pixel.
+"""A camera in front of a grey card: what its mosaic holds, how noisy that is by its own figures, what later stages
+answer to a pixel.
 
 In:  a pipeline; a plan of it in front of a flat scene, and the arrays of a run.
-Out: the mean of the mosaic and the variance of its pixels by channel, predicted; what every picture behind it answers to one pixel.
+Out: the mean of the mosaic and the variance of its pixels by channel, predicted; what every picture behind it answers
+     to one pixel.
 
 Noise behind the mosaic follows from the answers for any stage, plugins too, and so does what becomes of fine detail.
 """
@@ -29,7 +31,11 @@ from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
 
 PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")
-BORDER, REACH, LARGEST = 16, 20, 192  # pixels: left out at the border, held by a response, side of the window that is measured
+BORDER, REACH, LARGEST = (
+    16,
+    20,
+    192,
+)  # pixels: left out at the border, held by a response, side of the window that is measured
 STEP = 1e-4  # of a response's step, of full scale
 MOSAIC = "mosaic_linear"
 FLAWS = frozenset({"defect_map", "stuck_map"})  # what stages write that make defective pixels
@@ -52,20 +58,30 @@ def sound(entry: StageEntry, registry: Registry) -> StageEntry:
     """A stage that makes defective pixels, making none."""
     if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
-    shares = {name: 0.0 for name, (p, of, _) in parameters_of(kind).items() if of is float and p.at_most == 0.5 and not p.shared}
+    shares = {
+        name: 0.0
+        for name, (p, of, _) in parameters_of(kind).items()
+        if of is float and p.at_most == 0.5 and not p.shared
+    }
     return replace(entry, values={**{k: v for k, v in entry.values.items() if k != "file"}, **shares})
 
 
 def another(pipeline: Pipeline, number: int) -> Pipeline:
-    """A camera of the same kind with noise and fixed patterns of its own: another seed and another sensor; 0: the camera itself."""
+    """A camera of the same kind with noise and fixed patterns of its own: another seed and another sensor; 0: the
+    camera itself.
+    """
     if not number:
         return pipeline
     serial = {**pipeline.preset, **pipeline.shared}.get("sensor_serial", "")
-    return replace(pipeline, seed=pipeline.seed + number, shared={**pipeline.shared, "sensor_serial": f"{serial}+{number}"})
+    return replace(
+        pipeline, seed=pipeline.seed + number, shared={**pipeline.shared, "sensor_serial": f"{serial}+{number}"}
+    )
 
 
 def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) -> str:
-    """Which stage makes more than one picture of a variable, and how many; '' where there is one. ``but``: dims that are expected."""
+    """Which stage makes more than one picture of a variable, and how many; '' where there is one. ``but``: dims that
+    are expected.
+    """
     for dim in (dim for dim in node.writes[variable].dims[:-2] if dim not in but):
         maker = next(one.name for one in plan.nodes if any(dim in declared.dims for declared in one.writes.values()))
         many = plan.of(node.name)[0].grids[variable][dim].size
@@ -84,7 +100,8 @@ def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
     last = next((node.name for node in reversed(plan.nodes) if MOSAIC in node.writes), None)
     if last is None:
         raise RequestError(
-            f"no stage of the pipeline writes {MOSAIC}, from which {what} is followed: put a converter and `linearise` behind the "
+            f"no stage of the pipeline writes {MOSAIC}, from which {what} is followed: put a converter and `linearise` "
+            f"behind the "
             "noise, of a grey sensor too",
             file,
         )
@@ -105,7 +122,9 @@ class FlatField:
         self.rows, self.columns = arrays[0][self.ref][MOSAIC].shape
         side = min(self.rows, self.columns)
         if side < 2 * BORDER + 32 or side < 2 * REACH + 8:
-            raise RequestError(f"the picture has {self.rows} x {self.columns} pixels: at least 64 x 64 are needed to measure noise")
+            raise RequestError(
+                f"the picture has {self.rows} x {self.columns} pixels: at least 64 x 64 are needed to measure noise"
+            )
         self.mask = self._mask()
         self.jobs = make_jobs(plan, set(plan.cells), lambda cell: None, deliver_all=True)
         results = {ref: Result(arrays=dict(found)) for ref, found in arrays[0].items()}
@@ -143,7 +162,9 @@ class FlatField:
     def unsaid(self) -> str:
         """Why the noise of the mosaic is not predicted; '' where every stage in front of it says what it needs to."""
         drawing = {name: type(stage) for name, stage in self.before.items() if is_random(type(stage))}
-        silent = [name for name, kind in drawing.items() if not issubclass(kind, Noisy) and not FLAWS & set(writes_of(kind))]
+        silent = [
+            name for name, kind in drawing.items() if not issubclass(kind, Noisy) and not FLAWS & set(writes_of(kind))
+        ]
         if silent:
             return f"{silent[0]} draws random numbers and does not say how much noise that is"
         if not isinstance(self.before[self.first.name], Scaled):
@@ -175,7 +196,8 @@ class FlatField:
         return flat
 
     def places(self) -> list[tuple[tuple[int, int], float]]:
-        """First pixels of cells, in the frame, at which answers are taken, so far apart that they do not meet, and their weights.
+        """First pixels of cells, in the frame, at which answers are taken, so far apart that they do not meet, and
+        their weights.
 
         The nodes of Gauss: with three a line, a gain that grows with the fifth power of the distance has its true mean.
         """
@@ -186,14 +208,19 @@ class FlatField:
             apart = 2 * REACH + 4 + 2 * period
             count = next((n for n, share in ((3, 0.387), (2, 0.577)) if share * side >= apart), 1)
             nodes, weights = np.polynomial.legendre.leggauss(count)
-            lines.append([(start + round(0.5 * (1 + x) * side) // period * period, w / 2) for x, w in zip(nodes, weights, strict=True)])
+            lines.append(
+                [
+                    (start + round(0.5 * (1 + x) * side) // period * period, w / 2)
+                    for x, w in zip(nodes, weights, strict=True)
+                ]
+            )
         return [((y, x), float(v * w)) for y, v in lines[0] for x, w in lines[1]]
 
     def responses(
         self, flat: Any, found: Mapping[tuple[int, int], float], modelled: bool
     ) -> dict[tuple[str, str], list[tuple[Any, Any, float]]]:
-        """By picture, for several places of the frame: its answers to a step of one pixel, (place in the cell, channel, y, x), the
-        variance of these pixels, and the weight of the place."""
+        """By picture, for several places of the frame: its answers to a step of one pixel, (place in the cell, channel,
+        y, x), the variance of these pixels, and the weight of the place."""
         behind, (places, weights) = self.behind(), zip(*self.places(), strict=True)
         variance = [self.variance_at(place, found, modelled) for place in places]
         answers: dict[tuple[str, str], list[list[Any]]] = {}
@@ -209,7 +236,8 @@ class FlatField:
                 for one, (row, column) in zip(answers.setdefault(picture, [[] for _ in places]), places, strict=True):
                     one.append(step[..., self._around(row, self.rows), self._around(column, self.columns)])
         return {
-            picture: [(np.stack(one), v, w) for one, v, w in zip(own, variance, weights, strict=True)] for picture, own in answers.items()
+            picture: [(np.stack(one), v, w) for one, v, w in zip(own, variance, weights, strict=True)]
+            for picture, own in answers.items()
         }
 
     @staticmethod

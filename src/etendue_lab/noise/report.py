@@ -32,7 +32,9 @@ class NoiseReport:
     reflectance: float
     frames: int
     signal: dict[str, float]  # channel -> mean charge, electron
-    mosaic: dict[str, tuple[float | None, float, float]]  # channel -> standard deviation of the mosaic: predicted, found, standard error
+    mosaic: dict[
+        str, tuple[float | None, float, float]
+    ]  # channel -> standard deviation of the mosaic: predicted, found, standard error
     rows: list[StageNoise] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -41,17 +43,31 @@ class NoiseReport:
         rows = []
         for row in self.rows:
             for i, channel in enumerate(row.channels):
-                rows.append({
-                    "stage": row.stage, "variable": row.variable, "channel": channel, "predicted": row.predicted[i],
-                    "found": row.found[i], "standard_error": row.found_error[i],
-                    "neighbours": {"predicted": row.neighbours[i][0], "found": row.neighbours[i][1]},
-                    "correlation": {pair: {"predicted": p, "found": f} for pair, (p, f) in row.between.items() if channel in pair.split()},
-                })  # fmt: skip
+                rows.append(
+                    {
+                        "stage": row.stage,
+                        "variable": row.variable,
+                        "channel": channel,
+                        "predicted": row.predicted[i],
+                        "found": row.found[i],
+                        "standard_error": row.found_error[i],
+                        "neighbours": {"predicted": row.neighbours[i][0], "found": row.neighbours[i][1]},
+                        "correlation": {
+                            pair: {"predicted": p, "found": f}
+                            for pair, (p, f) in row.between.items()
+                            if channel in pair.split()
+                        },
+                    }
+                )
         mosaic = [
             {"channel": c, "electrons": self.signal.get(c), "predicted": p, "found": f, "standard_error": e}
             for c, (p, f, e) in self.mosaic.items()
         ]
         return {
-            "pipeline": self.pipeline, "reflectance": self.reflectance, "frames": self.frames, "mosaic": mosaic, "rows": rows,
+            "pipeline": self.pipeline,
+            "reflectance": self.reflectance,
+            "frames": self.frames,
+            "mosaic": mosaic,
+            "rows": rows,
             "notes": self.notes,
-        }  # fmt: skip
+        }

@@ -1,15 +1,16 @@
 """``etendue noise``: noise carried through a camera's stages, predicted and found, of a flat grey scene.
 
 In:  a pipeline as written, the reflectance of its flat scene, a number of frames.
-Out: for each stage behind the linearised mosaic the standard deviation of every channel, the correlation between channels and
-     between neighbours: predicted from the camera's own figures and found in frames of noise.
+Out: for each stage behind the linearised mosaic the standard deviation of every channel, the correlation between
+     channels and between neighbours: predicted from the camera's own figures and found in frames of noise.
 
-Prediction: the variance of a pixel of the mosaic follows from what the stages in front of it say of their noise (`Noisy`: shot noise,
-read noise, fixed patterns, rounding) and from the mosaic's scale (`Scaled`); what the later stages make of it follows from what they
-answer to a small step of one pixel at each place of the colour filter array, so that it holds for any stage, plugins too; answers and
-variances are taken at several places of the frame, as a correction of shading has its own gain at each. The prediction is linear about
-the flat field: a stage that adapts to its picture, such as an adaptive demosaicer, adapts to real noise as well, and then the two columns
-differ. Defective pixels are left out: they are no noise.
+Prediction: the variance of a pixel of the mosaic follows from what the stages in front of it say of their noise
+(`Noisy`: shot noise, read noise, fixed patterns, rounding) and from the mosaic's scale (`Scaled`); what the later
+stages make of it follows from what they answer to a small step of one pixel at each place of the colour filter array,
+so that it holds for any stage, plugins too; answers and variances are taken at several places of the frame, as a
+correction of shading has its own gain at each. The prediction is linear about the flat field: a stage that adapts to
+its picture, such as an adaptive demosaicer, adapts to real noise as well, and then the two columns differ. Defective
+pixels are left out: they are no noise.
 """
 
 from __future__ import annotations
@@ -73,7 +74,12 @@ def noise(
     flat = in_front_of_grey(alone, registry, reflectance)
     plan = make_plan(flat, registry, leave_out_allowed=False)
     chosen = followed(plan, notes, "noise", pipeline.file)
-    wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, "expected_charge") and not n.is_probe)
+    wanted = tuple(
+        f"{n.name}.{v}"
+        for n in plan.nodes
+        for v in n.writes
+        if v in (*chosen, MOSAIC, "expected_charge") and not n.is_probe
+    )
     notes += plan.warnings
     flat = replace(flat, wanted=wanted, keep=None, precision="float64")
     runs = [make_plan(another(flat, number), registry, leave_out_allowed=False) for number in range(frames)]
@@ -81,7 +87,9 @@ def noise(
     for outcome in outcomes:
         if outcome.failed:
             report = outcome.failed[0]
-            raise RequestError(f"the stage {report.stage!r} broke off: {report.message.splitlines()[-1]}", pipeline.file)
+            raise RequestError(
+                f"the stage {report.stage!r} broke off: {report.message.splitlines()[-1]}", pipeline.file
+            )
     if not any(n.is_random for n in runs[0].nodes):
         raise RequestError("no stage of the pipeline draws noise: there is none to follow", pipeline.file)
     first = next(n for n in runs[0].nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
@@ -99,7 +107,9 @@ class _Measurement(FlatField):
         for y, x in np.ndindex(self.mask.shape):
             planes = np.stack([m[y :: self.mask.shape[0], x :: self.mask.shape[1]] for m in mosaics])
             by_place[y, x] = propagation.without_trend(planes, TREND)
-            free = 1 - propagation.terms(TREND) / planes[0].size  # independent noise: the trend took its share of the pixels
+            free = (
+                1 - propagation.terms(TREND) / planes[0].size
+            )  # independent noise: the trend took its share of the pixels
             found[y, x] = float(np.mean(by_place[y, x] ** 2)) / free
         model = self.model(self.signal())
         if not model:
@@ -107,17 +117,27 @@ class _Measurement(FlatField):
         mosaic: dict[str, tuple[float | None, float, float]] = {}
         for channel in dict.fromkeys(str(c) for c in self.mask.ravel()):
             own = [p for p in by_place if str(self.mask[p]) == channel]
-            error = propagation.standard_error_of_variance(np.concatenate([by_place[p][:, None] for p in own]), block=8)[0]
+            error = propagation.standard_error_of_variance(
+                np.concatenate([by_place[p][:, None] for p in own]), block=8
+            )[0]
             value = float(np.mean([found[p] for p in own])) ** 0.5
-            mosaic[channel] = (model[channel] ** 0.5 if model else None, value, float(error) / (2 * value) if value else 0.0)
+            mosaic[channel] = (
+                model[channel] ** 0.5 if model else None,
+                value,
+                float(error) / (2 * value) if value else 0.0,
+            )
         codes = self._codes()
         if codes and min(value for _, value, _ in mosaic.values()) * codes < 0.5:
             least = min(value for _, value, _ in mosaic.values()) * codes
-            self.notes.append(f"noise is {least:.2g} DN: rounding of so little is no noise of its own, and the mosaic's prediction is off")
+            self.notes.append(
+                f"noise is {least:.2g} DN: rounding of so little is no noise of its own, and the mosaic's prediction "
+                f"is off"
+            )
         full = float(np.mean([np.mean(m >= 0.999) for m in mosaics]))
         if full > FULL:
             self.notes.append(
-                f"{100 * full:.2g} % of the pixels are full or at the top code: their noise is cut off, which no prediction knows"
+                f"{100 * full:.2g} % of the pixels are full or at the top code: their noise is cut off, which no "
+                f"prediction knows"
             )
         report = NoiseReport(pipeline.name, reflectance, len(self.arrays), self.signal(), mosaic, notes=self.notes)
         flat = self.flat_mosaic(mosaics)
@@ -128,7 +148,11 @@ class _Measurement(FlatField):
     def _codes(self) -> float:
         """Digital numbers between black and 1, from what rounding adds; 0 without a converter."""
         scale = self.before[self.first.name]
-        codes = [s for s in self.before.values() if isinstance(s, Noisy) and any(d.dtype != "float" for d in writes_of(type(s)).values())]
+        codes = [
+            s
+            for s in self.before.values()
+            if isinstance(s, Noisy) and any(d.dtype != "float" for d in writes_of(type(s)).values())
+        ]
         return scale.electrons() / (12 * codes[0].variance(0.0)) ** 0.5 if codes and isinstance(scale, Scaled) else 0.0
 
     def _row(self, stage: str, variable: str, answers: list[tuple[Any, Any, float]]) -> StageNoise:
@@ -139,7 +163,8 @@ class _Measurement(FlatField):
         slow = sum(w * propagation.slow_covariance(h, v) for h, v, w in answers)
         taken = slow * propagation.terms(TREND) / frames[0, 0].size  # what the trend took with it
         carried, beside = (
-            np.asarray(sum(w * propagation.carried_covariance(h, v, lag) for h, v, w in answers)) for lag in ((0, 0), (0, 1))
+            np.asarray(sum(w * propagation.carried_covariance(h, v, lag) for h, v, w in answers))
+            for lag in ((0, 0), (0, 1))
         )
         found, found_beside = (propagation.found_covariance(noise_of, lag) + taken for lag in ((0, 0), (0, 1)))
         spreads = np.diag(carried), np.diag(found)
@@ -150,10 +175,15 @@ class _Measurement(FlatField):
         with np.errstate(invalid="ignore", divide="ignore"):
             found_error = errors / (2 * np.sqrt(spreads[1]))
         return StageNoise(
-            stage, variable, names, np.sqrt(spreads[0]).tolist(), np.sqrt(spreads[1]).tolist(), found_error.tolist(),
+            stage,
+            variable,
+            names,
+            np.sqrt(spreads[0]).tolist(),
+            np.sqrt(spreads[1]).tolist(),
+            found_error.tolist(),
             {f"{names[i]} {names[j]}": (float(shared[0][i, j]), float(shared[1][i, j])) for i, j in pairs},
             [(float(next_to[0][i, i]), float(next_to[1][i, i])) for i in range(len(names))],
-        )  # fmt: skip
+        )
 
     def _without_pattern(self, frames: Any) -> Any:
         """Minus what repeats with the cell: a demosaicer may leave the mosaic's own pattern on a flat field."""

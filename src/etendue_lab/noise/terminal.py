@@ -15,17 +15,37 @@ def print_noise(document: dict[str, Any]) -> None:
     """Predicted and found, side by side."""
     console = _out()
     frames = "1 frame" if document["frames"] == 1 else f"{document['frames']} frames"
-    console.print(f"{document['pipeline']}: a grey card of reflectance {document['reflectance']:g}, {frames}; 1 is clipping, or white")
-    columns = (("mosaic", "left"), ("electrons", "right"), ("predicted", "right"), ("found", "right"), ("ratio", "right"))
+    console.print(
+        f"{document['pipeline']}: a grey card of reflectance {document['reflectance']:g}, {frames}; 1 is clipping, or "
+        f"white"
+    )
+    columns = (
+        ("mosaic", "left"),
+        ("electrons", "right"),
+        ("predicted", "right"),
+        ("found", "right"),
+        ("ratio", "right"),
+    )
     table = _table("standard deviation of a pixel", *columns)
     for row in document["mosaic"]:
         electrons = "" if row["electrons"] is None else f"{row['electrons']:.0f}"
-        table.add_row(row["channel"], electrons, "-" if row["predicted"] is None else f"{row['predicted']:.3e}", _found(row), _ratio(row))
+        table.add_row(
+            row["channel"],
+            electrons,
+            "-" if row["predicted"] is None else f"{row['predicted']:.3e}",
+            _found(row),
+            _ratio(row),
+        )
     console.print(table)
     behind = (
-        ("stage", "left"), ("", "left"), ("predicted", "right"), ("found", "right"), ("ratio", "right"), ("neighbours", "left"),
+        ("stage", "left"),
+        ("", "left"),
+        ("predicted", "right"),
+        ("found", "right"),
+        ("ratio", "right"),
+        ("neighbours", "left"),
         ("channels", "left"),
-    )  # fmt: skip
+    )
     table = _table("behind each stage: standard deviation; correlations predicted / found", *behind)
     last = None
     for row in document["rows"]:
@@ -34,10 +54,16 @@ def print_noise(document: dict[str, Any]) -> None:
         c = row["correlation"].get(pair)
         between = f"{pair.replace(' ', '')} {c['predicted']:.2f} / {c['found']:.2f}" if c else ""
         beside = f"{row['neighbours']['predicted']:.2f} / {row['neighbours']['found']:.2f}"
-        table.add_row(stage, row["channel"], f"{row['predicted']:.2e}", f"{row['found']:.2e}", _ratio(row), beside, between)
+        table.add_row(
+            stage, row["channel"], f"{row['predicted']:.2e}", f"{row['found']:.2e}", _ratio(row), beside, between
+        )
     if document["rows"]:
         console.print(table)
-    errors = [row["standard_error"] / row["found"] for row in document["rows"] if row["found"] and row["standard_error"] is not None]
+    errors = [
+        row["standard_error"] / row["found"]
+        for row in document["rows"]
+        if row["found"] and row["standard_error"] is not None
+    ]
     if errors:
         console.print(f"standard error of what was found: {100 * max(errors):.1f} % at most")
     for note in document["notes"]:

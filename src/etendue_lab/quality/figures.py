@@ -18,9 +18,18 @@ from etendue_camera.quality import artefacts, fidelity, scielab
 from etendue_camera.quality.visible_noise import visible_noise
 
 UNITS = {
-    "psnr_linear": "dB", "psnr_encoded": "dB", "ssim": "1", "de_mean": "1", "de_median": "1", "de_p95": "1", "scielab_mean": "1",
-    "scielab_p95": "1", "false_colour": "1", "snr_flat": "1", "visible_noise": "1",
-}  # fmt: skip
+    "psnr_linear": "dB",
+    "psnr_encoded": "dB",
+    "ssim": "1",
+    "de_mean": "1",
+    "de_median": "1",
+    "de_p95": "1",
+    "scielab_mean": "1",
+    "scielab_p95": "1",
+    "false_colour": "1",
+    "snr_flat": "1",
+    "visible_noise": "1",
+}
 FLAT_SIZES = (64, 48, 32, 24, 16, 10)  # of a flat region, pixels; the largest that is there
 MARGIN = 3  # pixels around it that are flat too, so that blur brings nothing in
 FLATNESS = 2e-3  # standard deviation over mean of a region that is called flat
@@ -60,17 +69,26 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
         If the pictures have different sizes.
     """
     if shot.rgb_camera.shape != ideal.rgb_camera.shape:
-        raise ValueError(f"the picture is {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they do not overlay")
+        raise ValueError(
+            f"the picture is {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they do not "
+            f"overlay"
+        )
     found = dict.fromkeys(UNITS, float("nan"))
     brightest = float(np.max(ideal.rgb_camera))
-    found["psnr_linear"] = fidelity.psnr(_as_exposed(shot, ideal), ideal.rgb_camera, brightest if brightest > 0 else 1.0)
+    found["psnr_linear"] = fidelity.psnr(
+        _as_exposed(shot, ideal), ideal.rgb_camera, brightest if brightest > 0 else 1.0
+    )
     if shot.rgb_display is not None and ideal.rgb_display is not None:
         found["psnr_encoded"] = fidelity.psnr(shot.rgb_display, ideal.rgb_display)
     if shot.rgb_linear is None or ideal.rgb_linear is None:
         return found, None, None
     matrix = np.asarray(shot.to_xyz)
     white = matrix.sum(axis=1)
-    if shot.rgb_display is not None and ideal.rgb_display is not None and min(shot.rgb_display.shape[-2:]) >= fidelity.WINDOW:
+    if (
+        shot.rgb_display is not None
+        and ideal.rgb_display is not None
+        and min(shot.rgb_display.shape[-2:]) >= fidelity.WINDOW
+    ):
         luma = matrix[1:2] / matrix[1].sum()
         found["ssim"] = fidelity.ssim(apply_matrix(luma, shot.rgb_display), apply_matrix(luma, ideal.rgb_display))
     picture, reference = shot.xyz(), ideal.xyz()
@@ -94,8 +112,8 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
 def flat_region(xyz: Any) -> Flat | None:
     """The largest uniform square of a noise-free picture; of several, the one nearest to a grey card.
 
-    Uniform: no plane's standard deviation is above 0.2 % of its mean, in the square and 3 pixels around it; its luminance lies
-    between 0.02 and 0.95 of white.
+    Uniform: no plane's standard deviation is above 0.2 % of its mean, in the square and 3 pixels around it; its
+    luminance lies between 0.02 and 0.95 of white.
     """
     planes = np.asarray(xyz, np.float64)
     rows, columns = planes.shape[1:]
@@ -124,7 +142,9 @@ def without_slope(patch: Any) -> Any:
 
 
 def _as_exposed(shot: Shot, ideal: Shot) -> Any:
-    """Camera primaries as with the time and the gains of the ideal camera: what was applied is undone, whatever white was believed."""
+    """Camera primaries as with the time and the gains of the ideal camera: what was applied is undone, whatever
+    white was believed.
+    """
     scale = np.ones(len(shot.rgb_camera))
     for gains, sign in ((shot.gains, -1), (ideal.gains, 1)):
         scale *= 1.0 if gains is None else np.asarray(gains, np.float64) ** sign

@@ -3,11 +3,12 @@
 In:  a pipeline as written.
 Out: another pipeline, what was left out of it, and what a comparison with it should say.
 
-Left out is what spreads or moves light in front of the pixel (blur, aberrations, distortion, glare, the low-pass filter), what
-works on camera primaries behind the demosaicer (sharpening, denoising: the ideal picture needs none), and what finds white on
-the mosaic or balances it there: the ideal camera knows the white of its light. In the demosaicer's place stand three stages, for every
-channel at every pixel: no mask, an ideal exposure, no demosaicing; what the demosaicer alone read is then not computed. What stays: the
-scene, how much light arrives where, the pixel with its aperture and diffusion, crosstalk behind the filters, colour, encoding.
+Left out is what spreads or moves light in front of the pixel (blur, aberrations, distortion, glare, the low-pass
+filter), what works on camera primaries behind the demosaicer (sharpening, denoising: the ideal picture needs none), and
+what finds white on the mosaic or balances it there: the ideal camera knows the white of its light. In the demosaicer's
+place stand three stages, for every channel at every pixel: no mask, an ideal exposure, no demosaicing; what the
+demosaicer alone read is then not computed. What stays: the scene, how much light arrives where, the pixel with its
+aperture and diffusion, crosstalk behind the filters, colour, encoding.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ class Ideal:
     notes: tuple[str, ...]
 
 
-def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = (), keep: Collection[str] = ()) -> Ideal:
+def ideal_of(
+    pipeline: Pipeline, registry: Registry, without: Collection[str] = (), keep: Collection[str] = ()
+) -> Ideal:
     """Build the ideal camera of a pipeline.
 
     Parameters
@@ -64,7 +67,9 @@ def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = 
     demosaic = _first(pipeline, lambda e: "rgb_camera" in _writes(kinds, e) - _reads(kinds, e))
     if pixel is None or demosaic is None:
         lacking = "no stage that writes photon_rate" if pixel is None else "no demosaicer (nothing writes rgb_camera)"
-        raise RequestError(f"the pipeline has {lacking}: there is no picture to compare with that of the ideal camera", pipeline.file)
+        raise RequestError(
+            f"the pipeline has {lacking}: there is no picture to compare with that of the ideal camera", pipeline.file
+        )
     names = [entry.name for entry in pipeline.stages]
     shaded = _shading_corrected(pipeline, kinds)
     out: dict[str, str] = {}  # name -> why
@@ -111,7 +116,11 @@ def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demo
             return "shading, which the camera corrects"
     if names.index(entry.name) > names.index(demosaic) and "rgb_camera" in own and not _ends_a_dim(kind):
         return "work on the demosaiced picture"
-    if "white" in _writes(kinds, entry) and "mosaic_linear" in _reads(kinds, entry) and any(_knows_white(kinds, n) for n in names):
+    if (
+        "white" in _writes(kinds, entry)
+        and "mosaic_linear" in _reads(kinds, entry)
+        and any(_knows_white(kinds, n) for n in names)
+    ):
         return "white found on the mosaic"
     return ""
 
@@ -119,7 +128,11 @@ def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demo
 def _knows_white(kinds: Kinds, name: str) -> bool:
     """Whether a stage finds white without looking at the picture."""
     kind = kinds[name]
-    return kind is not None and "white" in writes_of(kind) and not {"mosaic_linear", "raw"} & {d.variable for d in reads_of(kind).values()}
+    return (
+        kind is not None
+        and "white" in writes_of(kind)
+        and not {"mosaic_linear", "raw"} & {d.variable for d in reads_of(kind).values()}
+    )
 
 
 def _ends_a_dim(kind: type[Stage]) -> bool:
@@ -129,12 +142,18 @@ def _ends_a_dim(kind: type[Stage]) -> bool:
 
 
 def _planes(pipeline: Pipeline, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry) -> Reference:
-    """The stages of every channel at every pixel, for the camera without what is left out, at the first values of its sweep."""
+    """The stages of every channel at every pixel, for the camera without what is left out, at the first values of
+    its sweep.
+    """
     there = tuple(replace(e, origin=origin_without(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
     alone, _ = without_sweep(replace(pipeline, stages=there, sweep=_still_there(pipeline.sweep, out, {})))
     nodes = nodes_of(replace(alone, lines={}), registry)
     swept = {key.rpartition(".")[0] for key in pipeline.sweep}
-    needless = [name for name, kind in kinds.items() if name in swept or (kind is not None and kind.role in (SHADING, *RESTORING))]
+    needless = [
+        name
+        for name, kind in kinds.items()
+        if name in swept or (kind is not None and kind.role in (SHADING, *RESTORING))
+    ]
     made, light = Reference(alone, nodes, "", registry), writer(nodes, "photon_rate")
     assert light is not None
     made.planes(light, next(node for node in nodes if node.name == demosaic), needless)
@@ -147,7 +166,8 @@ def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: boo
     moved = [name for name in out if roles.get(name) == DISTORTION]
     if moved:
         notes.append(
-            f"{', '.join(moved)} moves the picture and the ideal camera does not: figures pixel by pixel count that as error "
+            f"{', '.join(moved)} moves the picture and the ideal camera does not: figures pixel by pixel count that as "
+            f"error "
             f"(--keep {moved[0]} gives the ideal camera the same geometry)"
         )
     if shaded:
@@ -181,13 +201,17 @@ def origin_without(pipeline: Pipeline, entry: StageEntry, out: Collection[str]) 
 
 
 def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mapping[str, str]) -> dict[str, Any]:
-    return {key: value for key, value in sweep.items() if key.partition(".")[0] not in {*out, *replaced} or "." not in key}
+    return {
+        key: value for key, value in sweep.items() if key.partition(".")[0] not in {*out, *replaced} or "." not in key
+    }
 
 
 def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: Registry) -> dict[str, Any]:
     """Of camera quantities those that a stage takes; keys of stages as they are."""
     kinds = [_kind(entry, registry) for entry in entries]
-    taken = {name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared}
+    taken = {
+        name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared
+    }
     return {key: value for key, value in values.items() if "." in key or key in taken}
 
 

@@ -31,8 +31,16 @@ from etendue_lab.quality.figures import FLAT_SIZES, UNITS, Shot, figures
 from etendue_lab.quality.ideal import Ideal, ideal_of
 
 PICTURES = ("rgb_camera", "rgb_linear", "rgb_display")
-SCALARS = {"mean_snr": "1", "clipped_fraction": "1", "dr_emva": "dB", "dr_elgamal": "dB"}  # taken where the pipeline has them
-APPLIED = ("balance_gains", "integration_time")  # what the camera has put into rgb_camera, and its ideal has not, or otherwise
+SCALARS = {
+    "mean_snr": "1",
+    "clipped_fraction": "1",
+    "dr_emva": "dB",
+    "dr_elgamal": "dB",
+}  # taken where the pipeline has them
+APPLIED = (
+    "balance_gains",
+    "integration_time",
+)  # what the camera has put into rgb_camera, and its ideal has not, or otherwise
 SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
 MOST = 12  # pictures that are drawn unless told otherwise
 Show = Callable[[int, Mapping[str, Any], Shot, Shot, Any], tuple[str, bytes]]
@@ -98,8 +106,8 @@ def quality(
     progress : callable
         Makes the progress of a plan; the camera's and the ideal one's run one after the other.
     show : callable
-        Given for each row that is chosen: its number, the axis values, the two pictures, the map of differences. What it returns is
-        the name of a PNG and its bytes.
+        Given for each row that is chosen: its number, the axis values, the two pictures, the map of differences. What
+        it returns is the name of a PNG and its bytes.
     folder : Path
         Where the result will be written; it is made before anything is computed.
     most : int
@@ -121,7 +129,9 @@ def quality(
     ideal_plan = _plan_of(ideal.pipeline, registry, leave_out, PICTURES)
     if folder is not None:
         check_folder(folder)
-    camera, perfect = (execute(plan, None, options, progress(plan) if progress else None) for plan in (camera_plan, ideal_plan))
+    camera, perfect = (
+        execute(plan, None, options, progress(plan) if progress else None) for plan in (camera_plan, ideal_plan)
+    )
     axes = {axis.key: axis.units for axis in camera_plan.axes}
     notes = list(dict.fromkeys([*camera_plan.warnings, *ideal.notes]))
     result = Comparison(pipeline.name, ideal, float(samples_per_degree), axes, notes=notes)
@@ -151,7 +161,8 @@ def quality(
     result.notes += [*_notes(result, camera_plan, flats, registry), *floored(camera_plan, camera.reports)]
     if show is not None and len(result.pictures) < drawable:
         result.notes.append(
-            f"{len(result.pictures)} of {drawable} pictures are drawn, spread evenly over the sweep: --pictures {drawable} draws all"
+            f"{len(result.pictures)} of {drawable} pictures are drawn, spread evenly over the sweep: --pictures "
+            f"{drawable} draws all"
         )
     return result
 
@@ -163,7 +174,9 @@ def evenly(rows: list[int], most: int) -> set[int]:
 
 
 def write(result: Comparison, folder: Path) -> None:
-    """``quality.csv``, ``quality.json`` and the pictures in a folder, each whole or not at all; those of an earlier comparison go."""
+    """``quality.csv``, ``quality.json`` and the pictures in a folder, each whole or not at all; those of an earlier
+    comparison go.
+    """
     keys = [*result.axes, *UNITS, *SCALARS, "status", "reason"]
     units = {**result.axes, **UNITS, **SCALARS}
     lines = [",".join(_quoted(f"{key} [{units[key]}]" if units.get(key) else key) for key in keys)]
@@ -232,7 +245,9 @@ def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
     if not lacking:
         return ""
     reports = (outcome.reports.get(_ref(outcome, node.name, place)) for node in outcome.plan.nodes)
-    failed = [f"{report.stage}: {report.message}" for report in reports if report is not None and report.status == "failed"]
+    failed = [
+        f"{report.stage}: {report.message}" for report in reports if report is not None and report.status == "failed"
+    ]
     return failed[0] if failed else f"{lacking[0]} was not computed"
 
 
@@ -249,12 +264,22 @@ def _scalar(outcome: Outcome, place: Mapping[str, int], name: str) -> float:
 def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
     pictures = {variable: _array(outcome, place, variable) for variable in PICTURES}
     gains, times = (
-        [outcome.arrays.get(_ref(outcome, name, place), {}).get(variable) for name in _behind(outcome.plan, "rgb_camera", variable)]
+        [
+            outcome.arrays.get(_ref(outcome, name, place), {}).get(variable)
+            for name in _behind(outcome.plan, "rgb_camera", variable)
+        ]
         for variable in APPLIED
     )
-    known = [np.reshape(np.asarray(one, np.float64), (-1, np.shape(one)[-1]))[0] for one in gains if one is not None]  # of the first frame
+    known = [
+        np.reshape(np.asarray(one, np.float64), (-1, np.shape(one)[-1]))[0] for one in gains if one is not None
+    ]  # of the first frame
     time = next((float(one) for one in reversed(times) if one is not None and np.ndim(one) == 0), None)
-    return Shot(**pictures, gains=np.prod(known, axis=0) if known else None, time=time, to_xyz=_display_matrix(outcome.plan, place))
+    return Shot(
+        **pictures,
+        gains=np.prod(known, axis=0) if known else None,
+        time=time,
+        to_xyz=_display_matrix(outcome.plan, place),
+    )
 
 
 def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
@@ -263,23 +288,30 @@ def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
         return None
     writers = [node for node in reversed(plan.nodes) if "rgb_linear" in node.writes]
     stages = (plan.cells[node.name, tuple(place[dim] for dim in node.axes)].stage for node in writers)
-    return next((stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB)  # some only decode
+    return next(
+        (stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB
+    )  # some only decode
 
 
 def _notes(result: Comparison, plan: Plan, flats: int, registry: Registry) -> list[str]:
     notes = []
     done = len(result.rows) - result.failed
     if done and _writer(plan, "rgb_linear") is None:
-        notes.append("no stage writes rgb_linear, so there are no figures of colour: put 'display' behind the demosaicer")
+        notes.append(
+            "no stage writes rgb_linear, so there are no figures of colour: put 'display' behind the demosaicer"
+        )
     elif flats < done:
         notes.append(
-            f"{done - flats} of {done} pictures have no uniform region of {FLAT_SIZES[-1]} x {FLAT_SIZES[-1]} pixels: SNR flat and visible "
+            f"{done - flats} of {done} pictures have no uniform region of {FLAT_SIZES[-1]} x {FLAT_SIZES[-1]} pixels: "
+            f"SNR flat and visible "
             "noise are not known"
         )
     for variable in ("mean_snr", "dr_emva"):
         if done and _writer(plan, variable) is None:
             stage = next(registry.makers(variable), "")
-            notes.append(f"{variable} is not known: the pipeline has no stage {stage!r}" if stage else f"{variable} is not known")
+            notes.append(
+                f"{variable} is not known: the pipeline has no stage {stage!r}" if stage else f"{variable} is not known"
+            )
     return notes
 
 

@@ -19,14 +19,29 @@ from etendue_camera.colour import matrices
 from etendue_camera.colour.encoding import srgb_encode
 
 COLUMNS = (
-    ("psnr_linear", "PSNR linear", ".2f"), ("psnr_encoded", "PSNR encoded", ".2f"), ("ssim", "SSIM luma", ".4f"),
-    ("de_mean", "dE00 mean", ".2f"), ("de_p95", "dE00 95 %", ".2f"), ("scielab_mean", "S-CIELAB mean", ".2f"),
-    ("mean_snr", "SNR expected", ".1f"), ("snr_flat", "SNR flat", ".1f"), ("visible_noise", "visible noise", ".2f"),
-    ("dr_emva", "range dB", ".1f"), ("clipped_fraction", "clipped", ".2%"),
-)  # fmt: skip
+    ("psnr_linear", "PSNR linear", ".2f"),
+    ("psnr_encoded", "PSNR encoded", ".2f"),
+    ("ssim", "SSIM luma", ".4f"),
+    ("de_mean", "dE00 mean", ".2f"),
+    ("de_p95", "dE00 95 %", ".2f"),
+    ("scielab_mean", "S-CIELAB mean", ".2f"),
+    ("mean_snr", "SNR expected", ".1f"),
+    ("snr_flat", "SNR flat", ".1f"),
+    ("visible_noise", "visible noise", ".2f"),
+    ("dr_emva", "range dB", ".1f"),
+    ("clipped_fraction", "clipped", ".2%"),
+)
 DISPENSABLE = (
-    "clipped_fraction", "psnr_linear", "snr_flat", "dr_emva", "de_p95", "mean_snr", "visible_noise", "ssim", "scielab_mean",
-)  # in this order, where the terminal is narrow  # fmt: skip
+    "clipped_fraction",
+    "psnr_linear",
+    "snr_flat",
+    "dr_emva",
+    "de_p95",
+    "mean_snr",
+    "visible_noise",
+    "ssim",
+    "scielab_mean",
+)  # in this order, where the terminal is narrow
 UNBOUNDED = 10**4  # columns of a terminal that holds every table
 LONGEST, GAP = 512, 12  # screen pixels: of the longer side of a picture, about; between pictures
 LEAST_SCALE = 5.0  # CIEDE2000 at the top of the colour bar, at least
@@ -49,7 +64,9 @@ def print_quality(document: dict[str, Any]) -> None:
         known = [column for column in known if column[0] != name]
         table = _rows(document["rows"], axes, known)
     console.print(escape(title), soft_wrap=True)
-    console.width = max(console.width, _width(console, table))  # a number that is cut says nothing; the terminal breaks its line
+    console.width = max(
+        console.width, _width(console, table)
+    )  # a number that is cut says nothing; the terminal breaks its line
     console.print(table)
     for row in document["rows"]:
         if row["status"] != "done":
@@ -60,12 +77,17 @@ def print_quality(document: dict[str, Any]) -> None:
     _line(
         console,
         "PSNR",
-        "dB, linear to the brightest value of the ideal picture, encoded to 1; dE00: CIEDE2000 on the display; SNR: ratio, as "
+        "dB, linear to the brightest value of the ideal picture, encoded to 1; dE00: CIEDE2000 on the display; SNR: "
+        "ratio, as "
         "expected of the raw frame and as found in a uniform region",
     )
     _line(console, "seen", f"at {document['samples_per_degree']:g} pixels per degree (S-CIELAB, visible noise)")
     if more:
-        _line(console, "more", f"{', '.join(column for _, column, _ in more)}: with --json and -o, and here where the terminal is wider")
+        _line(
+            console,
+            "more",
+            f"{', '.join(column for _, column, _ in more)}: with --json and -o, and here where the terminal is wider",
+        )
     for text in document["notes"]:
         _line(console, "note", text)
     for path in document["files"]:
@@ -94,15 +116,18 @@ def _line(console: Console, word: str, text: str) -> None:
 def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: str) -> bytes:
     """Camera, ideal camera and the map of CIEDE2000 as one PNG, at a whole number of screen pixels per pixel.
 
-    ``picture`` and ``reference`` are XYZ within the range of their display, whose white is ``white``; they are shown as to an
-    eye that is adapted to it.
+    ``picture`` and ``reference`` are XYZ within the range of their display, whose white is ``white``; they are shown as
+    to an eye that is adapted to it.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     seen = matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
     matrix = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB) @ seen
-    panels: list[Any] = [np.moveaxis(srgb_encode(np.clip(matrices.apply_matrix(matrix, one), 0, 1)), 0, -1) for one in (picture, reference)]
+    panels: list[Any] = [
+        np.moveaxis(srgb_encode(np.clip(matrices.apply_matrix(matrix, one), 0, 1)), 0, -1)
+        for one in (picture, reference)
+    ]
     rows, columns = shown.shape
     scale = max(1, LONGEST // max(rows, columns))
     high, wide = rows * scale, columns * scale

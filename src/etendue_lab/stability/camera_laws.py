@@ -3,9 +3,9 @@
 In:  a pipeline document whose stages have the names of their slots, and a way to run one.
 Out: for each law, twins of the camera on which it can be told, and what breaks it.
 
-bounded      everything is finite (but for what is declared to be undefined), display in [0, 1], raw within the converter's codes
-monotone     noise-free: more time or more light never darkens a pixel: the balanced mosaic of any scene, the display of a uniform one
-white        noise-free: a pixel whose whole support is clipped is (1, 1, 1)
+bounded      everything is finite (but for what is declared to be undefined), display in [0, 1], raw within the
+converter's codes monotone     noise-free: more time or more light never darkens a pixel: the balanced mosaic of any
+scene, the display of a uniform one white        noise-free: a pixel whose whole support is clipped is (1, 1, 1)
 neutral      a uniform grey card is grey on the display, at every exposure
 flux         a uniform plane passes lens and diffusion unchanged: what leaves a pixel's place arrives at another
 linear       ten times the light is ten times the photocurrent
@@ -39,11 +39,15 @@ SUPPORT = 17  # pixels about one that reach it through a demosaicer, generously
 PERIOD = 6  # pixels: of the longest mask, X-Trans
 LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutral and white are not told
 MATRIX = "fit.colour_matrix"
-STEEP = 1e4  # elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
+# elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
+STEEP = 1e4
 GREY = 2e-3
 FLUX, LINEAR = 5e-6, 1e-5  # of the largest value, in float32 through transforms
 WHITE = 1e-6
-ROUNDINGS, LARGEST = 8, 1e3  # of a colour matrix's elements, up to this, in the picture's own precision: on the way to (1, 1, 1)
+ROUNDINGS, LARGEST = (
+    8,
+    1e3,
+)  # of a colour matrix's elements, up to this, in the picture's own precision: on the way to (1, 1, 1)
 
 
 @dataclass(frozen=True)
@@ -155,7 +159,9 @@ def bounded(document: Document, tree: Any) -> Iterator[Broken]:
             if found.dtype.kind == "f" and not declared.nan and not np.isfinite(found).all():
                 yield Broken("bounded", f"{stage['name']}.{variable} is not finite")
             if variable == "raw" and (found.min() < 0 or found.max() > top):
-                yield Broken("bounded", f"raw reaches {found.min()} to {found.max()}, the converter has codes 0 to {top}")
+                yield Broken(
+                    "bounded", f"raw reaches {found.min()} to {found.max()}, the converter has codes 0 to {top}"
+                )
             if variable == "rgb_display" and not (found.min() >= 0 and found.max() <= 1):
                 yield Broken("bounded", f"rgb_display reaches {found.min():g} to {found.max():g}")
 
@@ -187,15 +193,17 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
 
 def same_white(made: Document) -> bool:
     """Whether the scene is brought to the white of the display that shows it: only then is white (1, 1, 1)."""
-    return bool((of(made, "adapt") or {}).get("target", "D65") == (of(made, "display") or {}).get("display", "sRGB")) and (
-        (of(made, "fit") or {}).get("white", "kept") == "kept"
-    )
+    return bool(
+        (of(made, "adapt") or {}).get("target", "D65") == (of(made, "display") or {}).get("display", "sRGB")
+    ) and ((of(made, "fit") or {}).get("white", "kept") == "kept")
 
 
 def grey_over(document: Document, axis: str) -> Document:
     """A grey card at seven times, or in seven lights."""
     now = document["camera"].get(axis, 0.01) if axis == "integration_time" else of(document, "scene")["white_luminance"]  # type: ignore[index]
-    made = uniform(twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED, MATRIX], axis, [now * k for k in TIMES]))
+    made = uniform(
+        twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED, MATRIX], axis, [now * k for k in TIMES])
+    )
     if "." in axis:
         made["stages"][0].pop("white_luminance")
     return made
@@ -212,7 +220,8 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
         return  # a frame without the mask's whole period has not the neighbours of which the white knows
     apart = (display.max(axis=1) - display.min(axis=1)).max(axis=(1, 2))
     if wanders:
-        # sites of one filter have neighbours of different ones, so that a plane is no plane: its mean is grey, as far as sites differ
+        # sites of one filter have neighbours of different ones, so that a plane is no plane: its mean is grey, as far
+        # as sites differ
         means = display.mean(axis=(2, 3))
         apart = np.ptp(means, axis=1) - np.ptp(display, axis=(2, 3)).max(axis=1)
     measured.told(float(apart.max()), GREY)
@@ -220,8 +229,12 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
         if value > GREY:
             seen = ", ".join(f"{v:.4f}" for v in display[step].mean(axis=(1, 2)))
             share = float((mosaic[step] >= 1 - 1e-6).mean())
-            state = "with all clipped" if share == 1 else "with nothing clipped" if share == 0 else "with a part clipped"
-            yield Broken("neutral", f"a grey card{behind} {state} is ({seen}) at {what} x {TIMES[step]:g}: {value:.3g} apart")
+            state = (
+                "with all clipped" if share == 1 else "with nothing clipped" if share == 0 else "with a part clipped"
+            )
+            yield Broken(
+                "neutral", f"a grey card{behind} {state} is ({seen}) at {what} x {TIMES[step]:g}: {value:.3g} apart"
+            )
             break
     clipped = np.broadcast_to((mosaic >= 1 - 1e-6).all(axis=(1, 2), keepdims=True), mosaic.shape)
     yield from white(display, clipped, largest)
@@ -237,12 +250,16 @@ def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterato
         at = np.unravel_index(int(falls.argmax()), falls.shape)
         before, after = (float(found[(at[0] + i, *at[1:])]) for i in (0, 1))
         yield Broken(
-            "monotone", f"{place} falls from {before:.6g} to {after:.6g} between {what} x {TIMES[at[0]]:g} and x {TIMES[at[0] + 1]:g}"
+            "monotone",
+            f"{place} falls from {before:.6g} to {after:.6g} between {what} x {TIMES[at[0]]:g} and x "
+            f"{TIMES[at[0] + 1]:g}",
         )
 
 
 def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
-    """(time, channel, y, x) where (time, y, x) says that all of the support is clipped, behind a colour matrix with this element."""
+    """(time, channel, y, x) where (time, y, x) says that all of the support is clipped, behind a colour matrix with
+    this element.
+    """
     allowed = WHITE + rounding(display, largest)
     away = np.abs(display - 1).max(axis=1)
     away = np.where(clipped, away, 0)
@@ -250,11 +267,15 @@ def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
     if away.size and away.max() > allowed:
         step, row, column = np.unravel_index(int(away.argmax()), away.shape)
         seen = ", ".join(f"{v:.6f}" for v in display[step, :, row, column])
-        yield Broken("white", f"all of its support is clipped, and a pixel{steep(largest)} is ({seen}) at x {TIMES[step]:g}")
+        yield Broken(
+            "white", f"all of its support is clipped, and a pixel{steep(largest)} is ({seen}) at x {TIMES[step]:g}"
+        )
 
 
 def rounding(display: Any, largest: float) -> float:
-    """What a colour matrix with this element makes of the picture's own precision: 1e-3, a quarter of an 8-bit code, at most."""
+    """What a colour matrix with this element makes of the picture's own precision: 1e-3, a quarter of an 8-bit code,
+    at most.
+    """
     return ROUNDINGS * float(np.finfo(display.dtype).eps) * min(largest, LARGEST)
 
 
@@ -287,7 +308,9 @@ def even(document: Document) -> Document:
 
 
 def flux(made: Document, tree: Any) -> Iterator[Broken]:
-    first, last = (array(tree, place.partition(".")[0], "irradiance").astype(np.float64) for place in (made["wanted"] * 2)[:2])
+    first, last = (
+        array(tree, place.partition(".")[0], "irradiance").astype(np.float64) for place in (made["wanted"] * 2)[:2]
+    )
     scale = first.max()
     away = np.abs(last - first).max()
     measured.told(float(away / scale) if scale else 0.0, FLUX)
@@ -312,4 +335,7 @@ def linear(made: Document, tree: Any) -> Iterator[Broken]:
     away = np.abs(ten - 10 * once).max()
     measured.told(float(away / scale) if scale else 0.0, LINEAR)
     if away > LINEAR * scale:
-        yield Broken("linear", f"ten times the light is off ten times the current by {away / max(scale, 1e-300):.3g} of the largest")
+        yield Broken(
+            "linear",
+            f"ten times the light is off ten times the current by {away / max(scale, 1e-300):.3g} of the largest",
+        )

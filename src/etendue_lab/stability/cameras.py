@@ -1,7 +1,8 @@
 """Whole cameras at extremes: a result that is finite and keeps the camera's laws, or one clear refusal while planning.
 
 In:  nothing: ``data/extreme_camera.toml``, and what is changed of it.
-Out: a row for every camera and law. Where the plan refuses, its words; never a failed cell, a warning, a traceback or NaN.
+Out: a row for every camera and law. Where the plan refuses, its words; never a failed cell, a warning, a traceback or
+     NaN.
 """
 
 from __future__ import annotations
@@ -57,15 +58,27 @@ EXTREMES: dict[str, tuple[float, ...]] = {  # of one camera quantity at a time
 CHARGES = (1.0, 10.0, 1e3, 1e6, 1e9)  # electrons of a white pixel
 LUMINANCES = (1e-12, 1e-3, 1e6, 1e12)
 WORDS = {  # that a camera quantity may be, at an extreme each
-    "crosstalk": "through_filter", "noise": "common", "aperture_model": "flat_disc", "brightness": "camera", "back": "reflecting",
+    "crosstalk": "through_filter",
+    "noise": "common",
+    "aperture_model": "flat_disc",
+    "brightness": "camera",
+    "back": "reflecting",
     "illuminant": "500 K",
-}  # fmt: skip
+}
 RANGES = {  # from which cameras are drawn, logarithmically
-    "f_number": (0.5, 1e6), "pixel_pitch": (0.1, 1000.0), "integration_time": (1e-9, 1e6), "focal_length": (0.1, 1e4),
-    "aperture_fraction": (0.01, 1.0), "full_well_density": (1e-1, 1e9), "dark_current_density": (1e-14, 1e-3),
-    "diffusion_length": (1e-2, 1e5), "diffusion_depth": (1e-2, 1e4), "read_noise": (1e-3, 1e4), "luminance": (1e-9, 1e12),
+    "f_number": (0.5, 1e6),
+    "pixel_pitch": (0.1, 1000.0),
+    "integration_time": (1e-9, 1e6),
+    "focal_length": (0.1, 1e4),
+    "aperture_fraction": (0.01, 1.0),
+    "full_well_density": (1e-1, 1e9),
+    "dark_current_density": (1e-14, 1e-3),
+    "diffusion_length": (1e-2, 1e5),
+    "diffusion_depth": (1e-2, 1e4),
+    "read_noise": (1e-3, 1e4),
+    "luminance": (1e-9, 1e12),
     "dark": (1e-8, 1.0),
-}  # fmt: skip
+}
 
 
 def base() -> Document:
@@ -73,8 +86,12 @@ def base() -> Document:
     return tomllib.loads((resources.files("etendue_lab") / "data" / "extreme_camera.toml").read_text(encoding="utf-8"))
 
 
-def changed(scene: Document | None = None, quantities: Document | None = None, frame: tuple[int, int] | None = None) -> Document:
-    """The camera with other quantities, another scene, another frame: the light is as wide as its pixels, twice sampled."""
+def changed(
+    scene: Document | None = None, quantities: Document | None = None, frame: tuple[int, int] | None = None
+) -> Document:
+    """The camera with other quantities, another scene, another frame: the light is as wide as its pixels, twice
+    sampled.
+    """
     made = base()
     made["camera"] |= {name: "inf" if value == math.inf else value for name, value in (quantities or {}).items()}
     lit, pixel = of(made, "scene"), of(made, "pixel")
@@ -106,7 +123,10 @@ def cameras() -> Iterator[tuple[str, Document]]:
         words = {"white_luminance": of(base(), "scene")["white_luminance"] * charge / white_charge()}  # type: ignore[index]
         name = "1 electron" if charge == 1 else f"{charge:g} electrons"
         yield f"white of {name}", changed(words)
-        yield f"white of {name} in a well that holds it", changed(words, {"full_well_density": min(1e9, max(1.0, charge / 10))})
+        yield (
+            f"white of {name} in a well that holds it",
+            changed(words, {"full_well_density": min(1e9, max(1.0, charge / 10))}),
+        )
     for luminance in LUMINANCES:
         yield f"luminance {luminance:g} cd m-2", changed({"white_luminance": luminance})
     for name, word in WORDS.items():
@@ -127,7 +147,10 @@ def scenes() -> Iterator[tuple[str, Document]]:
     yield "black scene", changed(scene(STAND_IN["flat_scene"], reflectance=0.0))
     yield (
         "black scene, no dark current, no noise",
-        changed(scene(STAND_IN["flat_scene"], reflectance=0.0), {"dark_current_density": 0.0, "read_noise": 0.0, "dsnu": 0.0}),
+        changed(
+            scene(STAND_IN["flat_scene"], reflectance=0.0),
+            {"dark_current_density": 0.0, "read_noise": 0.0, "dsnu": 0.0},
+        ),
     )
     yield "saturated everywhere", changed(scene(STAND_IN["flat_scene"], reflectance=1.0), {"integration_time": 1e3})
     yield "scene of 1e8 : 1", changed({"low": 1e-8, "high": 1.0})
@@ -164,7 +187,9 @@ def drawn(shares: list[float]) -> Document:
 def white_charge() -> float:
     """Electrons of the brightest pixel of the ordinary camera."""
     made = changed(scene(STAND_IN["flat_scene"], reflectance=1.0))
-    return float(np.max(camera_laws.array(run({**made, "wanted": ["expose.expected_charge"]}), "expose", "expected_charge")))
+    return float(
+        np.max(camera_laws.array(run({**made, "wanted": ["expose.expected_charge"]}), "expose", "expected_charge"))
+    )
 
 
 def run(document: Document) -> Any:
@@ -234,4 +259,6 @@ def judged(law: str, name: str, check: Callable[[], list[Broken]]) -> Iterator[R
         except Fault as fault:
             yield Row(STAGE, law, name, False, why=f"{fault.kind}: {fault}")
             return
-    yield Row(STAGE, law, name, not several, found.error, found.bound, found.condition, "; ".join(b.text for b in several))
+    yield Row(
+        STAGE, law, name, not several, found.error, found.bound, found.condition, "; ".join(b.text for b in several)
+    )

@@ -59,7 +59,16 @@ def _paraxial(number: float, magnification: float, angle: float) -> Any:
     return radiometry.flat_disc_factor(number, magnification) * radiometry.cos4(_tangent(angle))
 
 
-def _chain(f: Any, wavelength: float, number: float, side: float, absorption: float, depletion: float, depth: float, length: float) -> Any:
+def _chain(
+    f: Any,
+    wavelength: float,
+    number: float,
+    side: float,
+    absorption: float,
+    depletion: float,
+    depth: float,
+    length: float,
+) -> Any:
     silicon = photodiode.collection_mtf(f, absorption, depletion, depth, length)
     return diffraction.circular_otf(f, wavelength, number) * silicon * photodiode.aperture_otf(f, side)
 
@@ -94,7 +103,9 @@ FORMS = {
     "photons_from_energy": Form(radiometry.photons_from_energy),
     "i_max": Form(lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
     "i_min": Form(dynamic_range.smallest_current),
-    "dr_db": Form(lambda well, t, dark, read, dsnu: dynamic_range.dynamic_range_elgamal(well, _dark(dark, t), read, dsnu)),
+    "dr_db": Form(
+        lambda well, t, dark, read, dsnu: dynamic_range.dynamic_range_elgamal(well, _dark(dark, t), read, dsnu)
+    ),
     "snr_db": Form(lambda n, t, dark, read, dsnu, prnu: dynamic_range.snr_db(n, _dark(dark, t), read, dsnu, prnu)),
     "emva_snr": Form(dynamic_range.emva_snr),
     "emva_mu_p_min": Form(dynamic_range.emva_smallest_photons),
@@ -126,10 +137,21 @@ def rows_of_forms(names: frozenset[str]) -> Iterator[Row]:
             case = ", ".join(f"{name} = {value:g}" for name, value in zip(group["inputs"], given, strict=True))
             yield judged(group["stage"], form, f"closed form {group['name']}", case, given, expected, condition, DOUBLE)
             if form.single:
-                yield judged(group["stage"], form, f"closed form {group['name']}, 32 bits", case, given, expected, condition, SINGLE)
+                yield judged(
+                    group["stage"],
+                    form,
+                    f"closed form {group['name']}, 32 bits",
+                    case,
+                    given,
+                    expected,
+                    condition,
+                    SINGLE,
+                )
 
 
-def judged(stage: str, form: Form, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float) -> Row:
+def judged(
+    stage: str, form: Form, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float
+) -> Row:
     """One case: the largest relative error of what the kernel gives."""
     wanted = np.asarray([float(v) for v in expected] if isinstance(expected, list) else float(expected))
     bound = unit * max(1.0, condition)

@@ -65,12 +65,18 @@ def document(rows: Iterable[Row]) -> dict[str, Any]:
     return {
         "cases": [
             {
-                "stage": row.stage, "law": row.law, "case": row.case, "error": row.error, "bound": row.bound, "condition": row.condition,
-                "ok": row.ok, "why": row.why,
+                "stage": row.stage,
+                "law": row.law,
+                "case": row.case,
+                "error": row.error,
+                "bound": row.bound,
+                "condition": row.condition,
+                "ok": row.ok,
+                "why": row.why,
             }
             for row in rows
         ]
-    }  # fmt: skip
+    }
 
 
 def single(rows: Iterable[Row]) -> list[Group]:
@@ -81,4 +87,10 @@ def single(rows: Iterable[Row]) -> list[Group]:
 def counts(rows: Iterable[Row]) -> dict[str, int]:
     every = list(rows)
     held, failed, untried = (sum(row.ok is state for row in every) for state in (True, False, None))
-    return {"cases": len(every), "stages": len({row.stage for row in every}), "held": held, "failed": failed, "untried": untried}
+    return {
+        "cases": len(every),
+        "stages": len({row.stage for row in every}),
+        "held": held,
+        "failed": failed,
+        "untried": untried,
+    }

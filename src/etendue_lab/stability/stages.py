@@ -1,7 +1,8 @@
 """One stage against the laws of the conformance kit, at the ends and in the middle of what it declares.
 
 In:  the name of an installed stage.
-Out: a row for every law of every case. What is refused in words is a case that holds; what breaks off in other words is none.
+Out: a row for every law of every case. What is refused in words is a case that holds; what breaks off in other words is
+     none.
 """
 
 from __future__ import annotations
@@ -60,7 +61,9 @@ def rows_of(name: str) -> Iterator[Row]:
 
 def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[Row]:
     if case.stage is None:
-        yield Row(name, WITHIN, case.name, not case.broke, why=case.refused if case.broke else f"refused: {case.refused}")
+        yield Row(
+            name, WITHIN, case.name, not case.broke, why=case.refused if case.broke else f"refused: {case.refused}"
+        )
         return
     bench = Bench(case.stage)
     too_large, first = False, None

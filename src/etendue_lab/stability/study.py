@@ -46,7 +46,9 @@ def parts(names: Sequence[str]) -> list[Part]:
     registry = installed_stages()
     for name in names:
         if name not in registry:
-            raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}")
+            raise RequestError(
+                f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}"
+            )
     forms = Part("forms", "closed forms", stages=frozenset(names))
     cameras = [] if names else [Part("cameras", "whole cameras", share) for share in range(SHARES)]
     return [*(Part("stage", name) for name in sorted(set(names)) or registry.names()), forms, *cameras]
@@ -91,7 +93,18 @@ def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
             try:
                 yield part, future.result()
             except BrokenProcessPool:
-                yield part, [Row(part.name, "its process lives", "", False, why="a process ended while it was tried, or one beside it")]
+                yield (
+                    part,
+                    [
+                        Row(
+                            part.name,
+                            "its process lives",
+                            "",
+                            False,
+                            why="a process ended while it was tried, or one beside it",
+                        )
+                    ],
+                )
     except BaseException:  # nobody waits for what is under way
         pool.shutdown(wait=False, cancel_futures=True)
         raise

@@ -16,9 +16,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from etendue.present.terminal.terminal import _out, _table, escape
 
 COLUMNS = (
-    ("stage, law and its worst case", "left"), ("cases", "right"), ("error", "right"), ("bound", "right"), ("condition", "right"),
+    ("stage, law and its worst case", "left"),
+    ("cases", "right"),
+    ("error", "right"),
+    ("bound", "right"),
+    ("condition", "right"),
     ("verdict", "left"),
-)  # fmt: skip
+)
 
 
 def print_stability(groups: Sequence[Any], every: bool, counts: dict[str, int]) -> None:
@@ -31,16 +35,24 @@ def print_stability(groups: Sequence[Any], every: bool, counts: dict[str, int]) 
         if row.stage != last:
             table.add_row(f"[bold]{escape(row.stage)}[/bold]")
         table.add_row(
-            f"  {row.law}{f': {escape(row.case)}' if row.case != 'ordinary' else ''}", "" if every else str(group.cases),
-            number(row.error), number(row.bound), number(group.condition), verdict(group, every),
-        )  # fmt: skip
+            f"  {row.law}{f': {escape(row.case)}' if row.case != 'ordinary' else ''}",
+            "" if every else str(group.cases),
+            number(row.error),
+            number(row.bound),
+            number(group.condition),
+            verdict(group, every),
+        )
         last = row.stage
     console.print(table)
     for group in groups:
         if group.worst.ok is not True:
-            console.print(f"{escape(group.worst.stage)}, {group.worst.law}, {escape(group.worst.case)}: {escape(group.worst.why)}")
+            console.print(
+                f"{escape(group.worst.stage)}, {group.worst.law}, {escape(group.worst.case)}: {escape(group.worst.why)}"
+            )
     untried = f", {counts['untried']} not tried" if counts["untried"] else ""
-    console.print(f"{counts['cases']} cases of {counts['stages']} stages: {counts['held']} hold, {counts['failed']} fail{untried}")
+    console.print(
+        f"{counts['cases']} cases of {counts['stages']} stages: {counts['held']} hold, {counts['failed']} fail{untried}"
+    )
 
 
 def verdict(group: Any, every: bool) -> str:
@@ -62,7 +74,13 @@ def trying() -> Iterator[Callable[[int, int, str], None]]:
     if not console.is_terminal:
         yield lambda done, total, name: None
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("parts"), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("parts"),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("starting", total=None)
         yield lambda done, total, name: progress.update(task, completed=done, total=total, description=name[:24])

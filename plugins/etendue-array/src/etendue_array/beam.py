@@ -45,9 +45,14 @@ class DelayAndSum(Stage):
         early = kernels.advance(data.microphone, data.direction, self.sound_speed)
         turn = np.exp(-2j * math.pi * data.frequency * early)
         phasor = data.phasor.astype(np.float64)
-        heard = (phasor.sel(part="real") + 1j * phasor.sel(part="imaginary")) * data.phasor.microphone.copy(data=weights)
+        heard = (phasor.sel(part="real") + 1j * phasor.sel(part="imaginary")) * data.phasor.microphone.copy(
+            data=weights
+        )
         beam = np.abs((heard * turn).sum("microphone")) ** 2
-        return {"beam": beam.astype(data.phasor.dtype), "white_noise_gain": np.array(kernels.white_noise_gain(weights), data.phasor.dtype)}
+        return {
+            "beam": beam.astype(data.phasor.dtype),
+            "white_noise_gain": np.array(kernels.white_noise_gain(weights), data.phasor.dtype),
+        }
 
 
 @labelled
@@ -58,8 +63,12 @@ class BeamFigures(Stage):
     role: ClassVar = "measure of a beam"
     reads: ClassVar = {"beam": "frequency direction [Pa2]"}
     writes: ClassVar = {
-        "bearing_found": "[deg]", "bearing_error": "[deg]", "beam_width": "[deg]", "side_lobe": "[dB]", "sound_level": "[dB]",
-    }  # fmt: skip
+        "bearing_found": "[deg]",
+        "bearing_error": "[deg]",
+        "beam_width": "[deg]",
+        "side_lobe": "[dB]",
+        "sound_level": "[dB]",
+    }
     decides: ClassVar = True
 
     tone: float = quantity("tone")

@@ -48,7 +48,9 @@ class MicrophoneNoise(Bounded, Sampled):
 
 @dataclass(frozen=True, kw_only=True)
 class Phasors(Stage):
-    """Every signal taken apart by frequency (a discrete Fourier transform); a tone of rms 1 in the middle of a bin has length 1."""
+    """Every signal taken apart by frequency (a discrete Fourier transform); a tone of rms 1 in the middle of a bin
+    has length 1.
+    """
 
     role: ClassVar = "filter bank"
     reads: ClassVar = {"pressure": PRESSURE}
@@ -64,16 +66,23 @@ class Phasors(Stage):
     def bins(self, time: Line) -> range:
         """Numbers of the frequencies, of which the first and the last of all stand for no phasor."""
         apart = 1 / (time.step * time.size)
-        found = range(max(1, math.ceil(self.lowest / apart - 1e-9)), min((time.size - 1) // 2, math.floor(self.highest / apart + 1e-9)) + 1)
+        found = range(
+            max(1, math.ceil(self.lowest / apart - 1e-9)),
+            min((time.size - 1) // 2, math.floor(self.highest / apart + 1e-9)) + 1,
+        )
         if not found:
-            raise ValueError(f"there is no frequency from {self.lowest:g} to {self.highest:g} Hz: they are {apart:g} Hz apart")
+            raise ValueError(
+                f"there is no frequency from {self.lowest:g} to {self.highest:g} Hz: they are {apart:g} Hz apart"
+            )
         return found
 
     def grid(self, inputs: Any) -> Mapping[str, Grid]:
         time = inputs["pressure"].line("time")
         bins, apart = self.bins(time), 1 / (time.step * time.size)
         frequency = Line(len(bins), bins.start * apart, apart, "Hz")
-        return {"phasor": Grid.of({"part": PARTS, "frequency": frequency, "microphone": inputs["pressure"]["microphone"]})}
+        return {
+            "phasor": Grid.of({"part": PARTS, "frequency": frequency, "microphone": inputs["pressure"]["microphone"]})
+        }
 
     def run(self, pressure: Any, time: Any) -> dict[str, Any]:
         size = pressure.shape[-1]

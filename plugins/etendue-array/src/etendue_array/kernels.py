@@ -3,8 +3,8 @@
 In:  positions on the line, m; frequencies, Hz; directions, deg from the normal of the line.
 Out: delays, s; the array factor, 1.
 
-A plane wave from a direction t reaches a microphone at x earlier by x sin(t) / c: what the middle of the line hears at a time T, that
-microphone hears at T - x sin(t) / c.
+A plane wave from a direction t reaches a microphone at x earlier by x sin(t) / c: what the middle of the line hears at
+a time T, that microphone hears at T - x sin(t) / c.
 """
 
 from __future__ import annotations
@@ -24,20 +24,24 @@ def advance(positions: Any, direction: Any, speed: float) -> Any:
 
 
 def taper(name: str, count: int) -> NDArray:
-    """Weights (microphone,) of sum 1. ``hann``: squared sine, from neighbours of its zeros, so that no microphone is lost."""
+    """Weights (microphone,) of sum 1. ``hann``: squared sine, from neighbours of its zeros, so that no microphone is
+    lost.
+    """
     inside = (np.arange(count) + 1.0) / (count + 1.0)
     weights = np.ones(count) if name == "uniform" else np.sin(math.pi * inside) ** 2
     return weights / weights.sum()
 
 
 def white_noise_gain(weights: NDArray) -> float:
-    """By how much a beam betters the ratio of signal to noise that is independent by microphone; their number, if all count alike."""
+    """By how much a beam betters the ratio of signal to noise that is independent by microphone; their number, if
+    all count alike.
+    """
     return float(weights.sum() ** 2 / (weights**2).sum())
 
 
 def array_factor(count: int, spacing: float, frequency: float, speed: float, direction: Any, steered: float) -> NDArray:
-    """Power (relative) of a uniform beam, steered to one direction, for waves from others: |sin(N u) / (N sin u)|^2, with
-    u = pi f d (sin t - sin t0) / c (Van Trees, Optimum Array Processing, 2002, eq. 2.93)."""
+    """Power (relative) of a uniform beam, steered to one direction, for waves from others: |sin(N u) / (N sin u)|^2,
+    with u = pi f d (sin t - sin t0) / c (Van Trees, Optimum Array Processing, 2002, eq. 2.93)."""
     u = math.pi * frequency * spacing / speed * (np.sin(np.deg2rad(direction)) - math.sin(math.radians(steered)))
     whole = np.abs(np.sin(u)) < 1e-9
     safe = np.where(whole, 1.0, np.sin(u))
@@ -45,8 +49,8 @@ def array_factor(count: int, spacing: float, frequency: float, speed: float, dir
 
 
 def half_power_width(directions: NDArray, power: NDArray) -> float:
-    """Width (deg) of the main lobe where it falls to half of its top, on straight lines between samples; up to the ends of the range
-    where it does not fall so far."""
+    """Width (deg) of the main lobe where it falls to half of its top, on straight lines between samples; up to the ends
+    of the range where it does not fall so far."""
     top = int(np.argmax(power))
     half = 0.5 * power[top]
     ends = []
@@ -63,7 +67,9 @@ def half_power_width(directions: NDArray, power: NDArray) -> float:
 
 
 def side_lobe(power: NDArray) -> float:
-    """The highest power beyond the valleys around the main lobe, over that of the main lobe, dB; nothing beyond: -300."""
+    """The highest power beyond the valleys around the main lobe, over that of the main lobe, dB; nothing beyond:
+    -300.
+    """
     top = int(np.argmax(power))
     if not power[top] > 0:
         return 0.0

@@ -44,13 +44,29 @@ def etendue_tables() -> dict[str, Any]:
 def etendue_quantities() -> dict[str, Any]:
     return {
         "microphones": {"default": 8, "at_least": 1, "at_most": 1024, "doc": "of the array, in a line"},
-        "spacing": {"default": 0.08, "units": "m", "above": 0, "at_most": 100, "doc": "between neighbouring microphones"},
-        "sound_speed": {"default": 343.0, "units": "m s-1", "at_least": 1, "at_most": 1e5, "doc": "of the air, or the water"},
+        "spacing": {
+            "default": 0.08,
+            "units": "m",
+            "above": 0,
+            "at_most": 100,
+            "doc": "between neighbouring microphones",
+        },
+        "sound_speed": {
+            "default": 343.0,
+            "units": "m s-1",
+            "at_least": 1,
+            "at_most": 1e5,
+            "doc": "of the air, or the water",
+        },
         "tone": {"default": 2000.0, "units": "Hz", "above": 0, "at_most": 1e6, "doc": "frequency of the sound"},
         "bearing": {
-            "default": 20.0, "units": "deg", "at_least": -90, "at_most": 90, "doc": "direction of the sound; 0 is in front of the line",
+            "default": 20.0,
+            "units": "deg",
+            "at_least": -90,
+            "at_most": 90,
+            "doc": "direction of the sound; 0 is in front of the line",
         },
-    }  # fmt: skip
+    }
 
 
 @hookimpl
@@ -59,7 +75,11 @@ def etendue_variables() -> dict[str, Any]:
         "pressure": {"long_name": "sound pressure at the microphones", "units": "Pa"},
         "phasor": {"long_name": "phasor of the sound pressure, rms", "units": "Pa"},
         "beam": {"long_name": "power of the beam, as the square of a sound pressure", "units": "Pa2"},
-        "white_noise_gain": {"long_name": "signal-to-noise ratio of the beam over that of a microphone", "units": "1", "better": "higher"},
+        "white_noise_gain": {
+            "long_name": "signal-to-noise ratio of the beam over that of a microphone",
+            "units": "1",
+            "better": "higher",
+        },
         "bearing_found": {"long_name": "direction of the strongest sound", "units": "deg"},
         "bearing_error": {"long_name": "direction found less the true one", "units": "deg"},
         "beam_width": {"long_name": "width of the main lobe at half power", "units": "deg", "better": "lower"},

@@ -45,7 +45,8 @@ class PlaneWave(Source):
     def __post_init__(self) -> None:
         if self.tone >= 0.5 * self.sampling_rate:
             raise ValueError(
-                f"a tone of {self.tone:g} Hz needs more than {2 * self.tone:g} samples a second; there are {self.sampling_rate:g}"
+                f"a tone of {self.tone:g} Hz needs more than {2 * self.tone:g} samples a second; there are "
+                f"{self.sampling_rate:g}"
             )
 
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]:

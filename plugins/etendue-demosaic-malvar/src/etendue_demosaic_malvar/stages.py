@@ -35,7 +35,10 @@ class DemosaicMalvar(Haloed):
         """The Bayer order as a window sees it that starts at this pixel of the sensor."""
         name = None if self.pattern.endswith(".csv") else cfa.parse(self.pattern).bayer
         if name is None:
-            raise ValueError(f"demosaic_malvar knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use demosaic_any")
+            raise ValueError(
+                f"demosaic_malvar knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use "
+                f"demosaic_any"
+            )
         return cfa.shifted_bayer(name, row, column)
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:

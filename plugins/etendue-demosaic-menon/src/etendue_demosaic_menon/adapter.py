@@ -1,4 +1,5 @@
-"""colour-demosaicing's Menon 2007 with the manners of a kernel: any size, the input's precision, no traces of its import.
+"""colour-demosaicing's Menon 2007 with the manners of a kernel: any size, the input's precision, no traces of its
+import.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.
@@ -29,8 +30,8 @@ _loaded: list[Callable[..., Any]] = []
 def implementation() -> Callable[..., Any]:
     """The package's function, imported at the first call: it brings colour-science, a second and more.
 
-    Its import warns of a namespace of SciPy's that will go (and colour-science's of what is not installed), and sets numpy's print
-    options back to those of version 1.13 for everybody; both end here.
+    Its import warns of a namespace of SciPy's that will go (and colour-science's of what is not installed), and sets
+    numpy's print options back to those of version 1.13 for everybody; both end here.
     """
     with _importing:
         if not _loaded:
@@ -55,8 +56,8 @@ def menon(mosaic: NDArray, pattern: str, refine: bool = True) -> NDArray:
     Returns
     -------
     (3, y, x) array, unit and dtype of mosaic (integers become float64)
-        May leave the range of the mosaic: nothing is clipped. The package's own result, computed in float64, wherever both
-        sides are 6 or more.
+        May leave the range of the mosaic: nothing is clipped. The package's own result, computed in float64, wherever
+        both sides are 6 or more.
 
     Raises
     ------
@@ -65,8 +66,8 @@ def menon(mosaic: NDArray, pattern: str, refine: bool = True) -> NDArray:
 
     Notes
     -----
-    Smaller frames are mirrored about their outermost samples to a frame that the method can take, and cut out of its result.
-    A frame of one row or one column has no second direction; it is interpolated linearly along its length.
+    Smaller frames are mirrored about their outermost samples to a frame that the method can take, and cut out of its
+    result. A frame of one row or one column has no second direction; it is interpolated linearly along its length.
     """
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or mosaic.size == 0 or 1 in mosaic.shape:

@@ -16,7 +16,9 @@ from etendue_demosaic_menon.adapter import REACH, implementation, menon
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicMenon(Haloed):
-    """Directional filtering with a posteriori decision (Menon, Andriani and Calvagno 2007), computed by colour-demosaicing."""
+    """Directional filtering with a posteriori decision (Menon, Andriani and Calvagno 2007), computed by
+    colour-demosaicing.
+    """
 
     role: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
@@ -38,7 +40,10 @@ class DemosaicMenon(Haloed):
         """The Bayer order as a window sees it that starts at this pixel of the sensor."""
         name = None if self.pattern.endswith(".csv") else cfa.parse(self.pattern).bayer
         if name is None:
-            raise ValueError(f"demosaic_menon knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use demosaic_any")
+            raise ValueError(
+                f"demosaic_menon knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use "
+                f"demosaic_any"
+            )
         return cfa.shifted_bayer(name, row, column)
 
     def prepare(self, coordinates: Any) -> None:
@@ -52,5 +57,7 @@ class DemosaicMenon(Haloed):
         return REACH
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic, which is double, and of handing on its result; what it invents between samples is none of it."""
+        """Of the arithmetic, which is double, and of handing on its result; what it invents between samples is none
+        of it.
+        """
         return (3e-7 if precision == "float32" else 2e-15), "measured"

@@ -59,8 +59,8 @@ def tangents_of(degrees: Any) -> FloatArray:
 
 
 def resolved(lens: Lens, tangent: float, wavelength: float, samples: int) -> pupil.Bundle:
-    """A bundle in which the phase of neighbouring rays differs by about 1 rad at most, but for the outermost hundredth of them:
-    ``samples`` cells across, or up to 512.
+    """A bundle in which the phase of neighbouring rays differs by about 1 rad at most, but for the outermost hundredth
+    of them: ``samples`` cells across, or up to 512.
     """
     bundle = lens.bundle(tangent, wavelength, samples)
     needed = math.ceil(samples * 2.0 * math.pi * _radius(bundle, 0.01) / min(pupil.reach(bundle)))
@@ -68,7 +68,12 @@ def resolved(lens: Lens, tangent: float, wavelength: float, samples: int) -> pup
 
 
 def psf_bank(
-    lens: Lens, tangents: FloatArray, wavelengths: tuple[float, ...], samples: int = 128, window: float = 0.0, lost: float = 0.02
+    lens: Lens,
+    tangents: FloatArray,
+    wavelengths: tuple[float, ...],
+    samples: int = 128,
+    window: float = 0.0,
+    lost: float = 0.02,
 ) -> Traced:
     """Pictures of a distant point at fields and wavelengths.
 
@@ -94,8 +99,9 @@ def psf_bank(
 
     Notes
     -----
-    Spacing of the samples: 0.85 of what the cut-off frequency of the widest pupil needs. Pictures are centred on the chief
-    ray of their own wavelength: lateral colour belongs to the distortion. Heights are those at the reference wavelength.
+    Spacing of the samples: 0.85 of what the cut-off frequency of the widest pupil needs. Pictures are centred on the
+    chief ray of their own wavelength: lateral colour belongs to the distortion. Heights are those at the reference
+    wavelength.
     """
     found = [[lens.bundle(float(t), w, samples) for w in wavelengths] for t in tangents]
     spacing = np.array([_FINER * w / (2.0 * max(row[i].range for row in found)) for i, w in enumerate(wavelengths)])
@@ -105,7 +111,8 @@ def psf_bank(
     size = 2 * half + 1
     if size > LARGEST_PICTURE:
         raise ValueError(
-            f"pictures of {window:.4g} um at a spacing of {spacing.min():.3g} um take {size} samples across, more than {LARGEST_PICTURE}; "
+            f"pictures of {window:.4g} um at a spacing of {spacing.min():.3g} um take {size} samples across, more than "
+            f"{LARGEST_PICTURE}; "
             "use a larger f_number, a larger lost, or give a window"
         )
     # the sampled pupil repeats its picture: the repetition must stay out of the window
@@ -116,16 +123,21 @@ def psf_bank(
             wanted = max(wanted, math.ceil(samples * 1.05 * free / min(pupil.reach(bundle))))
     if wanted > LARGEST_PUPIL:
         raise ValueError(
-            f"pictures of {window:.4g} um need {wanted} cells across the pupil, more than {LARGEST_PUPIL}; use a larger f_number or lost, "
+            f"pictures of {window:.4g} um need {wanted} cells across the pupil, more than {LARGEST_PUPIL}; use a "
+            f"larger f_number or lost, "
             "or give a smaller window"
         )
     if wanted > samples:
         found = [[lens.bundle(float(t), w, wanted) for w in wavelengths] for t in tangents]
-    pictures = np.array([[pupil.picture(b, size, float(s)) for b, s in zip(row, spacing, strict=True)] for row in found])
+    pictures = np.array(
+        [[pupil.picture(b, size, float(s)) for b, s in zip(row, spacing, strict=True)] for row in found]
+    )
     total = np.array([[pupil.flux(b) / float(s) ** 2 for b, s in zip(row, spacing, strict=True)] for row in found])
     heights = lens.chief(tangents, lens.reference)[1]
     source = f"{lens.prescription.name}, {lens.focal_length_um * 1e-3:g} mm, f/{lens.f_number:g}"
-    return Traced(PsfBank(heights, np.array(wavelengths), pictures, spacing, source), pictures.sum(axis=(2, 3)) / total, wanted)
+    return Traced(
+        PsfBank(heights, np.array(wavelengths), pictures, spacing, source), pictures.sum(axis=(2, 3)) / total, wanted
+    )
 
 
 def _radius(bundle: pupil.Bundle, lost: float) -> float:
@@ -146,11 +158,14 @@ def nodes_to(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count
     return np.linspace(0.0, farthest, count)
 
 
-def ideal_over_real(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int) -> list[scipy.interpolate.CubicSpline]:
+def ideal_over_real(
+    lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int
+) -> list[scipy.interpolate.CubicSpline]:
     """Ideal over real image height, as a function of the squared real height (um2): one curve per wavelength.
 
-    The ideal height is the image distance times the tangent of the field angle, at the reference wavelength: what a pinhole
-    would give. At the reference wavelength the curve is 1 on the axis; elsewhere it starts at that wavelength's image scale.
+    The ideal height is the image distance times the tangent of the field angle, at the reference wavelength: what a
+    pinhole would give. At the reference wavelength the curve is 1 on the axis; elsewhere it starts at that wavelength's
+    image scale.
     """
     tangents = nodes_to(lens, corner_um, wavelengths, count)[1:]
     ideal = lens.image_distance_um * tangents
@@ -174,6 +189,7 @@ def relative_illumination(
     relative = found / found[:, :1]
     if relative.max() > BRIGHTEST:
         raise ValueError(
-            f"{lens.prescription.name} lights its corner {relative.max():.3g} times as much as its axis; at most {BRIGHTEST:g} is allowed"
+            f"{lens.prescription.name} lights its corner {relative.max():.3g} times as much as its axis; at most "
+            f"{BRIGHTEST:g} is allowed"
         )
     return [scipy.interpolate.CubicSpline(h**2, e) for h, e in zip(heights, relative, strict=True)]

@@ -6,9 +6,9 @@ Sources: geometrical optics; for the light in the cone, the theorem of Helmholtz
 the cone in direction cosines, whatever the lens).
 
 Rays are traced in the lens's own unit: a scaled lens has the same directions, and paths and heights in proportion. The
-f-number is the focal length over the diameter of the entrance pupil, both at the reference wavelength: the stop is opened
-until the real axial ray at half that diameter just passes. What the cone of light on the axis then really is (its
-working f-number, 1/(2 sin)) follows from the trace.
+f-number is the focal length over the diameter of the entrance pupil, both at the reference wavelength: the stop is
+opened until the real axial ray at half that diameter just passes. What the cone of light on the axis then really is
+(its working f-number, 1/(2 sin)) follows from the trace.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Lens:
     shift : float
         Of the image plane from where the prescription has it.
     image_distance : float
-        Image height over the tangent of the field angle, close to the axis: the focal length where the image plane is the
-        paraxial one, a little else where it is not.
+        Image height over the tangent of the field angle, close to the axis: the focal length where the image plane is
+        the paraxial one, a little else where it is not.
     aiming : str
         ``stop``: light fills the stop, as it does. ``paraxial``: light fills the paraxial entrance pupil at every field
         angle, as programs assume that do not aim rays.
@@ -98,9 +98,15 @@ class Lens:
         with np.errstate(invalid="ignore", divide="ignore"):
             further = self.shift / out[2]
         return {
-            "x": at_x + further * out[0], "y": at_y + further * out[1], "L": out[0], "M": out[1], "N": out[2],
-            "path": path + further, "stop": stop, "rims": rims,
-        }  # fmt: skip
+            "x": at_x + further * out[0],
+            "y": at_y + further * out[1],
+            "L": out[0],
+            "M": out[1],
+            "N": out[2],
+            "path": path + further,
+            "stop": stop,
+            "rims": rims,
+        }
 
     def chief(self, tangent: Any, wavelength: float) -> tuple[FloatArray, FloatArray]:
         """Rays through the middle of the stop.
@@ -147,10 +153,16 @@ class Lens:
         angle = math.degrees(math.atan(tangent))
         entry, height = (float(a[0]) for a in self.chief(tangent, wavelength))
         if not math.isfinite(height):
-            raise ValueError(f"{self.prescription.name}: no ray passes the middle of the stop at {angle:.4g} degrees; use smaller fields")
+            raise ValueError(
+                f"{self.prescription.name}: no ray passes the middle of the stop at {angle:.4g} degrees; use smaller "
+                f"fields"
+            )
         box = self._box(tangent, wavelength, entry)
         if box is None:
-            raise ValueError(f"{self.prescription.name}: no light passes at {angle:.4g} degrees and {wavelength:g} um; use smaller fields")
+            raise ValueError(
+                f"{self.prescription.name}: no light passes at {angle:.4g} degrees and {wavelength:g} um; use smaller "
+                f"fields"
+            )
         low, high, wide = box
         rows, columns = samples, max(4, samples // 2)
         dy, dx = (high - low) / rows, wide / columns
@@ -159,24 +171,40 @@ class Lens:
         found, share = self._grid(y, x, tangent, wavelength)
         s = self.scale
         across_y, across_x = found["y"] * s - height, found["x"] * s
-        to_y, to_x, path = _on_sphere(found, across_y, across_x, found["path"] * s, 1.0 / self.pupil_distance(tangent, wavelength))
+        to_y, to_x, path = _on_sphere(
+            found, across_y, across_x, found["path"] * s, 1.0 / self.pupil_distance(tangent, wavelength)
+        )
         jacobian = np.abs(slope(to_x, 1) * slope(to_y, 0) - slope(to_x, 0) * slope(to_y, 1))
-        steps = np.array([np.nanmax(np.where(share > 0, np.abs(slope(c, axis)), np.nan)) for c, axis in ((to_y, 0), (to_x, 1))])
+        steps = np.array(
+            [np.nanmax(np.where(share > 0, np.abs(slope(c, axis)), np.nan)) for c, axis in ((to_y, 0), (to_x, 1))]
+        )
         keep = (share > 0) & np.isfinite(jacobian)
         keep[:, 0] = False
         return Bundle(
-            wavelength, to_x[keep], to_y[keep], path[keep] - path[keep].mean(), share[keep] * dy * dx, (share * jacobian)[keep],
-            across_y[keep], across_x[keep], steps, height,
-        )  # fmt: skip
+            wavelength,
+            to_x[keep],
+            to_y[keep],
+            path[keep] - path[keep].mean(),
+            share[keep] * dy * dx,
+            (share * jacobian)[keep],
+            across_y[keep],
+            across_x[keep],
+            steps,
+            height,
+        )
 
     def pupil_distance(self, tangent: float, wavelength: float) -> float:
-        """Signed distance from the image point back to the exit pupil, um: where the chief ray crosses the axis; may be inf."""
+        """Signed distance from the image point back to the exit pupil, um: where the chief ray crosses the axis; may
+        be inf.
+        """
         tangent = max(tangent, 1e-3)
         chief = self.rays(self.chief(tangent, wavelength)[0], 0.0, tangent, wavelength)
         with np.errstate(divide="ignore"):
             return float(chief["y"][0] * self.scale / chief["M"][0])
 
-    def _grid(self, y: FloatArray, x: FloatArray, tangent: float, wavelength: float) -> tuple[dict[str, Any], FloatArray]:
+    def _grid(
+        self, y: FloatArray, x: FloatArray, tangent: float, wavelength: float
+    ) -> tuple[dict[str, Any], FloatArray]:
         """Rays through a grid of cells, and the open share of each."""
         shape = (y.size, x.size)
         py, px = np.broadcast_arrays(y[:, None], x[None, :])
@@ -219,7 +247,11 @@ class Lens:
                 return None
             touches = rows[0] == 0, rows[-1] == _COARSE - 1, columns[-1] == _COARSE - 1
             if any(touches) and step < 7:
-                low, high, wide = low - touches[0] * (high - low), high + touches[1] * (high - low), wide * (1 + touches[2])
+                low, high, wide = (
+                    low - touches[0] * (high - low),
+                    high + touches[1] * (high - low),
+                    wide * (1 + touches[2]),
+                )
                 continue
             low, high, wide = y[rows[0]] - cell_y, y[rows[-1]] + cell_y, x[columns[-1]] + cell_x
             if max(cell_y / (high - low), cell_x / wide) < 0.04:
@@ -250,8 +282,10 @@ class Lens:
             if dark - passed <= 1e-3 * passed:
                 break
         raise ValueError(
-            f"{self.prescription.name} at {self.focal_length_um * 1e-3:.4g} mm reaches image heights of {reached * 1e-3:.4g} mm, "
-            f"but the frame reaches {height_um * 1e-3:.4g} mm from the axis; use a longer focal_length or a smaller frame"
+            f"{self.prescription.name} at {self.focal_length_um * 1e-3:.4g} mm reaches image heights of "
+            f"{reached * 1e-3:.4g} mm, "
+            f"but the frame reaches {height_um * 1e-3:.4g} mm from the axis; use a longer focal_length or a smaller "
+            f"frame"
         )
 
     def heights(self, tangents: FloatArray, wavelengths: tuple[float, ...]) -> FloatArray:
@@ -276,7 +310,11 @@ def _on_sphere(
     missed = miss_y**2 + miss_x**2 + miss_z**2
     with np.errstate(invalid="ignore"):
         root = np.sqrt(1.0 - missed * curvature**2)
-    return rays["M"] * root - miss_y * curvature, rays["L"] * root - miss_x * curvature, path - along + missed * curvature / (1.0 + root)
+    return (
+        rays["M"] * root - miss_y * curvature,
+        rays["L"] * root - miss_x * curvature,
+        path - along + missed * curvature / (1.0 + root),
+    )
 
 
 @lru_cache(maxsize=16)
@@ -290,7 +328,9 @@ def _opened(lens: str, file: str, state: Any, f_number: float, reference: float,
     bare = Lens(prescription, 1.0, 1.0, 0.0, f_number, reference, math.inf, 0.0, 1.0, aiming, 1.0)
     focal, to_image = _paraxial(bare)
     if not (math.isfinite(focal) and focal > 0):
-        raise ValueError(f"{prescription.name} has a focal length of {focal:.4g}: it forms no real image of a distant object")
+        raise ValueError(
+            f"{prescription.name} has a focal length of {focal:.4g}: it forms no real image of a distant object"
+        )
     last = prescription.surfaces[-2].geometry.cs.z - prescription.surfaces[-1].geometry.cs.z
     pupil = _entrance_pupil(bare, 1e-3 * prescription.extent)
     made = replace(bare, focal_length=focal, back_focus=to_image - float(np.ravel(last)[0]), pupil=pupil)
@@ -299,12 +339,14 @@ def _opened(lens: str, file: str, state: Any, f_number: float, reference: float,
     radius = abs(float(edge["stop"][1][0]))
     if not math.isfinite(edge["y"][0]):
         raise ValueError(
-            f"{prescription.name} does not open to f/{f_number:g}: the axial ray at the edge of its pupil is lost; use a larger f_number"
+            f"{prescription.name} does not open to f/{f_number:g}: the axial ray at the edge of its pupil is lost; use "
+            f"a larger f_number"
         )
     if radius > prescription.stop_radius * 1.0005:
         widest = f_number * radius / prescription.stop_radius
         raise ValueError(
-            f"{prescription.name} does not open to f/{f_number:g}: its stop has a radius of {prescription.stop_radius:g}, which is about "
+            f"{prescription.name} does not open to f/{f_number:g}: its stop has a radius of "
+            f"{prescription.stop_radius:g}, which is about "
             f"f/{widest:.3g}; use a larger f_number"
         )
     made = replace(made, stop_radius=radius)
@@ -348,16 +390,24 @@ def _entrance_pupil(bare: Lens, step: float) -> float:
     for small in (step, 0.5 * step):
         along = float(bare.rays(small, 0.0, 0.0, bare.reference)["stop"][1][0]) / small
         tilted = (
-            float(bare.rays(0.0, 0.0, small / bare.prescription.extent, bare.reference)["stop"][1][0]) * bare.prescription.extent / small
+            float(bare.rays(0.0, 0.0, small / bare.prescription.extent, bare.reference)["stop"][1][0])
+            * bare.prescription.extent
+            / small
         )
         found.append(tilted / along)
     return (4 * found[1] - found[0]) / 3
 
 
 def open_lens(
-    lens: str = "ReverseTelephoto", file: str = "", focal_length_mm: float = 6.93, f_number: float = 2.8, reference_um: float = 0.55,
-    focus: str = "design", aiming: str = "stop", state: Any = None,
-) -> Lens:  # fmt: skip
+    lens: str = "ReverseTelephoto",
+    file: str = "",
+    focal_length_mm: float = 6.93,
+    f_number: float = 2.8,
+    reference_um: float = 0.55,
+    focus: str = "design",
+    aiming: str = "stop",
+    state: Any = None,
+) -> Lens:
     """A lens by name or file, scaled, stopped down and focused.
 
     Parameters
@@ -384,6 +434,8 @@ def open_lens(
         As `prescription.load`; for an f-number to which the lens does not open; for unknown words.
     """
     if focus not in FOCUS or aiming not in AIMING:
-        raise ValueError(f"focus is {focus!r} and aiming {aiming!r}; allowed are {', '.join(FOCUS)} and {', '.join(AIMING)}")
+        raise ValueError(
+            f"focus is {focus!r} and aiming {aiming!r}; allowed are {', '.join(FOCUS)} and {', '.join(AIMING)}"
+        )
     made = _opened(lens, file, state, f_number, reference_um, focus, aiming)
     return replace(made, scale=1e3 * focal_length_mm / made.focal_length)

@@ -1,12 +1,13 @@
 """Prescriptions: a sample lens of optiland, a Zemax file or a table of surfaces, made ready to trace.
 
 In:  the name of a sample lens, or the path of a .zmx or .csv file.
-Out: a ``Prescription``: optiland's surfaces, which of them is the stop, and their clear apertures, in the lens's own unit.
+Out: a ``Prescription``: optiland's surfaces, which of them is the stop, and their clear apertures, in the lens's own
+     unit.
 
 Surface table
 -------------
-CSV with a header line; lines that start with ``#`` are comments. One line per surface from object to image, columns in any
-order:
+CSV with a header line; lines that start with ``#`` are comments. One line per surface from object to image, columns in
+any order:
 
     radius_mm         of curvature; 0 or inf for a plane
     thickness_mm      to the next surface; of the last one to the image, 0 or absent: the paraxial image
@@ -40,7 +41,9 @@ _LOCK = threading.RLock()
 
 @contextlib.contextmanager
 def quietly() -> Iterator[None]:
-    """optiland at work: one thread at a time (it keeps rays on its surfaces), remarks of its compiler on itself left out."""
+    """optiland at work: one thread at a time (it keeps rays on its surfaces), remarks of its compiler on itself left
+    out.
+    """
     from numba.core.errors import NumbaIRAssumptionWarning  # comes with optiland, and is slow to import
 
     with _LOCK, np.errstate(all="ignore"):
@@ -108,7 +111,12 @@ class Prescription:
 
         count = position.shape[1]
         with quietly():
-            x, y, z, (L, M, N) = position[0].copy(), position[1].copy(), position[2] + self.surfaces[0].geometry.cs.z, direction.copy()
+            x, y, z, (L, M, N) = (
+                position[0].copy(),
+                position[1].copy(),
+                position[2] + self.surfaces[0].geometry.cs.z,
+                direction.copy(),
+            )
             rays: Any = RealRays(x, y, z, L, M, N, np.ones(count), np.full(count, wavelength))
             stop, radii = np.empty((2, count)), np.full((len(self.rims), count), np.nan)
             for number, surface in enumerate(self.surfaces):
@@ -150,7 +158,9 @@ def load(lens: str, file: str = "") -> Prescription:
             if lens not in known:
                 near = get_close_matches(lens, known, 3, 0.4)
                 hint = f", perhaps {' or '.join(near)}" if near else f"; there are {', '.join(sorted(known))}"
-                raise ValueError(f"lens is {lens!r}, which is no sample lens of optiland{hint}; for a file give prescription")
+                raise ValueError(
+                    f"lens is {lens!r}, which is no sample lens of optiland{hint}; for a file give prescription"
+                )
             try:
                 optic = known[lens]()
             except TypeError as error:
@@ -164,7 +174,9 @@ def load(lens: str, file: str = "") -> Prescription:
             try:
                 optic = load_zemax_file(str(path))
             except Exception as error:  # its reader raises whatever a line leads to
-                raise ValueError(f"{path}: optiland cannot read it as a Zemax file: {type(error).__name__}: {error}") from error
+                raise ValueError(
+                    f"{path}: optiland cannot read it as a Zemax file: {type(error).__name__}: {error}"
+                ) from error
         return _taken(path.stem, optic, True)
     if path.suffix.lower() == ".csv":
         return _from_table(path)
@@ -178,7 +190,9 @@ def _samples() -> dict[str, type]:
     for module in SAMPLES:
         names = vars(importlib.import_module(f"optiland.samples.{module}"))
         found.update(
-            (name, kind) for name, kind in names.items() if isinstance(kind, type) and issubclass(kind, Optic) and kind is not Optic
+            (name, kind)
+            for name, kind in names.items()
+            if isinstance(kind, type) and issubclass(kind, Optic) and kind is not Optic
         )
     return found
 
@@ -235,11 +249,14 @@ def _from_table(path: Path) -> Prescription:
     from optiland.materials import AbbeMaterial, IdealMaterial
     from optiland.optic import Optic
 
-    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")]
+    lines = [
+        line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")
+    ]
     rows = list(csv.DictReader(lines, skipinitialspace=True))
     if len(rows) < 1 or "radius_mm" not in rows[0] or not {"index_after", "glass"} & set(rows[0]):
         raise ValueError(
-            f"{path.name}: expected a header with radius_mm, thickness_mm, index_after or glass, semi_aperture_mm and is_stop, "
+            f"{path.name}: expected a header with radius_mm, thickness_mm, index_after or glass, semi_aperture_mm and "
+            f"is_stop, "
             "and a line for each surface"
         )
 
@@ -259,12 +276,19 @@ def _from_table(path: Path) -> Prescription:
             glass = (row.get("glass") or "").strip()
             if not glass and not index >= 1.0:
                 raise ValueError(f"{path.name}, surface {place}: index_after is {index:g}; it must be at least 1")
-            material = glass or ("air" if index == 1.0 else AbbeMaterial(index, abbe, model="buchdahl") if abbe else IdealMaterial(index))
+            material = glass or (
+                "air" if index == 1.0 else AbbeMaterial(index, abbe, model="buchdahl") if abbe else IdealMaterial(index)
+            )
             try:
                 optic.surfaces.add(
-                    index=place, radius=radius or np.inf, conic=number(row, "conic", 0.0), thickness=number(row, "thickness_mm", 0.0),
-                    material=material, is_stop=number(row, "is_stop", 0.0) != 0, aperture=2 * clear if clear > 0 else None,
-                )  # fmt: skip
+                    index=place,
+                    radius=radius or np.inf,
+                    conic=number(row, "conic", 0.0),
+                    thickness=number(row, "thickness_mm", 0.0),
+                    material=material,
+                    is_stop=number(row, "is_stop", 0.0) != 0,
+                    aperture=2 * clear if clear > 0 else None,
+                )
             except ValueError as error:
                 raise ValueError(f"{path.name}, surface {place}: {error}") from None
         optic.surfaces.add(index=len(rows) + 1)

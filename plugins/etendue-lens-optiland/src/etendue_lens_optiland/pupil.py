@@ -5,12 +5,12 @@ Out: covered shares of the cells, areas in direction cosines, point spread funct
 Sources: Kirchhoff's integral over the reference sphere (Born and Wolf, section 9.1); geometry.
 
 The exit pupil is the sphere around the image point on which the chief ray crosses the axis. Every ray is taken where it
-crosses that sphere; seen from the image point this is the direction (L, M). A cell of the entrance pupil with the area dP
-fills dL dM = J dP, and conservation of energy gives its wave the amplitude sqrt(J) dP, so that the flux of the picture is
-that of the open part of the pupil. Nothing is interpolated.
-The kernel exp(i k (L x + M y)) leaves out (L x + M y)^2/(2 R), R the distance of the pupil: 0.01 waves at f/2.8, 60 um from
-the image point and R = 10 mm. Plane waves along the rays themselves (R infinite) would put the edge of the stop elsewhere: by
-half a wave where rays miss by 80 um.
+crosses that sphere; seen from the image point this is the direction (L, M). A cell of the entrance pupil with the area
+dP fills dL dM = J dP, and conservation of energy gives its wave the amplitude sqrt(J) dP, so that the flux of the
+picture is that of the open part of the pupil. Nothing is interpolated.
+The kernel exp(i k (L x + M y)) leaves out (L x + M y)^2/(2 R), R the distance of the pupil: 0.01 waves at f/2.8, 60 um
+from the image point and R = 10 mm. Plane waves along the rays themselves (R infinite) would put the edge of the stop
+elsewhere: by half a wave where rays miss by 80 um.
 """
 
 from __future__ import annotations
@@ -125,7 +125,9 @@ def slope(values: FloatArray, axis: int) -> FloatArray:
     forward[:-1] = values[1:] - values[:-1]
     backward = np.full_like(values, np.nan)
     backward[1:] = forward[:-1]
-    both = np.where(np.isfinite(forward), np.where(np.isfinite(backward), 0.5 * (forward + backward), forward), backward)
+    both = np.where(
+        np.isfinite(forward), np.where(np.isfinite(backward), 0.5 * (forward + backward), forward), backward
+    )
     return np.moveaxis(both, 0, axis)
 
 
@@ -171,8 +173,8 @@ def strehl(bundle: Bundle) -> float:
 
     Notes
     -----
-    Error of the search: below 1e-5 (the last grid is a two-hundredth of the picture's finest detail). It looks around the
-    median of the rays, as far as three fifths of them lie from it and two details more.
+    Error of the search: below 1e-5 (the last grid is a two-hundredth of the picture's finest detail). It looks around
+    the median of the rays, as far as three fifths of them lie from it and two details more.
     """
     detail = bundle.wavelength / (2.0 * bundle.range)
     order = np.argsort(bundle.across_y)
@@ -198,7 +200,9 @@ def place_of(weights: FloatArray, share: float) -> int:
 
 
 def picture(bundle: Bundle, samples: int, spacing: float) -> FloatArray:
-    """``intensity`` on a square of samples around the image point, which is sample (samples // 2, samples // 2); samples odd."""
+    """``intensity`` on a square of samples around the image point, which is sample (samples // 2, samples // 2);
+    samples odd.
+    """
     at = (np.arange(samples) - samples // 2) * spacing
     left = intensity(bundle, at, at[: samples // 2 + 1])  # the lens is its own mirror image
     return np.concatenate([left, left[:, : (samples - 1) // 2][:, ::-1]], axis=1)

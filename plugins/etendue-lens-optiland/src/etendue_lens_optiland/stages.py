@@ -1,10 +1,12 @@
 """Stages of a ray-traced lens: its blur, its distortion, its illumination, and the numbers beside them.
 
-In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, on the image-plane grid; the lens by name or file, focal length, f-number.
+In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, on the image-plane grid; the lens by name or file, focal length,
+     f-number.
 Out: ``irradiance``; scalars by field and wavelength.
 
-The order that light keeps: ``irradiance``, ``real_lens_distortion``, ``real_lens_illumination``, ``real_lens``. They stand in
-place of ``falloff`` and ``diffraction``, not beside them: diffraction at the stop is in the pictures of a point.
+The order that light keeps: ``irradiance``, ``real_lens_distortion``, ``real_lens_illumination``, ``real_lens``. They
+stand in place of ``falloff`` and ``diffraction``, not beside them: diffraction at the stop is in the pictures of a
+point.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from etendue_camera.field import blur, warp
 from etendue_lens_optiland import banks, pupil
 from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
 
-MISPLACED = 5e-3  # um by which 17 fields from the axis to the corner may misplace a point: 8.5e-4 for a double Gauss lens over 20 degrees
+# um by which 17 fields from the axis to the corner may misplace a point: 8.5e-4 for a double Gauss lens over 20 degrees
+MISPLACED = 5e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,25 +34,41 @@ class RealLens(Stage):
     libraries: ClassVar[tuple[str, ...]] = ("optiland",)
     negative: ClassVar[str] = "keep"
 
-    lens: str = param("ReverseTelephoto", shared=True, doc="a sample lens of optiland; not read where there is a prescription")
-    prescription: str = param("", shared=True, file=True, doc="a Zemax file .zmx or a table of surfaces .csv; '' for the sample lens")
+    lens: str = param(
+        "ReverseTelephoto", shared=True, doc="a sample lens of optiland; not read where there is a prescription"
+    )
+    prescription: str = param(
+        "", shared=True, file=True, doc="a Zemax file .zmx or a table of surfaces .csv; '' for the sample lens"
+    )
     focal_length: float = quantity("focal_length")
     f_number: float = quantity("f_number")
     reference_wavelength: float = param(
         550.0, shared=True, units="nm", at_least=300, at_most=2000, doc="at which focal length, f-number and focus hold"
     )
     focus: str = param(
-        "design", shared=True, choices=FOCUS, doc="image plane: as designed, paraxial, or where the axial wavefront is smoothest (rms)"
+        "design",
+        shared=True,
+        choices=FOCUS,
+        doc="image plane: as designed, paraxial, or where the axial wavefront is smoothest (rms)",
     )
     aiming: str = param(
-        "stop", shared=True, choices=AIMING, doc="light fills the stop, or the paraxial entrance pupil at every angle (unaimed rays)"
+        "stop",
+        shared=True,
+        choices=AIMING,
+        doc="light fills the stop, or the paraxial entrance pupil at every angle (unaimed rays)",
     )
 
     def opened(self) -> Lens:
         return open_lens(
-            self.lens, self.prescription, self.focal_length, self.f_number, self.reference_wavelength * 1e-3, self.focus, self.aiming,
+            self.lens,
+            self.prescription,
+            self.focal_length,
+            self.f_number,
+            self.reference_wavelength * 1e-3,
+            self.focus,
+            self.aiming,
             file_state(self.prescription),
-        )  # fmt: skip
+        )
 
     def traced_wavelengths(self, wavelengths: tuple[float, ...]) -> tuple[float, ...]:
         if not wavelengths or any(b <= a for a, b in pairwise(wavelengths)):
@@ -80,13 +99,23 @@ class Blur(Moved, Banded, Bounded):
     nanoseconds: ClassVar = 400.0
 
     fields: tuple[float, ...] = param(
-        (0.0, 22.0, 30.0), units="deg", at_least=0, below=89, example=(0.0, 22.0), doc="field angles at which a point is traced"
+        (0.0, 22.0, 30.0),
+        units="deg",
+        at_least=0,
+        below=89,
+        example=(0.0, 22.0),
+        doc="field angles at which a point is traced",
     )
     heights: int = param(
-        0, at_least=0, at_most=200, fidelity=True, reference="twice as many heights",
-        doc="image heights from the axis to the corner of the frame at which a point is traced, in place of fields; 0: fields, which is "
+        0,
+        at_least=0,
+        at_most=200,
+        fidelity=True,
+        reference="twice as many heights",
+        doc="image heights from the axis to the corner of the frame at which a point is traced, in place of fields; 0: "
+        "fields, which is "
         "another lens and no cheaper setting, so that there is no order to begin with",
-    )  # fmt: skip
+    )
     wavelengths: tuple[float, ...] = param(
         (450.0, 550.0, 650.0),
         units="nm",
@@ -96,38 +125,70 @@ class Blur(Moved, Banded, Bounded):
         doc="at which a point is traced; mixed linearly in between",
     )
     pupil_samples: int = param(
-        128, at_least=16, at_most=1024, fidelity=True, example=32, reference="1024 samples", settings=(32, 64, 128, 256, 512, 1024),
+        128,
+        at_least=16,
+        at_most=1024,
+        fidelity=True,
+        example=32,
+        reference="1024 samples",
+        settings=(32, 64, 128, 256, 512, 1024),
         doc="cells across the pupil, at least",
-    )  # fmt: skip
+    )
     lost: float = param(
-        0.02, above=0, at_most=0.5, fidelity=True, dear=True, example=0.2, reference="2e-3",
+        0.02,
+        above=0,
+        at_most=0.5,
+        fidelity=True,
+        dear=True,
+        example=0.2,
+        reference="2e-3",
         settings=(0.2, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3),
         doc="flux of a picture that may lie outside its window; of little the windows become larger than can be had",
-    )  # fmt: skip
+    )
     window: float = param(0.0, units="um", at_least=0, doc="side of the picture of a point; 0: as lost asks")
     tolerance: float = param(
-        0.1, above=0, below=1, fidelity=True, dear=True, reference="0.01", settings=(0.3, 0.1, 0.03, 0.01),
-        doc="bound on the largest error of the convolution for any scene, as a share of full scale; photographs err by a tenth of it",
-    )  # fmt: skip
-    method: str = param(
-        "tiles", choices=("auto", "eigen", "tiles"), fidelity=True, reference="the other method",
-        doc="blended tiles, an expansion in eigen-PSFs, or whichever is cheaper; all keep the tolerance: no order of them is one of errors",
-    )  # fmt: skip
-    weights: str = param(
-        "source", choices=("source", "image"), doc="a point's flux is kept exactly, or a uniform plane stays uniform exactly"
+        0.1,
+        above=0,
+        below=1,
+        fidelity=True,
+        dear=True,
+        reference="0.01",
+        settings=(0.3, 0.1, 0.03, 0.01),
+        doc="bound on the largest error of the convolution for any scene, as a share of full scale; photographs err by "
+        "a tenth of it",
     )
-    light: str = param("bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light")
+    method: str = param(
+        "tiles",
+        choices=("auto", "eigen", "tiles"),
+        fidelity=True,
+        reference="the other method",
+        doc="blended tiles, an expansion in eigen-PSFs, or whichever is cheaper; all keep the tolerance: no order of "
+        "them is one of errors",
+    )
+    weights: str = param(
+        "source",
+        choices=("source", "image"),
+        doc="a point's flux is kept exactly, or a uniform plane stays uniform exactly",
+    )
+    light: str = param(
+        "bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light"
+    )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
-            raise ValueError(f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too")
+            raise ValueError(
+                f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too"
+            )
         self.traced_wavelengths(self.wavelengths)
         if self.heights:
             return super().grid(inputs)
         lens = self.opened()
         if not np.isfinite(lens.chief(banks.tangents_of(self.fields), lens.reference)[1]).all():
-            raise ValueError(f"fields are {list(self.fields)}, but {lens.prescription.name} has no image of all of them; use smaller ones")
+            raise ValueError(
+                f"fields are {list(self.fields)}, but {lens.prescription.name} has no image of all of them; use "
+                f"smaller ones"
+            )
         return {}
 
     def prepare(self, coordinates: Any) -> Any:
@@ -157,7 +218,9 @@ class Blur(Moved, Banded, Bounded):
         return {"irradiance": blur.apply(irradiance, prepared)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        return (0.0, "the scene is uniform: blur changes nothing") if facts.uniform and self.weights == "image" else None
+        return (
+            (0.0, "the scene is uniform: blur changes nothing") if facts.uniform and self.weights == "image" else None
+        )
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         own = facts["irradiance"]
@@ -180,14 +243,17 @@ class Blur(Moved, Banded, Bounded):
         last = float(lens.chief(banks.tangents_of(self.fields)[-1:], lens.reference)[1][0])
         if corner > 1.001 * last:
             return [
-                f"traced up to {last * 1e-3:.4g} mm from the axis, the light reaches {corner * 1e-3:.4g} mm: the last picture holds beyond"
+                f"traced up to {last * 1e-3:.4g} mm from the axis, the light reaches {corner * 1e-3:.4g} mm: the last "
+                f"picture holds beyond"
             ]
         return []
 
 
 @dataclass(frozen=True, kw_only=True)
 class Distortion(Moved, Banded, Bounded):
-    """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's image."""
+    """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's
+    image.
+    """
 
     role: ClassVar = "distortion"
     once: ClassVar = ("distortion",)
@@ -195,21 +261,39 @@ class Distortion(Moved, Banded, Bounded):
     nanoseconds: ClassVar = 350.0
 
     nodes: int = param(
-        17, at_least=4, at_most=500, fidelity=True, example=6, reference="129 fields", settings=(5, 9, 17, 33, 65, 129),
+        17,
+        at_least=4,
+        at_most=500,
+        fidelity=True,
+        example=6,
+        reference="129 fields",
+        settings=(5, 9, 17, 33, 65, 129),
         doc="fields from the axis to the corner",
-    )  # fmt: skip
+    )
     order: int = param(
-        5, at_least=1, at_most=5, fidelity=True, reference="order 5 with oversampling 4", settings=(1, 2, 3, 5),
+        5,
+        at_least=1,
+        at_most=5,
+        fidelity=True,
+        reference="order 5 with oversampling 4",
+        settings=(1, 2, 3, 5),
         doc="of the spline between samples",
-    )  # fmt: skip
+    )
     oversampling: int = param(
-        1, at_least=1, at_most=8, fidelity=True, reference="order 5 with oversampling 4", settings=(1, 2, 4),
+        1,
+        at_least=1,
+        at_most=8,
+        fidelity=True,
+        reference="order 5 with oversampling 4",
+        settings=(1, 2, 4),
         doc="samples per sample that the spline goes through",
-    )  # fmt: skip
+    )
 
     def prepare(self, coordinates: Any) -> Any:
         wavelengths = tuple(float(w) * 1e-3 for w in coordinates["wavelength"])
-        return banks.ideal_over_real(self.opened(), _corner(coordinates["y_um"], coordinates["x_um"]), wavelengths, self.nodes)
+        return banks.ideal_over_real(
+            self.opened(), _corner(coordinates["y_um"], coordinates["x_um"]), wavelengths, self.nodes
+        )
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
@@ -229,7 +313,9 @@ class Distortion(Moved, Banded, Bounded):
         return (0.0, "the scene is uniform: moving it changes nothing") if facts.uniform else None
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the interpolation: a Gaussian edge with the scene's band limit, of 1 sample rms where that is not known; of its place."""
+        """Of the interpolation: a Gaussian edge with the scene's band limit, of 1 sample rms where that is not
+        known; of its place.
+        """
         limit = facts["irradiance"].band_limit
         step = grid["irradiance"].line("x").step
         softness = 1.0 if not limit else 0.483 / (limit * step)  # exp(-2 pi^2 s^2 f^2) = 0.01
@@ -243,14 +329,17 @@ class Distortion(Moved, Banded, Bounded):
         beyond = corner * (float(ratio(corner**2)) - 1.0)
         if beyond > 2.0 * grids["irradiance"].line("x").step and not facts.uniform:
             return [
-                f"the corner shows what lies {beyond:.3g} um beyond the scene's, where its mirror image stands: let the scene be larger"
+                f"the corner shows what lies {beyond:.3g} um beyond the scene's, where its mirror image stands: let "
+                f"the scene be larger"
             ]
         return []
 
 
 @dataclass(frozen=True, kw_only=True)
 class Illumination(Moved, Banded):
-    """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and vignetting included."""
+    """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and
+    vignetting included.
+    """
 
     role: ClassVar = "falloff"
     once: ClassVar = ("fall-off",)
@@ -259,16 +348,32 @@ class Illumination(Moved, Banded):
     nanoseconds: ClassVar = 8.0
 
     wavelengths: tuple[float, ...] = param(
-        (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which cones are traced; mixed linearly in between"
+        (450.0, 550.0, 650.0),
+        units="nm",
+        at_least=200,
+        at_most=5000,
+        doc="at which cones are traced; mixed linearly in between",
     )
     nodes: int = param(
-        9, at_least=4, at_most=200, fidelity=True, example=4, reference="65 fields", settings=(5, 9, 17, 33, 65),
+        9,
+        at_least=4,
+        at_most=200,
+        fidelity=True,
+        example=4,
+        reference="65 fields",
+        settings=(5, 9, 17, 33, 65),
         doc="fields from the axis to the corner",
-    )  # fmt: skip
+    )
     pupil_samples: int = param(
-        64, at_least=16, at_most=512, fidelity=True, example=16, reference="512 samples", settings=(16, 32, 64, 128, 256, 512),
+        64,
+        at_least=16,
+        at_most=512,
+        fidelity=True,
+        example=16,
+        reference="512 samples",
+        settings=(16, 32, 64, 128, 256, 512),
         doc="cells across the pupil",
-    )  # fmt: skip
+    )
 
     def prepare(self, coordinates: Any) -> Any:
         y, x = coordinates["y_um"], coordinates["x_um"]
@@ -307,24 +412,40 @@ class Numbers(RealLens):
     """The lens in figures, by field angle and wavelength.
 
     ``image_scale`` is image height per tangent of the field angle close to the axis; distortion is relative to it.
-    ``axial_f_number`` is 1/(2 sin) of the cone on the axis. ``strehl_ratio`` is the highest point of the picture over that of
-    the same pupil without aberrations; ``lateral_colour`` the chief ray's image height against the reference wavelength's.
+    ``axial_f_number`` is 1/(2 sin) of the cone on the axis. ``strehl_ratio`` is the highest point of the picture over
+    that of the same pupil without aberrations; ``lateral_colour`` the chief ray's image height against the reference
+    wavelength's.
     """
 
     role: ClassVar = "figures"
     writes: ClassVar = {
-        "real_focal_length": "[mm]", "back_focal_distance": "[mm]", "image_scale": "[mm]", "axial_f_number": "[1]",
-        "image_height": "field [mm]", "strehl_ratio": "field wavelength [1]", "wavefront_rms": "field wavelength [1]",
-        "distortion": "field [percent]", "lateral_colour": "field wavelength [um]", "real_illumination": "field wavelength [1]",
-    }  # fmt: skip
+        "real_focal_length": "[mm]",
+        "back_focal_distance": "[mm]",
+        "image_scale": "[mm]",
+        "axial_f_number": "[1]",
+        "image_height": "field [mm]",
+        "strehl_ratio": "field wavelength [1]",
+        "wavefront_rms": "field wavelength [1]",
+        "distortion": "field [percent]",
+        "lateral_colour": "field wavelength [um]",
+        "real_illumination": "field wavelength [1]",
+    }
     nanoseconds: ClassVar = 5e7
 
     fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles")
-    wavelengths: tuple[float, ...] = param((450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="wavelengths")
+    wavelengths: tuple[float, ...] = param(
+        (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="wavelengths"
+    )
     pupil_samples: int = param(
-        128, at_least=16, at_most=1024, fidelity=True, example=16, reference="1024 samples", settings=(32, 64, 128, 256, 512, 1024),
+        128,
+        at_least=16,
+        at_most=1024,
+        fidelity=True,
+        example=16,
+        reference="1024 samples",
+        settings=(32, 64, 128, 256, 512, 1024),
         doc="cells across the pupil",
-    )  # fmt: skip
+    )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         self.opened()
@@ -349,7 +470,9 @@ class Numbers(RealLens):
             "wavefront_rms": np.array([[b.wavefront_rms() for b in row] for row in bundles]),
             "distortion": 100.0 * np.divide(heights - ideal, ideal, out=np.zeros_like(ideal), where=ideal > 0),
             "lateral_colour": np.array([[b.height - h for b in row] for row, h in zip(bundles, heights, strict=True)]),
-            "real_illumination": np.array([[b.solid_angle / a.solid_angle for b, a in zip(row, axis, strict=False)] for row in bundles]),
+            "real_illumination": np.array(
+                [[b.solid_angle / a.solid_angle for b, a in zip(row, axis, strict=False)] for row in bundles]
+            ),
         }
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:

@@ -3,8 +3,9 @@
 In:  ``mosaic_linear`` (y, x), 1 at clipping; Bayer masks.
 Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
 
-OpenCV works on whole numbers: ``codes`` says how. Its borders are copies of its inner pixels, and frames of less than a few pixels come
-back as they were allocated: the frame is mirrored about its outermost samples first, which keeps the colours in their places.
+OpenCV works on whole numbers: ``codes`` says how. Its borders are copies of its inner pixels, and frames of less than a
+few pixels come back as they were allocated: the frame is mirrored about its outermost samples first, which keeps the
+colours in their places.
 """
 
 from __future__ import annotations
@@ -48,12 +49,16 @@ class Bilinear(Stage):
         """The Bayer order as a window sees it that starts at this pixel of the sensor."""
         name = None if self.pattern.endswith(".csv") else cfa.parse(self.pattern).bayer
         if name is None:
-            raise ValueError(f"OpenCV knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use demosaic_any")
+            raise ValueError(
+                f"OpenCV knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use demosaic_any"
+            )
         return cfa.shifted_bayer(name, row, column)
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         if min(mosaic_linear.shape) < 2:
-            raise ValueError(f"a frame of {' x '.join(map(str, mosaic_linear.shape))} has no two colours along both of its sides")
+            raise ValueError(
+                f"a frame of {' x '.join(map(str, mosaic_linear.shape))} has no two colours along both of its sides"
+            )
         codes = Codes(self.largest, self.bits)
         order = self.order(round(float(y[0])), round(float(x[0])))
         mirrored = np.pad(codes.of(mosaic_linear), MARGIN, mode="reflect")

@@ -35,7 +35,10 @@ class LocalWiener(Stage):
     def run(self, data: Any) -> dict[str, Any]:
         picture = data["rgb_camera"]
         found = xarray.apply_ufunc(
-            lambda plane: scipy.signal.wiener(plane, self.size, self.noise), picture.astype(float), input_core_dims=[["y", "x"]],
-            output_core_dims=[["y", "x"]], vectorize=True,
-        )  # fmt: skip
+            lambda plane: scipy.signal.wiener(plane, self.size, self.noise),
+            picture.astype(float),
+            input_core_dims=[["y", "x"]],
+            output_core_dims=[["y", "x"]],
+            vectorize=True,
+        )
         return {"rgb_camera": found.astype(picture.dtype)}

@@ -19,7 +19,9 @@ PICTURE = {"rgb_camera": "channel y x [1]"}
 
 @dataclass(frozen=True, kw_only=True)
 class NonLocalMeans(Stage):
-    """scikit-image's non-local means (Buades, Coll and Morel 2005): means of patches that look alike, all channels together."""
+    """scikit-image's non-local means (Buades, Coll and Morel 2005): means of patches that look alike, all channels
+    together.
+    """
 
     role: ClassVar = "denoising"
     reads: ClassVar = PICTURE
@@ -37,15 +39,24 @@ class NonLocalMeans(Stage):
 
     def run(self, rgb_camera: Any) -> dict[str, Any]:
         found = skimage.restoration.denoise_nl_means(
-            np.asarray(rgb_camera, np.float64), self.patch, self.reach, h=max(self.smoothing * self.sigma, 1e-6), sigma=self.sigma,
-            fast_mode=False, channel_axis=0,
-        )  # fmt: skip
-        return {"rgb_camera": found.reshape(rgb_camera.shape).astype(rgb_camera.dtype)}  # a side of one is dropped by scikit-image
+            np.asarray(rgb_camera, np.float64),
+            self.patch,
+            self.reach,
+            h=max(self.smoothing * self.sigma, 1e-6),
+            sigma=self.sigma,
+            fast_mode=False,
+            channel_axis=0,
+        )
+        return {
+            "rgb_camera": found.reshape(rgb_camera.shape).astype(rgb_camera.dtype)
+        }  # a side of one is dropped by scikit-image
 
 
 @dataclass(frozen=True, kw_only=True)
 class RichardsonLucy(Stage):
-    """scikit-image's Richardson-Lucy, each channel by its own point-spread function, which the pixel in front of it has."""
+    """scikit-image's Richardson-Lucy, each channel by its own point-spread function, which the pixel in front of it
+    has.
+    """
 
     role: ClassVar = "sharpening"
     reads: ClassVar = {**PICTURE, "transfers": "*.transfer [1]"}

@@ -1,4 +1,6 @@
-"""What this distribution brings to etendue: three demosaicers, two ways to take noise out of a picture, a deconvolution."""
+"""What this distribution brings to etendue: three demosaicers, two ways to take noise out of a picture, a
+deconvolution.
+"""
 
 from __future__ import annotations
 

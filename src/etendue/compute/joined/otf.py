@@ -20,7 +20,9 @@ from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, state_of
 from etendue.transfer.products import Product, behind_filters, between, weights
 
-REMEMBERED = 64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
+REMEMBERED = (
+    64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
+)
 BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square the diagonal is taken
 
 
@@ -38,12 +40,18 @@ def transfers_of(job: Job) -> list[tuple[str, Otf]]:
         if isinstance(stage, Transfer):
             parts = tuple((n, s) for n, s in (every[i] for i in chains[number]) if isinstance(s, Transfer))
             behind = _behind(number, every, chains) if isinstance(stage, Summed) else ()
-            found.append((name, Otf(parts, look.bands, look.rendered, grids[number], whole[number], behind, look.light)))
+            found.append(
+                (name, Otf(parts, look.bands, look.rendered, grids[number], whole[number], behind, look.light))
+            )
     return found
 
 
-def _behind(pixel: int, every: Sequence[tuple[str, Stage]], chains: Sequence[Sequence[int]]) -> tuple[tuple[str, ChannelTransfer], ...]:
-    """The stages that move charge behind a pixel stage, one behind the other; where light goes several ways, on the first."""
+def _behind(
+    pixel: int, every: Sequence[tuple[str, Stage]], chains: Sequence[Sequence[int]]
+) -> tuple[tuple[str, ChannelTransfer], ...]:
+    """The stages that move charge behind a pixel stage, one behind the other; where light goes several ways, on the
+    first.
+    """
     found: list[int] = []
     for number, (_, stage) in enumerate(every):
         if isinstance(stage, ChannelTransfer) and stage.moves_charge() and {pixel, *found} <= set(chains[number]):
@@ -58,14 +66,15 @@ def weights_of(stage: Summed, edges: tuple[float, ...]) -> Any:
 
 @dataclass(frozen=True)
 class Otf:
-    """The product of the transfer functions of some stages. Frequencies in cycles/um; values are 1 at 0, complex where shifted.
+    """The product of the transfer functions of some stages. Frequencies in cycles/um; values are 1 at 0, complex where
+    shifted.
 
     ``parts`` are (name, stage) in the order of the light, ``edges`` those of the bands. What a plan has left out is
-    among them: it is asked of the stages, not of the arrays. ``grid`` is that of what the last of them writes. ``whole`` is
-    False where a stage in front moves light without being a transfer function (a warp, a blur that changes over the field):
-    then no product is all that light meets. ``behind`` are the stages that move charge between pixels, where the last part is a pixel:
-    no product holds them, ``channels`` and ``channels_along`` do. ``light`` is that of a white surface in front of the pixel by band, the
-    largest 1; None where nobody says.
+    among them: it is asked of the stages, not of the arrays. ``grid`` is that of what the last of them writes.
+    ``whole`` is False where a stage in front moves light without being a transfer function (a warp, a blur that changes
+    over the field): then no product is all that light meets. ``behind`` are the stages that move charge between pixels,
+    where the last part is a pixel: no product holds them, ``channels`` and ``channels_along`` do. ``light`` is that of
+    a white surface in front of the pixel by band, the largest 1; None where nobody says.
     """
 
     parts: tuple[tuple[str, Transfer], ...]
@@ -100,13 +109,16 @@ class Otf:
         return product
 
     def channels(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
-        """(channel, m, n) at all pairs of frequencies: grey detail behind each filter, with the charge that moves between pixels.
+        """(channel, m, n) at all pairs of frequencies: grey detail behind each filter, with the charge that moves
+        between pixels.
 
         ``light``: (band,) of a white surface, of any scale; None: the same in every band. ``weights``: those of the
         pixel, where it is left out.
         """
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
-        return self._of_channels(self.plane(fy, fx), lambda stage, white: self._between(stage, fy, fx, white), light, weights)
+        return self._of_channels(
+            self.plane(fy, fx), lambda stage, white: self._between(stage, fy, fx, white), light, weights
+        )
 
     def channels_along(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
         """(channel, n): the same at points (n,) of a line in any direction."""
@@ -145,7 +157,9 @@ class Otf:
 
     def once(self, what: Hashable, make: Callable[[], Any]) -> Any:
         """``make()``, remembered by the values of these stages; ``what`` names it and all else that it depends on."""
-        return TABLES.get(("of a product", what, tuple(state_of(stage) for _, stage in self.stages), self.edges, self.rendered), make)
+        return TABLES.get(
+            ("of a product", what, tuple(state_of(stage) for _, stage in self.stages), self.edges, self.rendered), make
+        )
 
     @property
     def weights(self) -> Any:

@@ -83,7 +83,9 @@ class GridTransfer:
             self.plane.multiply(half_transform, self.table[band])
         else:
             own = self.band(band)
-            half_transform *= own.astype(np.result_type(half_transform.real if own.dtype.kind == "f" else half_transform), copy=False)
+            half_transform *= own.astype(
+                np.result_type(half_transform.real if own.dtype.kind == "f" else half_transform), copy=False
+            )
 
     def gathered(self, weights: Any, basis: Any, half_transforms: Any) -> Any:
         """(channel, Ny, Nh): sum_k u_ck(f) S_k over the transforms of the gathered planes."""
@@ -153,7 +155,9 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     fx = sampling.frequencies(x.size, x.step, half=True, share=kept)[None, :]
     last = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
     if last.shape[0] > 1:
-        raise ValueError(f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum")
+        raise ValueError(
+            f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum"
+        )
     last = last.reshape(last.shape[-2:]).astype(np.result_type(channels.real if last.dtype.kind == "f" else channels))
     out, where = job.grids[name], []
     for dim, line in (("y", y), ("x", x)):
@@ -171,9 +175,18 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
 
 
 def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int) -> Any:
-    """Half transforms of the channels in front of their pixels: the same for pixels of any size, and kept for the next of them."""
+    """Half transforms of the channels in front of their pixels: the same for pixels of any size, and kept for the
+    next of them.
+    """
     assert job.segment is not None
-    own = ("channels", job.segment.source, tuple(state_of(stage) for stage in joined.stages), shares.tobytes(), terms, job.precision)
+    own = (
+        "channels",
+        job.segment.source,
+        tuple(state_of(stage) for stage in joined.stages),
+        shares.tobytes(),
+        terms,
+        job.precision,
+    )
 
     def remembered(made: Any, planes: int, *more: Any) -> Any:
         size = planes * 2 * np.dtype(job.precision).itemsize * light.shape[1] * light.shape[2]
@@ -187,13 +200,19 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
     def fitted() -> Any:
         highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
         frequency = np.linspace(0.0, highest, expansion.FITTED)
-        return expansion.band_basis(shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency))
+        return expansion.band_basis(
+            shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency)
+        )
 
     def channels() -> Any:
         basis = fitted()
-        transforms = remembered(lambda: tuple(frozen(sampling.transform(plane)) for plane in _gathered(light, basis)), terms)
+        transforms = remembered(
+            lambda: tuple(frozen(sampling.transform(plane)) for plane in _gathered(light, basis)), terms
+        )
         found = np.zeros((live.size, *joined.shape), dtype=transforms[0].dtype)
-        found[live] = joined.gathered(shares[live], basis, (sampling.low_terms(one, joined.shape) for one in transforms))
+        found[live] = joined.gathered(
+            shares[live], basis, (sampling.low_terms(one, joined.shape) for one in transforms)
+        )
         return frozen(found)
 
     return remembered(channels, shares.shape[0], joined.kept)

@@ -70,7 +70,11 @@ class CellTransfer:
 
         def make() -> Any:
             found = cells.folded(self.otf(band), self.reach(band), *self.axes, along_y, along_x)
-            kind = np.result_type(np.dtype(self.precision), np.complex64) if np.iscomplexobj(found) else np.dtype(self.precision)
+            kind = (
+                np.result_type(np.dtype(self.precision), np.complex64)
+                if np.iscomplexobj(found)
+                else np.dtype(self.precision)
+            )
             return found.astype(kind)
 
         return TABLES.get(("cells", *self._key, band, self.precision, what), make)
@@ -90,12 +94,16 @@ class BlurredCells(Banded):
     def __getitem__(self, band: int) -> Any:
         plane = np.asarray(self.light[band])
         y, x = self.joined.axes
-        half = sampling.transform(plane) * self.joined.table(band, "means", cells.mean_rule(y, False), cells.mean_rule(x, True))
+        half = sampling.transform(plane) * self.joined.table(
+            band, "means", cells.mean_rule(y, False), cells.mean_rule(x, True)
+        )
         return without_rounding(sampling.planes_of(half, *self.shape[1:]), plane)
 
 
 def without_rounding(found: Any, given: Any) -> Any:
-    """Light that is negative by no more than rounding is none; ``given`` holds no negative light, or nothing is done."""
+    """Light that is negative by no more than rounding is none; ``given`` holds no negative light, or nothing is
+    done.
+    """
     if given.size and given.min() >= 0:
         least = -ROUNDING * np.finfo(given.dtype).eps * given.max()
         np.copyto(found, 0.0, where=(found < 0) & (found >= least))
@@ -119,7 +127,9 @@ def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
 
 
 def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
-    """Sums over bands at the pixels: by folding where the pitch is a whole number of cells, else by an extended transform."""
+    """Sums over bands at the pixels: by folding where the pitch is a whole number of cells, else by an extended
+    transform.
+    """
     prepared = prepared_of(end, job.input_grids, job.grids)
     weights: Any = weights_of(end, prepared).astype(float)
     (out,) = job.grids.values()
@@ -129,21 +139,33 @@ def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfe
     windows = cell_pixels.box_of(alone.otf(0), max(step for _, _, step, _ in lines))
     if windows is None:  # its transfer function counts like any other
         joined, windows = CellTransfer(before, grid, job.precision, (end, prepared)), ((0.0, 0.0), (0.0, 0.0))
-    starts = [(start + place - line.start) / line.step for (line, start, _, _), (_, place) in zip(lines, windows, strict=True)]
+    starts = [
+        (start + place - line.start) / line.step for (line, start, _, _), (_, place) in zip(lines, windows, strict=True)
+    ]
     steps = [step / line.step for line, _, step, _ in lines]
     brightest = np.zeros((2, weights.shape[1]))
-    if all(abs(step - round(step)) * size < 1e-6 and round(step) >= 1 for step, (_, _, _, size) in zip(steps, lines, strict=True)):
+    if all(
+        abs(step - round(step)) * size < 1e-6 and round(step) >= 1
+        for step, (_, _, _, size) in zip(steps, lines, strict=True)
+    ):
         found = _folded_pixels(light, joined, weights, lines, windows, starts, steps, brightest)
     else:
         transforms = []
         for band, plane in enumerate(in_order(light)):
             transforms.append(sampling.transform(_noted(plane, brightest, band)))
         bands = range(len(transforms))
-        centres = [start + step * np.arange(size) for start, step, (_, _, _, size) in zip(starts, steps, lines, strict=True)]
+        centres = [
+            start + step * np.arange(size) for start, step, (_, _, _, size) in zip(starts, steps, lines, strict=True)
+        ]
         found = cell_pixels.evaluated(
-            [joined.otf(b) for b in bands], [joined.reach(b) for b in bands], weights, np.stack(transforms), *joined.axes,
-            (centres[0], centres[1]), (windows[0][0], windows[1][0]),
-        )  # fmt: skip
+            [joined.otf(b) for b in bands],
+            [joined.reach(b) for b in bands],
+            weights,
+            np.stack(transforms),
+            *joined.axes,
+            (centres[0], centres[1]),
+            (windows[0][0], windows[1][0]),
+        )
     if (weights >= 0).all():
         limits = np.stack([weights @ brightest[0], weights @ brightest[1]])
         for channel, plane in enumerate(found):
@@ -165,7 +187,10 @@ def _folded_pixels(
     nearest = [round(start) for start in starts]
     offsets = [0.0 if abs(start - near) < 1e-9 else start - near for start, near in zip(starts, nearest, strict=True)]
     widths = [width for width, _ in windows]
-    along_y, along_x = cells.window_rule(y, widths[0], offsets[0], False), cells.window_rule(x, widths[1], offsets[1], True)
+    along_y, along_x = (
+        cells.window_rule(y, widths[0], offsets[0], False),
+        cells.window_rule(x, widths[1], offsets[1], True),
+    )
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
         half = sampling.transform(_noted(plane, brightest, band))

@@ -27,10 +27,11 @@ from etendue.transfer.products import Product, weights
 
 @dataclass
 class Result:
-    """What later cells read: arrays, the transform inside a segment, and the smallest value of an array once somebody asked (NaN:
-    it holds undefined values).
+    """What later cells read: arrays, the transform inside a segment, and the smallest value of an array once somebody
+    asked (NaN: it holds undefined values).
 
-    ``untouched`` is the segment's input where all of the segment was left out so far: then it is the result, bit by bit.
+    ``untouched`` is the segment's input where all of the segment was left out so far: then it is the result, bit by
+    bit.
     """
 
     arrays: dict[str, Any] = field(default_factory=dict)
@@ -48,7 +49,9 @@ class Result:
 
 
 def _on_grid(job: Job, stage: Transfer) -> Any:
-    """(band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid, remembered."""
+    """(band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
+    remembered.
+    """
     grid = job.input_grids[job.inputs[0][0]]
     y, x = grid.line("y"), grid.line("x")
     edges = grid.bands().edges
@@ -57,7 +60,9 @@ def _on_grid(job: Job, stage: Transfer) -> Any:
         fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
         fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
         value = Product((stage,), edges, lambda own, _: prepared_of(own, job.input_grids, job.grids)).at(fy, fx)
-        kind = np.result_type(np.dtype(job.precision), np.complex64) if np.iscomplexobj(value) else np.dtype(job.precision)
+        kind = (
+            np.result_type(np.dtype(job.precision), np.complex64) if np.iscomplexobj(value) else np.dtype(job.precision)
+        )
         return np.ascontiguousarray(value, dtype=kind)
 
     return TABLES.get(("transfer", state_of(stage), y, x, edges, job.precision), make)

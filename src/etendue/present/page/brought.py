@@ -21,7 +21,10 @@ from etendue.present.page.opened import Opened
 
 PNG = b"\x89PNG\r\n\x1a\n"
 DATA = "data:image/png;base64,"
-FORM = "expected a list of {'paragraph': text}, {'table': {'head': [...], 'rows': [[...]]}} and {'picture': bytes of a PNG, 'alt': text}"
+FORM = (
+    "expected a list of {'paragraph': text}, {'table': {'head': [...], 'rows': [[...]]}} and {'picture': bytes of a "
+    "PNG, 'alt': text}"
+)
 
 
 @dataclass(frozen=True)
@@ -34,15 +37,19 @@ class Section:
 
 def wordings(opened: Opened) -> dict[str, Any]:
     """What things are called on a page, by the distributions whose stages an archive is of, and which go first."""
-    stages = frozenset(str(one).partition(" ")[0] for node in opened.record["nodes"].values() for one in node.get("distributions", ()))
+    stages = frozenset(
+        str(one).partition(" ")[0] for node in opened.record["nodes"].values() for one in node.get("distributions", ())
+    )
     known = set(quantities.names())
     order = [name for name in wording.first("quantities") if name in known]
     off = {name: value for name in order if (value := quantities.declared(name).off) is not None}
     return {
-        "words": dict(wording.words(stages)), "spelling": dict(wording.spelling()),
+        "words": dict(wording.words(stages)),
+        "spelling": dict(wording.spelling()),
         "bins": [d for d in dims.declared_dims() if dims.dim(d).bins],
-        "first": {"curves": list(wording.first("curves")), "quantities": order, "off": off}, "shares": shared_out(),
-    }  # fmt: skip
+        "first": {"curves": list(wording.first("curves")), "quantities": order, "off": off},
+        "shares": shared_out(),
+    }
 
 
 def sections(opened: Opened) -> list[dict[str, Any]]:
@@ -81,7 +88,12 @@ def _block(one: Any, what: str) -> dict[str, Any]:
         head, rows = own["table"].get("head"), own["table"].get("rows")
         lists = isinstance(head, list | tuple) and isinstance(rows, list | tuple)
         if lists and all(isinstance(row, list | tuple) and len(row) == len(head) for row in rows):
-            return {"table": {"head": [str(text) for text in head], "rows": [[_value(value) for value in row] for row in rows]}}
+            return {
+                "table": {
+                    "head": [str(text) for text in head],
+                    "rows": [[_value(value) for value in row] for row in rows],
+                }
+            }
     picture = own.get("picture")
     if isinstance(picture, bytes) and picture.startswith(PNG):
         picture = DATA + base64.b64encode(picture).decode()

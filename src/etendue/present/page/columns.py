@@ -1,7 +1,8 @@
 """Columns of numbers packed for a page: one blob for all of them, in a hundredth of the room that JSON would take.
 
 In:  arrays.
-Out: for each where it lies; the blob as text: base64 of deflated bytes, the n-th bytes of all numbers of a column beside each other.
+Out: for each where it lies; the blob as text: base64 of deflated bytes, the n-th bytes of all numbers of a column
+     beside each other.
 """
 
 from __future__ import annotations

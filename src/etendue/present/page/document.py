@@ -31,8 +31,12 @@ FORMAT = 1
 MOST_ROWS = 400_000  # cells whose rows are in the page; of more there are the sums
 
 
-def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """All that is shown. ``about``: what is said of installed stages, by name; ``pictures``: those that the page carries."""
+def document(
+    opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """All that is shown. ``about``: what is said of installed stages, by name; ``pictures``: those that the page
+    carries.
+    """
     columns = Columns()
     table = ledger(opened)
     found, omitted = figures(opened)
@@ -71,7 +75,10 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
         "shared": _shared(opened),
         "figures": [_figure(one, columns) for one in found],
         "omitted": [vars(one) for one in omitted],
-        "pictured": [{"stage": stage, "variable": variable, **_said(opened, stage, variable)} for stage, variable in pictured(opened)],
+        "pictured": [
+            {"stage": stage, "variable": variable, **_said(opened, stage, variable)}
+            for stage, variable in pictured(opened)
+        ],
         "pictures": dict(pictures or {}),
         "cells": _cells(opened, table, columns),
         "omissions": omissions(table),
@@ -99,7 +106,9 @@ def plain(value: Any) -> Any:
 
 
 def start_of(opened: Opened) -> dict[str, int]:
-    """Where a page begins without a choice, as the contact sheet: the pipeline's own value where it is on the axis, else the middle."""
+    """Where a page begins without a choice, as the contact sheet: the pipeline's own value where it is on the axis,
+    else the middle.
+    """
     written = _pipeline(opened)
     said = {
         *(name for table in tables() for name in written.get(table, {})),
@@ -118,10 +127,13 @@ def start_of(opened: Opened) -> dict[str, int]:
 def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
     """What says which stage the losses are owed to, at the cell where the page begins.
 
-    '' where it holds no pipeline file, and where stages or presets are swept: a name along such an axis stands for a table of the sweep.
+    '' where it holds no pipeline file, and where stages or presets are swept: a name along such an axis stands for a
+    table of the sweep.
     """
     last = sorted((opened.folder / "runs").glob("*.toml"))
-    if not last or any(len(axis.values) > 1 and (axis.key in preset_keys() or axis.key.endswith(".use")) for axis in opened.axes):
+    if not last or any(
+        len(axis.values) > 1 and (axis.key in preset_keys() or axis.key.endswith(".use")) for axis in opened.axes
+    ):
         return ""
     words = ["etendue", "losses", f"{opened.folder.resolve().name}/runs/{last[-1].name}"]
     for axis in opened.axes:
@@ -147,7 +159,14 @@ def _shared(opened: Opened) -> list[dict[str, Any]]:
         if name in used and name not in swept:
             quantity = quantities.declared(name) if name in quantities.names() else None
             units = quantity.units if quantity else ""
-            rows.append({"name": name, "value": value, "units": "" if units == "1" else units, "what": quantity.doc if quantity else ""})
+            rows.append(
+                {
+                    "name": name,
+                    "value": value,
+                    "units": "" if units == "1" else units,
+                    "what": quantity.doc if quantity else "",
+                }
+            )
     return rows
 
 
@@ -160,16 +179,24 @@ def _said(opened: Opened, stage: str, variable: str) -> dict[str, str]:
 def _figure(one: Figure, columns: Columns) -> dict[str, Any]:
     dims = [
         {
-            "name": dim, "size": size,
+            "name": dim,
+            "size": size,
             "coordinates": [_coordinate(c, columns) for c in one.coordinates[dim]],
         }
         for dim, size in zip(one.dims, one.values.shape[len(one.axes) :], strict=True)
-    ]  # fmt: skip
+    ]
     return {
-        "stage": one.stage, "variable": one.variable, "label": one.label, "units": one.units, "axes": list(one.axes), "dims": dims,
-        "meanings": list(one.meanings), "better": variable(one.variable).better, "curve": variable(one.variable).curve,
+        "stage": one.stage,
+        "variable": one.variable,
+        "label": one.label,
+        "units": one.units,
+        "axes": list(one.axes),
+        "dims": dims,
+        "meanings": list(one.meanings),
+        "better": variable(one.variable).better,
+        "curve": variable(one.variable).curve,
         "data": columns.put(one.values),
-    }  # fmt: skip
+    }
 
 
 def _coordinate(one: Coordinate, columns: Columns) -> dict[str, Any]:
@@ -198,9 +225,14 @@ def _provenance(opened: Opened) -> dict[str, Any]:
     record = opened.record
     last = sorted((opened.folder / "runs").glob("*.toml"))
     return {
-        "began": str(record.get("began", "")), "runs": len(opened.runs), "platform": record.get("platform", {}),
-        "libraries": record.get("libraries", {}), "options": record.get("options", {}), "overrides": record.get("overrides", {}),
-        "preset": str(record.get("preset", "")), "text": str(record.get("text", "")),
+        "began": str(record.get("began", "")),
+        "runs": len(opened.runs),
+        "platform": record.get("platform", {}),
+        "libraries": record.get("libraries", {}),
+        "options": record.get("options", {}),
+        "overrides": record.get("overrides", {}),
+        "preset": str(record.get("preset", "")),
+        "text": str(record.get("text", "")),
         "distributions": sorted({d for node in record["nodes"].values() for d in node.get("distributions", [])}),
         "pipeline_file": f"runs/{last[-1].name}" if last else "",
-    }  # fmt: skip
+    }

@@ -1,7 +1,8 @@
 """The figures of an archive: every variable that is no picture, over all axes that reach it.
 
 In:  an archive opened to be shown.
-Out: ``Figure``s: numbers over axes, then over dims of their own (stages, channels, frequencies), with the coordinates of those.
+Out: ``Figure``s: numbers over axes, then over dims of their own (stages, channels, frequencies), with the coordinates
+     of those.
 """
 
 from __future__ import annotations
@@ -88,9 +89,16 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[Group]) -> Figur
     attrs = groups[0].data[name].attrs
     units = str(attrs.get("units", "1"))
     return Figure(
-        stage, name, str(attrs.get("long_name", name)) + without(attrs), "" if units == "1" else units, axes, dims, values,
-        {dim: _coordinates(opened, widest, dim) for dim in dims}, _meanings(groups[0], name),
-    )  # fmt: skip
+        stage,
+        name,
+        str(attrs.get("long_name", name)) + without(attrs),
+        "" if units == "1" else units,
+        axes,
+        dims,
+        values,
+        {dim: _coordinates(opened, widest, dim) for dim in dims},
+        _meanings(groups[0], name),
+    )
 
 
 def _arrays(opened: Opened, groups: list[Group], name: str) -> Iterator[tuple[Group, tuple[int, ...], Any]]:
@@ -120,7 +128,11 @@ def _coordinates(opened: Opened, group: Group, dim: str) -> list[Coordinate]:
     """What stands along a dim; the one with its own name first."""
     found = []
     for name, own in group.data.coords.items():
-        if dim not in own.dims or any(other != dim and other not in group.axes for other in own.dims) or own.dims[-1] != dim:
+        if (
+            dim not in own.dims
+            or any(other != dim and other not in group.axes for other in own.dims)
+            or own.dims[-1] != dim
+        ):
             continue
         axes = tuple(str(other) for other in own.dims[:-1])
         values = own.to_numpy()

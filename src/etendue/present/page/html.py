@@ -18,9 +18,18 @@ from typing import Any
 from etendue.present.page.document import plain
 
 SCRIPTS = (
-    "base.js", "charts.js", "maps.js", "panels.js", "sections.js", "opening.js", "explore.js", "tables.js", "live.js", "panes.js",
+    "base.js",
+    "charts.js",
+    "maps.js",
+    "panels.js",
+    "sections.js",
+    "opening.js",
+    "explore.js",
+    "tables.js",
+    "live.js",
+    "panes.js",
     "start.js",
-)  # fmt: skip
+)
 
 
 @cache
@@ -39,11 +48,18 @@ def page(document: Mapping[str, Any], live: bool = False) -> str:
     style, script = static("page.css"), _script()
     policy = "; ".join(
         [
-            "default-src 'none'", f"script-src '{_digest(script)}'", f"style-src '{_digest(style)}'", "img-src data: blob:",
-            "connect-src 'self'" if live else "connect-src 'none'", "base-uri 'none'", "form-action 'none'",
+            "default-src 'none'",
+            f"script-src '{_digest(script)}'",
+            f"style-src '{_digest(style)}'",
+            "img-src data: blob:",
+            "connect-src 'self'" if live else "connect-src 'none'",
+            "base-uri 'none'",
+            "form-action 'none'",
         ]
-    )  # fmt: skip
-    names = dict.fromkeys([str(document["name"]), str(document.get("archive", document["name"]))])  # of the pipeline, of the folder
+    )
+    names = dict.fromkeys(
+        [str(document["name"]), str(document.get("archive", document["name"]))]
+    )  # of the pipeline, of the folder
     parts = {
         "policy": policy,
         "title": html.escape(" · ".join([*names, "etendue"])),

@@ -1,7 +1,8 @@
 """What the live page asks of an archive: how far it is, pictures, values under the pointer, lines, histograms.
 
 In:  the folder of an archive; a question and its words.
-Out: JSON or pixels. Arrays are those of the store, held against its digests; of a running sweep every cell that is finished.
+Out: JSON or pixels. Arrays are those of the store, held against its digests; of a running sweep every cell that is
+     finished.
 """
 
 from __future__ import annotations
@@ -63,9 +64,14 @@ class Live:
         self._seen, self._state, self._cost = time.monotonic(), self._stat(), 0.5
         self._made()
         self.answers: dict[str, Callable[[Words], tuple[str, bytes, dict[str, str]]]] = {
-            "": self._page, "state": self._now, "document": self._document, "picture": self._picture, "probe": self._probe,
-            "line": self._line, "histogram": self._histogram,
-        }  # fmt: skip
+            "": self._page,
+            "state": self._now,
+            "document": self._document,
+            "picture": self._picture,
+            "probe": self._probe,
+            "line": self._line,
+            "histogram": self._histogram,
+        }
 
     def _stat(self) -> tuple[int, int]:
         found = (self.folder / JOURNAL).stat()
@@ -126,10 +132,13 @@ class Live:
             failed = sum(1 for _ in self.opened.stored.journal.said.having("failed"))
             return _json(
                 {
-                    **self.opened.progress, "running": self.opened.running, "ended": self.opened.ended, "serial": self.serial,
+                    **self.opened.progress,
+                    "running": self.opened.running,
+                    "ended": self.opened.ended,
+                    "serial": self.serial,
                     "failed": failed,
                 }
-            )  # fmt: skip
+            )
 
     def _picture(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
         try:
@@ -140,13 +149,23 @@ class Live:
         pixels = one.eight_bit(gain)
         rgba = np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
         said = {
-            "width": one.size[1], "height": one.size[0], "y": one.origin[0], "x": one.origin[1], "dy": one.step[0], "dx": one.step[1],
-            "plane": one.on_plane, "scaled": one.scaled, "white": one.bright, "units": one.units,
-        }  # fmt: skip
+            "width": one.size[1],
+            "height": one.size[0],
+            "y": one.origin[0],
+            "x": one.origin[1],
+            "dy": one.step[0],
+            "dx": one.step[1],
+            "plane": one.on_plane,
+            "scaled": one.scaled,
+            "white": one.bright,
+            "units": one.units,
+        }
         return "application/octet-stream", rgba.tobytes(), {"X-Picture": json.dumps(plain(said), allow_nan=False)}
 
     def _probe(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Values at one place behind every stage: at ``y``, ``x`` (um, or samples), or as shares ``v``, ``u`` of the picture."""
+        """Values at one place behind every stage: at ``y``, ``x`` (um, or samples), or as shares ``v``, ``u`` of the
+        picture.
+        """
         at, on_plane = self._at(words), words.get("plane") == "1"
         rows = []
         for stage, variable in pictured(self.opened):
@@ -169,10 +188,16 @@ class Live:
             values = np.asarray(one.array[..., place[0], place[1]]).ravel()
             rows.append(
                 {
-                    **row, "row": place[0], "column": place[1], "units": one.units, "filter": one.filter_at(*place),
-                    "values": values.tolist(), "labels": _labels(one), "dims": list(one.dims),
+                    **row,
+                    "row": place[0],
+                    "column": place[1],
+                    "units": one.units,
+                    "filter": one.filter_at(*place),
+                    "values": values.tolist(),
+                    "labels": _labels(one),
+                    "dims": list(one.dims),
                 }
-            )  # fmt: skip
+            )
         return _json({"rows": rows})
 
     def _line(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
@@ -188,15 +213,27 @@ class Live:
             own = mask[:, number] if upright else mask[number]
             if own.any():
                 series[name] = [
-                    v if keep else None for v, keep in zip(values[:LONGEST].astype(float).tolist(), own[:LONGEST].tolist(), strict=True)
+                    v if keep else None
+                    for v, keep in zip(values[:LONGEST].astype(float).tolist(), own[:LONGEST].tolist(), strict=True)
                 ]
         axis = 0 if upright else 1
-        return _json({"series": series, "start": one.origin[axis], "step": one.step[axis], "plane": one.on_plane, "units": one.units})
+        return _json(
+            {
+                "series": series,
+                "start": one.origin[axis],
+                "step": one.step[axis],
+                "plane": one.on_plane,
+                "units": one.units,
+            }
+        )
 
     def _histogram(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
         """Counts by channel over some rows and columns, with mean, standard deviation and the shares at the ends."""
         one = self._asked(words)
-        bounds = [int(_number(words, name, default)) for name, default in zip(("y0", "y1", "x0", "x1"), (0, 1e9, 0, 1e9), strict=True)]
+        bounds = [
+            int(_number(words, name, default))
+            for name, default in zip(("y0", "y1", "x0", "x1"), (0, 1e9, 0, 1e9), strict=True)
+        ]
         region = (slice(max(0, bounds[0]), max(0, bounds[1])), slice(max(0, bounds[2]), max(0, bounds[3])))
         planes = [(name, plane[region][mask[region]]) for name, plane, mask in _planes(one)]
         planes = [(name, values[np.isfinite(values)].astype(float)) for name, values in planes]
@@ -210,15 +247,21 @@ class Live:
             counts, _ = np.histogram(values, BINS, (low, high if high > low else low + 1))
             channels.append(
                 {
-                    "name": name, "counts": counts.tolist(), "samples": int(values.size), "mean": float(values.mean()),
-                    "deviation": float(values.std()), "at_zero": float((values <= 0).mean()),
+                    "name": name,
+                    "counts": counts.tolist(),
+                    "samples": int(values.size),
+                    "mean": float(values.mean()),
+                    "deviation": float(values.std()),
+                    "at_zero": float((values <= 0).mean()),
                     "at_top": None if ceiling is None else float((values >= ceiling * (1 - 1e-6)).mean()),
                 }
-            )  # fmt: skip
+            )
         return _json({"channels": channels, "low": low, "high": high, "units": one.units, "ceiling": ceiling})
 
     def _ceiling(self, one: Picture) -> float | None:
-        """The value above which nothing is told apart: the largest whole number, 1 of what is relative to clipping or white."""
+        """The value above which nothing is told apart: the largest whole number, 1 of what is relative to clipping
+        or white.
+        """
         if name := units().get(one.units, Unit()).bits:
             shown = self.opened.record["nodes"].get(one.group.stage, {}).get("shown", {})
             bits = shown.get(name, self.opened.record["shared"].get(name))
@@ -296,7 +339,9 @@ def _labels(one: Picture) -> list[str]:
 
 
 def _planes(one: Picture) -> list[tuple[str, Any, Any]]:
-    """(name, plane, where it is told of) of each channel; of a pattern the same plane for each of its letters; of many bands their mean."""
+    """(name, plane, where it is told of) of each channel; of a pattern the same plane for each of its letters; of
+    many bands their mean.
+    """
     array = one.array
     for dim in one.dims:
         if dim not in flat_dims():
@@ -309,4 +354,7 @@ def _planes(one: Picture) -> list[tuple[str, Any, Any]]:
     letters = one.filter_letters()
     if letters is None:
         return [("", np.asarray(array), everywhere)]
-    return [(str(letter), np.asarray(array), letters == letter) for letter in dict.fromkeys(letters.ravel()[: 64 * one.size[1]].tolist())]
+    return [
+        (str(letter), np.asarray(array), letters == letter)
+        for letter in dict.fromkeys(letters.ravel()[: 64 * one.size[1]].tolist())
+    ]

@@ -1,4 +1,5 @@
-"""How an array of an archive looks on the page: ``plots.pictures`` asked at a place on the axes, and where it lies on the image plane.
+"""How an array of an archive looks on the page: ``plots.pictures`` asked at a place on the axes, and where it lies on
+the image plane.
 
 In:  an archive opened to be shown; a stage, a variable, places on the axes.
 Out: ``Picture``: the array as it was stored, where it lies on the image plane, and itself in 8-bit sRGB.
@@ -66,7 +67,10 @@ class Picture:
         if dim not in self.group.data.coords:
             return [str(i) for i in range(int(self.group.data.sizes[dim]))]
         units = str(self.group.data[dim].attrs.get("units", "1"))
-        return [f"{v:g} {units}".removesuffix(" 1") if isinstance(v, float) else str(v) for v in self.group.data[dim].to_numpy().tolist()]
+        return [
+            f"{v:g} {units}".removesuffix(" 1") if isinstance(v, float) else str(v)
+            for v in self.group.data[dim].to_numpy().tolist()
+        ]
 
     @cached_property
     def one(self) -> xarray.DataArray:
@@ -96,7 +100,9 @@ class Picture:
         """The linear value that is shown as white: the same for all stages of a kind, as far as they are there."""
         opened, stages = self.opened, pictured(self.opened)
         order = [
-            Pictured(name, opened.groups[stage][0].variables[name], drawn_of(opened, stage, name), opened.reaching(stage))
+            Pictured(
+                name, opened.groups[stage][0].variables[name], drawn_of(opened, stage, name), opened.reaching(stage)
+            )
             for stage, name in stages
         ]
         number = stages.index((self.group.stage, self.variable))
@@ -127,7 +133,10 @@ class Picture:
 
     def sample(self, y: float, x: float) -> tuple[int, int] | None:
         """Row and column of the sample at a place (um, or samples); None beside the picture."""
-        row, column = (int(np.floor((at - origin) / step + 0.5)) for at, origin, step in zip((y, x), self.origin, self.step, strict=True))
+        row, column = (
+            int(np.floor((at - origin) / step + 0.5))
+            for at, origin, step in zip((y, x), self.origin, self.step, strict=True)
+        )
         return (row, column) if 0 <= row < self.size[0] and 0 <= column < self.size[1] else None
 
     def filter_letters(self) -> Any:

@@ -1,4 +1,5 @@
-"""An archive opened to be shown: its axes, its stages with their variables, and arrays of single cells, also of a run that is going on.
+"""An archive opened to be shown: its axes, its stages with their variables, and arrays of single cells, also of a run
+that is going on.
 
 In:  the folder of an archive.
 Out: ``Opened``. Arrays are read where the journal says they lie, and held against its digests. Nothing is written.
@@ -62,8 +63,15 @@ class Group:
     @property
     def variables(self) -> dict[str, tuple[str, ...]]:
         """The dims of every variable of one cell, axes aside."""
-        found = {str(name): tuple(str(dim) for dim in own.dims if dim not in self.axes) for name, own in self.data.data_vars.items()}
-        return {name: dims for name, dims in found.items() if name != "status" and not name.endswith(BOUNDS) and not name.endswith("_um")}
+        found = {
+            str(name): tuple(str(dim) for dim in own.dims if dim not in self.axes)
+            for name, own in self.data.data_vars.items()
+        }
+        return {
+            name: dims
+            for name, dims in found.items()
+            if name != "status" and not name.endswith(BOUNDS) and not name.endswith("_um")
+        }
 
 
 class Opened:
@@ -86,12 +94,18 @@ class Opened:
         self.whites: dict[tuple[Any, ...], float] = {}
         record = latest_record(folder)
         if record is None:
-            why = "a run is beginning; look again in a moment" if self.running else "no readable record of a run; see etendue verify"
+            why = (
+                "a run is beginning; look again in a moment"
+                if self.running
+                else "no readable record of a run; see etendue verify"
+            )
             raise ArchiveError(f"{folder}: {why}")
         self.record: dict[str, Any] = record
         self.ended = self.stored.manifest is not None and not self.running
         if self.stored.manifest is not None and not self.running and (changed := self.stored.manifest.changed(folder)):
-            raise ArchiveError(f"{folder / changed[0]} is missing, or not as it was written. Mend it: etendue verify {folder} --repair")
+            raise ArchiveError(
+                f"{folder / changed[0]} is missing, or not as it was written. Mend it: etendue verify {folder} --repair"
+            )
 
     @property
     def entries(self) -> Mapping[str, Entry]:
@@ -109,7 +123,9 @@ class Opened:
 
     @cached_property
     def progress(self) -> dict[str, Any]:
-        """Cells that the last run was asked for, those that are there; of a run that is going on its rate and what is left."""
+        """Cells that the last run was asked for, those that are there; of a run that is going on its rate and what
+        is left.
+        """
         return progress(self.stored.journal, str(self.record["began"]) if self.running else "")
 
     @cached_property
@@ -122,7 +138,9 @@ class Opened:
                 continue
             with metadata_of(self.folder):
                 check_group(self.folder / DATA / path)
-                data = xarray.open_dataset(str(self.folder / DATA), engine="zarr", group=path, chunks=None, consolidated=False)
+                data = xarray.open_dataset(
+                    str(self.folder / DATA), engine="zarr", group=path, chunks=None, consolidated=False
+                )
             found[stage].append(Group(stage, path, axes, data))
         return found
 

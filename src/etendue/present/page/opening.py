@@ -1,11 +1,13 @@
-"""How a page opens: which cell of a sweep to choose and why, what limits it, how far it may be wrong; and every figure in one place.
+"""How a page opens: which cell of a sweep to choose and why, what limits it, how far it may be wrong; and every figure
+in one place.
 
 In:  the figures of an archive, the values of its axes, its ledger.
-Out: plain JSON, ``usable`` aside, an array: the place that is chosen, the front on which it lies, its neighbours, at most eight figures,
+Out: plain JSON, ``usable`` aside, an array: the place that is chosen, the front on which it lies, its neighbours, at
+     most eight figures,
 all others by subject.
 
-The front is of the first two subjects that stand open (``etendue_subjects``) and that a sweep moves. Chosen is the cell that gives up
-least: of its two shares of the best that any usable cell reaches, the lesser is the largest.
+The front is of the first two subjects that stand open (``etendue_subjects``) and that a sweep moves. Chosen is the cell
+that gives up least: of its two shares of the best that any usable cell reaches, the lesser is the largest.
 """
 
 from __future__ import annotations
@@ -104,7 +106,9 @@ def _number(figure: Figure) -> Number | None:
 
 
 def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
-    """The figures of a subject, that which says most first; of one variable that several stages write, the last stage's."""
+    """The figures of a subject, that which says most first; of one variable that several stages write, the last
+    stage's.
+    """
     last = {one.figure.variable: one for one in numbers if one.subject == subject}
     return sorted(last.values(), key=lambda one: one.known.rank)
 
@@ -137,7 +141,8 @@ def _subjects(figures: Sequence[Figure]) -> list[dict[str, Any]]:
     return [{"subject": subject, "figures": found[subject]} for subject in order]
 
 
-# -- the front ------------------------------------------------------------------------------------------------------------
+# -- the front
+# ------------------------------------------------------------------------------------------------------------
 
 
 def _front(numbers: Sequence[Number], axes: Sequence[Axis]) -> dict[str, Any] | None:
@@ -169,13 +174,21 @@ def _front(numbers: Sequence[Number], axes: Sequence[Axis]) -> dict[str, Any] | 
         order = order[np.unique(np.linspace(0, len(order) - 1, MOST_FRONT).round().astype(int))]
     place = placed(int(best))
     return {
-        "x": x.said, "y": y.said, "kinds": [x.subject, y.subject], "said": [_subject(one.subject).said for one in (x, y)],
-        "short": [_subject(one.subject).short for one in (x, y)], "better": [x.known.better, y.known.better],
-        "dims": [axis.dim for axis in over], "place": place, "usable": usable if burnt.any() else None,
-        "shares": [float(v) for v in shares[best]], "on": [placed(int(cell)) for cell in order], "cells": int(there.sum()),
+        "x": x.said,
+        "y": y.said,
+        "kinds": [x.subject, y.subject],
+        "said": [_subject(one.subject).said for one in (x, y)],
+        "short": [_subject(one.subject).short for one in (x, y)],
+        "better": [x.known.better, y.known.better],
+        "dims": [axis.dim for axis in over],
+        "place": place,
+        "usable": usable if burnt.any() else None,
+        "shares": [float(v) for v in shares[best]],
+        "on": [placed(int(cell)) for cell in order],
+        "cells": int(there.sum()),
         "burnt": int((there & burnt).sum()),
         "beside": _beside(x, y, over, place, usable.reshape(shape)),
-    }  # fmt: skip
+    }
 
 
 def _trades(one: Number) -> bool:
@@ -198,7 +211,9 @@ def _burnt(numbers: Sequence[Number], over: Sequence[Axis]) -> Any:
 
 
 def _shares(worth: Any) -> Any:
-    """Of the best of each column: its ratio, or, where less is better, that of the best to it; of what may be 0, the share of its range."""
+    """Of the best of each column: its ratio, or, where less is better, that of the best to it; of what may be 0, the
+    share of its range.
+    """
     found = np.empty_like(worth)
     for number in range(worth.shape[1]):
         own = worth[:, number]
@@ -223,17 +238,21 @@ def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int]
                 pairs = [(one.at(place), one.at(there)) for one in (x, y)]
                 values = [b for _, b in pairs]
                 if all(math.isfinite(v) for pair in pairs for v in pair):
-                    found.append({"dim": axis.dim, "place": there[axis.dim], "values": values, "usable": bool(usable[index])})
+                    found.append(
+                        {"dim": axis.dim, "place": there[axis.dim], "values": values, "usable": bool(usable[index])}
+                    )
     return found
 
 
-# -- what limits, what may be wrong -----------------------------------------------------------------------------------------
+# -- what limits, what may be wrong
+# -----------------------------------------------------------------------------------------
 
 
 def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[str, Any]]:
     """Which of the named factors is the limit at a place, and what it is worth where a figure beside says so.
 
-    ``capped``: how many times as far it would go but for the factor that caps all others; beyond 1 nothing else counts before that one.
+    ``capped``: how many times as far it would go but for the factor that caps all others; beyond 1 nothing else counts
+    before that one.
     """
     found = []
     for one in figures:
@@ -244,16 +263,30 @@ def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[st
             continue
         dim, cap, words = known(one.variable).names, known(one.variable).cap, known(one.variable).said
         subject, factor = known(one.variable).subject or OTHER, one.meanings[int(value)]
-        gain = next((g for g in figures if g.stage == one.stage and g.dims == (dim,) and len(one.meanings) == g.values.shape[-1]), None)
+        gain = next(
+            (
+                g
+                for g in figures
+                if g.stage == one.stage and g.dims == (dim,) and len(one.meanings) == g.values.shape[-1]
+            ),
+            None,
+        )
         own = gain.values[tuple(place[d] for d in gain.axes)] if gain is not None else None
         found.append(
             {
-                "stage": one.stage, "variable": one.variable, "subject": subject, "about": _subject(subject).said or subject,
-                "factor": factor, "said": words.get(factor, ""), "cap": cap, "cap_words": words.get(cap, cap),
-                "cap_said": known(one.variable).cap_said, "gain": None if own is None else float(own[int(value)]),
+                "stage": one.stage,
+                "variable": one.variable,
+                "subject": subject,
+                "about": _subject(subject).said or subject,
+                "factor": factor,
+                "said": words.get(factor, ""),
+                "cap": cap,
+                "cap_words": words.get(cap, cap),
+                "cap_said": known(one.variable).cap_said,
+                "gain": None if own is None else float(own[int(value)]),
                 "capped": float(own[one.meanings.index(cap)]) if own is not None and cap in one.meanings else None,
             }
-        )  # fmt: skip
+        )
     return found
 
 
@@ -271,6 +304,8 @@ def _error(table: Ledger, axes: Sequence[Axis], place: Mapping[str, int]) -> dic
     worst = int(errors.argmax()) if errors.size else 0
     said = bool(errors.size) and errors[worst] >= 0
     return {
-        "stage": str(table["stage"][worst]) if said else "", "largest": float(errors[worst]) if said else None,
-        "how": str(table["how"][worst]) if said else "", "bound": float(bounds.max()) if bounds.size else None,
-    }  # fmt: skip
+        "stage": str(table["stage"][worst]) if said else "",
+        "largest": float(errors[worst]) if said else None,
+        "how": str(table["how"][worst]) if said else "",
+        "bound": float(bounds.max()) if bounds.size else None,
+    }

@@ -33,11 +33,14 @@ class Written:
     failed: int
 
 
-Blame = Callable[[Path, Mapping[str, Any]], Mapping[str, Any]]  # (folder, values of axes by dim): what each stage is owed of what is lost
+Blame = Callable[
+    [Path, Mapping[str, Any]], Mapping[str, Any]
+]  # (folder, values of axes by dim): what each stage is owed of what is lost
 
 
 def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:
-    """Write the report of an archive. ``blame``: who says what each stage is owed of the losses at the cell where the page begins.
+    """Write the report of an archive. ``blame``: who says what each stage is owed of the losses at the cell where the
+    page begins.
 
     Raises
     ------
@@ -51,7 +54,10 @@ def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:
     opened = Opened(archive)
     made = reported(opened)
     if blame is not None:
-        made["blame"] = {**blame(archive, {axis.dim: axis.values[made["start"][axis.dim]] for axis in opened.axes}), "at": made["start"]}
+        made["blame"] = {
+            **blame(archive, {axis.dim: axis.values[made["start"][axis.dim]] for axis in opened.axes}),
+            "at": made["start"],
+        }
     text = page(made)
     output.parent.mkdir(parents=True, exist_ok=True)
     partial = output.with_name(f".{output.name}.{os.getpid()}.partial")

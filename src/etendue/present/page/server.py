@@ -1,7 +1,8 @@
 """The server of the live page: on this machine alone, for whoever knows its address, to look and nothing else.
 
 In:  an archive; a port, 0 for any that is free.
-Out: answers to GET below a path that nobody can guess. A request that names another host is refused: a page of the web cannot reach
+Out: answers to GET below a path that nobody can guess. A request that names another host is refused: a page of the web
+     cannot reach
 it by giving its own name this address. Nothing is written, and no path of a request is ever a path of the disk.
 """
 
@@ -24,13 +25,18 @@ from etendue.present.page.live import Live, Refused
 
 HOST = "127.0.0.1"
 HEADERS = {
-    "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY",
-    "Cross-Origin-Resource-Policy": "same-origin", "Cross-Origin-Opener-Policy": "same-origin",
-}  # fmt: skip
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
 
 
 ANSWERING = 8  # threads: each has one request at a time
-WAITING = 900  # connections that have not asked yet; of more the oldest is closed, before the 1024 files a process usually may open
+# connections that have not asked yet; of more the oldest is closed, before the 1024 files a process usually may open
+WAITING = 900
 PATIENCE = 30.0  # seconds until one that asks nothing is closed
 
 
@@ -41,7 +47,9 @@ class Server(HTTPServer):
 
     def __init__(self, live: Live, port: int = 0) -> None:
         self.pool = ThreadPoolExecutor(ANSWERING, "answer")
-        self.waiting: OrderedDict[socket.socket, tuple[Any, float]] = OrderedDict()  # by connection: its address, and since when
+        self.waiting: OrderedDict[socket.socket, tuple[Any, float]] = (
+            OrderedDict()
+        )  # by connection: its address, and since when
         super().__init__((HOST, port), _Handler)  # closes what is there already where the port is taken
         self.live = live
         self.token = secrets.token_urlsafe(24)
@@ -141,7 +149,9 @@ class _Handler(BaseHTTPRequestHandler):
             return self._send(error.status, "text/plain; charset=utf-8", f"{error}\n".encode())
         except (EtendueError, ValueError, OSError, RuntimeError) as error:
             if self.server.live.gone:
-                return self._send(410, "text/plain; charset=utf-8", f"{self.server.live.folder} is no longer there\n".encode())
+                return self._send(
+                    410, "text/plain; charset=utf-8", f"{self.server.live.folder} is no longer there\n".encode()
+                )
             return self._send(500, "text/plain; charset=utf-8", f"{error}\n".encode())
         return self._send(200, kind, body, extra)
 

@@ -26,11 +26,15 @@ STRIP_SHARE = 0.5  # which 24 noisy pictures of 256 x 192 take two thirds of
 
 
 def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -> list[tuple[int, ...]]:
-    """Places on axes of these sizes, at most ``most``: all of them, or corners, the place ``start`` and what lies evenly between."""
+    """Places on axes of these sizes, at most ``most``: all of them, or corners, the place ``start`` and what lies
+    evenly between.
+    """
     counts = [min(size, 2) for size in sizes]
     if np.prod(counts, dtype=float) >= most and np.prod(sizes, dtype=float) > most:  # more axes than corners fit
         corners = product(*([0, size - 1] if size > 1 else [0] for size in sizes))
-        return list(dict.fromkeys([tuple(start), *(corner for corner, _ in zip(corners, range(most - 1), strict=False))]))
+        return list(
+            dict.fromkeys([tuple(start), *(corner for corner, _ in zip(corners, range(most - 1), strict=False))])
+        )
     grown = True
     while grown:  # the axis with the fewest first; by two, so that there is a middle
         grown = False
@@ -54,10 +58,15 @@ def _along(size: int, count: int, middle: int) -> list[int]:
 
 
 def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[str, Any]:
-    """``strip``: every stage of the cell at ``start``; ``cells``: pictures of chosen cells, of the last stages first."""
+    """``strip``: every stage of the cell at ``start``; ``cells``: pictures of chosen cells, of the last stages
+    first.
+    """
     first, spent = strip(opened, start, int(STRIP_SHARE * budget))
     dims = [axis.dim for axis in opened.axes]
-    places = [dict(zip(dims, place, strict=True)) for place in chosen([len(axis.values) for axis in opened.axes], list(start.values()))]
+    places = [
+        dict(zip(dims, place, strict=True))
+        for place in chosen([len(axis.values) for axis in opened.axes], list(start.values()))
+    ]
     shown: list[dict[str, Any]] = []
     left_out: list[str] = []
     for stage, variable in _wanted(opened):
@@ -68,8 +77,12 @@ def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[s
             spent += made.pop("bytes")
             shown.append(made)
     return {
-        "strip": first, "places": [list(place.values()) for place in places], "series": shown, "left_out": left_out, "bytes": spent,
-    }  # fmt: skip
+        "strip": first,
+        "places": [list(place.values()) for place in places],
+        "series": shown,
+        "left_out": left_out,
+        "bytes": spent,
+    }
 
 
 def _wanted(opened: Opened) -> list[tuple[str, str]]:
@@ -80,7 +93,11 @@ def _wanted(opened: Opened) -> list[tuple[str, str]]:
     seen = {variable for _, variable in first}
     rest = []
     for stage, variable in reversed(everything):
-        if variable not in seen and drawn_of(opened, stage, variable).shown != "map" and (opened.reaching(stage) or not opened.axes):
+        if (
+            variable not in seen
+            and drawn_of(opened, stage, variable).shown != "map"
+            and (opened.reaching(stage) or not opened.axes)
+        ):
             seen.add(variable)
             rest.append((stage, variable))
     return first + rest
@@ -90,7 +107,9 @@ def _shown(opened: Opened) -> list[tuple[str, str]]:
     return [one for one in pictured(opened) if drawn_of(opened, *one).shown]
 
 
-def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)) -> tuple[list[dict[str, Any]], int]:
+def strip(
+    opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)
+) -> tuple[list[dict[str, Any]], int]:
     """Every stage's picture of one cell, and their bytes: without loss, as far as that fits, the largest first with."""
     found: list[dict[str, Any]] = []
     exact: list[tuple[Any, bytes]] = []
@@ -102,11 +121,17 @@ def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE *
         exact.append((small, _webp(small, None)))
         found.append(
             {
-                "stage": stage, "variable": variable, "size": [one.size[1], one.size[0]], "shown": [small.shape[1], small.shape[0]],
-                "scaled": one.scaled, "unencoded": one.drawn.shown == "unencoded", "units": one.units, "bright": one.bright,
+                "stage": stage,
+                "variable": variable,
+                "size": [one.size[1], one.size[0]],
+                "shown": [small.shape[1], small.shape[0]],
+                "scaled": one.scaled,
+                "unencoded": one.drawn.shown == "unencoded",
+                "units": one.units,
+                "bright": one.bright,
                 "how": "without loss",
             }
-        )  # fmt: skip
+        )
     data = [whole for _, whole in exact]
     for number in sorted(range(len(data)), key=lambda n: -len(data[n])):
         if sum(map(len, data)) > budget:
@@ -117,7 +142,9 @@ def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE *
 def _series(
     opened: Opened, stage: str, variable: str, places: list[dict[str, int]], budget: float, lossless: bool
 ) -> dict[str, Any] | None:
-    """One variable of all chosen cells, each cell once however many axes do not reach it; None where it does not fit."""
+    """One variable of all chosen cells, each cell once however many axes do not reach it; None where it does not
+    fit.
+    """
     axes = opened.reaching(stage)
     pictures: dict[str, str] = {}
     sizes: dict[str, list[int]] = {}
@@ -144,9 +171,15 @@ def _series(
             return None
         pictures[key] = _text(data)
     return {
-        "stage": stage, "variable": variable, "axes": list(axes), "pictures": pictures, "sizes": sizes, "how": how, "bytes": size,
+        "stage": stage,
+        "variable": variable,
+        "axes": list(axes),
+        "pictures": pictures,
+        "sizes": sizes,
+        "how": how,
+        "bytes": size,
         "scaled": drawn_of(opened, stage, variable).scaled,
-    }  # fmt: skip
+    }
 
 
 def _picture(opened: Opened, stage: str, variable: str, place: dict[str, int]) -> Picture | None:
@@ -160,7 +193,9 @@ def _webp(pixels: Any, quality: int | None) -> bytes:
     from PIL import Image
 
     file = io.BytesIO()
-    Image.fromarray(pixels).save(file, "WEBP", lossless=quality is None, quality=40 if quality is None else quality, method=2)
+    Image.fromarray(pixels).save(
+        file, "WEBP", lossless=quality is None, quality=40 if quality is None else quality, method=2
+    )
     return file.getvalue()
 
 

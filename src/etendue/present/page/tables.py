@@ -1,7 +1,8 @@
 """Tables of an archive as a page shows them: its stages, its cells, what was left out, what failed, what was measured.
 
 In:  an archive opened to be shown.
-Out: plain lists and columns. Of a run that has not come to its end the journal says what there is; errors are in the ledger, at the end.
+Out: plain lists and columns. Of a run that has not come to its end the journal says what there is; errors are in the
+     ledger, at the end.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ def ledger(opened: Opened) -> Ledger:
     if opened.ended:
         try:
             check_group(opened.folder / DATA / "ledger")
-            table = xarray.open_dataset(str(opened.folder / DATA), engine="zarr", group="ledger", chunks=None, consolidated=False).load()
+            table = xarray.open_dataset(
+                str(opened.folder / DATA), engine="zarr", group="ledger", chunks=None, consolidated=False
+            ).load()
         except (OSError, KeyError, ValueError):
             return _from_journal(opened)
         found: Ledger = {name: _texts(table[name].to_numpy()) for name in WORDS if name in table}
@@ -46,7 +49,9 @@ def ledger(opened: Opened) -> Ledger:
             found.setdefault(name, np.full(rows, "", dtype=object))
         for name in NUMBERS:
             found.setdefault(name, np.full(rows, math.nan))
-        found["at"] = {axis.dim: table[f"at_{axis.dim}"].to_numpy() for axis in opened.axes if f"at_{axis.dim}" in table}
+        found["at"] = {
+            axis.dim: table[f"at_{axis.dim}"].to_numpy() for axis in opened.axes if f"at_{axis.dim}" in table
+        }
         return found
     return _from_journal(opened)
 
@@ -80,17 +85,27 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
         known = error[np.isfinite(error)]
         rows.append(
             {
-                "name": stage, "order": number + 1, "use": use, "role": [str(r) for r in node.get("role", [])],
-                "what": about.get(use[0], {}).get("what", ""), "distribution": [str(d) for d in node.get("distributions", [])],
-                "axes": list(opened.reaching(stage)), "shown": node.get("shown", {}), "inputs": node.get("inputs", []),
+                "name": stage,
+                "order": number + 1,
+                "use": use,
+                "role": [str(r) for r in node.get("role", [])],
+                "what": about.get(use[0], {}).get("what", ""),
+                "distribution": [str(d) for d in node.get("distributions", [])],
+                "axes": list(opened.reaching(stage)),
+                "shown": node.get("shown", {}),
+                "inputs": node.get("inputs", []),
                 "cells": int(table.get("planned", {}).get(stage, own.sum())),
-                "done": int(np.isin(status, ("done", "reused")).sum()), "left_out": int((status == "left_out").sum()),
-                "failed": int((status == "failed").sum()), "skipped": int((status == "skipped").sum()),
-                "seconds": _total(table["seconds"][own]), "error": _largest(known),
+                "done": int(np.isin(status, ("done", "reused")).sum()),
+                "left_out": int((status == "left_out").sum()),
+                "failed": int((status == "failed").sum()),
+                "skipped": int((status == "skipped").sum()),
+                "seconds": _total(table["seconds"][own]),
+                "error": _largest(known),
                 "error_least": float(known.min()) if known.size else None,
-                "bound": _largest(table["bound"][own]), "how": sorted({str(h) for h in table["how"][own] if h}),
+                "bound": _largest(table["bound"][own]),
+                "how": sorted({str(h) for h in table["how"][own] if h}),
             }
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -101,10 +116,15 @@ def omissions(table: Ledger) -> list[dict[str, Any]]:
         for stage, why, own in _by(table, table[column] != "", column):
             rows.append(
                 {
-                    "kind": kind, "stage": stage, "why": why, "cells": int(own.sum()), "of": int((table["stage"] == stage).sum()),
-                    "bound": _largest(table["bound"][own]), "saved": _total(table["seconds_saved"][own]),
+                    "kind": kind,
+                    "stage": stage,
+                    "why": why,
+                    "cells": int(own.sum()),
+                    "of": int((table["stage"] == stage).sum()),
+                    "bound": _largest(table["bound"][own]),
+                    "saved": _total(table["seconds_saved"][own]),
                 }
-            )  # fmt: skip
+            )
     return rows
 
 
@@ -127,13 +147,20 @@ def measured(opened: Opened) -> list[dict[str, Any]]:
         errors = document.get("errors")
         for name, one in errors.items() if isinstance(errors, dict) else ():
             if isinstance(one, dict) and isinstance(one.get("rms"), int | float):
-                found[str(name)] = {"variable": str(name), "rms": one["rms"], "max": one.get("max"), "how": str(one.get("how", ""))}
+                found[str(name)] = {
+                    "variable": str(name),
+                    "rms": one["rms"],
+                    "max": one.get("max"),
+                    "how": str(one.get("how", "")),
+                }
     return sorted(found.values(), key=lambda one: -one["rms"])
 
 
 def _by(table: Ledger, which: Any, column: str) -> list[tuple[str, str, Any]]:
     pairs = dict.fromkeys(zip(table["stage"][which].tolist(), table[column][which].tolist(), strict=True))
-    return [(str(stage), str(text), which & (table["stage"] == stage) & (table[column] == text)) for stage, text in pairs]
+    return [
+        (str(stage), str(text), which & (table["stage"] == stage) & (table[column] == text)) for stage, text in pairs
+    ]
 
 
 def _total(values: Any) -> float | None:

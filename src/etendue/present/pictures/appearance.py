@@ -1,10 +1,11 @@
-"""How a variable looks: the one way from its arrays to what is seen, for the contact sheet, plots, the page and exported pictures.
+"""How a variable looks: the one way from its arrays to what is seen, for the contact sheet, plots, the page and
+exported pictures.
 
 In:  an array over y and x, perhaps bands or channels in front; what is said of how it is drawn (``spec.drawn.Drawn``).
 Out: (3, y, x) linear sRGB, encoded values or grey, at full size or made small; the value that is shown as white; bytes.
 
-What stands in front of y and x becomes colours by functions that distributions bring (``contract.seen``), and so do patterns of
-filters. What is undefined is striped.
+What stands in front of y and x becomes colours by functions that distributions bring (``contract.seen``), and so do
+patterns of filters. What is undefined is striped.
 """
 
 from __future__ import annotations
@@ -29,8 +30,9 @@ STRIPE = 4  # samples
 class Appearance:
     """How the arrays of one variable are seen. It travels to where they are computed.
 
-    ``matrix``: (3, planes) from what stands in front of y and x to linear sRGB; None: the first three planes, or one as grey. ``tints``:
-    (rows, columns, 3) of one period of a pattern from its first pixel. ``grey``: whether numbers are shown as a map.
+    ``matrix``: (3, planes) from what stands in front of y and x to linear sRGB; None: the first three planes, or one as
+    grey. ``tints``: (rows, columns, 3) of one period of a pattern from its first pixel. ``grey``: whether numbers are
+    shown as a map.
     """
 
     drawn: Drawn
@@ -90,7 +92,7 @@ class Appearance:
 
 def appearance(
     drawn: Drawn, dims: Sequence[str], edges: Any = None, channels: Sequence[Any] = (), first: tuple[int, int] = (0, 0)
-) -> Appearance | None:  # fmt: skip
+) -> Appearance | None:
     """How arrays with these dims are seen; None where they are no picture.
 
     Parameters
@@ -108,7 +110,11 @@ def appearance(
         return Appearance(drawn)
     if front:  # numbers as grey; those of red, green and blue side by side as colours
         matrix = kinds.function(front[0])
-        return Appearance(drawn, None if matrix is None else matrix(drawn, edges, [str(name) for name in channels]), grey=not drawn.linear)
+        return Appearance(
+            drawn,
+            None if matrix is None else matrix(drawn, edges, [str(name) for name in channels]),
+            grey=not drawn.linear,
+        )
     if not drawn.linear or not drawn.pattern:
         return Appearance(drawn, grey=not drawn.linear)
     return Appearance(drawn, tints=tints_of(drawn.pattern, first))
@@ -141,7 +147,9 @@ def whites_of(pictures: Sequence[tuple[Pictured, Any]]) -> list[float]:
 
 
 def seen(drawn: Drawn, found: Any, bright: float) -> Any:
-    """(3, y, x) in 0 to 1 as a display has it, of what `Appearance` gives; ``bright`` is shown as white where that is linear."""
+    """(3, y, x) in 0 to 1 as a display has it, of what `Appearance` gives; ``bright`` is shown as white where that
+    is linear.
+    """
     lost = np.isnan(found).any(axis=0)
     found = np.nan_to_num(found, nan=0.0, posinf=np.inf, neginf=-np.inf) if lost.any() else found
     found = encoded(np.clip(found / np.float32(bright), 0, 1)) if drawn.linear else np.clip(found, 0, 1)
@@ -151,7 +159,9 @@ def seen(drawn: Drawn, found: Any, bright: float) -> Any:
 def striped(shape: tuple[int, ...]) -> Any:
     """(3, y, x) float32 of what is not there."""
     rows, columns = np.indices(shape)
-    stripes = np.where((((rows + columns) // STRIPE) % 2 == 0)[..., None], *(np.array(colour, np.float32) / 255 for colour in HATCH))
+    stripes = np.where(
+        (((rows + columns) // STRIPE) % 2 == 0)[..., None], *(np.array(colour, np.float32) / 255 for colour in HATCH)
+    )
     return np.moveaxis(stripes, -1, 0)
 
 

@@ -1,4 +1,5 @@
-"""The contact sheet: every stage of one cell in order, each with a part of it enlarged, and maps of figures over the sweep, in one PNG.
+"""The contact sheet: every stage of one cell in order, each with a part of it enlarged, and maps of figures over the
+sweep, in one PNG.
 
 In:  the table of frames of an archive; maps as ``report.small_maps`` draws them.
 Out: a PNG.
@@ -20,7 +21,12 @@ import numpy as np
 from etendue.contract.variables import variable as known
 from etendue.present.pictures.details import SIDE
 
-BOX, LABEL, GAP, HEAD = 256, 34, 12, 34  # dots: a picture, the two lines above it, between pictures, a line of the title
+BOX, LABEL, GAP, HEAD = (
+    256,
+    34,
+    12,
+    34,
+)  # dots: a picture, the two lines above it, between pictures, a line of the title
 MOST = 360  # dots of a picture whose samples are enlarged a whole number of times
 COLUMNS = 4
 TITLE, TEXT = 18, 11  # dots: heights of letters
@@ -42,9 +48,9 @@ class _Tile:
 def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Any] = ()) -> None:
     """All frames in order, each with its stage, variable and true size, as one PNG. Written whole or not at all.
 
-    Frames stand at a whole number of dots per sample where they are enlarged, and so does what has a pattern: resampled by anything
-    else it shows a moire that is not in it. Pictures on a finer grid are made as large as those of the pixels. ``maps``: (y, x, 3)
-    bytes each.
+    Frames stand at a whole number of dots per sample where they are enlarged, and so does what has a pattern: resampled
+    by anything else it shows a moire that is not in it. Pictures on a finer grid are made as large as those of the
+    pixels. ``maps``: (y, x, 3) bytes each.
     """
     tiles = _tiles(table)
     wide, high = max(t.picture.shape[1] for t in tiles), max(t.picture.shape[0] for t in tiles)
@@ -144,7 +150,11 @@ def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
         if columns["detail_height"][number]:
             own = columns["detail"][number][:, : columns["detail_height"][number], : columns["detail_width"][number]]
             part = _enlarged(np.moveaxis(own, 0, -1), SIDE)
-        tiles.append(_Tile((text, f"{variable}  {size}"), _enlarged(picture, target), part, tuple(columns["detail_place"][number])))
+        tiles.append(
+            _Tile(
+                (text, f"{variable}  {size}"), _enlarged(picture, target), part, tuple(columns["detail_place"][number])
+            )
+        )
     return tiles
 
 
@@ -156,7 +166,9 @@ def _target(sizes: Sequence[tuple[int, int]], seen: Sequence[bool]) -> int:
 
 
 def _enlarged(picture: Any, target: int) -> Any:
-    """(y, x, 3) with a longer side of ``target``: samples as squares where that is a whole number of times, else resampled."""
+    """(y, x, 3) with a longer side of ``target``: samples as squares where that is a whole number of times, else
+    resampled.
+    """
     y, x = picture.shape[:2]
     times, left = divmod(target, max(y, x))
     if times and not left:

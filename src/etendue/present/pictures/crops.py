@@ -1,4 +1,5 @@
-"""The same crop of several pictures side by side, where they differ most; of pictures of several sizes the same place of the image plane.
+"""The same crop of several pictures side by side, where they differ most; of pictures of several sizes the same place
+of the image plane.
 
 In:  pictures (channel, y, x), the first of them the reference; where their pixels lie, in um.
 Out: a PNG, each sample a whole number of screen pixels, with the size of each crop in pixels and um.
@@ -58,7 +59,12 @@ def strip(pictures: list[Strip], encoded: bool, title: str) -> bytes:
         cut = [on_screen(np.clip(0.9 * c / bright, 0, 1)) for c in cut]
     largest = [max(high, wide) for _, _, high, wide in windows]
     scales = [max(1, SHOWN // own) for own in largest]
-    box, label, gap, head = max(scale * own for scale, own in zip(scales, largest, strict=True)), 22 if alike else 34, 8, 30
+    box, label, gap, head = (
+        max(scale * own for scale, own in zip(scales, largest, strict=True)),
+        22 if alike else 34,
+        8,
+        30,
+    )
     across = min(COLUMNS, len(pictures))
     down = -(-len(pictures) // across)
     width, height = across * (box + gap) + gap, head + down * (box + label + gap) + gap
@@ -95,14 +101,20 @@ def _of_one_size(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]]
     side = min(SIDE, rows, columns)
     compared = [p.picture for p in pictures[1:]]
     top, left = where_most(compared if len(compared) > 1 else [p.picture for p in pictures], side)
-    return [(top, left, side, side)] * len(pictures), f"{sized((side, side), pictures[0].plane)}, from row {top}, column {left}"
+    return [(top, left, side, side)] * len(
+        pictures
+    ), f"{sized((side, side), pictures[0].plane)}, from row {top}, column {left}"
 
 
 def _of_several(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]], str]:
     """The same square of the image plane in each, where the first compared one differs most from its reference."""
     planes = [p.plane for p in pictures if p.plane is not None]
     steps = [step for plane in planes for _, step in plane]
-    fields = [n * step for p, plane in zip(pictures, planes, strict=True) for n, (_, step) in zip(p.picture.shape[-2:], plane, strict=True)]
+    fields = [
+        n * step
+        for p, plane in zip(pictures, planes, strict=True)
+        for n, (_, step) in zip(p.picture.shape[-2:], plane, strict=True)
+    ]
     side = min(COARSE * max(steps), SHOWN * min(steps), *fields)
     first = planes[0]
     own = max(1, min(round(side / first[0][1]), *pictures[0].picture.shape[-2:]))
@@ -110,7 +122,9 @@ def _of_several(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]],
     centre = [start + step * (place + (own - 1) / 2) for (start, step), place in zip(first, corner, strict=True)]
     windows = []
     for picture, plane in zip(pictures, planes, strict=True):
-        size = [max(1, min(round(side / step), n)) for (_, step), n in zip(plane, picture.picture.shape[-2:], strict=True)]
+        size = [
+            max(1, min(round(side / step), n)) for (_, step), n in zip(plane, picture.picture.shape[-2:], strict=True)
+        ]
         place = [
             min(max(round((at - start) / step - (n - 1) / 2), 0), whole - n)
             for at, (start, step), n, whole in zip(centre, plane, size, picture.picture.shape[-2:], strict=True)

@@ -1,10 +1,11 @@
 """The same place of the scene in every stage, sample by sample: where blur and noise are seen.
 
 In:  the grids of the shown pictures; later, what was kept of each at full resolution.
-Out: rows of every picture that are kept while it is made small; among them the part that shows a strong edge between flat places.
+Out: rows of every picture that are kept while it is made small; among them the part that shows a strong edge between
+     flat places.
 
-Pictures that fit are there whole. Of larger ones a band of rows is kept, the same of the scene in all, since nobody knows what is in
-it when its first stage is computed, and the part is looked for along the band.
+Pictures that fit are there whole. Of larger ones a band of rows is kept, the same of the scene in all, since nobody
+knows what is in it when its first stage is computed, and the part is looked for along the band.
 """
 
 from __future__ import annotations
@@ -70,16 +71,20 @@ def band_of(grids: Sequence[Grid]) -> Window | None:
 
 
 def side_of(shape: tuple[int, int]) -> int:
-    """Samples of the coarsest picture along the side of a part: fewer of small pictures, which are drawn enlarged themselves."""
+    """Samples of the coarsest picture along the side of a part: fewer of small pictures, which are drawn enlarged
+    themselves.
+    """
     largest = max(shape)
     return min(33 if largest >= 128 else 22 if largest >= 64 else 11, *shape)
 
 
 def part_of(picture: Any, side: int) -> tuple[int, int]:
-    """Where (y, x) in a picture (y, x, 3) or (3, y, x), in 0 to 1, a window has a strong edge and flat places beside it.
+    """Where (y, x) in a picture (y, x, 3) or (3, y, x), in 0 to 1, a window has a strong edge and flat places beside
+    it.
 
-    The spread of its brightness times the root mean square step from sample to sample over the mean step: many times as much for one edge
-    as for a ramp or for a texture. What is cut off at black or white counts for nothing: there no noise is seen.
+    The spread of its brightness times the root mean square step from sample to sample over the mean step: many times as
+    much for one edge as for a ramp or for a texture. What is cut off at black or white counts for nothing: there no
+    noise is seen.
     """
     grey = np.asarray(picture, np.float64).mean(axis=0 if picture.shape[0] == 3 and picture.shape[-1] != 3 else -1)
     rows, columns = grey.shape

@@ -30,7 +30,8 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
     ----------
     picture : (..., y, x) array
     decode : callable
-        Values to float32, elementwise; asked for some rows at a time, so that nothing of the size of the picture is made.
+        Values to float32, elementwise; asked for some rows at a time, so that nothing of the size of the picture is
+        made.
 
     Returns
     -------
@@ -45,7 +46,9 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
 
 
 def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
-    """`fitted` of a plane in the colours of its pattern, (3, y', x'): each pixel is added to the colours that it has."""
+    """`fitted` of a plane in the colours of its pattern, (3, y', x'): each pixel is added to the colours that it
+    has.
+    """
     if max(plane.shape) <= LARGEST:
         return coloured(decode(plane), tints)
     gathered = Tinted(plane.shape, tints, decode)
@@ -107,7 +110,9 @@ class Tinted(Rows):
     def __init__(self, shape: tuple[int, ...], tints: Any, decode: Decode) -> None:
         super().__init__(shape, decode)
         self.tints = tints
-        self.rows = np.zeros((len(tints), len(self.down), shape[-1]), np.float32)  # by the row of the period in which a pixel stands
+        self.rows = np.zeros(
+            (len(tints), len(self.down), shape[-1]), np.float32
+        )  # by the row of the period in which a pixel stands
 
     def put(self, row: int, first: int, weights: Any, light: Any) -> None:
         height = len(self.tints)
@@ -121,7 +126,9 @@ class Tinted(Rows):
         for phase in range(height):
             for place in range(width):
                 for colour in np.flatnonzero(self.tints[phase, place]):
-                    coloured[colour, :, place::width] += self.tints[phase, place, colour] * self.rows[phase, :, place::width]
+                    coloured[colour, :, place::width] += (
+                        self.tints[phase, place, colour] * self.rows[phase, :, place::width]
+                    )
         return _across(coloured, self.across)
 
 

@@ -3,8 +3,8 @@
 In:  the thumbnails of the shown cells.
 Out: 8-bit sRGB frames fitted into 256 x 256, as a table of the archive, and the contact sheet that shows them in order.
 
-A linear picture is scaled so that its 99.5th percentile is 0.9, the same for all stages of one kind, so that what gets darker looks
-darker.
+A linear picture is scaled so that its 99.5th percentile is 0.9, the same for all stages of one kind, so that what gets
+darker looks darker.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ from etendue.present.pictures.thumbnails import Thumbnail, window_of
 
 @dataclass
 class Frame:
-    """One picture: what it is of, (3, y, x) in 0..1 as encoded sRGB, and the true size; what is there of it sample by sample; a part."""
+    """One picture: what it is of, (3, y, x) in 0..1 as encoded sRGB, and the true size; what is there of it sample
+    by sample; a part.
+    """
 
     stage: str
     variable: str
@@ -42,7 +44,12 @@ class Frame:
     bright: float = 1.0  # what of it is shown as white
     first: int = 0  # row of the whole in which it begins
     part: Any = None  # (3, y, x) of it, the same place of the scene in all
-    place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # of the part: top, left, height, width as shares of the whole
+    place: tuple[float, float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )  # of the part: top, left, height, width as shares of the whole
 
 
 def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Mapping[str, Thumbnail]]) -> list[Frame]:
@@ -67,7 +74,9 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
 
 
 def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: Window | None) -> None:
-    """The same place of the scene in every picture: where the last of the coarsest has its strongest edge between flat places."""
+    """The same place of the scene in every picture: where the last of the coarsest has its strongest edge between
+    flat places.
+    """
     lines: dict[int, Any] = {id(f): lines_of(cells[f.stage].grids[f.variable]) for f in frames}
     seen = [f for f in frames if f.exact is not None and lines[id(f)] is not None]
     if not seen:
@@ -82,7 +91,7 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: Window | N
     row, column = top + first, left
     window = Window(
         y0 + (row - 0.5) * dy, y0 + (row + side - 0.5) * dy, x0 + (column - 0.5) * dx, x0 + (column + side - 0.5) * dx
-    )  # fmt: skip
+    )
     for f in seen:
         own_y, own_x = lines[id(f)]
         rows, columns = window.rows(own_y), window.columns(own_x)
@@ -90,14 +99,24 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: Window | N
         if not part.size:
             continue
         f.part = limited(_encoded(f, part))
-        f.place = (rows[0] / f.size[0], columns[0] / f.size[1], (rows[1] - rows[0]) / f.size[0], (columns[1] - columns[0]) / f.size[1])
+        f.place = (
+            rows[0] / f.size[0],
+            columns[0] / f.size[1],
+            (rows[1] - rows[0]) / f.size[0],
+            (columns[1] - columns[0]) / f.size[1],
+        )
 
 
 def sheet(
-    plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Mapping[str, Thumbnail]], at: str,
+    plan: Plan,
+    shown: Mapping[str, CellRef],
+    small: Mapping[CellRef, Mapping[str, Thumbnail]],
+    at: str,
     maps: Callable[[], list[Any]] = list,
-) -> Sheet | None:  # fmt: skip
-    """The pictures of the shown cells, which stand at the axis values ``at``; None where there is nothing to be seen."""
+) -> Sheet | None:
+    """The pictures of the shown cells, which stand at the axis values ``at``; None where there is nothing to be
+    seen.
+    """
     frames = render(plan, shown, small)
     if not frames:
         return None
@@ -107,14 +126,19 @@ def sheet(
 
 
 def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> Sheet | None:
-    """The sheet of an earlier run, whose pictures are still those of the shown cells, with maps of what is known now."""
+    """The sheet of an earlier run, whose pictures are still those of the shown cells, with maps of what is known
+    now.
+    """
     before = folder / "contact_sheet.png"
     return Sheet({}, lambda path: with_maps(path, before, maps()), (), "") if before.is_file() else None
 
 
 def _shared(plan: Plan) -> str:
     """What would go first along a side and is not swept, behind the axis values of a title."""
-    swept, texts = {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes}, []  # or found by a stage
+    swept, texts = (
+        {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes},
+        [],
+    )  # or found by a stage
     for name in first("sides"):
         value = plan.shared.get(name)
         if name not in swept and isinstance(value, int | float) and not isinstance(value, bool):
@@ -139,9 +163,21 @@ def _parts(frames: list[Frame]) -> dict[str, Any]:
     said = {"long_name": "a part of the picture, sample by sample: the same place of the scene in every stage"}
     place = {"long_name": "the part in the picture: top, left, height, width as shares", "units": "1"}
     return {
-        "detail": (("stage", "channel", "detail_y", "detail_x"), detail, {**said, "colour_space": "sRGB", "units": "1"}),
-        "detail_height": (("stage",), np.array([s[0] for s in sizes]), {"units": "pixel", "long_name": "height of the part"}),
-        "detail_width": (("stage",), np.array([s[1] for s in sizes]), {"units": "pixel", "long_name": "width of the part"}),
+        "detail": (
+            ("stage", "channel", "detail_y", "detail_x"),
+            detail,
+            {**said, "colour_space": "sRGB", "units": "1"},
+        ),
+        "detail_height": (
+            ("stage",),
+            np.array([s[0] for s in sizes]),
+            {"units": "pixel", "long_name": "height of the part"},
+        ),
+        "detail_width": (
+            ("stage",),
+            np.array([s[1] for s in sizes]),
+            {"units": "pixel", "long_name": "width of the part"},
+        ),
         "detail_place": (("stage", "side"), np.array([f.place for f in frames]), place),
     }
 
@@ -161,19 +197,36 @@ def frames_table(frames: list[Frame]) -> dict[str, Any]:
             "preview": (
                 dims,
                 preview,
-                {"long_name": "the stage as it looks", "colour_space": "sRGB", "transfer_function": "sRGB", "units": "1"},
+                {
+                    "long_name": "the stage as it looks",
+                    "colour_space": "sRGB",
+                    "transfer_function": "sRGB",
+                    "units": "1",
+                },
             ),
             "stage": (("stage",), np.array(stage, dtype=object), {"long_name": "stage"}),
             "channel": (("channel",), np.array(["R", "G", "B"], dtype=object), {"long_name": "channel"}),
             "variable": (("stage",), np.array([f.variable for f in frames], dtype=object), {"long_name": "variable"}),
-            "true_height": (("stage",), np.array([f.size[0] for f in frames]), {"units": "pixel", "long_name": "true height"}),
-            "true_width": (("stage",), np.array([f.size[1] for f in frames]), {"units": "pixel", "long_name": "true width"}),
+            "true_height": (
+                ("stage",),
+                np.array([f.size[0] for f in frames]),
+                {"units": "pixel", "long_name": "true height"},
+            ),
+            "true_width": (
+                ("stage",),
+                np.array([f.size[1] for f in frames]),
+                {"units": "pixel", "long_name": "true width"},
+            ),
             "height": (
                 ("stage",),
                 np.array([f.picture.shape[1] for f in frames]),
                 {"units": "pixel", "long_name": "height of the preview"},
             ),
-            "width": (("stage",), np.array([f.picture.shape[2] for f in frames]), {"units": "pixel", "long_name": "width of the preview"}),
+            "width": (
+                ("stage",),
+                np.array([f.picture.shape[2] for f in frames]),
+                {"units": "pixel", "long_name": "width of the preview"},
+            ),
             **_parts(frames),
         },
         "attrs": {"title": "one cell of every stage, in order"},

@@ -24,10 +24,12 @@ from etendue.present.pictures.contact_sheet import font
 MOST, LONGEST = 4, 20  # maps, and values along a side: of more some are left out
 WIDE, HIGH, LETTERS = 46, 24, 12  # dots of a cell, and of its letters
 VIRIDIS = np.array([  # matplotlib's, at eighths
-    (68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99), (170, 220, 50),
-    (253, 231, 37),
+    (68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99),
+    (170, 220, 50), (253, 231, 37),
 ])  # fmt: skip
-NAMED = np.array([(68, 119, 170), (102, 204, 238), (34, 136, 51), (204, 187, 68), (238, 102, 119), (187, 187, 187), (170, 51, 119)])
+NAMED = np.array(
+    [(68, 119, 170), (102, 204, 238), (34, 136, 51), (204, 187, 68), (238, 102, 119), (187, 187, 187), (170, 51, 119)]
+)
 FAILED = (250, 225, 222)
 
 
@@ -86,12 +88,17 @@ def _some(axis: Axis) -> list[int]:
     places = list(range(len(axis.values)))
     if not any(isinstance(value, str) for value in axis.values):
         places.sort(key=lambda place: float(axis.values[place]))
-    return [places[i] for i in np.unique(np.linspace(0, len(places) - 1, min(LONGEST, len(places))).round().astype(int))]
+    return [
+        places[i] for i in np.unique(np.linspace(0, len(places) - 1, min(LONGEST, len(places))).round().astype(int))
+    ]
 
 
 def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> Any:
     """(y, x) float64: the last of several stages; NaN where a cell is not there."""
-    found = [float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan for ref in one.cells]
+    found = [
+        float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan
+        for ref in one.cells
+    ]
     return np.array(found).reshape(-1, len(one.sides[0][1]))
 
 
@@ -130,7 +137,13 @@ def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
                 pen.text((x + wide / 2, y + HIGH / 2), _number(value), fill=ink, font=letters, anchor="mm")
         else:
             pen.rectangle(box, fill=FAILED if failed[row, column] else "white", outline=(215, 215, 215))
-            pen.text((x + wide / 2, y + HIGH / 2), "failed" if failed[row, column] else "-", fill=(150, 60, 60), font=letters, anchor="mm")
+            pen.text(
+                (x + wide / 2, y + HIGH / 2),
+                "failed" if failed[row, column] else "-",
+                fill=(150, 60, 60),
+                font=letters,
+                anchor="mm",
+            )
     for column, text in enumerate(xs):
         pen.text((left + (column + 0.5) * wide, 22 + HIGH * rows + 8), text, fill="black", font=letters, anchor="mm")
     for row, text in enumerate(ys):
@@ -154,7 +167,11 @@ def _colours(values: Any, named: bool) -> Any:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = low > 0 and high / low > 30
         share = (
-            np.log(values / low) / math.log(high / low) if ratio else (values - low) / (high - low) if high > low else np.zeros_like(values)
+            np.log(values / low) / math.log(high / low)
+            if ratio
+            else (values - low) / (high - low)
+            if high > low
+            else np.zeros_like(values)
         )
     share = np.clip(np.nan_to_num(share), 0, 1) * (len(VIRIDIS) - 1)
     return np.stack([np.interp(share, np.arange(len(VIRIDIS)), VIRIDIS[:, c]) for c in range(3)], axis=-1)
@@ -179,7 +196,9 @@ def _number(value: float) -> str:
     return f"{value:.0f}" if "e+0" in text and abs(value) < 1e5 else text.replace("e-0", "e-").replace("e+0", "e")
 
 
-def all_drawn(maps: Sequence[SmallMap], figures: Mapping[CellRef, Mapping[str, Any]], failed: Sequence[CellRef]) -> list[Any]:
+def all_drawn(
+    maps: Sequence[SmallMap], figures: Mapping[CellRef, Mapping[str, Any]], failed: Sequence[CellRef]
+) -> list[Any]:
     """Every map whose numbers differ."""
     wrong = set(failed)
     found = []

@@ -1,9 +1,11 @@
-"""Small pictures of what a cell has made, reduced where it is made: neither held to the end of a run at full size, nor sent.
+"""Small pictures of what a cell has made, reduced where it is made: neither held to the end of a run at full size, nor
+sent.
 
 In:  a plan and the cells to be shown; later, in whichever worker computes one of them, its arrays.
 Out: ``Look`` by cell, which gives ``Thumbnail`` by variable: linear sRGB, encoded values or grey, at most 256 x 256.
 
-Which variables are shown, and how, distributions say (``spec.variables.Variable``); ``appearance`` makes pictures of them.
+Which variables are shown, and how, distributions say (``spec.variables.Variable``); ``appearance`` makes pictures of
+them.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, as_f
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """(3, y, x) float32, not yet scaled where it is linear; the true size; of larger ones some rows as they are, and the first of them."""
+    """(3, y, x) float32, not yet scaled where it is linear; the true size; of larger ones some rows as they are, and
+    the first of them.
+    """
 
     picture: Any
     size: tuple[int, int]
@@ -88,7 +92,9 @@ class _View:
 
 @dataclass(frozen=True)
 class Look:
-    """What is looked at of a cell: its pictures, made small, and its plain figures. It travels to where the cell is computed."""
+    """What is looked at of a cell: its pictures, made small, and its plain figures. It travels to where the cell is
+    computed.
+    """
 
     views: Mapping[str, _View]
     figures: frozenset[str]
@@ -107,7 +113,9 @@ class Look:
         return found
 
     def beside(self, keeps: bool, kept: frozenset[tuple[str, str]], stage: str) -> Look:
-        """The same for a keeper that takes the arrays of what is kept themselves: they are looked at where they stand."""
+        """The same for a keeper that takes the arrays of what is kept themselves: they are looked at where they
+        stand.
+        """
         return replace(self, kept=frozenset(v for s, v in kept if s == stage)) if keeps else self
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Gathering | None:
@@ -163,7 +171,9 @@ def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
 
 def window_of(plan: Plan, shown: Iterable[CellRef]) -> Window | None:
     """The rows that are kept of every picture of some cells, whichever of them there will be."""
-    return band_of([grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown not in ("", "map")])
+    return band_of(
+        [grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown not in ("", "map")]
+    )
 
 
 def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Look]:
@@ -174,7 +184,10 @@ def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Look]:
         cell, node = plan.cells[ref], plan.node(ref[0])
         views = {v: view for v in node.writes if (view := _view(plan, cell, v)) is not None}
         if window is not None:
-            views = {v: replace(view, rows=window.rows(y[0])) if (y := lines_of(cell.grids[v])) else view for v, view in views.items()}
+            views = {
+                v: replace(view, rows=window.rows(y[0])) if (y := lines_of(cell.grids[v])) else view
+                for v, view in views.items()
+            }
         figures = frozenset(v for v, declared in node.writes.items() if not set(declared.dims) - {"stage"})
         found[ref] = Look(views, figures - views.keys())
     return found

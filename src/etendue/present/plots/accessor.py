@@ -1,8 +1,9 @@
-"""Plots on xarray's own objects: ``tree.etendue.plot.map("mean_level")``, ``dataset.etendue.plot()``, ``array.etendue.show()``.
+"""Plots on xarray's own objects: ``tree.etendue.plot.map("mean_level")``, ``dataset.etendue.plot()``,
+``array.etendue.show()``.
 
 In:  a ``DataTree`` or ``Dataset`` of an archive or of a run in memory; a ``DataArray`` of it.
-Out: a ``Plot``. Importing this file registers the accessors; ``etendue.simulate`` and ``etendue.show`` do so, and where etendue is
-     installed xarray itself when it first opens something (entry point ``xarray.backends``).
+Out: a ``Plot``. Importing this file registers the accessors; ``etendue.simulate`` and ``etendue.show`` do so, and where
+     etendue is installed xarray itself when it first opens something (entry point ``xarray.backends``).
 """
 
 from __future__ import annotations
@@ -31,10 +32,11 @@ NAME = "etendue"
 
 @called_methods
 class Plots:
-    """``tree.etendue.plot``: called, what fits; by kind, ``.map(...)``, ``.curves(...)``, ``.pareto(...)``, ``.strip()``.
+    """``tree.etendue.plot``: called, what fits; by kind, ``.map(...)``, ``.curves(...)``, ``.pareto(...)``,
+    ``.strip()``.
 
-    Words of every kind: names of variables in order; ``x``, ``y``, ``lines``, ``panels``, ``better``; values of axes by name
-    (``gain=2.8``, ``stage="filter"``), or in ``at`` where a name is taken.
+    Words of every kind: names of variables in order; ``x``, ``y``, ``lines``, ``panels``, ``better``; values of axes by
+    name (``gain=2.8``, ``stage="filter"``), or in ``at`` where a name is taken.
     """
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:
@@ -124,7 +126,9 @@ def show(what: Any, variable: str = "", **at: Any) -> Plot:
             raise RequestError(f"this is an array; it holds no variable {variable!r}")
         return ArrayAccessor(what).show(**at)
     if not isinstance(what, xarray.DataTree | xarray.Dataset):
-        raise RequestError(f"show takes an array, dataset or tree of xarray, or the folder of an archive, not {type(what).__name__}")
+        raise RequestError(
+            f"show takes an array, dataset or tree of xarray, or the folder of an archive, not {type(what).__name__}"
+        )
     return TreeAccessor(what).show(variable, **at)
 
 

@@ -82,10 +82,17 @@ def dims_of(held: Sequence[Held], counted: bool = False) -> list[Dim]:
 
 
 def arranged(
-    dims: Sequence[Dim], sides: int, x: str = "", y: str = "", panels: Sequence[str] = (), at: Mapping[str, Any] | None = None,
-    most: int = MOST_PANELS, middle: Mapping[str, Any] | None = None,
-) -> Arrangement:  # fmt: skip
-    """Place dims: two along the sides (``sides`` of them), the others over panels, as many as fit, the rest at one value.
+    dims: Sequence[Dim],
+    sides: int,
+    x: str = "",
+    y: str = "",
+    panels: Sequence[str] = (),
+    at: Mapping[str, Any] | None = None,
+    most: int = MOST_PANELS,
+    middle: Mapping[str, Any] | None = None,
+) -> Arrangement:
+    """Place dims: two along the sides (``sides`` of them), the others over panels, as many as fit, the rest at one
+    value.
 
     ``at`` fixes a dim; ``middle`` says where one is fixed that does not fit, by default in the middle.
 

@@ -33,7 +33,9 @@ class Asked:
     better: tuple[str, ...] = ()
     at: Mapping[str, Any] = field(default_factory=dict)
     blame: Mapping[str, Any] | None = None  # of a budget: the document of who shares losses out
-    blamed_at: Mapping[str, Any] | None = None  # the axis values of the cell that it is of; None: of the one whose pictures there are
+    blamed_at: Mapping[str, Any] | None = (
+        None  # the axis values of the cell that it is of; None: of the one whose pictures there are
+    )
     middle: Mapping[str, Any] = field(default_factory=dict)  # where what is not asked for and does not fit is fixed
 
     @property
@@ -45,7 +47,9 @@ class Asked:
         return self.figures[1] if len(self.figures) > 1 else ""
 
     def cell(self, held: Held) -> dict[str, Any]:
-        """One value of every axis that reaches a variable: as it was asked for, else where a run's pictures are, else in the middle."""
+        """One value of every axis that reaches a variable: as it was asked for, else where a run's pictures are,
+        else in the middle.
+        """
         asked = resolved([held], self.at)
         found = {}
         for dim in held.axes:
@@ -83,4 +87,8 @@ def picture_of(holdings: Holdings, asked: Asked) -> Plot:
 
 def budget_of(holdings: Holdings, asked: Asked) -> Plot:
     place = asked.middle if asked.blamed_at is None else asked.blamed_at
-    return budget(holdings, asked.blame, places_text(dict(place), {dim: one.units_of(dim) for one in holdings for dim in one.axes}))
+    return budget(
+        holdings,
+        asked.blame,
+        places_text(dict(place), {dim: one.units_of(dim) for one in holdings for dim in one.axes}),
+    )

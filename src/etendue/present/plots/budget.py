@@ -22,8 +22,8 @@ COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "s
 
 
 def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: str = "") -> Plot:
-    """Thread time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also what each is owed of
-    losses at a ``place`` of the sweep.
+    """Thread time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also what
+    each is owed of losses at a ``place`` of the sweep.
 
     Raises
     ------
@@ -41,7 +41,16 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
     at = {name: [row[number] for row in rows] for number, name in enumerate(COLUMNS)}
     seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
     time.barh(rank, seconds, color="#4477aa", label="spent")
-    time.barh(rank, saved, left=seconds, color="none", edgecolor="#4477aa", hatch="////", linewidth=0.6, label="saved, as planned")
+    time.barh(
+        rank,
+        saved,
+        left=seconds,
+        color="none",
+        edgecolor="#4477aa",
+        hatch="////",
+        linewidth=0.6,
+        label="saved, as planned",
+    )
     top = max(float((seconds + saved).max()), 1e-9)
     for row, (own, more) in enumerate(zip(seconds, saved, strict=True)):
         time.text(own + more + 0.01 * top, row, _seconds(own), va="center", fontsize=7)
@@ -49,7 +58,10 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
     time.set_title(f"thread time: {_seconds(float(seconds.sum()))} in all", fontsize=9)
     time.set_yticks(
         rank,
-        [f"{name}  ({cells} {'cell' if cells == 1 else 'cells'})" for name, cells in zip(at["stage"], at["cells"], strict=True)],
+        [
+            f"{name}  ({cells} {'cell' if cells == 1 else 'cells'})"
+            for name, cells in zip(at["stage"], at["cells"], strict=True)
+        ],
         fontsize=7.5,
     )
     time.invert_yaxis()
@@ -58,9 +70,21 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
     positive = np.concatenate([stated[stated > 0], bound[bound > 1e-12]])
     low = 10.0 ** np.floor(np.log10(max(float(positive.min()), 1e-12)) - 0.3) if positive.size else 1e-9
     error.set_xscale("log")
-    error.barh(rank - 0.19, np.where(stated > low, stated - low, 0), left=low, height=0.36, color="#cc6677", label="of the stage itself")
     error.barh(
-        rank + 0.19, np.where(bound > low, bound - low, 0), left=low, height=0.36, color="#ddcc77", label="added by omissions, at most"
+        rank - 0.19,
+        np.where(stated > low, stated - low, 0),
+        left=low,
+        height=0.36,
+        color="#cc6677",
+        label="of the stage itself",
+    )
+    error.barh(
+        rank + 0.19,
+        np.where(bound > low, bound - low, 0),
+        left=low,
+        height=0.36,
+        color="#ddcc77",
+        label="added by omissions, at most",
     )
     error.set_xlim(low, max(2.0 * float(positive.max()), 10 * low) * 12 if positive.size else 1.0)
     for row, (own, how) in enumerate(zip(stated, at["how"], strict=True)):
@@ -68,7 +92,8 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
         error.text(own * 1.15 if own > low else low * 1.15, row - 0.19, text, va="center", fontsize=6.5)
     error.set_title("largest error, share of full scale", fontsize=9)
     shares = {
-        name: np.array(at[name], float) / np.maximum(np.array(at["cells"], float), 1) for name in ("left_out", "approximated", "failed")
+        name: np.array(at[name], float) / np.maximum(np.array(at["cells"], float), 1)
+        for name in ("left_out", "approximated", "failed")
     }
     start = np.zeros(len(rows))
     for name, colour, words in (
@@ -85,11 +110,21 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
         axes.tick_params(labelsize=7.5, length=2)
         axes.grid(axis="x", color="0.93")
         axes.set_axisbelow(True)
-        axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.04 - 0.5 / max(len(rows), 4)), ncols=2)
-    figure.suptitle(f"{holdings.pipeline + ': ' if holdings.pipeline else ''}time, error and omissions by stage", fontsize=10)
+        axes.legend(
+            fontsize=7,
+            frameon=False,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.04 - 0.5 / max(len(rows), 4)),
+            ncols=2,
+        )
+    figure.suptitle(
+        f"{holdings.pipeline + ': ' if holdings.pipeline else ''}time, error and omissions by stage", fontsize=10
+    )
     if blame is None:
         return Plot(whole, COLUMNS, rows, [f"which stage loses {called()['lost']}: --blame"] if shared_out() else [])
-    for axes, loss in zip(np.atleast_1d(second.subplots(1, len(losses))) if second is not None else (), losses, strict=True):
+    for axes, loss in zip(
+        np.atleast_1d(second.subplots(1, len(losses))) if second is not None else (), losses, strict=True
+    ):
         _draw_loss(axes, loss)
     if second is not None and place:
         second.suptitle(f"what each stage is owed of the losses, at {place}", fontsize=10)
@@ -97,7 +132,9 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
     notes = [f"no losses{where}: {blame['why']}"] if blame.get("why") else []
     notes += [f"losses are those of the {called()['cell']}{where}"] if place and not notes else []
     notes += map(str, blame["notes"])
-    return Plot(whole, (*COLUMNS, *(f"{loss['what'].lower()}_share" for loss in losses)), _with_shares(rows, losses), notes)
+    return Plot(
+        whole, (*COLUMNS, *(f"{loss['what'].lower()}_share" for loss in losses)), _with_shares(rows, losses), notes
+    )
 
 
 def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:
@@ -105,7 +142,10 @@ def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:
     names, shares = [one["stage"] for one in loss["stages"]], np.array([_known(one["share"]) for one in loss["stages"]])
     place = np.arange(len(names))
     axes.barh(place, 100 * shares, color=np.where(shares < 0, "#44aa77", "#cc6677"))
-    low, high = min(0.0, 100 * float(np.nanmin(shares, initial=0.0))), max(0.0, 100 * float(np.nanmax(shares, initial=0.0)))
+    low, high = (
+        min(0.0, 100 * float(np.nanmin(shares, initial=0.0))),
+        max(0.0, 100 * float(np.nanmax(shares, initial=0.0))),
+    )
     for row, share in enumerate(shares):
         text = "unknown" if np.isnan(share) else f"{100 * share:.1f} %"
         axes.text(100 * max(np.nan_to_num(share), 0.0) + 0.02 * (high - low), row, text, va="center", fontsize=7)
@@ -143,7 +183,9 @@ def by_stage(holdings: Holdings) -> list[list[Any]]:
     """
     ledger = holdings.table("ledger")
     if ledger is None:
-        raise RequestError("there is no ledger here: a budget is drawn of an archive, or of what a run gave, as a whole")
+        raise RequestError(
+            "there is no ledger here: a budget is drawn of an archive, or of what a run gave, as a whole"
+        )
     stages = ledger["stage"].values.astype(object)
     rows = []
     for name in dict.fromkeys(stages.tolist()):
@@ -154,7 +196,18 @@ def by_stage(holdings: Holdings) -> list[list[Any]]:
         seconds = [float(np.nansum(own[name].values)) for name in ("seconds", "seconds_saved")]
         worst = float(np.nanmax(error)) if np.isfinite(error).any() else None
         how, bound = str(own["how"].values.astype(object)[0]), float(np.nan_to_num(own["bound"].values).max())
-        rows.append([name, len(status), int(np.isin(status, ("failed", "skipped")).sum()), *omitted, *seconds, worst, how, bound])
+        rows.append(
+            [
+                name,
+                len(status),
+                int(np.isin(status, ("failed", "skipped")).sum()),
+                *omitted,
+                *seconds,
+                worst,
+                how,
+                bound,
+            ]
+        )
     return rows
 
 

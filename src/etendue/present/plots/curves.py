@@ -1,7 +1,8 @@
 """Curves: a variable over its own dim, such as frequency or signal, or a figure over an axis of the sweep.
 
 In:  holdings, the name of a variable, what runs along x, which dim is told apart by lines and which by panels.
-Out: a ``Plot``; where an axis ends for good, as frequency does at that of Nyquist, a line stands: half a cycle a pixel, or what a
+Out: a ``Plot``; where an axis ends for good, as frequency does at that of Nyquist, a line stands: half a cycle a pixel,
+     or what a
 variable with an ``end`` says in the same unit.
 """
 
@@ -30,10 +31,16 @@ PER_PIXEL = ("pixel-1", "cycles/pixel")
 
 
 def curves(
-    holdings: Holdings, variable: str = "", x: str = "", lines: str = "", panels: Sequence[str] = (), at: Mapping[str, Any] | None = None,
+    holdings: Holdings,
+    variable: str = "",
+    x: str = "",
+    lines: str = "",
+    panels: Sequence[str] = (),
+    at: Mapping[str, Any] | None = None,
     middle: Mapping[str, Any] | None = None,
-) -> Plot:  # fmt: skip
-    """Lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: what lines tell apart.
+) -> Plot:
+    """Lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: what lines tell
+    apart.
 
     Raises
     ------
@@ -47,12 +54,20 @@ def curves(
     along, beside = _along(held, x, free, dims)
     rest = [dim for dim in dims if dim.name != along]
     if lines and lines not in [dim.name for dim in rest]:
-        raise RequestError(f"--lines {lines}: it is no dim that lines could tell apart{nearest(lines, [dim.name for dim in rest])}")
+        raise RequestError(
+            f"--lines {lines}: it is no dim that lines could tell apart{nearest(lines, [dim.name for dim in rest])}"
+        )
     lines = lines or _told_apart(rest, chosen)
     place = arranged(rest, 0 if not lines else 1, lines, "", panels, chosen, MOST_PANELS, middle)
     hue = place.x if lines else None
     figure, grid = _figure(place.panels)
-    columns = [*place.fixed, *(dim.name for dim in place.panels), *([hue.name] if hue else []), beside or along, held.variable]
+    columns = [
+        *place.fixed,
+        *(dim.name for dim in place.panels),
+        *([hue.name] if hue else []),
+        beside or along,
+        held.variable,
+    ]
     rows: list[list[Any]] = []
     units, title, ended, log = "", "", "", False
     for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
@@ -65,7 +80,14 @@ def curves(
             xs, units, title = _x_of(held, along, beside, full)
             ys = np.asarray(values.values, float)
             text = hue.text(value) if hue else None
-            axes.plot(xs, ys, color=colour, label=text, linewidth=1.4, **({"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}))
+            axes.plot(
+                xs,
+                ys,
+                color=colour,
+                label=text,
+                linewidth=1.4,
+                **({"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}),
+            )
             rows += [[*full.values(), float(a), float(b)] for a, b in zip(xs, ys, strict=True)]
             log = log or (along in held.axes and _dim(dims, along).spread)
             end = _end(holdings, held, full, units)
@@ -109,15 +131,21 @@ def _along(held: Held, x: str, free: Sequence[str], dims: Sequence[Dim]) -> tupl
         axes = [dim for dim in dims if len(dim.values) > 1 and dim.counted]
         if not axes:
             raise RequestError(f"{held.name} has one value along every axis: there is no curve in it")
-        return max(axes, key=lambda dim: (dim.name in first("along"), len(dim.values))).name if len(axes) > 1 else axes[0].name, ""
+        return max(axes, key=lambda dim: (dim.name in first("along"), len(dim.values))).name if len(axes) > 1 else axes[
+            0
+        ].name, ""
     if x in free or x in [dim.name for dim in dims]:
         if free and x not in free:
             raise RequestError(f"--x {x}: {held.name} runs over {free[0]}; a coordinate along it may stand there")
         return x, ""
-    beside = [str(name) for name, own in group.variables.items() if free and free[0] in own.dims and own.dtype.kind in "fiu"]
+    beside = [
+        str(name) for name, own in group.variables.items() if free and free[0] in own.dims and own.dtype.kind in "fiu"
+    ]
     if x in beside:
         return free[0], x
-    raise RequestError(f"--x {x}: it is no dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}")
+    raise RequestError(
+        f"--x {x}: it is no dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}"
+    )
 
 
 def _told_apart(rest: Sequence[Dim], chosen: Mapping[str, Any]) -> str:
@@ -138,7 +166,11 @@ def _x_of(held: Held, along: str, beside: str, at: Mapping[str, Any]) -> tuple[A
         own = {d: v for d, v in at.items() if d in array.dims}
         if all(v in group[d].values.tolist() for d, v in own.items()):
             units = str(array.attrs.get("units", "1"))
-            return np.asarray(array.sel(own).values, float), units, name_text(str(array.attrs.get("long_name", beside)), units)
+            return (
+                np.asarray(array.sel(own).values, float),
+                units,
+                name_text(str(array.attrs.get("long_name", beside)), units),
+            )
     raise RequestError(f"{beside} is not known at these values")
 
 
@@ -168,7 +200,10 @@ def _figure(panels: Sequence[Dim]) -> tuple[Any, list[Any]]:
     rows = -(-count // columns)
     figure = new_figure(3.6 * columns + 2.4, (3.4 if rows == 1 else 2.5) * rows + 0.8)
     first = figure.add_subplot(rows, columns, 1)
-    return figure, [first, *(figure.add_subplot(rows, columns, n + 1, sharex=first, sharey=first) for n in range(1, count))]
+    return figure, [
+        first,
+        *(figure.add_subplot(rows, columns, n + 1, sharex=first, sharey=first) for n in range(1, count)),
+    ]
 
 
 def _colours(hue: Dim | None) -> Any:

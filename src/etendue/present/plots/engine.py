@@ -1,4 +1,5 @@
-"""Archives for ``xarray.open_datatree``: ``engine="etendue"``, or no word at all, opens the folder; and the accessors are there.
+"""Archives for ``xarray.open_datatree``: ``engine="etendue"``, or no word at all, opens the folder; and the accessors
+are there.
 
 In:  the folder of an archive.
 Out: its tree, or one group of it, lazy.
@@ -26,12 +27,20 @@ class EtendueBackend(BackendEntrypoint):
     supports_groups = True
     open_dataset_parameters = ("filename_or_obj", "drop_variables", "group")
 
-    def open_dataset(self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None, group: str = "") -> xarray.Dataset:
+    def open_dataset(
+        self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None, group: str = ""
+    ) -> xarray.Dataset:
         return opened(Path(filename_or_obj))[group or "/"].to_dataset().drop_vars(drop_variables or [])
 
-    def open_datatree(self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None) -> xarray.DataTree:
+    def open_datatree(
+        self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None
+    ) -> xarray.DataTree:
         tree = opened(Path(filename_or_obj))
-        return tree.map_over_datasets(lambda data: data.drop_vars(drop_variables, errors="ignore")) if drop_variables else tree
+        return (
+            tree.map_over_datasets(lambda data: data.drop_vars(drop_variables, errors="ignore"))
+            if drop_variables
+            else tree
+        )
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
         try:

@@ -1,6 +1,8 @@
-"""An archive, or a run in memory, at a glance: what it is, how far it is, its axes, figures, pictures, and what went wrong.
+"""An archive, or a run in memory, at a glance: what it is, how far it is, its axes, figures, pictures, and what went
+wrong.
 
-In:  an ``xarray.DataTree`` as ``open_archive``, xarray or ``simulate`` give it, of a run that has ended, was broken off or goes on.
+In:  an ``xarray.DataTree`` as ``open_archive``, xarray or ``simulate`` give it, of a run that has ended, was broken off
+     or goes on.
 Out: a ``Glance``: numbers, texts and small pictures. Texts may be a stranger's: whoever shows them escapes them.
 """
 
@@ -38,7 +40,13 @@ MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 RANGED = 50_000  # cells of a figure, up to which its least and most are read
 LARGEST = 16 * 2**20  # numbers of an array that is made small for its picture
 SAMPLES = 256  # along a side, of which a small picture is made
-UNREADABLE = (EtendueError, OSError, ValueError, KeyError, RuntimeError)  # what xarray, zarr and its codecs say of bytes that are damaged
+UNREADABLE = (
+    EtendueError,
+    OSError,
+    ValueError,
+    KeyError,
+    RuntimeError,
+)  # what xarray, zarr and its codecs say of bytes that are damaged
 
 
 @dataclass(frozen=True)
@@ -147,12 +155,26 @@ def _whole(tree: xarray.DataTree | xarray.Dataset, place: str, folder: Path | No
     record = (latest_record(folder) or {}) if folder else {}
     state = state_of(folder if whole else None, record, counts)
     commands = [*_going_on(place, folder, state), *_commands(holdings, place, at)]
-    names = (*((holdings.pipeline, record.get("pipeline")) if whole else ()), getattr(tree, "name", ""), tree.attrs.get("stage"))
+    names = (
+        *((holdings.pipeline, record.get("pipeline")) if whole else ()),
+        getattr(tree, "name", ""),
+        tree.attrs.get("stage"),
+    )
     return Glance(
-        str(next(filter(None, names), "")), place, state, len(stages_of(holdings, ledger)), counts,
+        str(next(filter(None, names), "")),
+        place,
+        state,
+        len(stages_of(holdings, ledger)),
+        counts,
         [(dim, _values(values, units[dim], dim), len(values)) for dim, values in holdings.axes.items()],
-        places_text(at, units), found["figures"], found["pictures"], omitted, failed, commands, notes,
-    )  # fmt: skip
+        places_text(at, units),
+        found["figures"],
+        found["pictures"],
+        omitted,
+        failed,
+        commands,
+        notes,
+    )
 
 
 def place_of(tree: xarray.DataTree | xarray.Dataset) -> tuple[str, Path | None]:
@@ -194,17 +216,23 @@ def _damage(folder: Path) -> str:
     return ""
 
 
-# -- one cell -------------------------------------------------------------------------------------------------------------
+# -- one cell
+# -------------------------------------------------------------------------------------------------------------
 
 
 def _cell(holdings: Holdings) -> dict[str, Any]:
-    """The cell that is looked at: that of the pictures of a run; else, of those that have come furthest, the one in the middle."""
+    """The cell that is looked at: that of the pictures of a run; else, of those that have come furthest, the one in
+    the middle.
+    """
     said = shown_at(holdings)
     if said:
         return {dim: value for dim, value in said.items() if dim in holdings.axes}
     axes = holdings.axes
     middle = {dim: values[len(values) // 2] for dim, values in axes.items()}
-    off = {dim: {value: abs(place - len(values) // 2) for place, value in enumerate(values)} for dim, values in axes.items()}
+    off = {
+        dim: {value: abs(place - len(values) // 2) for place, value in enumerate(values)}
+        for dim, values in axes.items()
+    }
     for one in [*reversed(holdings.of_kind("picture")), *reversed(list(holdings))]:
         there = _finished(one)
         if there and one.axes:
@@ -242,7 +270,10 @@ def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Figure]:
         if one.dims in ((), ("stage",)) and not one.known.counted and not one.known.index and not one.known.quiet:
             able[one.variable] = one
     front = first("glance")
-    names = [*(name for name in front if name in able), *(name for name in able if name not in front and able[name].axes)]
+    names = [
+        *(name for name in front if name in able),
+        *(name for name in able if name not in front and able[name].axes),
+    ]
     found = []
     for one in (able[name] for name in names):
         behind = f" behind {one.values_of('stage')[-1]}" if one.dims else ""
@@ -287,7 +318,10 @@ def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:
         kept.append((one, (int(array.sizes["y"]), int(array.sizes["x"]))))
         thin.append(array.isel(y=slice(None, None, step), x=slice(None, None, step)).load())
     order = [Pictured(one.variable, one.dims, drawn_of(one), one.axes) for one, _ in kept]
-    whites = [pictures.bright_among(order, number, lambda other: pictures.bright_in(thin[other])) for number in range(len(order))]
+    whites = [
+        pictures.bright_among(order, number, lambda other: pictures.bright_in(thin[other]))
+        for number in range(len(order))
+    ]
     return [
         Tile(one.stage, one.variable, pictures.drawn(array, white), size)
         for (one, size), array, white in zip(kept, thin, whites, strict=True)
@@ -299,7 +333,8 @@ def _values(values: list[Any], units: str, dim: str) -> str:
     return ", ".join(texts) if len(texts) <= MOST_VALUES else f"{', '.join(texts[:3])}, …, {texts[-1]}"
 
 
-# -- what to do next ------------------------------------------------------------------------------------------------------
+# -- what to do next
+# ------------------------------------------------------------------------------------------------------
 
 
 def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, str]]:
@@ -308,7 +343,10 @@ def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, st
     if not files or state == "complete" or state.startswith("running"):
         return []
     return [
-        (f"etendue run {shlex.quote(f'{shlex.split(place)[0]}/runs/{files[-1].name}')} --archive {place}", "computes what is not there")
+        (
+            f"etendue run {shlex.quote(f'{shlex.split(place)[0]}/runs/{files[-1].name}')} --archive {place}",
+            "computes what is not there",
+        )
     ]
 
 
@@ -316,17 +354,24 @@ def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tup
     """In Python for any tree; as commands for what is stored."""
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
     named = next(
-        (one.variable for name in first("glance") for one in varying if one.variable == name), varying[-1].variable if varying else ""
+        (one.variable for name in first("glance") for one in varying if one.variable == name),
+        varying[-1].variable if varying else "",
     )
     pictured = {one.variable: one for one in holdings.of_kind("picture")}
     front = [name for name in first("picture") if name in pictured]
     picture = next((name for name in (*front, *reversed(pictured)) if _is_finished(pictured[name], at)), "")
     found = [(f'tree.etendue.plot.map("{named}")', "a figure over the sweep")] if named else []
-    found += [("tree.etendue.plot.strip()", "every stage, with a part enlarged")] if picture or holdings.table("frames") is not None else []
+    found += (
+        [("tree.etendue.plot.strip()", "every stage, with a part enlarged")]
+        if picture or holdings.table("frames") is not None
+        else []
+    )
     if picture:
         one = pictured[picture]
         places = "".join(
-            f", {dim}={at.get(dim, one.values_of(dim)[0])!r}" for dim in one.axes if len(one.values_of(dim)) > 1 and dim.isidentifier()
+            f", {dim}={at.get(dim, one.values_of(dim)[0])!r}"
+            for dim in one.axes
+            if len(one.values_of(dim)) > 1 and dim.isidentifier()
         )
         found.append((f'tree.etendue.show("{picture}"{places})', "one picture of one cell"))
     if not place:

@@ -1,4 +1,5 @@
-"""How far a run is, and what became of its cells: from the ledger, from the journal of a run that has none yet, else from statuses.
+"""How far a run is, and what became of its cells: from the ledger, from the journal of a run that has none yet, else
+from statuses.
 
 In:  holdings; the ledger, the journal, the folder of an archive, as far as there are any.
 Out: words, counts, rows of what failed and of what was left out.
@@ -75,7 +76,9 @@ def counts_of(holdings: Holdings, ledger: xarray.Dataset | None, journal: Any) -
     return {status: found[status] for status in order if found.get(status)}
 
 
-def failed_cells(holdings: Holdings, ledger: xarray.Dataset | None, journal: Any, units: Mapping[str, str]) -> list[tuple[str, str, str]]:
+def failed_cells(
+    holdings: Holdings, ledger: xarray.Dataset | None, journal: Any, units: Mapping[str, str]
+) -> list[tuple[str, str, str]]:
     """(stage, where, message) of every cell that failed."""
     if ledger is not None:
         return _failed_of(ledger, units)
@@ -90,7 +93,13 @@ def _failed_of(ledger: xarray.Dataset, units: Mapping[str, str]) -> list[tuple[s
     for row in rows:
         one = {name.removeprefix("at_"): ledger[name].values[row] for name in axes}
         known = {dim: v for dim, v in one.items() if v != "" and not (isinstance(v, float) and math.isnan(v))}
-        found.append((str(ledger["stage"].values[row]), places_text(known, dict(units)), _last_line(str(ledger["message"].values[row]))))
+        found.append(
+            (
+                str(ledger["stage"].values[row]),
+                places_text(known, dict(units)),
+                _last_line(str(ledger["message"].values[row])),
+            )
+        )
     return found
 
 
@@ -129,5 +138,14 @@ def omitted_cells(ledger: xarray.Dataset) -> list[tuple[str, int, int, str, floa
             own = there & (stages == stage) & (texts == text)
             bound, saved = (ledger[name].values[own].astype(float) for name in ("bound", "seconds_saved"))
             most = float(np.nan_to_num(bound).max())
-            rows.append((str(stage), int(own.sum()), int((stages == stage).sum()), f"{word}{text}", most, float(np.nansum(saved))))
+            rows.append(
+                (
+                    str(stage),
+                    int(own.sum()),
+                    int((stages == stage).sum()),
+                    f"{word}{text}",
+                    most,
+                    float(np.nansum(saved)),
+                )
+            )
     return rows

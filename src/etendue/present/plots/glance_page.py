@@ -1,7 +1,8 @@
 """A glance as it looks: HTML for a notebook, lines for a terminal.
 
 In:  a ``Glance``.
-Out: HTML without scripts, styles of its own elements alone, pictures in it: nothing is asked of a network; every text is escaped.
+Out: HTML without scripts, styles of its own elements alone, pictures in it: nothing is asked of a network; every text
+     is escaped.
 """
 
 from __future__ import annotations
@@ -40,23 +41,31 @@ def text(one: Glance) -> str:
     there = [f"{_stages(one)}, {_cells(one)}"] if one.stages else []
     said = f"<etendue {printable(one.name)}: {'; '.join([*there, *([axes] if axes else []), one.state, where])}>"
     notes = [f"  {printable(note)}" for note in one.notes]
-    return "\n".join([said, *notes, *(f"  failed: {_where(row)}" for row in one.failed[:MOST_ROWS]), *_more(one.failed)])
+    return "\n".join(
+        [said, *notes, *(f"  failed: {_where(row)}" for row in one.failed[:MOST_ROWS]), *_more(one.failed)]
+    )
 
 
 def page(one: Glance, run: str = "") -> str:
     """The HTML. ``run``: what a run has done just now."""
     bad = bool(one.counts.get("failed")) or one.state.startswith("damaged")
     head = (
-        f'<div><b style="font-size:1.15em">{safe(one.name)}</b> &nbsp;<span{_style(f"color:{RED};font-weight:600") if bad else ""}>'
+        f'<div><b style="font-size:1.15em">{safe(one.name)}</b> '
+        f"&nbsp;<span{_style(f'color:{RED};font-weight:600') if bad else ''}>"
         f"{safe(one.state)}</span></div>"
     )
     facts = [*([_stages(one), _cells(one)] if one.stages else []), one.place or "in memory", *([run] if run else [])]
     parts = [head, f"<div{_style(SOFT)}>{' · '.join(map(safe, facts))}</div>"]
     if one.failed:
-        lost = [(stage, where or "–", message or "the ledger says it when the run has ended") for stage, where, message in one.failed]
+        lost = [
+            (stage, where or "–", message or "the ledger says it when the run has ended")
+            for stage, where, message in one.failed
+        ]
         parts.append(table("Failed", ("stage", "at", "why"), lost[:MOST_ROWS], _more(lost), colour=RED))
     if one.axes:
-        parts.append(table("Swept", ("axis", "values", ""), [(name, values, _count(n, "value")) for name, values, n in one.axes]))
+        parts.append(
+            table("Swept", ("axis", "values", ""), [(name, values, _count(n, "value")) for name, values, n in one.axes])
+        )
     if one.pictures:
         parts.append(_strip(one.pictures, one.at))
     if one.figures:
@@ -67,7 +76,10 @@ def page(one: Glance, run: str = "") -> str:
         )
         parts.append(table("Figures", heads, [_figure_row(own, bool(one.axes)) for own in one.figures]))
     if one.omitted:
-        rows = [(stage, f"{n} of {of}", why, _bound(most), _seconds(saved)) for stage, n, of, why, most, saved in one.omitted[:MOST_ROWS]]
+        rows = [
+            (stage, f"{n} of {of}", why, _bound(most), _seconds(saved))
+            for stage, n, of, why, most, saved in one.omitted[:MOST_ROWS]
+        ]
         heads = ("stage", "cells", "why", "adds at most", "saves")
         parts.append(table("Left out or made coarser", heads, rows, _more(one.omitted), folded=True))
     parts += [f"<div>{safe(note)}</div>" for note in one.notes]
@@ -122,13 +134,15 @@ def _seconds(saved: float) -> str:
 def _strip(tiles: Sequence[Tile], at: str) -> str:
     """Small pictures beside each other, in the order of the stages."""
     shown = [
-        f"<figure{_style('margin:0;flex:0 0 auto;max-width:10.5em')}>{_image(one)}{_caption(one)}</figure>" for one in tiles[:MOST_PICTURES]
+        f"<figure{_style('margin:0;flex:0 0 auto;max-width:10.5em')}>{_image(one)}{_caption(one)}</figure>"
+        for one in tiles[:MOST_PICTURES]
     ]
     left = f"<div>and {len(tiles) - MOST_PICTURES} more pictures</div>" if len(tiles) > MOST_PICTURES else ""
     title = f"{called()['strip']}{', at ' + at if at else ''}"
     return (
         f'<div style="margin-top:.6em"><b>{safe(title)}</b></div>'
-        f'<div style="display:flex;flex-wrap:wrap;gap:8px 10px;align-items:flex-end;margin:.3em 0">{"".join(shown)}</div>{left}'
+        f'<div style="display:flex;flex-wrap:wrap;gap:8px 10px;align-items:flex-end;margin:.3em '
+        f'0">{"".join(shown)}</div>{left}'
     )
 
 
@@ -152,7 +166,10 @@ def _image(one: Tile) -> str:
     picture.resize((size[0], size[1]), how).save(file, "WEBP", quality=QUALITY, method=4)
     data = base64.b64encode(file.getvalue()).decode()
     words = safe(f"{one.variable} behind {one.stage}")
-    return f'<img src="data:image/webp;base64,{data}" width="{size[0]}" height="{size[1]}" alt="{words}" style="display:block;margin:0">'
+    return (
+        f'<img src="data:image/webp;base64,{data}" width="{size[0]}" height="{size[1]}" alt="{words}" '
+        f'style="display:block;margin:0">'
+    )
 
 
 def _commands(commands: Iterable[tuple[str, str]]) -> str:

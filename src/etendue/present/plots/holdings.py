@@ -1,7 +1,8 @@
 """What a tree holds that can be drawn: figures, curves and pictures of every stage, over the axes of its sweep.
 
 In:  an ``xarray.DataTree`` as ``open_archive``, xarray or ``simulate`` give it.
-Out: ``Held`` by stage and variable; its values over the whole sweep, the shapes of a stage joined, unknown where a cell has failed.
+Out: ``Held`` by stage and variable; its values over the whole sweep, the shapes of a stage joined, unknown where a cell
+     has failed.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ class Held:
     stage: str
     variable: str
     groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one, or one for each shape
-    order: Mapping[str, Mapping[Any, int]] = field(default_factory=dict, repr=False)  # of names along axes, as they were swept
+    order: Mapping[str, Mapping[Any, int]] = field(
+        default_factory=dict, repr=False
+    )  # of names along axes, as they were swept
     archive: str = field(default=ANY, repr=False)  # as it is called where commands are typed
 
     @property
@@ -68,7 +71,9 @@ class Held:
     @property
     def title(self) -> str:
         """What it is and which stages are not in it; without its unit, which is written beside it."""
-        return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units) + without(self.attrs)
+        return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units) + without(
+            self.attrs
+        )
 
     @property
     def kind(self) -> str:
@@ -96,7 +101,11 @@ class Held:
         if dim not in self.axes:
             return values
         place = self.order.get(dim, {})
-        return sorted(values, key=lambda v: place.get(v, len(place))) if any(isinstance(v, str) for v in values) else sorted(values)
+        return (
+            sorted(values, key=lambda v: place.get(v, len(place)))
+            if any(isinstance(v, str) for v in values)
+            else sorted(values)
+        )
 
     def units_of(self, dim: str) -> str:
         group = self.groups[0]
@@ -125,7 +134,9 @@ class Held:
         """Over the axes: whether a cell is finished."""
         return self._joined(self.variable, at or {})[2]
 
-    def _joined(self, variable: str, at: Mapping[str, Any]) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
+    def _joined(
+        self, variable: str, at: Mapping[str, Any]
+    ) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
         axes = [dim for dim in self.axes if dim not in at]
         labels = {dim: self.values_of(dim) for dim in axes}
         whole: Any = None
@@ -136,16 +147,25 @@ class Held:
         for group in self.groups:
             if any(value not in group[dim].values.tolist() for dim, value in at.items() if dim in self.axes):
                 continue
-            chosen = group[[variable, *(["status"] if "status" in group else [])]].sel({k: v for k, v in at.items() if k in group.coords})
-            array, status = _loaded(chosen[variable], self), _loaded(chosen["status"], self) if "status" in chosen else None
+            chosen = group[[variable, *(["status"] if "status" in group else [])]].sel(
+                {k: v for k, v in at.items() if k in group.coords}
+            )
+            array, status = (
+                _loaded(chosen[variable], self),
+                _loaded(chosen["status"], self) if "status" in chosen else None,
+            )
             dims = tuple(str(dim) for dim in array.dims if dim not in axes)
             coords |= {dim: group[dim] for dim in dims if dim in group.coords}
             own = array.transpose(*axes, *dims).values.astype(np.float64)
             if whole is None:
                 whole = np.full((*failed.shape, *own.shape[len(axes) :]), np.nan)
             elif whole.shape[len(axes) :] != own.shape[len(axes) :]:
-                raise RequestError(f"{self.name} has another shape at other values of {' and '.join(axes)}: choose one of them")
-            place: Any = np.ix_(*([labels[dim].index(v) for v in group[dim].values.tolist()] for dim in axes)) if axes else ...
+                raise RequestError(
+                    f"{self.name} has another shape at other values of {' and '.join(axes)}: choose one of them"
+                )
+            place: Any = (
+                np.ix_(*([labels[dim].index(v) for v in group[dim].values.tolist()] for dim in axes)) if axes else ...
+            )
             flags = np.zeros(own.shape[: len(axes)]) if status is None else status.transpose(*axes).values
             there = np.isin(flags, FINISHED)
             whole[place] = np.where(there[(..., *[None] * len(dims))], own, whole[place])
@@ -196,7 +216,9 @@ class Holdings:
         return sorted(values, key=lambda v: place.get(v, len(place))) if place else list(values)
 
     def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[Any, int]]:
-        """The names along each axis as they were swept: as the ledger has them, else as the group that has most of them."""
+        """The names along each axis as they were swept: as the ledger has them, else as the group that has most of
+        them.
+        """
         ledger = self.table("ledger")
         found: dict[str, dict[Any, None]] = {}
         along: dict[str, list[list[str]]] = {}
@@ -233,8 +255,12 @@ class Holdings:
                 "figure": "; draw it with map, curves or pareto",
                 "curve": "; draw it with curves",
             }
-            raise RequestError(f"{name} is a {found[-1].kind} (dims: {dims}), no {' or '.join(kinds)}{way.get(found[-1].kind, '')}")
-        raise RequestError(f"there is no {name!r} here{nearest(name, names)}; all that there is: etendue plot {self.archive} --list")
+            raise RequestError(
+                f"{name} is a {found[-1].kind} (dims: {dims}), no {' or '.join(kinds)}{way.get(found[-1].kind, '')}"
+            )
+        raise RequestError(
+            f"there is no {name!r} here{nearest(name, names)}; all that there is: etendue plot {self.archive} --list"
+        )
 
     def table(self, name: str) -> xarray.Dataset | None:
         """A table beside the stages: ``ledger``, ``summary``, ``frames``."""
@@ -256,8 +282,12 @@ def _stages(tree: xarray.DataTree) -> list[tuple[str, list[xarray.Dataset]]]:
     for node in sorted(tops, key=lambda node: int(node.attrs.get("order", 10**6))):
         groups = [part.to_dataset(inherit=False) for part in node.subtree if part.data_vars]
         if groups:
-            shape = node.parent is not None and "order" not in node.attrs and "order" in node.parent.attrs  # one shape of a stage
-            found.append((str(node.parent.name if shape and node.parent else node.name or node.attrs.get("stage", "")), groups))
+            shape = (
+                node.parent is not None and "order" not in node.attrs and "order" in node.parent.attrs
+            )  # one shape of a stage
+            found.append(
+                (str(node.parent.name if shape and node.parent else node.name or node.attrs.get("stage", "")), groups)
+            )
     return found
 
 

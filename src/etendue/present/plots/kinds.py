@@ -1,4 +1,5 @@
-"""The kinds of plots, by name: the engine's own and those that distributions bring by ``etendue_plots``; and what is drawn by default.
+"""The kinds of plots, by name: the engine's own and those that distributions bring by ``etendue_plots``; and what is
+drawn by default.
 
 In:  holdings, a kind, figures, what was asked for.
 Out: a ``Plot``; lists of what there is.
@@ -26,8 +27,10 @@ _HERE = "etendue.present.plots.asked"
 
 @dataclass(frozen=True)
 class Kind:
-    """``place``: ``module:function`` of (holdings, asked), which gives a ``Plot`` or a figure of matplotlib; ``takes``: names of variables,
-    at most; ``uses``: what else of `Asked` it goes by; ``index``: it is what a variable is drawn as that points into names."""
+    """``place``: ``module:function`` of (holdings, asked), which gives a ``Plot`` or a figure of matplotlib; ``takes``:
+    names of variables, at most; ``uses``: what else of `Asked` it goes by; ``index``: it is what a variable is drawn as
+    that points into names.
+    """
 
     place: str
     takes: int = 1
@@ -38,7 +41,10 @@ class Kind:
 
 OWN = {
     "map": Kind(
-        f"{_HERE}:map_of", 1, "a figure over two axes, its number in every cell; further axes as panels", ("x", "y", "panels", "at")
+        f"{_HERE}:map_of",
+        1,
+        "a figure over two axes, its number in every cell; further axes as panels",
+        ("x", "y", "panels", "at"),
     ),
     "curves": Kind(
         place=f"{_HERE}:curves_of",
@@ -47,7 +53,10 @@ OWN = {
     ),
     "pareto": Kind(f"{_HERE}:front_of", 2, "two figures against each other, and the front, named", ("better", "at")),
     "strip": Kind(
-        f"{_HERE}:strip_of", 1, "all stages of one cell as pictures, each with a part enlarged; or one variable over an axis", ("at",)
+        f"{_HERE}:strip_of",
+        1,
+        "all stages of one cell as pictures, each with a part enlarged; or one variable over an axis",
+        ("at",),
     ),
     "show": Kind(f"{_HERE}:picture_of", 1, "one picture of one cell", ("at",)),
     "budget": Kind(f"{_HERE}:budget_of", 0, "run time, stated error and omissions by stage", ("blame",)),
@@ -92,7 +101,9 @@ def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot
     kind, figures = kind_of(holdings, kind, asked.figures)
     takes = kinds()[kind].takes
     if len(figures) > takes:
-        raise RequestError(f"{kind} draws {takes or 'no'} {'variable' if takes == 1 else 'variables'}, not {', '.join(figures)}")
+        raise RequestError(
+            f"{kind} draws {takes or 'no'} {'variable' if takes == 1 else 'variables'}, not {', '.join(figures)}"
+        )
     _refuse_unused(kind, asked)
     made = _function(kind)(holdings, replace(asked, figures=figures, middle=shown_at(holdings)))
     if isinstance(made, Plot):
@@ -114,13 +125,17 @@ def _by_dims(holdings: Holdings, asked: Asked) -> Asked:
 def _refuse_unused(kind: str, asked: Asked) -> None:
     for name in WORDS:
         if getattr(asked, name) and name not in kinds()[kind].uses:
-            raise RequestError(f"--{name} is for {' and '.join(k for k, one in kinds().items() if name in one.uses)}, not for {kind}")
+            raise RequestError(
+                f"--{name} is for {' and '.join(k for k, one in kinds().items() if name in one.uses)}, not for {kind}"
+            )
     if asked.at and not {"at"} <= set(kinds()[kind].uses):
         raise RequestError(f"a {kind} is of all cells: leave out --at")
 
 
 def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
-    """The kind that is meant: as it is named, as the variable suggests that stands in its place, or what the archive holds most of."""
+    """The kind that is meant: as it is named, as the variable suggests that stands in its place, or what the archive
+    holds most of.
+    """
     if kind in kinds():
         return kind, tuple(figures)
     if kind:  # the name of a variable in the place of a kind
@@ -167,4 +182,11 @@ def listed(holdings: Holdings) -> dict[str, Any]:
 def _said(one: Held) -> dict[str, Any]:
     better = str(one.attrs.get("better", "")) or one.known.better
     dims = {"axes": list(one.axes), "dims": list(one.dims)}
-    return {"name": one.name, "kind": one.kind, **dims, "units": unit_text(one.units), "title": one.title, "better": better}
+    return {
+        "name": one.name,
+        "kind": one.kind,
+        **dims,
+        "units": unit_text(one.units),
+        "title": one.title,
+        "better": better,
+    }

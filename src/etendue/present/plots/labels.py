@@ -1,4 +1,5 @@
-"""How axes, values and units are written beside a plot: ``5.4 µm``, ``8 ms``, ``cycles/µm``; with a prefix where a quantity has one.
+"""How axes, values and units are written beside a plot: ``5.4 µm``, ``8 ms``, ``cycles/µm``; with a prefix where a
+quantity has one.
 
 In:  names of dims, values, units as the archive has them (``um-1``, ``V um-2``).
 Out: short text.
@@ -14,9 +15,16 @@ from etendue.contract import wording
 from etendue.contract.quantities import long_name
 
 SAID = {
-    "1": "", "": "", "um-1": "cycles/µm", "mm-1": "lp/mm", "pixel-1": "cycles/pixel", "cycles/um": "cycles/µm", "s": "s", "deg": "°",
+    "1": "",
+    "": "",
+    "um-1": "cycles/µm",
+    "mm-1": "lp/mm",
+    "pixel-1": "cycles/pixel",
+    "cycles/um": "cycles/µm",
+    "s": "s",
+    "deg": "°",
     "stop": "stops",
-}  # fmt: skip
+}
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 

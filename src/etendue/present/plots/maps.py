@@ -24,9 +24,14 @@ from etendue.present.plots.plot import Plot
 
 
 def figure_map(
-    holdings: Holdings, figure: str = "", x: str = "", y: str = "", panels: Sequence[str] = (), at: Mapping[str, Any] | None = None,
+    holdings: Holdings,
+    figure: str = "",
+    x: str = "",
+    y: str = "",
+    panels: Sequence[str] = (),
+    at: Mapping[str, Any] | None = None,
     middle: Mapping[str, Any] | None = None,
-) -> Plot:  # fmt: skip
+) -> Plot:
     """A map of a figure; of an index by name. Without ``figure`` a sensible one.
 
     Raises
@@ -39,14 +44,21 @@ def figure_map(
         return factor_map(holdings, held.name, x, y, panels, at, middle)
     place = arranged(dims_of([held]), 2, x, y, panels, resolved([held], at or {}), middle=middle)
     values, failed, there = laid_out(held, place)
-    drawn = map_of_figures(values, _sides(place), _title(held.title, holdings, place), unit_text(held.units), failed=failed, there=there)
+    drawn = map_of_figures(
+        values, _sides(place), _title(held.title, holdings, place), unit_text(held.units), failed=failed, there=there
+    )
     return Plot(drawn, *_table(held, place, values))
 
 
 def factor_map(
-    holdings: Holdings, figure: str = "", x: str = "", y: str = "", panels: Sequence[str] = (), at: Mapping[str, Any] | None = None,
+    holdings: Holdings,
+    figure: str = "",
+    x: str = "",
+    y: str = "",
+    panels: Sequence[str] = (),
+    at: Mapping[str, Any] | None = None,
     middle: Mapping[str, Any] | None = None,
-) -> Plot:  # fmt: skip
+) -> Plot:
     """What limits where: the name that an index over two axes stands for.
 
     Raises
@@ -75,7 +87,9 @@ def preferred(holdings: Holdings) -> Held:
     """The figure that is drawn when none is named: what goes first; one that differs over the sweep."""
     figures = [one for one in holdings.of_kind("figure") if not one.known.counted]
     if not figures:
-        raise RequestError("there are no figures here, only pictures; draw them with strip, or keep a stage that writes figures")
+        raise RequestError(
+            "there are no figures here, only pictures; draw them with strip, or keep a stage that writes figures"
+        )
     varying = [one for one in figures if one.axes] or figures
     for name in first("map"):
         for one in reversed(varying):
@@ -121,15 +135,20 @@ def _size(side: Dim | None) -> int:
 def _sides(place: Arrangement) -> Sides:
     x, y = place.x, place.y
     labels = [
-        ", ".join(dim.text(v) for dim, v in zip(place.panels, own, strict=True)) for own in product(*(d.values for d in place.panels))
+        ", ".join(dim.text(v) for dim, v in zip(place.panels, own, strict=True))
+        for own in product(*(d.values for d in place.panels))
     ]
     columns = 0
     if len(place.panels) == 2:
         columns = len(place.panels[1].values)
     return Sides(
-        [bare_text(v, x.units, x.name) for v in x.values] if x else [""], [bare_text(v, y.units, y.name) for v in y.values] if y else [""],
-        labels, x.title if x else "", y.title if y else "", columns,
-    )  # fmt: skip
+        [bare_text(v, x.units, x.name) for v in x.values] if x else [""],
+        [bare_text(v, y.units, y.name) for v in y.values] if y else [""],
+        labels,
+        x.title if x else "",
+        y.title if y else "",
+        columns,
+    )
 
 
 def _title(what: str, holdings: Holdings, place: Arrangement) -> str:
@@ -143,5 +162,7 @@ def _table(held: Held, place: Arrangement, values: Any) -> tuple[list[str], list
     fixed = [name for name in place.fixed if name in (*held.axes, *held.dims)]
     columns = [*fixed, *(dim.name for dim in dims), held.variable]
     at = [place.fixed[name] for name in fixed]
-    rows = [[*at, *own, float(v)] for own, v in zip(product(*(dim.values for dim in dims)), np.ravel(values), strict=True)]
+    rows = [
+        [*at, *own, float(v)] for own, v in zip(product(*(dim.values for dim in dims)), np.ravel(values), strict=True)
+    ]
     return columns, rows

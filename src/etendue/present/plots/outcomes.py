@@ -24,11 +24,17 @@ def outcome_text(outcome: Any) -> str:
 
 def outcome_page(outcome: Any) -> str:
     own, _ = _seen(outcome)
-    return glance_page.page(own, f"this run: {_done(outcome)}") if own else f"<pre>{glance_page.safe(outcome_text(outcome))}</pre>"
+    return (
+        glance_page.page(own, f"this run: {_done(outcome)}")
+        if own
+        else f"<pre>{glance_page.safe(outcome_text(outcome))}</pre>"
+    )
 
 
 def _seen(outcome: Any) -> tuple[Glance | None, str]:
-    """None of a run into an object store, whose archive is opened by who asks for it, and of an archive that is gone or damaged: why."""
+    """None of a run into an object store, whose archive is opened by who asks for it, and of an archive that is gone
+    or damaged: why.
+    """
     tree = outcome.tree
     try:
         if tree is None and outcome.archive is not None and "://" not in str(outcome.archive):
@@ -39,6 +45,9 @@ def _seen(outcome: Any) -> tuple[Glance | None, str]:
 
 
 def _done(outcome: Any) -> str:
-    parts = [f"{outcome.computed} {'cell' if outcome.computed == 1 else 'cells'} computed", f"{len(outcome.reused)} reused"]
+    parts = [
+        f"{outcome.computed} {'cell' if outcome.computed == 1 else 'cells'} computed",
+        f"{len(outcome.reused)} reused",
+    ]
     parts += [f"{len(outcome.failed)} failed"] if outcome.failed else []
     return f"{', '.join(parts)}, {human_seconds(outcome.seconds)}"

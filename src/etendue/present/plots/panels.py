@@ -36,7 +36,9 @@ class Sides:
     columns: int = 0  # of panels; 0: as fits
 
 
-def map_of_figures(values: Any, sides: Sides, title: str, unit: str = "", digits: int = 3, failed: Any = None, there: Any = None) -> Any:
+def map_of_figures(
+    values: Any, sides: Sides, title: str, unit: str = "", digits: int = 3, failed: Any = None, there: Any = None
+) -> Any:
     """Numbers by colour on one scale, each also written in its cell.
 
     Parameters
@@ -67,7 +69,12 @@ def map_of_figures(values: Any, sides: Sides, title: str, unit: str = "", digits
     low, high = norm.vmin, norm.vmax
     for number, (panel, own) in enumerate(zip(panels, values, strict=True)):
         panel.imshow(
-            np.where(np.isfinite(own), own, np.nan), norm=norm, cmap="viridis", origin="lower", aspect="auto", interpolation="none"
+            np.where(np.isfinite(own), own, np.nan),
+            norm=norm,
+            cmap="viridis",
+            origin="lower",
+            aspect="auto",
+            interpolation="none",
         )
         for (row, column), value in np.ndenumerate(own):
             wrong = failed is not None and bool(np.asarray(failed)[number, row, column])
@@ -76,7 +83,9 @@ def map_of_figures(values: Any, sides: Sides, title: str, unit: str = "", digits
             elif math.isfinite(value):
                 if room:
                     colour = "white" if _is_dark(norm, value) else "black"
-                    panel.text(column, row, number_text(value, digits), ha="center", va="center", fontsize=room, color=colour)
+                    panel.text(
+                        column, row, number_text(value, digits), ha="center", va="center", fontsize=room, color=colour
+                    )
             elif math.isinf(value) or (there is not None and bool(np.asarray(there)[number, row, column])):
                 _mark(panel, row, column, number_text(value) or NOTHING, "0.45", room)
     if np.isfinite(values).any() and high > low:
@@ -84,7 +93,9 @@ def map_of_figures(values: Any, sides: Sides, title: str, unit: str = "", digits
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
         span = high / max(low, 1e-300)
         shown = "" if span > 100 else "25" if span > 4 else "23456789"  # of each decade, where the scale is logarithmic
-        bar.ax.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:.3g}" if f"{value:.0e}"[0] in shown else ""))
+        bar.ax.yaxis.set_minor_formatter(
+            FuncFormatter(lambda value, _: f"{value:.3g}" if f"{value:.0e}"[0] in shown else "")
+        )
         bar.ax.tick_params(which="both", labelsize=7)
         bar.set_label(unit, fontsize=8)
     _explain(figure, failed, values, there)
@@ -92,10 +103,16 @@ def map_of_figures(values: Any, sides: Sides, title: str, unit: str = "", digits
 
 
 def map_of_names(
-    indices: Any, names: Sequence[str], sides: Sides, title: str, failed: Any = None, said: str = "no value",
+    indices: Any,
+    names: Sequence[str],
+    sides: Sides,
+    title: str,
+    failed: Any = None,
+    said: str = "no value",
     tints: Mapping[str, str] | None = None,
-) -> Any:  # fmt: skip
-    """Names by colour with a legend; ``indices`` (panel, y, x) point into ``names``, and what is unknown (NaN) stays white.
+) -> Any:
+    """Names by colour with a legend; ``indices`` (panel, y, x) point into ``names``, and what is unknown (NaN) stays
+    white.
 
     ``said``: what white means; ``tints``: colours of names that have one.
 
@@ -110,14 +127,22 @@ def map_of_names(
     indices = _checked(indices, sides)
     found = indices[np.isfinite(indices)]
     if found.size and not (found.min() >= 0 and found.max() < len(names)):
-        raise ValueError(f"indices run from {found.min():g} to {found.max():g}; allowed is 0 to {len(names) - 1}, one for each name")
+        raise ValueError(
+            f"indices run from {found.min():g} to {found.max():g}; allowed is 0 to {len(names) - 1}, one for each name"
+        )
     others = iter(OTHERS * (len(names) // len(OTHERS) + 1))
     colours = [(tints or {}).get(name) or next(others) for name in names]
     figure, panels, room = _panels(sides, title)
     for number, (panel, own) in enumerate(zip(panels, indices, strict=True)):
         panel.imshow(
-            own, cmap=ListedColormap(colours), vmin=-0.5, vmax=len(names) - 0.5, origin="lower", aspect="auto", interpolation="none"
-        )  # fmt: skip
+            own,
+            cmap=ListedColormap(colours),
+            vmin=-0.5,
+            vmax=len(names) - 0.5,
+            origin="lower",
+            aspect="auto",
+            interpolation="none",
+        )
         if failed is not None:
             for row, column in np.argwhere(np.asarray(failed)[number]):
                 _mark(panel, row, column, FAILED, "#c03028", room)
@@ -125,7 +150,11 @@ def map_of_names(
     if np.isnan(indices).any():
         patches.append(Patch(facecolor="white", edgecolor="0.6", label=said))
     figure.legend(
-        handles=patches, loc="outside lower center", ncols=min(len(patches), 4 if len(panels) == 1 else 8), fontsize=8, frameon=False
+        handles=patches,
+        loc="outside lower center",
+        ncols=min(len(patches), 4 if len(panels) == 1 else 8),
+        fontsize=8,
+        frameon=False,
     )
     return figure
 
@@ -171,7 +200,9 @@ def _checked(values: Any, sides: Sides) -> Any:
 
 
 def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
-    """A figure with one panel for each label, its sides labelled; and how high letters in a cell may be, 0 where they do not fit."""
+    """A figure with one panel for each label, its sides labelled; and how high letters in a cell may be, 0 where
+    they do not fit.
+    """
     count = len(sides.panels)
     columns = sides.columns or (min(MOST_COLUMNS, count) if count not in (5, 6, 9) else 3)
     rows = -(-count // columns)
@@ -192,7 +223,9 @@ def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
         if number % columns == 0:
             panel.set_ylabel(sides.y_name, fontsize=8)
         found.append(panel)
-    cell = min(wide / max(len(sides.x), 1) * 0.62, high / max(len(sides.y), 1) * 1.4)  # inches, of which 3 or 4 letters have 0.25
+    cell = min(
+        wide / max(len(sides.x), 1) * 0.62, high / max(len(sides.y), 1) * 1.4
+    )  # inches, of which 3 or 4 letters have 0.25
     return figure, found, min(7.5, 26 * cell) if cell > 0.17 else 0
 
 
@@ -202,7 +235,11 @@ def _ticks(put: Any, labels: Sequence[Any], inches: float, turned: bool) -> None
     letters = max((len(text) for text in texts), default=1)
     each = 0.062 * letters + 0.06 if turned else 0.13
     rotate = turned and letters > 3 and each * len(texts) > inches
-    step = max(1, math.ceil(len(texts) * (0.13 if rotate else min(each, 0.3)) / inches), math.ceil(len(texts) / (3 * MOST_TICKS)))
+    step = max(
+        1,
+        math.ceil(len(texts) * (0.13 if rotate else min(each, 0.3)) / inches),
+        math.ceil(len(texts) / (3 * MOST_TICKS)),
+    )
     chosen = range(0, len(texts), step)
     put(
         list(chosen),

@@ -1,4 +1,5 @@
-"""Trade-offs: two figures of every cell of a sweep, and the front, beyond which one is better only where the other is worse.
+"""Trade-offs: two figures of every cell of a sweep, and the front, beyond which one is better only where the other is
+worse.
 
 In:  holdings, two figures, for each whether higher or lower is better.
 Out: a ``Plot``, its front named by axis values.
@@ -42,7 +43,9 @@ def front(points: Any) -> Any:
     points = np.asarray(points, float)
     known = np.isfinite(points).all(axis=1)
     found = np.zeros(len(points), bool)
-    order = np.lexsort(-points.T[::-1]) if len(points) else np.empty(0, int)  # by the first column, then by the second, best first
+    order = (
+        np.lexsort(-points.T[::-1]) if len(points) else np.empty(0, int)
+    )  # by the first column, then by the second, best first
     best = -np.inf
     last: Any = None
     if points.shape[1] == 2:
@@ -68,7 +71,8 @@ def pareto(
 ) -> Plot:
     """Two figures against each other, every cell a point; the front is drawn through and named.
 
-    ``better``: ``higher`` or ``lower`` for each figure, in order or by name; where it is not said the variable's own word counts.
+    ``better``: ``higher`` or ``lower`` for each figure, in order or by name; where it is not said the variable's own
+    word counts.
 
     Raises
     ------
@@ -85,7 +89,8 @@ def pareto(
                 names = one.values_of(dim)
                 if dim != "stage":
                     raise RequestError(
-                        f"{one.name} has the dim {dim}: choose with --at {dim}={names[0]} (or {', '.join(map(str, names[1:]))})"
+                        f"{one.name} has the dim {dim}: choose with --at {dim}={names[0]} (or "
+                        f"{', '.join(map(str, names[1:]))})"
                     )
                 place[dim] = names[-1]
                 said.append(f"behind {names[-1]}")
@@ -138,7 +143,8 @@ def _better(held: Held, place: int, asked: Mapping[str, str] | Sequence[str]) ->
         if word:
             raise RequestError(f"--better {word}{nearest(word, SAID)}")
         raise RequestError(
-            f"nobody says whether more or less of {held.variable} is better; say it: --better {held.variable}=higher (or lower)"
+            f"nobody says whether more or less of {held.variable} is better; say it: --better {held.variable}=higher "
+            f"(or lower)"
         )
     return SAID[word]
 
@@ -149,7 +155,9 @@ def _at(held: Held, place: Mapping[str, Any]) -> xarray.DataArray:
     return values.sel({dim: value for dim, value in own.items() if dim in values.dims}).reset_coords(drop=True)
 
 
-def _draw(held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, index: Any, dims: Sequence[Dim], title: str) -> Any:
+def _draw(
+    held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, index: Any, dims: Sequence[Dim], title: str
+) -> Any:
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
 
@@ -162,15 +170,21 @@ def _draw(held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, in
     hue, shape = (*varying, None, None)[:2]
     if shape is not None and len(dims[shape].values) > len(MARKERS):
         shape = None
-    colours = colormaps["plasma"](np.linspace(0.05, 0.9, len(dims[hue].values))) if hue is not None else [(0.2, 0.4, 0.7, 1)]
+    colours = (
+        colormaps["plasma"](np.linspace(0.05, 0.9, len(dims[hue].values))) if hue is not None else [(0.2, 0.4, 0.7, 1)]
+    )
     for mark in range(len(dims[shape].values)) if shape is not None else (0,):
         own = index[:, shape] == mark if shape is not None else np.ones(len(index), bool)
         tint = [colours[i] for i in index[own, hue]] if hue is not None else colours[0]
         axes.scatter(*values[own].T, c=tint, marker=MARKERS[mark], s=26, linewidths=0, alpha=0.75, zorder=2)
     axes.step(
-        values[on, 0], values[on, 1], color="0.25", linewidth=1, zorder=1,
+        values[on, 0],
+        values[on, 1],
+        color="0.25",
+        linewidth=1,
+        zorder=1,
         where="pre" if sense[0] == HIGHER else "post",
-    )  # fmt: skip
+    )
     axes.scatter(*values[on].T, facecolors="none", edgecolors="black", s=70, linewidths=1.1, zorder=3)
     lines = []
     for number, place in enumerate(named, 1):
@@ -182,9 +196,14 @@ def _draw(held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, in
     head = f"The front, {len(on)} of {int(np.isfinite(values).all(axis=1).sum())} cells"
     handles = [Line2D([], [], linestyle="none", label=line) for line in [head, *lines]]
     legend = figure.legend(
-        handles=handles, labels=[head, *(line + (more if line is lines[-1] else "") for line in lines)], loc="outside right upper",
-        fontsize=7.5, frameon=False, handlelength=0, handletextpad=0,
-    )  # fmt: skip
+        handles=handles,
+        labels=[head, *(line + (more if line is lines[-1] else "") for line in lines)],
+        loc="outside right upper",
+        fontsize=7.5,
+        frameon=False,
+        handlelength=0,
+        handletextpad=0,
+    )
     legend.get_texts()[0].set_fontweight("bold")
     marks = []
     if hue is not None:
@@ -210,7 +229,9 @@ def _draw(held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, in
     for number, (one, word, name) in enumerate(zip(held, sense, "xy", strict=True)):
         unit = unit_text(one.units)
         own = values[:, number][np.isfinite(values[:, number])]
-        getattr(axes, f"set_{name}label")(f"{wrapped(one.title + (f', {unit}' if unit else ''), 4.6)}\n{word} is better", fontsize=8.5)
+        getattr(axes, f"set_{name}label")(
+            f"{wrapped(one.title + (f', {unit}' if unit else ''), 4.6)}\n{word} is better", fontsize=8.5
+        )
         if own.min() > 0 and own.max() / own.min() > 30:
             getattr(axes, f"set_{name}scale")("log")
     axes.margins(0.09)  # numbers beside the outermost points stay clear of the frame

@@ -1,4 +1,5 @@
-"""Arrays as an eye sees them, from what they say of themselves: ``report.appearance`` asked with coordinates and attributes.
+"""Arrays as an eye sees them, from what they say of themselves: ``report.appearance`` asked with coordinates and
+attributes.
 
 In:  a ``DataArray`` of one cell, over y and x, perhaps bands or channels in front; its attributes say how it is drawn
      (``spec.drawn``), else its name does.
@@ -54,11 +55,14 @@ def appearance_of(array: xarray.DataArray) -> Appearance:
     dims = [str(dim) for dim in array.dims]
     first = [round(float(array[dim].values[0])) if dim in array.coords else 0 for dim in ("y", "x")]
     names = array["channel"].values.tolist() if "channel" in array.coords else range(array.sizes.get("channel", 0))
-    found = appearance(drawn_as(array), dims, _edges(array, banded(dims)) if banded(dims) else None, names, (first[0], first[1]))
+    found = appearance(
+        drawn_as(array), dims, _edges(array, banded(dims)) if banded(dims) else None, names, (first[0], first[1])
+    )
     if found is None:
         left = [dim for dim in dims if dim not in ("y", "x", *flat_dims())] or dims
         raise RequestError(
-            f"{array.name or 'the array'} has dims {', '.join(dims)}: choose a value of {' and '.join(left)} to see a picture"
+            f"{array.name or 'the array'} has dims {', '.join(dims)}: choose a value of {' and '.join(left)} to see a "
+            f"picture"
         )
     return found
 

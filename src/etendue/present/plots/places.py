@@ -36,14 +36,19 @@ def read_at(texts: Iterable[str]) -> dict[str, str]:
 
 
 def is_called(name: str, dim: str, key: str) -> bool:
-    """Whether a word means a dim: its own name, or the parameter that it sets; ``sharpen.strength``, in Python ``sharpen__strength``."""
+    """Whether a word means a dim: its own name, or the parameter that it sets; ``sharpen.strength``, in Python
+    ``sharpen__strength``.
+    """
     word = name.replace("__", ".")
     return name == dim or word in (key, *(table.place(key) for table in tables().values()))
 
 
 def dim_of(held: Iterable[Held], name: str) -> tuple[str, Held | None]:
     """The dim that a word means and who has it; ('', None) where there is none."""
-    return next(((dim, one) for one in held for dim in (*one.axes, *one.dims) if is_called(name, dim, one.key_of(dim))), ("", None))
+    return next(
+        ((dim, one) for one in held for dim in (*one.axes, *one.dims) if is_called(name, dim, one.key_of(dim))),
+        ("", None),
+    )
 
 
 def is_value(value: Any, text: str, unit: str) -> bool:
@@ -80,9 +85,16 @@ def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
         dim, owner = dim_of(held, name)
         if owner is None:
             names = dict.fromkeys(d for h in held for d in (*h.axes, *h.dims))
-            faults.append(Fault(f"{name}={asked}", f"{name} is no dim of {' or '.join(h.name for h in held)}{nearest(name, names)}"))
+            faults.append(
+                Fault(
+                    f"{name}={asked}", f"{name} is no dim of {' or '.join(h.name for h in held)}{nearest(name, names)}"
+                )
+            )
             continue
-        values, units = list(dict.fromkeys(v for h in held if dim in (*h.axes, *h.dims) for v in h.values_of(dim))), owner.units_of(dim)
+        values, units = (
+            list(dict.fromkeys(v for h in held if dim in (*h.axes, *h.dims) for v in h.values_of(dim))),
+            owner.units_of(dim),
+        )
         match = [value for value in values if is_value(value, str(asked), units)]
         if dim in found:
             faults.append(Fault(f"{name}={asked}", f"{dim} is given twice"))
@@ -101,11 +113,15 @@ def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
     """The same for the dims of one array of xarray."""
     found: dict[str, Any] = {}
     faults = []
-    keys = {str(dim): str(array[dim].attrs.get("parameter", dim)) if dim in array.coords else str(dim) for dim in array.dims}
+    keys = {
+        str(dim): str(array[dim].attrs.get("parameter", dim)) if dim in array.coords else str(dim) for dim in array.dims
+    }
     for word, asked in at.items():
         name = next((dim for dim, key in keys.items() if is_called(word, dim, key)), word)
         if name not in array.dims:
-            faults.append(Fault(f"{name}={asked}", f"{name} is no dim of {array.name}{nearest(name, map(str, array.dims))}"))
+            faults.append(
+                Fault(f"{name}={asked}", f"{name} is no dim of {array.name}{nearest(name, map(str, array.dims))}")
+            )
             continue
         values = array[name].values.tolist() if name in array.coords else list(range(array.sizes[name]))
         units = str(array[name].attrs.get("units", "1")) if name in array.coords else "1"
@@ -113,7 +129,9 @@ def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
         if match:
             found[name] = match[0]
         else:
-            faults.append(Fault(f"{name}={asked}", f"{name} is {', '.join(value_text(v, units, name) for v in values[:12])}"))
+            faults.append(
+                Fault(f"{name}={asked}", f"{name} is {', '.join(value_text(v, units, name) for v in values[:12])}")
+            )
     if faults:
         raise RequestError(faults)
     return found

@@ -20,7 +20,11 @@ from etendue.process import Shared
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 DPI = 150
 STYLE: Any = {"svg.hashsalt": "etendue", "svg.fonttype": "none", "pdf.fonttype": 42, "font.family": "DejaVu Sans"}
-UNDATED = {"png": {"Software": "etendue"}, "svg": {"Date": None, "Creator": "etendue"}, "pdf": {"CreationDate": None, "Creator": "etendue"}}
+UNDATED = {
+    "png": {"Software": "etendue"},
+    "svg": {"Date": None, "Creator": "etendue"},
+    "pdf": {"CreationDate": None, "Creator": "etendue"},
+}
 
 
 def _styled() -> Any:

@@ -1,7 +1,8 @@
 """Every stage of one cell as a picture, in their order, each with a part of it enlarged; and one picture alone.
 
 In:  holdings; the cell by axis values, by default the one whose pictures an archive has of all stages.
-Out: a ``Plot``: a sample is a whole number of dots where it can be, the first row of an array on top, width to height as it is.
+Out: a ``Plot``: a sample is a whole number of dots where it can be, the first row of an array on top, width to height
+     as it is.
 """
 
 from __future__ import annotations
@@ -26,7 +27,13 @@ from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
 
 DPI = 100
-BOX, INSET, GAP, LABEL, HEAD = 260, 132, 12, 34, 40  # dots: sides of a picture and of its part, between, above a picture, above all
+BOX, INSET, GAP, LABEL, HEAD = (
+    260,
+    132,
+    12,
+    34,
+    40,
+)  # dots: sides of a picture and of its part, between, above a picture, above all
 COLUMNS = 6
 MOST_SAID = 5  # values of an axis in a message
 
@@ -40,7 +47,9 @@ class Tile:
     picture: Any
     size: tuple[int, int]  # of the array, before it was made small
     part: Any = None
-    where: tuple[float, float, float, float] | None = None  # of the part: top, left, height, width as shares of the picture
+    where: tuple[float, float, float, float] | None = (
+        None  # of the part: top, left, height, width as shares of the picture
+    )
 
 
 def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Mapping[str, Any] | None = None) -> Plot:
@@ -82,7 +91,9 @@ def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str,
     open_ = [dim for dim in held.axes if dim not in asked and len(held.values_of(dim)) > 1]
     if len(open_) > 1:
         chosen = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_[1:])
-        raise RequestError(f"{held.name} has {' and '.join(open_)} open: choose a value of all but one, such as {chosen}")
+        raise RequestError(
+            f"{held.name} has {' and '.join(open_)} open: choose a value of all but one, such as {chosen}"
+        )
     fixed = {dim: asked.get(dim, held.values_of(dim)[0]) for dim in held.axes if dim not in open_}
     units = {dim: held.units_of(dim) for dim in held.axes}
     found: list[tuple[str, str, xarray.DataArray, bool, float]] = []
@@ -112,7 +123,9 @@ def picture_of(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, boo
     at = {**{dim: held.values_of(dim)[0] for dim in held.axes}, **at}
     found = _picture(held, at)
     if found is None:
-        raise RequestError(f"{held.name} was not computed at {places_text(dict(at), {dim: held.units_of(dim) for dim in held.axes})}")
+        raise RequestError(
+            f"{held.name} was not computed at {places_text(dict(at), {dim: held.units_of(dim) for dim in held.axes})}"
+        )
     return found
 
 
@@ -125,9 +138,14 @@ def _open_text(held: Held, open_: list[str]) -> str:
         said.append(f"{dim} is {', '.join(value_text(v, held.units_of(dim), dim) for v in values[:MOST_SAID])}{more}")
     chosen = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_)
     others = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_[1:])
-    shapes = ", in pictures of several sizes" if len({tuple(g.sizes[d] for d in ("y", "x")) for g in held.groups}) > 1 else ""
+    shapes = (
+        ", in pictures of several sizes"
+        if len({tuple(g.sizes[d] for d in ("y", "x")) for g in held.groups}) > 1
+        else ""
+    )
     return (
-        f"{held.name} is swept over {' and '.join(open_)}{shapes}: choose a value of each with {chosen} ({'; '.join(said)}); "
+        f"{held.name} is swept over {' and '.join(open_)}{shapes}: choose a value of each with {chosen} "
+        f"({'; '.join(said)}); "
         f"or all of {open_[0]} beside each other: strip {held.name}{f' {others}' if others else ''}"
     )
 
@@ -155,12 +173,16 @@ def _picture(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool]
 
 
 def drawn_of(held: Held) -> Drawn:
-    """How a variable is drawn, as far as that holds for all cells; ``shown`` is '' where it is not looked at with all others."""
+    """How a variable is drawn, as far as that holds for all cells; ``shown`` is '' where it is not looked at with
+    all others.
+    """
     return read(held.variable, held.groups[0].variables[held.variable].attrs, {})
 
 
 def white_of(holdings: Holdings, held: Held, at: Mapping[str, Any]) -> float:
-    """The linear value that is shown as white in the picture of a cell: the same for all stages of its kind, as far as they are there."""
+    """The linear value that is shown as white in the picture of a cell: the same for all stages of its kind, as far
+    as they are there.
+    """
     kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown or one is held]
 
     def bright_of(number: int) -> float | None:
@@ -193,7 +215,10 @@ def of_frames(frames: xarray.Dataset) -> list[Tile]:
 
 def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool, float]]) -> list[Tile]:
     """Pictures of stored arrays, each with what is shown as white in it, and the part where its edges are."""
-    drawn = [(stage, variable, pictures.drawn(array, white, failed), failed) for stage, variable, array, failed, white in found]
+    drawn = [
+        (stage, variable, pictures.drawn(array, white, failed), failed)
+        for stage, variable, array, failed, white in found
+    ]
     there = [picture for *_, picture, failed in drawn if not failed]
     if not there:
         return [Tile(stage, variable, picture, picture.shape[:2]) for stage, variable, picture, _ in drawn]
@@ -207,7 +232,14 @@ def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool, float]]) -> 
         rows, columns = picture.shape[:2]
         top, left, high, wide = (round(s * n) for s, n in zip(where, (rows, columns, rows, columns), strict=True))
         tiles.append(
-            Tile(stage, variable, picture, (rows, columns), None if failed else picture[top : top + high, left : left + wide], where)
+            Tile(
+                stage,
+                variable,
+                picture,
+                (rows, columns),
+                None if failed else picture[top : top + high, left : left + wide],
+                where,
+            )
         )
     return tiles
 
@@ -232,7 +264,15 @@ def _draw(tiles: list[Tile], title: str) -> Any:
             if len(tiles) > 1
             else f"{one.stage}.{one.variable}  {one.size[1]} × {one.size[0]}"
         )
-        figure.text((left + wide / 2) / width, 1 - (top - 4) / height, text, ha="center", va="bottom", fontsize=7.5, linespacing=1.1)
+        figure.text(
+            (left + wide / 2) / width,
+            1 - (top - 4) / height,
+            text,
+            ha="center",
+            va="bottom",
+            fontsize=7.5,
+            linespacing=1.1,
+        )
         indent = left + (wide - size[1]) // 2
         axes = _placed(figure, one.picture, indent, top, size, width, height)
         if one.part is not None and one.where is not None:
@@ -253,7 +293,9 @@ def _fitted(shape: tuple[int, int], box: int) -> tuple[int, int]:
     return max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
 
 
-def _placed(figure: Any, picture: Any, left: int, top: int, size: tuple[int, int], width: int, height: int, edge: str = "") -> Any:
+def _placed(
+    figure: Any, picture: Any, left: int, top: int, size: tuple[int, int], width: int, height: int, edge: str = ""
+) -> Any:
     """A picture at its place in dots, upright, samples as squares."""
     axes = figure.add_axes((left / width, 1 - (top + size[0]) / height, size[1] / width, size[0] / height))
     small = size[0] < picture.shape[0]
@@ -292,7 +334,9 @@ def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, An
 
 
 def show_array(array: xarray.DataArray, failed: bool = False, title: str = "", white: float | None = None) -> Plot:
-    """One array as a picture; striped where it has no values. ``white``: the linear value shown as white, None: by the array alone."""
+    """One array as a picture; striped where it has no values. ``white``: the linear value shown as white, None: by
+    the array alone.
+    """
     picture = pictures.drawn(array, white, failed)
     rows, columns = picture.shape[:2]
     scale = max(1, 480 // max(rows, columns))

@@ -89,7 +89,17 @@ def csv_text(document: Mapping[str, Any]) -> str:
         key = _key(curve)
         for p in curve["points"]:
             rows.writerow(
-                ["alone", key, p["setting"], p["stage_error"], p["error"], p["variable"], p["seconds"], p["whole_seconds"], curve["order"]]
+                [
+                    "alone",
+                    key,
+                    p["setting"],
+                    p["stage_error"],
+                    p["error"],
+                    p["variable"],
+                    p["seconds"],
+                    p["whole_seconds"],
+                    curve["order"],
+                ]
             )
     for part in ("frontier", "points"):
         for p in document[part]:
@@ -122,14 +132,18 @@ def diagram(document: Mapping[str, Any]) -> bytes:
         [
             ("each knob alone, at its stage", "thread time of the stages it affects, s", alone, None, None),
             (
-                f"the whole {called()['whole']}, at what is wanted", "thread time, s",
-                [Series("tried", whole, "dots"), Series("nothing better is as fast", front, "front"),
-                 Series("as planned", planned, "star")],
+                f"the whole {called()['whole']}, at what is wanted",
+                "thread time, s",
+                [
+                    Series("tried", whole, "dots"),
+                    Series("nothing better is as fast", front, "front"),
+                    Series("as planned", planned, "star"),
+                ],
                 (document["noise_floor"], f"noise of one frame, {document['noise_floor_of']}"),
                 (floor, "the reference is not known better"),
             ),
         ],
-    )  # fmt: skip
+    )
 
 
 def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
@@ -140,9 +154,13 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
     at = ", ".join(f"{key} {value}" for key, value in document["at"].items())
     rows = _table(
         f"{escape(document['pipeline'])}: each knob alone{escape(f', at {at}') if at else ''}",
-        ("knob", "left"), ("setting", "right"), ("at its stage", "right"), ("wanted", "right"), ("time", "right"),
+        ("knob", "left"),
+        ("setting", "right"),
+        ("at its stage", "right"),
+        ("wanted", "right"),
+        ("time", "right"),
         ("order", "left"),
-    )  # fmt: skip
+    )
     for curve in document["curves"]:
         for number, p in enumerate(curve["points"]):
             last = number == len(curve["points"]) - 1
@@ -151,7 +169,9 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
             rows.add_row(head[0], _value(p["setting"]), *shown, _seconds(p["seconds"]), head[1])
     console.print(rows)
     reference = {_key(curve): curve["reference"] for curve in document["curves"]}
-    rows = _table("nothing better is as fast", ("error", "right"), ("time", "right"), ("settings", "left"), wrap=("settings",))
+    rows = _table(
+        "nothing better is as fast", ("error", "right"), ("time", "right"), ("settings", "left"), wrap=("settings",)
+    )
     for p in document["frontier"]:
         rows.add_row(_number(p["error"]), _seconds(p["seconds"]), escape(_settings(p["settings"], reference)))
     console.print(rows)
@@ -169,11 +189,13 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
     console.print(f"as planned  error {_number(planned['error'])}, {_seconds(planned['seconds'])}")
     if document["verified_at"]:
         console.print(
-            escape(f"elsewhere   {', '.join(f'{key} = {value}' for key, value in document['verified_at'].items())}"), soft_wrap=True
+            escape(f"elsewhere   {', '.join(f'{key} = {value}' for key, value in document['verified_at'].items())}"),
+            soft_wrap=True,
         )
     if document["noise_floor"] is not None:
         console.print(
-            f"noise       of one frame {document['noise_floor']:.2g} in {document['noise_floor_of']}: below it nothing is seen in one"
+            f"noise       of one frame {document['noise_floor']:.2g} in {document['noise_floor_of']}: below it nothing "
+            f"is seen in one"
         )
     console.print(f"reference   known to {document['reference_floor']:.1g}; errors below count as that")
     for text in document["notes"]:
@@ -190,7 +212,11 @@ def _law(curve: Mapping[str, Any]) -> str:
     """', order 4.0' or ', a factor 3.1 a step' of what was observed."""
     if curve["order"] is None:
         return ""
-    return f", order {curve['order']:.1f}" if curve["law"] == "algebraic" else f", a factor {math.exp(min(curve['order'], 700)):.2g} each"
+    return (
+        f", order {curve['order']:.1f}"
+        if curve["law"] == "algebraic"
+        else f", a factor {math.exp(min(curve['order'], 700)):.2g} each"
+    )
 
 
 def _value(value: Any) -> str:

@@ -37,12 +37,18 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
         if isinstance(value, float) and not math.isfinite(value):
             value = "inf"
         parameters[key] = {
-            "type": getattr(kind_of, "__name__", str(kind_of)), "units": parameter.units, "default": value, "required": default is MISSING,
-            "range": parameter.shown_range(), "choices": list(parameter.choices) if parameter.choices else None,
-            "shared": parameter.shared, "fidelity": parameter.reference or None,
+            "type": getattr(kind_of, "__name__", str(kind_of)),
+            "units": parameter.units,
+            "default": value,
+            "required": default is MISSING,
+            "range": parameter.shown_range(),
+            "choices": list(parameter.choices) if parameter.choices else None,
+            "shared": parameter.shared,
+            "fidelity": parameter.reference or None,
             "settings": ["inf" if v == math.inf else v for v in parameter.settings] if parameter.settings else None,
-            "studied": parameter.studied, "doc": parameter.doc,
-        }  # fmt: skip
+            "studied": parameter.studied,
+            "doc": parameter.doc,
+        }
     return {
         **document,
         "role": kind.role,
@@ -54,7 +60,9 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
 
 
 def print_stages(documents: list[dict[str, Any]]) -> None:
-    """Every stage in a line below its role, in the order in which roles are declared; what is declared nowhere, and what is broken."""
+    """Every stage in a line below its role, in the order in which roles are declared; what is declared nowhere, and
+    what is broken.
+    """
     console = _out()
     roles, working = discovery.installed(), [d for d in documents if "broken" not in d]
     declared = roles.names("roles")
@@ -78,7 +86,9 @@ def print_stages(documents: list[dict[str, Any]]) -> None:
 
 def _origin(document: dict[str, Any]) -> str:
     """' (from NAME VERSION)' of what is not built in."""
-    return "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']} {document['version']})"
+    return (
+        "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']} {document['version']})"
+    )
 
 
 def first_sentence(doc: str) -> str:
@@ -107,12 +117,19 @@ def print_stage(document: dict[str, Any]) -> None:
         allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
         notes = [
             text
-            for text in ("required" if p["required"] else "", f"under [{next(iter(tables()))}]" if p["shared"] else "", allowed)
+            for text in (
+                "required" if p["required"] else "",
+                f"under [{next(iter(tables()))}]" if p["shared"] else "",
+                allowed,
+            )
             if text
         ]
         console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
         settings = f"; from the cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
-        for text in (p["doc"], f"a finer setting costs time; reference: {p['fidelity']}{settings}" if p["fidelity"] else ""):
+        for text in (
+            p["doc"],
+            f"a finer setting costs time; reference: {p['fidelity']}{settings}" if p["fidelity"] else "",
+        ):
             if text:
                 console.print(Padding(escape(text), (0, 0, 0, 4)))
 
@@ -126,7 +143,16 @@ def quantity_document(name: str, registry: Registry | None = None) -> dict[str, 
             raise PluginError(clash)
         found |= _plain(quantities.declared(name))
     except PluginError as error:
-        return {**found, "units": "", "default": None, "required": False, "range": "", "choices": None, "doc": "", "broken": str(error)}
+        return {
+            **found,
+            "units": "",
+            "default": None,
+            "required": False,
+            "range": "",
+            "choices": None,
+            "doc": "",
+            "broken": str(error),
+        }
     if registry is not None:
         found["stages"] = [stage for stage in registry.names() if _takes(registry, stage, name)]
     return found
@@ -145,15 +171,21 @@ def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
     if isinstance(value, float) and not math.isfinite(value):
         value = "inf"
     return {
-        "units": parameter.units, "default": value, "required": parameter.default is MISSING, "range": parameter.shown_range(),
-        "choices": list(parameter.choices) if parameter.choices else None, "doc": parameter.doc,
-    }  # fmt: skip
+        "units": parameter.units,
+        "default": value,
+        "required": parameter.default is MISSING,
+        "range": parameter.shown_range(),
+        "choices": list(parameter.choices) if parameter.choices else None,
+        "doc": parameter.doc,
+    }
 
 
 def print_quantities(documents: list[dict[str, Any]]) -> None:
     """Every shared quantity in a line."""
     columns = (("quantity", "left"), ("default", "right"), ("what it is", "left"))
-    table = _table(f"quantities that stages share, under \\[{next(iter(tables()))}] in a pipeline", *columns, wrap=("what it is",))
+    table = _table(
+        f"quantities that stages share, under \\[{next(iter(tables()))}] in a pipeline", *columns, wrap=("what it is",)
+    )
     for d in documents:
         said = f"broken: {d['broken']}" if "broken" in d else d["doc"]
         table.add_row(d["name"], "required" if d["required"] else escape(_valued(d)), escape(said + _origin(d)))

@@ -21,7 +21,13 @@ def global_error_document(
     """``global_error`` by variable, and how it was measured; ``stated`` for cells that were not."""
     errors = {}
     for name, error in found.errors.items():
-        errors[name] = {"rms": error.rms, "max": error.max, "how": error.how, "held": error.held(tolerance, norm), "at": dict(error.at)}
+        errors[name] = {
+            "rms": error.rms,
+            "max": error.max,
+            "how": error.how,
+            "held": error.held(tolerance, norm),
+            "at": dict(error.at),
+        }
         if error.linear is not None:
             errors[name]["linear"] = {"rms": error.linear[0], "max": error.linear[1]}
         if error.why:
@@ -52,7 +58,11 @@ def _not_held(hold: dict[str, Any], errors: Any) -> list[str]:
     for name in hold["missed"][:SHOWN]:
         own = errors[name] if isinstance(errors[name], dict) else vars(errors[name])
         value = own["rms" if hold["norm"] == "rms" else "max"]
-        far = f"{value:.2g}, {value / hold['asked']:.2g} times as far" if value is not None and value > hold["asked"] else own["how"]
+        far = (
+            f"{value:.2g}, {value / hold['asked']:.2g} times as far"
+            if value is not None and value > hold["asked"]
+            else own["how"]
+        )
         said.append(f"not held: {name}, {far}{': ' + own['why'] if own.get('why') else ''}")
     if hold["missed"] and hold["blame"]:
         blame = ", ".join(f"{name} ({fall:.2g})" for name, fall in hold["blame"].items())
@@ -63,22 +73,39 @@ def _not_held(hold: dict[str, Any], errors: Any) -> list[str]:
 def print_global_error(document: dict[str, Any]) -> None:
     """The worst variables, those that could not be measured, and what it cost."""
     out, told = _out(), document["measured"]
-    errors = sorted(document["global_error"].items(), key=lambda item: -math.inf if item[1]["rms"] is None else -item[1]["rms"])
+    errors = sorted(
+        document["global_error"].items(), key=lambda item: -math.inf if item[1]["rms"] is None else -item[1]["rms"]
+    )
     out.print("")
     rows = _table(
         f"global error against the reference, tolerance {told['tolerance']:g}",
-        ("variable", "left"), ("rms", "right"), ("largest", "right"), ("known by", "left"), ("held", "left"), ("worst at", "left"),
+        ("variable", "left"),
+        ("rms", "right"),
+        ("largest", "right"),
+        ("known by", "left"),
+        ("held", "left"),
+        ("worst at", "left"),
         wrap=("worst at",),
-    )  # fmt: skip
+    )
     short = short_axes(dict.fromkeys(key for _, error in errors for key in error["at"]))
     for name, error in errors[:SHOWN]:
         words = {True: "yes", False: "no", None: "unknown"}
         at = ", ".join(
-            f"{short[key]} {value:.4g}" if isinstance(value, float) else f"{short[key]} {value}" for key, value in error["at"].items()
+            f"{short[key]} {value:.4g}" if isinstance(value, float) else f"{short[key]} {value}"
+            for key, value in error["at"].items()
         )
-        rows.add_row(escape(name), _number(error["rms"]), _number(error["max"]), error["how"], words[error["held"]], escape(at))
+        rows.add_row(
+            escape(name), _number(error["rms"]), _number(error["max"]), error["how"], words[error["held"]], escape(at)
+        )
         if "linear" in error:
-            rows.add_row("  in front of the encoding", _number(error["linear"]["rms"]), _number(error["linear"]["max"]), "", "", "")
+            rows.add_row(
+                "  in front of the encoding",
+                _number(error["linear"]["rms"]),
+                _number(error["linear"]["max"]),
+                "",
+                "",
+                "",
+            )
     out.print(rows)
     if len(errors) > SHOWN:
         out.print(f"{len(errors) - SHOWN} further variables, rms at most {_number(errors[SHOWN][1]['rms'])}")
@@ -91,7 +118,10 @@ def print_global_error(document: dict[str, Any]) -> None:
         for text in _not_held(hold, document["global_error"]):
             out.print(escape(text), soft_wrap=True)
         if hold["held"]:
-            out.print(f"held: everything wanted is within {hold['asked']:g} of the reference, with local tolerance {hold['tolerance']:g}")
+            out.print(
+                f"held: everything wanted is within {hold['asked']:g} of the reference, with local tolerance "
+                f"{hold['tolerance']:g}"
+            )
     elif missed:
         out.print(f"not held: {missed} of {len(errors)} variables are further from the reference than the tolerance")
     elsewhere = {name: error["elsewhere"] for name, error in errors if error.get("elsewhere")}

@@ -18,12 +18,19 @@ STYLE = "text-align:left;padding:2px 10px 2px 0;border:0;vertical-align:top"
 def rows_of(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A table without a title."""
     head = "".join(f'<th style="{STYLE}">{_safe(name)}</th>' for name in heads)
-    body = "".join("<tr>" + "".join(f'<td style="{STYLE}">{_safe(cell)}</td>' for cell in row) + "</tr>" for row in rows)
+    body = "".join(
+        "<tr>" + "".join(f'<td style="{STYLE}">{_safe(cell)}</td>' for cell in row) + "</tr>" for row in rows
+    )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def table(
-    title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], notes: Sequence[str] = (), colour: str = "", folded: bool = False
+    title: str,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    notes: Sequence[str] = (),
+    colour: str = "",
+    folded: bool = False,
 ) -> str:
     """A table with its title above and notes below; ``folded``: seen when its title is clicked."""
     below = "".join(f"<div>{_safe(note)}</div>" for note in notes)

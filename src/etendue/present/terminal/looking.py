@@ -19,7 +19,9 @@ def next_commands(outcome: Any) -> list[str]:
     place = shlex.quote(str(outcome.archive) if "://" in str(outcome.archive) else os.path.relpath(outcome.archive))
     place = place if not place.startswith("..") else shlex.quote(str(outcome.archive))
     chosen = small_maps(outcome.plan)
-    kinds = [f"map {chosen[0].variable}", "pareto"] if len(chosen) > 1 else [f"map {chosen[0].variable}"] if chosen else []
+    kinds = (
+        [f"map {chosen[0].variable}", "pareto"] if len(chosen) > 1 else [f"map {chosen[0].variable}"] if chosen else []
+    )
     kinds += ["strip", "budget"]
     return [f"look at it     etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; what there is: --list)"]
 

@@ -28,9 +28,14 @@ def print_archive(document: dict[str, Any]) -> None:
     console = _out()
     runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
     state = "a run is going on" if document["running"] else f"{runs}, the last began {document['began']}"
-    console.print(f"{document['archive']}: pipeline {short(document['pipeline'])}, {human_bytes(document['bytes'])}, {state}")
+    console.print(
+        f"{document['archive']}: pipeline {short(document['pipeline'])}, {human_bytes(document['bytes'])}, {state}"
+    )
     if document["partial"]:
-        console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
+        console.print(
+            escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"),
+            soft_wrap=True,
+        )
     planned, finished = document["planned"], document["finished"]
     if planned:
         share = f"{100 * finished // planned} %" if finished < planned else "all"

@@ -23,7 +23,9 @@ Table = dict[str, Any]
 
 
 class Column:
-    """A column of a table that is made when it is asked for as an array: all of a large one at once would take more than the plan."""
+    """A column of a table that is made when it is asked for as an array: all of a large one at once would take more
+    than the plan.
+    """
 
     def __init__(self, make: Callable[[], list[Any]], dtype: Any) -> None:
         self.make, self.dtype = make, dtype
@@ -44,7 +46,13 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     def put_report(name: str, long_name: str, of: Callable[[int], Any], units: str = "") -> None:
         """The same of what has become of a cell, by its number."""
         nothing = math.nan if units else ""
-        _put(arrays, name, long_name, lambda: [of(n) if status else nothing for n, status in enumerate(reports.status)], units)
+        _put(
+            arrays,
+            name,
+            long_name,
+            lambda: [of(n) if status else nothing for n, status in enumerate(reports.status)],
+            units,
+        )
 
     def rest(place: int) -> Callable[[int], Any]:
         return lambda number: reports.rest.get(number, NOTHING)[place]
@@ -54,7 +62,14 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     def saved(cell: Cell) -> float:
         if not (cell.left_out or cell.approximated):
             return 0.0
-        place = cell.node, id(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None, cell.approximated
+        place = (
+            cell.node,
+            id(cell.stage),
+            id(cell.grids),
+            id(cell.input_grids),
+            cell.left_out is None,
+            cell.approximated,
+        )
         if place not in alike:
             found = omissions.saved(nodes[cell.node], cell, plan.precision)
             alike[place] = math.nan if found is None else found
@@ -65,12 +80,28 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     for axis in plan.axes:
         # named beside the dims of the other groups, not after them: here it is a column
         arrays[f"at_{axis.dim}"] = (("cell",), _at(plan, axis), {"long_name": axis.key, "units": axis.units or "1"})
-    _put(arrays, "status", "what became of the cell", lambda: [STATUSES[one] or "not_computed" for one in reports.status])
+    _put(
+        arrays, "status", "what became of the cell", lambda: [STATUSES[one] or "not_computed" for one in reports.status]
+    )
     put_report("seconds", "thread time", reports.seconds.__getitem__, "s")
-    put("error", "error of the stage, relative to full scale", lambda c: math.nan if c.error[0] is None else c.error[0], "1")
+    put(
+        "error",
+        "error of the stage, relative to full scale",
+        lambda c: math.nan if c.error[0] is None else c.error[0],
+        "1",
+    )
     put("how", "how the error is known", lambda c: c.error[1])
-    put("bound", "what leaving out and approximating may add to what the cell writes, relative to full scale", lambda c: c.bound, "1")
-    put("approximated", "knobs that the plan has set", lambda c: ", ".join(f"{a.knob} = {a.value}" for a in c.approximated))
+    put(
+        "bound",
+        "what leaving out and approximating may add to what the cell writes, relative to full scale",
+        lambda c: c.bound,
+        "1",
+    )
+    put(
+        "approximated",
+        "knobs that the plan has set",
+        lambda c: ", ".join(f"{a.knob} = {a.value}" for a in c.approximated),
+    )
     put("seconds_saved", "thread time that leaving out and approximating is expected to save", saved, "s")
     put("why_left_out", "why", lambda c: c.left_out.why if c.left_out else "")
     put_report("clipped", "share of negative input clipped", rest(0), "1")
@@ -93,7 +124,8 @@ def _at(plan: Plan, axis: Axis) -> Column:
     place = {node.name: node.axes.index(axis.dim) for node in plan.nodes if axis.dim in node.axes}
     nothing: Any = "" if text else math.nan
     return Column(
-        lambda: [axis.values[index[place[node]]] if node in place else nothing for node, index in plan.cells], object if text else float
+        lambda: [axis.values[index[place[node]]] if node in place else nothing for node, index in plan.cells],
+        object if text else float,
     )
 
 
@@ -128,7 +160,7 @@ def stage_rows(plan: Plan, reports: Reports) -> list[dict[str, Any]]:
                 "how": how,
                 "bytes": reports.bytes_of(node.name),
             }
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -156,7 +188,9 @@ def summary(plan: Plan, reports: Reports) -> Table:
 
 
 def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]:
-    """A sentence for each stage with a variable that counts what was lifted to a floor, or lies above saturation, and is above 0."""
+    """A sentence for each stage with a variable that counts what was lifted to a floor, or lies above saturation,
+    and is above 0.
+    """
     texts = []
     for node in plan.nodes:
         if not any(variable(v).counted == counted for v in node.writes):
@@ -164,7 +198,10 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
         counts = reports.counted(node.name)
         if counts:
             what = " and ".join(variable(v).long_name for v in node.writes if variable(v).counted == counted)
-            texts.append(f"{node.name} has {what}: in {len(counts)} of {len(plan.of(node.name))} cells, at most {max(counts):g} in a cell")
+            texts.append(
+                f"{node.name} has {what}: in {len(counts)} of {len(plan.of(node.name))} cells, at most {max(counts):g} "
+                f"in a cell"
+            )
     return texts
 
 
@@ -177,7 +214,12 @@ def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[t
         node = plan.node(ref[0])
         for name, array in values.items():
             declaration = node.writes[name]
-            if declaration.dims in ((), ("stage",)) and np.size(array) and not variable(name).quiet and not variable(name).counted:
+            if (
+                declaration.dims in ((), ("stage",))
+                and np.size(array)
+                and not variable(name).quiet
+                and not variable(name).counted
+            ):
                 value = float(np.ravel(array)[-1])
                 at = ""
                 if declaration.dims:

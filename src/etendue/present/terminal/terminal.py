@@ -72,9 +72,13 @@ def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) ->
     return table
 
 
-def _print_whole(console: Console, title: str, columns: tuple[tuple[str, str], ...], rows: list[tuple[str, ...]], keys: int = 1) -> None:
+def _print_whole(
+    console: Console, title: str, columns: tuple[tuple[str, str], ...], rows: list[tuple[str, ...]], keys: int = 1
+) -> None:
     """A table without an ellipsis: where the terminal is too narrow, below itself, each part with the first columns."""
-    widths = [max(map(cell_len, (name, *(printable(row[i]) for row in rows)))) + 3 for i, (name, _) in enumerate(columns)]
+    widths = [
+        max(map(cell_len, (name, *(printable(row[i]) for row in rows)))) + 3 for i, (name, _) in enumerate(columns)
+    ]
     parts: list[list[int]] = [[]]
     for column in range(keys, len(columns)):
         if parts[-1] and sum(widths[:keys]) + sum(widths[i] for i in (*parts[-1], column)) - 3 > console.width:
@@ -89,7 +93,9 @@ def _print_whole(console: Console, title: str, columns: tuple[tuple[str, str], .
 
 
 def short_axes(keys: Iterable[str]) -> dict[str, str]:
-    """Short names of axes: 'spacing' of 'grid_spacing', 'filter' of 'filter.use'; the key itself where two would be equal."""
+    """Short names of axes: 'spacing' of 'grid_spacing', 'filter' of 'filter.use'; the key itself where two would be
+    equal.
+    """
     short = {}
     for key in keys:
         stage, _, parameter = key.rpartition(".")
@@ -157,14 +163,23 @@ def print_plan(document: dict[str, Any]) -> None:
     short = short_axes(axis["name"] for axis in document["axes"])
     table = _table(
         f"plan of {escape(document['name'])}",
-        ("stage", "left"), ("axes", "left"), ("cells", "right"), ("left out", "right"), ("stored", "right"), ("time", "right"),
+        ("stage", "left"),
+        ("axes", "left"),
+        ("cells", "right"),
+        ("left out", "right"),
+        ("stored", "right"),
+        ("time", "right"),
         wrap=("axes",),
-    )  # fmt: skip
+    )
     for stage in document["stages"]:
         table.add_row(
-            stage["name"], _product(short[key] for key in stage["axes"]), str(stage["cells"]),
-            str(stage["left_out"]["cells"]) if stage["left_out"] else "", human_bytes(stage["bytes"]), human_seconds(stage["seconds"]),
-        )  # fmt: skip
+            stage["name"],
+            _product(short[key] for key in stage["axes"]),
+            str(stage["cells"]),
+            str(stage["left_out"]["cells"]) if stage["left_out"] else "",
+            human_bytes(stage["bytes"]),
+            human_seconds(stage["seconds"]),
+        )
     console.print(table)
     for text in _stored(document):
         console.print(escape(text))
@@ -179,7 +194,8 @@ def print_plan(document: dict[str, Any]) -> None:
             console.print(escape(text))
     console.print(
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
-        f"{human_bytes(document['bytes'])} before compression, about {human_seconds(document['seconds'])} of thread time, "
+        f"{human_bytes(document['bytes'])} before compression, about {human_seconds(document['seconds'])} of thread "
+        f"time, "
         f"{human_bytes(document['peak_memory'])} held at most, {document['precision']}"
     )
     notes = _Console(stderr=True, highlight=False)
@@ -197,18 +213,34 @@ class TerminalProgress:
     def begin(self, cells: int) -> None:
         if not self.console.is_terminal or not cells:
             return
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
         self.progress = Progress(
-            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cells {task.fields[rate]}"),
-            TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), console=self.console, transient=True,
-        )  # fmt: skip
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("cells {task.fields[rate]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=self.console,
+            transient=True,
+        )
         self.progress.start()
         self.task = self.progress.add_task("starting", total=cells, rate="")
 
     def starting(self, stages: tuple[str, ...]) -> None:
         if self.progress:
-            self.progress.update(self.task, description=stages[-1][:24] if len(stages) == 1 else f"{stages[0]} .. {stages[-1]}"[:40])
+            self.progress.update(
+                self.task, description=stages[-1][:24] if len(stages) == 1 else f"{stages[0]} .. {stages[-1]}"[:40]
+            )
 
     def finished(self, reports: tuple[CellReport, ...]) -> None:
         if self.progress:
@@ -285,7 +317,9 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
             }
             for r in outcome.failed
         ],
-        "headlines": [{"name": n, "value": v, "units": u, "without": w} for n, v, u, w in headlines(outcome.plan, outcome.arrays)],
+        "headlines": [
+            {"name": n, "value": v, "units": u, "without": w} for n, v, u, w in headlines(outcome.plan, outcome.arrays)
+        ],
     }
 
 
@@ -298,12 +332,18 @@ def together(reasons: Mapping[str, str]) -> dict[str, list[str]]:
 
 
 def replay(plan: Plan, ref: CellRef) -> str:
-    """The command that computes one cell and what it needs, alone. Axes that do not reach it stand at their first value."""
+    """The command that computes one cell and what it needs, alone. Axes that do not reach it stand at their first
+    value.
+    """
     labels = plan.labels(ref)
     words = ["etendue", "run", plan.pipeline.file]
     swept = {axis.key for axis in plan.axes}
     for key, value in plan.pipeline.overrides:
-        if not key.startswith("sweep.") and key not in ("wanted", "keep") and key.removeprefix(f"{plan.pipeline.table.name}.") not in swept:
+        if (
+            not key.startswith("sweep.")
+            and key not in ("wanted", "keep")
+            and key.removeprefix(f"{plan.pipeline.table.name}.") not in swept
+        ):
             words += ["--set", f"{key}={value}"]
     for axis in plan.axes:
         value = labels.get(axis.dim, axis.values[0])
@@ -328,15 +368,24 @@ def print_outcome(outcome: Any) -> None:
     rows = stage_rows(outcome.plan, outcome.reports)
     table = _table(
         f"{escape(outcome.plan.pipeline.name)}: {outcome.computed} cells computed, {len(outcome.reused)} reused",
-        ("stage", "left"), ("cells", "right"), ("time", "right"), ("share", "right"), ("error", "right"), ("known by", "left"),
+        ("stage", "left"),
+        ("cells", "right"),
+        ("time", "right"),
+        ("share", "right"),
+        ("error", "right"),
+        ("known by", "left"),
         ("left out", "right"),
-    )  # fmt: skip
+    )
     for row in rows:
         table.add_row(
-            row["name"], str(row["cells"]), human_seconds(row["seconds"]) if row["computed"] else "reused", f"{100 * row['share']:.0f} %",
-            "unknown" if row["error"] is None else f"{row['error']:.1g}", row["how"],
+            row["name"],
+            str(row["cells"]),
+            human_seconds(row["seconds"]) if row["computed"] else "reused",
+            f"{100 * row['share']:.0f} %",
+            "unknown" if row["error"] is None else f"{row['error']:.1g}",
+            row["how"],
             f"{row['left_out']['cells']} of {row['cells']}" if row["left_out"] else "",
-        )  # fmt: skip
+        )
     console.print(table)
     for row in rows:
         for text in told(row["name"], row["left_out"], row["approximated"]):
@@ -345,22 +394,32 @@ def print_outcome(outcome: Any) -> None:
         more = f" and {len(names) - 4} more" if len(names) > 5 else ""
         console.print(f"computed again: {', '.join(names[:4] if more else names)}{more}, because {escape(why)}")
     if outcome.removed:
-        console.print(f"removed: {outcome.removed} cells of earlier runs at other axis values, which would come out differently now")
+        console.print(
+            f"removed: {outcome.removed} cells of earlier runs at other axis values, which would come out differently "
+            f"now"
+        )
     if outcome.pruned:
         console.print(f"removed, as asked: {outcome.pruned} finished cells that this run does not keep")
     if outcome.stay:
-        console.print(escape(f"stays: {', '.join(outcome.stay)}, which 'keep' no longer names (remove: --prune)"), soft_wrap=True)
+        console.print(
+            escape(f"stays: {', '.join(outcome.stay)}, which 'keep' no longer names (remove: --prune)"), soft_wrap=True
+        )
     for text in outcome.mended[:5]:
         console.print(escape(f"was missing or damaged, and is written again: {text[:1000]}"), soft_wrap=True)
     if len(outcome.mended) > 5:
         console.print(f"was missing or damaged, and is written again: {len(outcome.mended) - 5} more")
     if outcome.moved.get("shards"):
         shards, copied, computed = (outcome.moved[name] for name in ("shards", "copied", "computed"))
-        what = f"{shards} {'shard' if shards == 1 else 'shards'} made anew: {copied} bytes copied beside {computed} bytes computed"
+        what = (
+            f"{shards} {'shard' if shards == 1 else 'shards'} made anew: {copied} bytes copied beside {computed} "
+            f"bytes computed"
+        )
         console.print(f"rewritten: {what}", soft_wrap=True)
     worst = outcome.reports.most_clipped()
     if worst is not None:
-        console.print(f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell")
+        console.print(
+            f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell"
+        )
     for text in floored(outcome.plan, outcome.reports):
         console.print(f"floored: {escape(text)}", soft_wrap=True)
     for text in floored(outcome.plan, outcome.reports, "overexposed"):
@@ -377,7 +436,9 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"figures and pictures{escape(outcome.shown_at)}:")
     for name, value, unit, unseen in figures:
         without = f"  without {', '.join(unseen)}" if unseen else ""
-        console.print(f"{name:32s} {value:.5g} {unit if unit != '1' else ''}".rstrip() + escape(without), soft_wrap=True)
+        console.print(
+            f"{name:32s} {value:.5g} {unit if unit != '1' else ''}".rstrip() + escape(without), soft_wrap=True
+        )
     if outcome.archive:
         console.print(f"archive        {outcome.archive}", soft_wrap=True)
     for picture in outcome.pictures:

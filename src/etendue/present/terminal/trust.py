@@ -26,15 +26,28 @@ def print_reproduction(document: dict[str, Any]) -> None:
     console = _out()
     table = _table(
         f"{escape(document['archive'])}: {document['verdict']}",
-        ("stage", "left"), ("arrays", "right"), ("same", "right"), ("within", "right"), ("not", "right"), ("largest", "right"),
-        ("rms", "right"), ("stated", "right"),
-    )  # fmt: skip
+        ("stage", "left"),
+        ("arrays", "right"),
+        ("same", "right"),
+        ("within", "right"),
+        ("not", "right"),
+        ("largest", "right"),
+        ("rms", "right"),
+        ("stated", "right"),
+    )
     for stage in document["stages"]:
         wrong = sum(stage[kind] for kind in ("beyond", "unknown", "damaged", "failed"))
         table.add_row(
-            stage["name"], str(stage["compared"]), str(stage["same"]), str(stage["within"] or ""), str(wrong or ""),
-            *(_figure(stage[name]) if stage["same"] < stage["compared"] else "" for name in ("largest", "relative", "allowed")),
-        )  # fmt: skip
+            stage["name"],
+            str(stage["compared"]),
+            str(stage["same"]),
+            str(stage["within"] or ""),
+            str(wrong or ""),
+            *(
+                _figure(stage[name]) if stage["same"] < stage["compared"] else ""
+                for name in ("largest", "relative", "allowed")
+            ),
+        )
     console.print(table)
     for name, pair in document["platform"]["differs"].items():
         console.print(escape(f"platform  {name}: {pair['then']} then, {pair['now']} now"), soft_wrap=True)
@@ -46,13 +59,19 @@ def print_reproduction(document: dict[str, Any]) -> None:
     for cell in document["not_the_same"]:
         if cell["found"] != "within":
             console.print(
-                escape(f"{cell['found']}: {cell['cell']} {cell['variable']}: {cell['why'] or 'rms ' + _figure(cell['relative'])}"),
+                escape(
+                    f"{cell['found']}: {cell['cell']} {cell['variable']}: "
+                    f"{cell['why'] or 'rms ' + _figure(cell['relative'])}"
+                ),
                 soft_wrap=True,
             )
     for one in document["differences"][:MOST]:
         where = f" {one['where']}" if one["where"] else ""
         says = one["says"] or "nothing, or it is not there"
-        console.print(escape(f"another: {one['file']}{where}: it says {says}; it comes out as {one['is'] or 'nothing'}"), soft_wrap=True)
+        console.print(
+            escape(f"another: {one['file']}{where}: it says {says}; it comes out as {one['is'] or 'nothing'}"),
+            soft_wrap=True,
+        )
     if len(document["differences"]) > MOST:
         console.print(f"... {len(document['differences']) - MOST} more; --json has all")
     for damage in document["damages"][:MOST]:
@@ -73,18 +92,27 @@ def print_differences(document: dict[str, Any]) -> None:
     console.print(escape(f"{document['first']} and {document['second']}: {state}"), soft_wrap=True)
     table = _table(
         "",
-        ("stage", "left"), ("cells", "right"), ("differ", "right"), ("in 1st", "right"), ("in 2nd", "right"), ("largest", "right"),
-        ("rms", "right"), ("share", "right"),
-    )  # fmt: skip
+        ("stage", "left"),
+        ("cells", "right"),
+        ("differ", "right"),
+        ("in 1st", "right"),
+        ("in 2nd", "right"),
+        ("largest", "right"),
+        ("rms", "right"),
+        ("share", "right"),
+    )
     for stage in document["stages"]:
         table.add_row(
-            stage["name"], str(stage["cells"]), *(str(stage[name] or "") for name in ("differing", "only_first", "only_second")),
+            stage["name"],
+            str(stage["cells"]),
+            *(str(stage[name] or "") for name in ("differing", "only_first", "only_second")),
             *(_figure(stage[name]) if stage["differing"] else "" for name in ("largest", "rms", "relative")),
-        )  # fmt: skip
+        )
     console.print(table)
     if any(stage["differing"] for stage in document["stages"]):
         console.print(
-            "of the worst cell: largest and rms difference, and as a share rms over full scale (inf: there is none to divide by)",
+            "of the worst cell: largest and rms difference, and as a share rms over full scale (inf: there is none to "
+            "divide by)",
             soft_wrap=True,
         )
     for stage in document["stages"]:
@@ -93,20 +121,30 @@ def print_differences(document: dict[str, Any]) -> None:
     for stage in document["stages"]:
         for one in stage["worst"]:
             if "why" in one:
-                console.print(escape(f"cannot be compared: {one['cell']} {one['variable']}: {one['why']}"), soft_wrap=True)
+                console.print(
+                    escape(f"cannot be compared: {one['cell']} {one['variable']}: {one['why']}"), soft_wrap=True
+                )
     for which, own in document["only"].items():
         if own["cells"]:
             at = "; ".join(
-                f"{dim} {', '.join(f'{v:g}' if isinstance(v, float) else v for v in own['values'][dim][:8])}" for dim in own["values"]
+                f"{dim} {', '.join(f'{v:g}' if isinstance(v, float) else v for v in own['values'][dim][:8])}"
+                for dim in own["values"]
             )
-            console.print(escape(f"only in {document[which]}: {own['cells']} cells{f', at {at}' if at else ''}"), soft_wrap=True)
+            console.print(
+                escape(f"only in {document[which]}: {own['cells']} cells{f', at {at}' if at else ''}"), soft_wrap=True
+            )
 
 
 @contextmanager
 def reading(silent: bool = False) -> Iterator[Callable[[int, int], None]]:
     """A bar of bytes on stderr while an archive is read; nothing where stderr is no terminal."""
     bar = Progress(
-        TextColumn("reading"), BarColumn(), DownloadColumn(), TransferSpeedColumn(), console=Console(stderr=True), transient=True
+        TextColumn("reading"),
+        BarColumn(),
+        DownloadColumn(),
+        TransferSpeedColumn(),
+        console=Console(stderr=True),
+        transient=True,
     )
     if silent or not bar.console.is_terminal:
         yield lambda done, total: None
@@ -138,14 +176,21 @@ def print_verified(document: dict[str, Any]) -> None:
     if len(document["beside"]) > MOST:
         console.print(f"... {len(document['beside']) - MOST} more beside it; --json has all")
     if document["partial"]:
-        console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
+        console.print(
+            escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"),
+            soft_wrap=True,
+        )
     rate = f", {document['bytes_per_second'] / 1e6:.0f} MB/s" if document["bytes_per_second"] else ""
     read = (
-        f"{document['cells']} cells, {document['chunks']} chunks, {human_bytes(document['bytes'])} in {human_seconds(document['seconds'])}"
+        f"{document['cells']} cells, {document['chunks']} chunks, {human_bytes(document['bytes'])} in "
+        f"{human_seconds(document['seconds'])}"
     )
     lost = len(document["cells_lost"])
     places = len(document["damages"])
-    found = f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to be computed again"
+    found = (
+        f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to be "
+        f"computed again"
+    )
     console.print(escape(f"{document['archive']}: {'whole' if document['whole'] else found}"), soft_wrap=True)
     console.print(f"read {read}{rate}")
     if "sha256" in document:
@@ -170,5 +215,8 @@ def print_repaired(document: dict[str, Any]) -> None:
     for text in document["done"][:MOST]:
         console.print(escape(text), soft_wrap=True)
     if document["repaired"]:
-        console.print(f"{document['computed']} {'cell' if document['computed'] == 1 else 'cells'} computed, {document['failed']} failed")
+        console.print(
+            f"{document['computed']} {'cell' if document['computed'] == 1 else 'cells'} computed, {document['failed']} "
+            f"failed"
+        )
     print_verified(document)

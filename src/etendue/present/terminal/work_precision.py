@@ -11,9 +11,17 @@ from io import BytesIO
 from typing import Any
 
 AROUND = (  # where a label may stand, points beside its own
-    (8, 6, "left"), (8, -13, "left"), (-8, 6, "right"), (-8, -13, "right"), (0, 13, "center"), (0, -20, "center"),
-    (8, 20, "left"), (8, -27, "left"), (-8, 20, "right"), (-8, -27, "right"),
-)  # fmt: skip
+    (8, 6, "left"),
+    (8, -13, "left"),
+    (-8, 6, "right"),
+    (-8, -13, "right"),
+    (0, 13, "center"),
+    (0, -20, "center"),
+    (8, 20, "left"),
+    (8, -27, "left"),
+    (-8, 20, "right"),
+    (-8, -27, "right"),
+)
 
 
 @dataclass(frozen=True)
@@ -41,7 +49,9 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
         room = max((high / low) ** 0.18, 1.15)
         limits(low / room, high * room)
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-        subs = (1.0,) if high / low > 200 else (1.0, 2.0, 5.0) if high / low > 3 else tuple(1 + 0.1 * i for i in range(90))
+        subs = (
+            (1.0,) if high / low > 200 else (1.0, 2.0, 5.0) if high / low > 3 else tuple(1 + 0.1 * i for i in range(90))
+        )
         axis.set_major_locator(LogLocator(subs=subs, numticks=9))
         axis.set_minor_locator(NullLocator())
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
@@ -60,12 +70,19 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
     for p in points:
         for number, (right, up, side) in enumerate(AROUND):
             text = axes.annotate(
-                p.label, (p.seconds, p.error), (right, up), textcoords="offset points", ha=side, fontsize=8,
+                p.label,
+                (p.seconds, p.error),
+                (right, up),
+                textcoords="offset points",
+                ha=side,
+                fontsize=8,
                 color="black" if p.best else "#555555",
-            )  # fmt: skip
+            )
             box = text.get_window_extent(canvas.get_renderer())  # type: ignore[no-untyped-call]
             free = not any(box.overlaps(other) for other in boxes) and not any(box.contains(*place) for place in taken)
-            within = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and axes.bbox.y0 <= box.y0 and box.y1 <= axes.bbox.y1
+            within = (
+                axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and axes.bbox.y0 <= box.y0 and box.y1 <= axes.bbox.y1
+            )
             if (free and within) or number == len(AROUND) - 1:
                 boxes.append(box)
                 break
@@ -89,7 +106,9 @@ Panel = tuple[str, str, list[Series], Level, Level]  # title, what the time is o
 
 
 def diagrams(title: str, panels: list[Panel]) -> bytes:
-    """Work-precision diagrams side by side as PNG, both axes logarithmic; points without error or time have no place on them."""
+    """Work-precision diagrams side by side as PNG, both axes logarithmic; points without error or time have no place
+    on them.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,4 +1,5 @@
-"""What everybody who computes must have in common with the owner of a run: libraries, processor, code of stages, the archive.
+"""What everybody who computes must have in common with the owner of a run: libraries, processor, code of stages, the
+archive.
 
 In:  what the owner has.
 Out: for a worker, in words, in what it differs; bits would differ with it, or results be lost.
@@ -31,7 +32,9 @@ class Common:
     run: str  # a name that no other run has
     platform: Platform
     has: Mapping[str, Any]  # what ``platform`` gave the owner, and the version of etendue
-    code: Mapping[tuple[str, str], tuple[str, str]]  # of each stage, by module and class: the digest of its code, its distribution
+    code: Mapping[
+        tuple[str, str], tuple[str, str]
+    ]  # of each stage, by module and class: the digest of its code, its distribution
     mark: Mark | None = None
 
     def differences(self) -> list[str]:
@@ -39,7 +42,11 @@ class Common:
         found = []
         for name, there in _has(self.platform).items():
             if there != self.has.get(name):
-                found.append("other processor features" if name == "cpu_features" else f"{name} {there} (here {self.has.get(name)})")
+                found.append(
+                    "other processor features"
+                    if name == "cpu_features"
+                    else f"{name} {there} (here {self.has.get(name)})"
+                )
         for (module, kind), (digest, brought) in self.code.items():
             try:
                 own = getattr(importlib.import_module(module), kind)
@@ -91,7 +98,8 @@ _sound: set[str] = set()  # the runs for which this process has been found to be
 
 
 def be_alike(common: Common) -> None:
-    """In a worker, in front of its first batch of a run: it may have joined late, or stand in the place of one that died.
+    """In a worker, in front of its first batch of a run: it may have joined late, or stand in the place of one that
+    died.
 
     Raises
     ------
@@ -117,6 +125,7 @@ def refused(found: Mapping[str, list[str]]) -> str:
     address, differences = next(iter(found.items()))
     more = f" (and {len(found) - 1} more {'worker' if len(found) == 2 else 'workers'})" if len(found) > 1 else ""
     return (
-        f"the worker {address}{more} cannot compute for this run; it has {'; '.join(differences)}. What is finished is kept: "
+        f"the worker {address}{more} cannot compute for this run; it has {'; '.join(differences)}. What is finished is "
+        f"kept: "
         "end that worker or give it what this process has, and run again"
     )

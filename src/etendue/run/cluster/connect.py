@@ -1,7 +1,9 @@
-"""Who computes the batches of a run: a Dask scheduler at tcp:// or tls:// with its workers, or a cluster made for the run.
+"""Who computes the batches of a run: a Dask scheduler at tcp:// or tls:// with its workers, or a cluster made for the
+run.
 
 In:  batches; where the cluster is.
-Out: ``after`` is told of every batch. A cluster that is not there, is lost, or has a worker that would give other bits is said to be that.
+Out: ``after`` is told of every batch. A cluster that is not there, is lost, or has a worker that would give other bits
+     is said to be that.
 """
 
 from __future__ import annotations
@@ -33,9 +35,12 @@ ASKED = 4  # times a worker that gives no answer is asked again
 
 
 def run_on_cluster(
-    batches: list[Batch], deliver: Set[CellRef], before: Callable[[Batch], None], after: Callable[[Batch, BatchResult], None],
+    batches: list[Batch],
+    deliver: Set[CellRef],
+    before: Callable[[Batch], None],
+    after: Callable[[Batch, BatchResult], None],
     how: How,
-) -> None:  # fmt: skip
+) -> None:
     """Run batches on the cluster at an address, or with processes of this machine where it is ``distributed``.
 
     Raises
@@ -48,7 +53,12 @@ def run_on_cluster(
     address = how.address
     with _lost(address), _client(address, how.workers) as client:
         stages = {type(job.stage) for batch in batches for job in batch.jobs}
-        common = common_of(uuid.uuid4().hex, sorted(stages, key=lambda kind: (kind.__module__, kind.__qualname__)), how.platform, how.mark)
+        common = common_of(
+            uuid.uuid4().hex,
+            sorted(stages, key=lambda kind: (kind.__module__, kind.__qualname__)),
+            how.platform,
+            how.mark,
+        )
         _first_worker(client, address, how.stop)
         _ask(client, address, common)
         Sending(client, batches, deliver, before, after, common, how.stop, how.cell_timeout).run()
@@ -59,7 +69,9 @@ def _client(address: str, workers: int) -> Iterator[Any]:
     try:
         import distributed
     except ImportError:
-        raise RequestError(f"--scheduler {address} needs the package distributed: pip install 'etendue[distributed]'") from None
+        raise RequestError(
+            f"--scheduler {address} needs the package distributed: pip install 'etendue[distributed]'"
+        ) from None
     connect: Any = distributed.Client
     for name in ("distributed", *logging.root.manager.loggerDict):  # what is lost is said once, here
         if name.partition(".")[0] in ("distributed", "tornado"):
@@ -74,7 +86,8 @@ def _client(address: str, workers: int) -> Iterator[Any]:
     except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
         secure = "; a tls:// address needs certificates: see docs/cluster.md" if address.startswith("tls") else ""
         raise MachineError(
-            f"--scheduler {address}: no Dask scheduler answers there ({shortened(' '.join(plain(str(error)).split()), 200)}){secure}; "
+            f"--scheduler {address}: no Dask scheduler answers there "
+            f"({shortened(' '.join(plain(str(error)).split()), 200)}){secure}; "
             "start one with 'dask scheduler' and workers with 'dask worker', or use --scheduler threads"
         ) from None
     try:
@@ -96,14 +109,19 @@ def _lost(address: str) -> Iterator[None]:
     except (Lost, OSError, TimeoutError) as error:
         raise _gone(address) from error
     except BaseException as error:
-        if is_ours(error) or type(error).__name__ not in ("CancelledError", "FutureCancelledError", "ClosedClientError"):
+        if is_ours(error) or type(error).__name__ not in (
+            "CancelledError",
+            "FutureCancelledError",
+            "ClosedClientError",
+        ):
             raise
         raise _gone(address) from error
 
 
 def _gone(address: str) -> MachineError:
     return MachineError(
-        f"--scheduler {address}: the scheduler is gone; what is finished is kept: start it again and run again to go on, or go on with "
+        f"--scheduler {address}: the scheduler is gone; what is finished is kept: start it again and run again to go "
+        f"on, or go on with "
         "--scheduler threads"
     )
 
@@ -114,7 +132,8 @@ def _first_worker(client: Any, address: str, stop: Stop) -> None:
         stop.check()
         if time.monotonic() > until:
             raise MachineError(
-                f"--scheduler {address}: the scheduler has had no workers for {FIRST:.0f} s; start some with: dask worker {address}"
+                f"--scheduler {address}: the scheduler has had no workers for {FIRST:.0f} s; start some with: dask "
+                f"worker {address}"
             )
         time.sleep(0.1)
 
@@ -125,7 +144,9 @@ def _ask(client: Any, address: str, common: Common) -> None:
     try:
         client.run_on_scheduler(_there)
     except Exception as error:
-        raise MachineError(f"--scheduler {address}: the scheduler cannot be asked ({shortened(said(error), 200)}); {need}") from None
+        raise MachineError(
+            f"--scheduler {address}: the scheduler cannot be asked ({shortened(said(error), 200)}); {need}"
+        ) from None
     answers = client.run(common.differences, on_error="return")
     for _ in range(ASKED):
         silent = [worker for worker, answer in answers.items() if isinstance(answer, BaseException)]

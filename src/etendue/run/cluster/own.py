@@ -1,7 +1,9 @@
-"""A cluster of this machine for the length of a run: a scheduler in this process, workers as processes that are watched.
+"""A cluster of this machine for the length of a run: a scheduler in this process, workers as processes that are
+watched.
 
 In:  how many workers.
-Out: a Dask client. Scheduler and workers listen on loopback alone and talk TLS with a certificate that only they have: without it
+Out: a Dask client. Scheduler and workers listen on loopback alone and talk TLS with a certificate that only they have:
+     without it
 any program of the machine could have them run its code.
 """
 
@@ -20,7 +22,9 @@ from etendue.run.workers import quiet_tracker
 DEATHS = 1  # so many workers may die of a batch before its cells are tried one by one
 ENDING = 10.0  # seconds in which workers may end in order
 SILENT = logging.CRITICAL + 1
-NO_PROFILE = {"distributed.worker.profile.enabled": False}  # it looks at frames, where CPython 3.11 may hang (its issue 106883)
+NO_PROFILE = {
+    "distributed.worker.profile.enabled": False
+}  # it looks at frames, where CPython 3.11 may hang (its issue 106883)
 
 
 @contextmanager
@@ -30,17 +34,27 @@ def own_cluster(workers: int) -> Iterator[Any]:
         import cryptography  # noqa: F401  # makes the certificate
         import distributed
     except ImportError as error:
-        raise RequestError(f"--scheduler distributed needs the package {error.name}: pip install 'etendue[distributed]'") from None
+        raise RequestError(
+            f"--scheduler distributed needs the package {error.name}: pip install 'etendue[distributed]'"
+        ) from None
     quiet_tracker()  # else Python unblocks the signal when it starts its own
-    # What is blocked here is blocked in the thread that starts the workers, and in them: Ctrl-C is the owner's to answer.
+    # What is blocked here is blocked in the thread that starts the workers, and in them: Ctrl-C is the owner's to
+    # answer.
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     made: Any = distributed.LocalCluster
     try:
         cluster = made(
-            n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", protocol="tls://", dashboard_address=None,
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            protocol="tls://",
+            dashboard_address=None,
             security=distributed.Security.temporary(),  # type: ignore[no-untyped-call]
-            scheduler_kwargs={"allowed_failures": DEATHS}, silence_logs=SILENT, config=NO_PROFILE,
-        )  # fmt: skip
+            scheduler_kwargs={"allowed_failures": DEATHS},
+            silence_logs=SILENT,
+            config=NO_PROFILE,
+        )
     except (OSError, RuntimeError, TimeoutError) as error:
         raise MachineError(f"--scheduler distributed: the workers could not be started: {error}") from None
     finally:

@@ -1,7 +1,9 @@
-"""Batches to a cluster as they become ready, few per worker thread: scheduler and workers hold what is under way, not the graph.
+"""Batches to a cluster as they become ready, few per worker thread: scheduler and workers hold what is under way, not
+the graph.
 
 In:  batches in any order; a client.
-Out: ``after`` is told of every batch. Results stay with the workers until their last reader has ended; only reports, and arrays that
+Out: ``after`` is told of every batch. Results stay with the workers until their last reader has ended; only reports,
+     and arrays that
 were asked for, come here.
 """
 
@@ -40,10 +42,24 @@ class Sending:
     """The batches of one run, on one cluster."""
 
     def __init__(
-        self, client: Any, batches: list[Batch], deliver: Set[CellRef], before: Callable[[Batch], None],
-        after: Callable[[Batch, BatchResult], None], common: Common, stop: Stop, limit: float | None,
-    ) -> None:  # fmt: skip
-        self.client, self.deliver, self.before, self.after, self.common, self.stop = client, deliver, before, after, common, stop
+        self,
+        client: Any,
+        batches: list[Batch],
+        deliver: Set[CellRef],
+        before: Callable[[Batch], None],
+        after: Callable[[Batch, BatchResult], None],
+        common: Common,
+        stop: Stop,
+        limit: float | None,
+    ) -> None:
+        self.client, self.deliver, self.before, self.after, self.common, self.stop = (
+            client,
+            deliver,
+            before,
+            after,
+            common,
+            stop,
+        )
         self.batches = {batch.number: batch for batch in batches}
         self.place = {n: place for place, n in enumerate(depth_first(self.batches, lambda n: self.batches[n].imports))}
         self.awaits = {batch.number: len(batch.imports) for batch in batches}
@@ -96,7 +112,9 @@ class Sending:
             self.before(batch)
             inputs = sorted(batch.imports)
             topic = self.watching.topic if self.watching.limit is not None else ""
-            data = as_bytes(batch.jobs, batch.exports, [batch.imports[n] for n in inputs], self.deliver, topic=topic, number=number)
+            data = as_bytes(
+                batch.jobs, batch.exports, [batch.imports[n] for n in inputs], self.deliver, topic=topic, number=number
+            )
             how = {"pure": False, "priority": -place}
             before = [self.results[n] for n in inputs]
             if self.readers.get(number):
@@ -115,7 +133,9 @@ class Sending:
             return
         while not self.ended.empty():
             found.append(self.ended.get())
-        found = [(number, future) for number, future in found if number in self.sent and self.sent[number].told is future]
+        found = [
+            (number, future) for number, future in found if number in self.sent and self.sent[number].told is future
+        ]
         sound = [(number, future) for number, future in found if future.status == "finished"]
         for number, future in found:
             if future.status != "finished":
@@ -154,7 +174,9 @@ class Sending:
         try:
             at_work = self.watching.at_work()
             for number in [
-                n for n, sent in self.sent.items() if sent.told.key not in at_work and getattr(sent.result, "key", None) not in at_work
+                n
+                for n, sent in self.sent.items()
+                if sent.told.key not in at_work and getattr(sent.result, "key", None) not in at_work
             ]:
                 sent = self.sent.pop(number)
                 self.client.cancel([future for future in (sent.result, sent.told) if future is not None])

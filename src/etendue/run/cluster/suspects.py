@@ -1,4 +1,5 @@
-"""Batches of which workers died: their cells one by one, while nothing else is under way, so that only the guilty one fails.
+"""Batches of which workers died: their cells one by one, while nothing else is under way, so that only the guilty one
+fails.
 
 In:  a batch; the results that it reads.
 Out: its result. A cell of which every worker dies that tries it, or that takes too long, is a failed cell, in words.
@@ -41,7 +42,9 @@ class Suspects:
             if self.results[number].status not in ("finished", "pending"):
                 self.results[number] = self.again(number)
         if self.doomed.keys() - known:
-            raise MachineError("workers die while they compute again what was lost with others; what is finished is kept: run again")
+            raise MachineError(
+                "workers die while they compute again what was lost with others; what is finished is kept: run again"
+            )
         return self.cells(batch, self.results)
 
     def again(self, number: int) -> Any:
@@ -79,7 +82,12 @@ class Suspects:
             return why
         if watching.too_much:
             return (
-                f"it takes more memory than a worker may hold ({watching.may_hold / 1e9:.2f} GB): every worker that tried it alone was "
-                f"ended, at {max(watching.too_much) / 1e9:.2f} GB. Give workers more (dask worker --memory-limit), or make frames smaller"
+                f"it takes more memory than a worker may hold ({watching.may_hold / 1e9:.2f} GB): every worker that "
+                f"tried it alone was "
+                f"ended, at {max(watching.too_much) / 1e9:.2f} GB. Give workers more (dask worker --memory-limit), or "
+                f"make frames smaller"
             )
-        return "every worker died that computed it, though it was alone: it crashes its process, or takes more memory than the machine has"
+        return (
+            "every worker died that computed it, though it was alone: it crashes its process, or takes more memory "
+            "than the machine has"
+        )

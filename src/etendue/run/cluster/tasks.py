@@ -1,4 +1,5 @@
-"""What a worker is asked to do: functions by name, their arguments as bytes that neither dask nor the scheduler looks into.
+"""What a worker is asked to do: functions by name, their arguments as bytes that neither dask nor the scheduler looks
+into.
 
 In:  the jobs of a batch as bytes; the results that it reads.
 Out: its result, which stays where it was made; its reports, which the owner of the run fetches.
@@ -25,9 +26,14 @@ Told = tuple[tuple[Any, ...], dict[CellRef, dict[str, object]]]  # reports, and 
 
 
 def as_bytes(
-    jobs: Iterable[Job], exports: Iterable[CellRef], imports: Iterable[Iterable[CellRef]], deliver: Set[CellRef],
-    doomed: Mapping[CellRef, str] = NOBODY, topic: str = "", number: int = 0,
-) -> bytes:  # fmt: skip
+    jobs: Iterable[Job],
+    exports: Iterable[CellRef],
+    imports: Iterable[Iterable[CellRef]],
+    deliver: Set[CellRef],
+    doomed: Mapping[CellRef, str] = NOBODY,
+    topic: str = "",
+    number: int = 0,
+) -> bytes:
     """A batch, or a part of one. ``topic``: where the beginning of each cell is told, with the number of the batch."""
     jobs = tuple(jobs)
     own = frozenset(job.ref for job in jobs if job.ref in deliver)
@@ -39,11 +45,15 @@ def as_bytes(
             raise
     cannot = unfit(jobs)
     jobs = tuple(job if job.ref not in cannot else job.without_stage() for job in jobs)
-    return bytes(cloudpickle.dumps((jobs, *rest[:3], {**cannot, **doomed}, *rest[4:]), protocol=pickle.HIGHEST_PROTOCOL))
+    return bytes(
+        cloudpickle.dumps((jobs, *rest[:3], {**cannot, **doomed}, *rest[4:]), protocol=pickle.HIGHEST_PROTOCOL)
+    )
 
 
 def compute(common: Common, data: bytes, *before: BatchResult) -> BatchResult:
-    """The result of a batch. The worker may be somebody's process, and has threads of BLAS of its own again behind it."""
+    """The result of a batch. The worker may be somebody's process, and has threads of BLAS of its own again behind
+    it.
+    """
     with ONE_THREAD:
         be_alike(common)
         with Guest("a plugin, when it was imported,"):

@@ -91,8 +91,13 @@ class Watching:
                 why = f"no worker has been there for {PATIENCE:.0f} s"
             else:
                 states = ", ".join(sorted({str(worker["status"]) for worker in workers}))
-                why = f"no worker has worked for {PATIENCE:.0f} s (they are {states}; one that holds too much of the memory it may pauses)"
-            raise MachineError(f"{why}; what is finished is kept: start workers (with more memory) and run again to go on")
+                why = (
+                    f"no worker has worked for {PATIENCE:.0f} s (they are {states}; one that holds too much of the "
+                    f"memory it may pauses)"
+                )
+            raise MachineError(
+                f"{why}; what is finished is kept: start workers (with more memory) and run again to go on"
+            )
 
     def overdue(self, under_way: dict[int, int]) -> list[int]:
         """The batches under way, by number and how many cells they have, in which a cell takes too long."""
@@ -102,7 +107,10 @@ class Watching:
         self.seen = {n: self.seen.get(n, now) for n in under_way}
         self.begun = {n: at for n, at in self.begun.items() if n in under_way}
         late = []
-        for number, cells in under_way.items():  # one that holds the interpreter does not get round to tell that it began
+        for (
+            number,
+            cells,
+        ) in under_way.items():  # one that holds the interpreter does not get round to tell that it began
             since = self.begun.get(number)
             if now - (since or self.seen[number]) > (self.limit if since else self.limit * cells + STARTING):
                 late.append(number)
@@ -132,7 +140,9 @@ class Watching:
         self.wait(future)
         if future.status != "finished":
             self.died(future)
-            raise MachineError("workers die while they hand on what they have; what is finished is kept: run again to go on")
+            raise MachineError(
+                "workers die while they hand on what they have; what is finished is kept: run again to go on"
+            )
         return future.result()
 
     def died(self, future: Any) -> bool:

@@ -35,7 +35,9 @@ def space_to_xyz(name: str) -> Any:
 
 
 def primaries_to_xyz(display: str) -> Any:
-    """Linear RGB of a display to XYZ, Y = 1 for its white: from its spectra where they are measured, else from those of its space."""
+    """Linear RGB of a display to XYZ, Y = 1 for its white: from its spectra where they are measured, else from those
+    of its space.
+    """
     if display not in MEASURED:
         return space_to_xyz(display)
     found = spectra.colour_matching(TABLE_EDGES).T @ spectra.display_primaries(display, TABLE_EDGES)
@@ -48,7 +50,8 @@ def is_display(name: Any) -> bool:
 
 
 def primaries_to_cones(display: str) -> Any:
-    """Linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals (section 3.2 of the paper).
+    """Linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals (section 3.2 of the
+    paper).
 
     For an RGB space, which has no spectra: its XYZ, and the cone responses fitted to the colour-matching functions.
     """
@@ -82,7 +85,8 @@ class Display(Displaying, Haloed):
     error: ClassVar = measured(2e-6, 5e-15)
 
     display: str = param(
-        "sRGB", doc="Apple Studio Display, Typical CRT Brainard 1997 (measured spectra), or an RGB space of colour-science"
+        "sRGB",
+        doc="Apple Studio Display, Typical CRT Brainard 1997 (measured spectra), or an RGB space of colour-science",
     )
 
     def __post_init__(self) -> None:
@@ -118,7 +122,9 @@ class _Cones(Haloed):
     libraries: ClassVar = ("colour-science",)
     error: ClassVar = measured(2e-6, 5e-15)
 
-    display: str = param("sRGB", doc="as of display: measured spectra x cone fundamentals; of an RGB space, cones fitted to XYZ")
+    display: str = param(
+        "sRGB", doc="as of display: measured spectra x cone fundamentals; of an RGB space, cones fitted to XYZ"
+    )
 
     def __post_init__(self) -> None:
         check_display(self.display)
@@ -167,7 +173,9 @@ class FromCones(_Cones, Displaying):
 
 @dataclass(frozen=True, kw_only=True)
 class ToXyz(Haloed):
-    """Linear RGB of the display to XYZ: of an RGB space, or by eq. 16 (EBU primaries) in full precision or as printed."""
+    """Linear RGB of the display to XYZ: of an RGB space, or by eq. 16 (EBU primaries) in full precision or as
+    printed.
+    """
 
     role: ClassVar = "tristimulus"
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
@@ -180,7 +188,9 @@ class ToXyz(Haloed):
     libraries: ClassVar = ("colour-science",)
     error: ClassVar[Any] = measured(1e-6, 1e-15)
 
-    matrix: str = param("sRGB", doc="of the display, as of stage display; ebu (eq. 16), eq16_corrected_3digit, eq16_as_printed")
+    matrix: str = param(
+        "sRGB", doc="of the display, as of stage display; ebu (eq. 16), eq16_corrected_3digit, eq16_as_printed"
+    )
 
     def __post_init__(self) -> None:
         spectra.check_rgb_space(self.matrix, (*PRINTED, "ebu", *MEASURED))
@@ -215,8 +225,8 @@ class _Encoding(Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Encode(_Encoding):
-    """Gamma: linear display values to encoded ones, clipped to the display's range; what was clipped is counted, but for rounding: white
-    that is clipped in the camera stands at 1 up to the last bits, on either side."""
+    """Gamma: linear display values to encoded ones, clipped to the display's range; what was clipped is counted, but
+    for rounding: white that is clipped in the camera stands at 1 up to the last bits, on either side."""
 
     role: ClassVar = "display encoding"
     working: ClassVar = 2.3

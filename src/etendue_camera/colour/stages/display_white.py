@@ -26,14 +26,18 @@ def white_name(name: str) -> str:
 def white_of(name: str) -> Any:
     """XYZ (Y = 1) of an illuminant, of a measured display with all primaries on, or of the white of an RGB space.
 
-    Standards of displays give their white as the published chromaticity of an illuminant. An illuminant has it here too, so that "D65"
-    is the white of sRGB to the last bit; a sum over its spectrum is off by 2e-4 in Z.
+    Standards of displays give their white as the published chromaticity of an illuminant. An illuminant has it here
+    too, so that "D65" is the white of sRGB to the last bit; a sum over its spectrum is off by 2e-4 in Z.
     """
     if name in D65_DISPLAYS:
         return matrices.xyz_from_xy(matrices.D65_XY)
     published = None if name in MEASURED else spectra.white_chromaticity(name)
     if published is not None:
         return matrices.xyz_from_xy(published)
-    spd = spectra.display_primaries(name, TABLE_EDGES).sum(axis=1) if name in MEASURED else spectra.illuminant(name, TABLE_EDGES)
+    spd = (
+        spectra.display_primaries(name, TABLE_EDGES).sum(axis=1)
+        if name in MEASURED
+        else spectra.illuminant(name, TABLE_EDGES)
+    )
     xyz = spectra.colour_matching(TABLE_EDGES).T @ spd
     return xyz / xyz[1]

@@ -29,11 +29,12 @@ PRINTED_GAINS = (0.5844, 0.5753, 0.514)
 class ColourFit(Collecting):
     """Least squares from white-balanced camera primaries to XYZ, over a set of reflectances under the scene's light.
 
-    White is kept exactly unless told otherwise. ``fit_residual`` is the rms error in XYZ (white Y = 1), ``fit_condition`` the
-    condition number.
-    Channels that see alike tell some colours not apart: such directions are given nothing, and counted in ``directions_floored``.
-    For any number of channels: one gives luminance in the colour of the white, two a plane of colours, and the residual
-    says how far that is from the truth. Crosstalk behind the filters is in the camera's primaries, as it is in a picture.
+    White is kept exactly unless told otherwise. ``fit_residual`` is the rms error in XYZ (white Y = 1),
+    ``fit_condition`` the condition number.
+    Channels that see alike tell some colours not apart: such directions are given nothing, and counted in
+    ``directions_floored``. For any number of channels: one gives luminance in the colour of the white, two a plane of
+    colours, and the residual says how far that is from the truth. Crosstalk behind the filters is in the camera's
+    primaries, as it is in a picture.
     """
 
     role: ClassVar = "colour matrix"
@@ -55,16 +56,23 @@ class ColourFit(Collecting):
         table=True,
         doc="ColorChecker, or a CSV file: wavelength_nm, then columns of patches; its end values hold beyond",
     )
-    white: str = param("kept", choices=("kept", "fitted"), doc="whether the white of the light is exact, or a patch like others")
-    ridge: float = param(0.0, at_least=0, doc="weight of the matrix's own size beside the error: less noise for more colour error")
+    white: str = param(
+        "kept", choices=("kept", "fitted"), doc="whether the white of the light is exact, or a patch like others"
+    )
+    ridge: float = param(
+        0.0, at_least=0, doc="weight of the matrix's own size beside the error: less noise for more colour error"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.reflectances != "ColorChecker" and not self.reflectances.endswith(spectra.ENDINGS):
-            raise ValueError(f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv or .spdx table")
+            raise ValueError(
+                f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv or .spdx table"
+            )
         if not min(self.peak_qe) > 0:
             raise ValueError(
-                f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give every channel a "
+                f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give "
+                f"every channel a "
                 "peak above 0, or leave colour_fit out"
             )
 
@@ -75,8 +83,10 @@ class ColourFit(Collecting):
         seen = sum(below < VISIBLE[1] and above > VISIBLE[0] for below, above in pairwise(edges))
         if seen < channels and self.ridge == 0:
             raise ValueError(
-                f"{seen} of {len(edges) - 1} bands from {edges[0]:g} to {edges[-1]:g} nm are seen by the eye, and {seen} tell no "
-                f"{channels} channels apart: take a narrower bin_width, or wavelengths from {VISIBLE[0]:g} to {VISIBLE[1]:g} nm"
+                f"{seen} of {len(edges) - 1} bands from {edges[0]:g} to {edges[-1]:g} nm are seen by the eye, and "
+                f"{seen} tell no "
+                f"{channels} channels apart: take a narrower bin_width, or wavelengths from {VISIBLE[0]:g} to "
+                f"{VISIBLE[1]:g} nm"
             )
         return {"colour_matrix": Grid.of({"component": XYZ, "channel": Labels(self.channels)})}
 
@@ -99,22 +109,33 @@ class ColourFit(Collecting):
         camera_white = response @ light
         if not np.all(camera_white > 0):
             names = ", ".join(self.channels)
-            raise ValueError(f"the white has a dead channel ({names} = {camera_white}): look at the filter, the illuminant, peak_qe")
+            raise ValueError(
+                f"the white has a dead channel ({names} = {camera_white}): look at the filter, the illuminant, peak_qe"
+            )
         samples = (reflectance * light) @ response.T / camera_white
         scene = np.asarray(white_radiance, dtype=float) * np.diff(edges)
         white = cmf.T @ scene
         if not white[1] > 0:
-            raise ValueError(f"the scene's white has no luminance (X, Y, Z = {white}): look at the illuminant and the wavelengths")
+            raise ValueError(
+                f"the scene's white has no luminance (X, Y, Z = {white}): look at the illuminant and the wavelengths"
+            )
         targets = (reflectance * scene) @ cmf / white[1]
         kept = self.white == "kept"
         fit = matrices.fit_matrix(
-            samples, targets, np.ones(len(response)) if kept else None, white / white[1] if kept else None, ridge=self.ridge, least=True
+            samples,
+            targets,
+            np.ones(len(response)) if kept else None,
+            white / white[1] if kept else None,
+            ridge=self.ridge,
+            least=True,
         )
         return {
-            "colour_matrix": fit.matrix, "white_xyz": white / white[1],
-            "fit_residual": np.array(fit.residual), "fit_condition": np.array(fit.condition if fit.condition < 1e15 else np.nan),
+            "colour_matrix": fit.matrix,
+            "white_xyz": white / white[1],
+            "fit_residual": np.array(fit.residual),
+            "fit_condition": np.array(fit.condition if fit.condition < 1e15 else np.nan),
             "directions_floored": np.array(float(fit.undetermined)),
-        }  # fmt: skip
+        }
 
     def warn(self, facts: Any, grids: Any) -> list[str]:
         few = {1: "pictures are luminance in the colour of the white", 2: "colours between its two are guessed"}
@@ -134,9 +155,9 @@ class CameraToXyz(Haloed):
     """Camera primaries over the white, times the fitted matrix: what is shown as display white has Y = 1.
 
     That is the scene's white, but at most the level at which the first of the balanced channels clips (with
-    ``brightness = "camera"`` always that level), whether ``balance_mosaic`` has seen to it already or not. Where a channel is
-    clipped its true value is unknown: ``highlights = "neutral"`` ends all balanced channels at that level, so that what is too
-    bright turns white and not magenta.
+    ``brightness = "camera"`` always that level), whether ``balance_mosaic`` has seen to it already or not. Where a
+    channel is clipped its true value is unknown: ``highlights = "neutral"`` ends all balanced channels at that level,
+    so that what is too bright turns white and not magenta.
     """
 
     role: ClassVar = "camera colour"
@@ -182,8 +203,8 @@ class CameraToXyz(Haloed):
 class Balance(Viewed, Haloed):
     """Von Kries in a named cone space: scene white to the target's white, or the paper's printed diagonal (eq. 14).
 
-    A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is lifted to ``floor`` and counted
-    in ``cones_floored``, or refused.
+    A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is lifted to
+    ``floor`` and counted in ``cones_floored``, or refused.
     """
 
     role: ClassVar = "chromatic adaptation"
@@ -199,9 +220,14 @@ class Balance(Viewed, Haloed):
 
     space: str = param("Von Kries", choices=tuple(SPACES), doc="cone space of the gains")
     target: str = param("D65", table=True, doc="white of the display: an illuminant, a display or an RGB space")
-    gains: str = param("white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale")
+    gains: str = param(
+        "white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale"
+    )
     floor: float = param(
-        1e-4, at_least=0, below=1, doc="share of the largest cone response to which weaker ones of the scene's white are lifted; 0: refused"
+        1e-4,
+        at_least=0,
+        below=1,
+        doc="share of the largest cone response to which weaker ones of the scene's white are lifted; 0: refused",
     )
 
     def __post_init__(self) -> None:
@@ -216,7 +242,9 @@ class Balance(Viewed, Haloed):
         return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
 
     def viewing_white(self) -> Any:
-        """XYZ of the white to which a viewer of the result is adapted, for pictures of it; None: that of the picture."""
+        """XYZ of the white to which a viewer of the result is adapted, for pictures of it; None: that of the
+        picture.
+        """
         return white_of(self.target) if self.gains == "white" else None
 
     def run(self, xyz_scene: Any, white_xyz: Any, prepared: Any) -> dict[str, Any]:

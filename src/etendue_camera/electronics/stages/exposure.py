@@ -37,11 +37,18 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
     dark_doubling: float = quantity("dark_doubling")
     sensor_serial: str = quantity("sensor_serial")
     prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel")
-    dark_nonuniformity: float = param(0.1, at_least=0, at_most=1, doc="relative rms of the dark current from pixel to pixel")
+    dark_nonuniformity: float = param(
+        0.1, at_least=0, at_most=1, doc="relative rms of the dark current from pixel to pixel"
+    )
     dark_pattern: bool = param(
-        True, fidelity=True, exact=True, reference="true: every pixel's own", settings=(False, True), costs=(0.75, 1.0),
+        True,
+        fidelity=True,
+        exact=True,
+        reference="true: every pixel's own",
+        settings=(False, True),
+        costs=(0.75, 1.0),
         doc="whether every pixel has the dark current that dark_nonuniformity draws; else all have its mean",
-    )  # fmt: skip
+    )
 
     def dark_charge(self, time: float) -> Any:
         """Mean dark charge after a time, electron."""
@@ -85,11 +92,13 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         """Over many sensors."""
         kind = photocurrent.dtype.type
         dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_nonuniformity)
-        return {"expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)}
+        return {
+            "expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)
+        }
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
-        """Of rounding. Without the pattern of the dark current, of which the mean is kept: the share of the variance of any pixel that it
-        would bring, since every pixel has at least the shot noise of its dark charge."""
+        """Of rounding. Without the pattern of the dark current, of which the mean is kept: the share of the variance of
+        any pixel that it would bring, since every pixel has at least the shot noise of its dark charge."""
         rounding = 2e-7 if precision == "float32" else 1e-15
         if self.dark_pattern or self.dark_nonuniformity == 0:
             return rounding, "proved"
@@ -104,8 +113,12 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
             return Facts()
         shortest, longest = ends(self.integration_time)
         sight, dark = 6 * self.prnu, 6 * self.dark_nonuniformity
-        low = max(light.low, 0.0) * shortest * max(1 - sight, 0.0) + float(self.dark_charge(shortest)) * max(1 - dark, 0.0)
-        return Facts(low=low, high=max(light.high, 0.0) * longest * (1 + sight) + float(self.dark_charge(longest)) * (1 + dark))
+        low = max(light.low, 0.0) * shortest * max(1 - sight, 0.0) + float(self.dark_charge(shortest)) * max(
+            1 - dark, 0.0
+        )
+        return Facts(
+            low=low, high=max(light.high, 0.0) * longest * (1 + sight) + float(self.dark_charge(longest)) * (1 + dark)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,10 +135,17 @@ class ShotNoise(Sampled, Noisy, Haloed):
 
     noise: str = quantity("noise")
     exact_below: float = param(
-        30.0, units="electron", at_least=10, infinite=True, fidelity=True, reference="inf: exact Poisson at every mean",
-        settings=(30.0, 100.0, 300.0, 1000.0, math.inf), costs=(1.0, 1.0, 1.0, 1.05, 1.35),
-        doc="above this mean the draw is a Cornish-Fisher form within 1.2e-4 (30 / mean)^1.5 of Poisson in total variation",
-    )  # fmt: skip
+        30.0,
+        units="electron",
+        at_least=10,
+        infinite=True,
+        fidelity=True,
+        reference="inf: exact Poisson at every mean",
+        settings=(30.0, 100.0, 300.0, 1000.0, math.inf),
+        costs=(1.0, 1.0, 1.0, 1.05, 1.35),
+        doc="above this mean the draw is a Cornish-Fisher form within 1.2e-4 (30 / mean)^1.5 of Poisson in total "
+        "variation",
+    )
 
     def __post_init__(self) -> None:
         if self.common_draws and self.exact_below > noise.LARGEST_INVERTED:
@@ -142,12 +162,18 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return charge
 
     def halo(self) -> int | None:
-        """Common draws are one for each pixel; independent ones are asked for in an order that all of the frame decides."""
+        """Common draws are one for each pixel; independent ones are asked for in an order that all of the frame
+        decides.
+        """
         return 0 if self.common_draws else None
 
     def run(self, expected_charge: Any, rng: Any) -> dict[str, Any]:
         if self.common_draws:
-            return {"charge": noise.poisson_by_inversion(expected_charge, rng.random(expected_charge.shape), self.exact_below)}
+            return {
+                "charge": noise.poisson_by_inversion(
+                    expected_charge, rng.random(expected_charge.shape), self.exact_below
+                )
+            }
         return {"charge": noise.poisson(expected_charge, rng, self.exact_below)}
 
     def mean(self, expected_charge: Any) -> dict[str, Any]:
@@ -158,7 +184,9 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return facts["expected_charge"]
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Total variation from Poisson, not an error of the mean: largest where the form begins; at the seam of common draws too."""
+        """Total variation from Poisson, not an error of the mean: largest where the form begins; at the seam of
+        common draws too.
+        """
         if math.isinf(self.exact_below):
             return 0.0, "proved"
         return 1.2e-4 * (30.0 / self.exact_below) ** 1.5 + (1e-4 if self.common_draws else 0.0), "measured"

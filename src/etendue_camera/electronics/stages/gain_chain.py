@@ -14,7 +14,9 @@ from etendue_camera.electronics import amplifier
 
 
 def analogue_gain(stage: Any) -> float:
-    """The gain of the amplifier: as given, or as the ISO speed asks for; ``ValueError`` where they do not go together."""
+    """The gain of the amplifier: as given, or as the ISO speed asks for; ``ValueError`` where they do not go
+    together.
+    """
     return amplifier.gain_of_speed(stage.analogue_gain, stage.iso, stage.base_iso)
 
 
@@ -39,7 +41,9 @@ class GainChain(Amplifier):
     bits: int = quantity("bits")
 
     def dn_per_electron(self) -> float:
-        return amplifier.dn_per_electron(self.conversion_gain, analogue_gain(self), self.well(), self.black_level, self.bits)
+        return amplifier.dn_per_electron(
+            self.conversion_gain, analogue_gain(self), self.well(), self.black_level, self.bits
+        )
 
     def well(self) -> float:
         return amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)

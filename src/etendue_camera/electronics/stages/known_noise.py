@@ -1,6 +1,7 @@
 """What a camera's maker knows of its noise: variance of a pixel of the linearised mosaic, from the camera quantities.
 
-Figures of a sensor look at datasheets for the rest: what stages add whose noise is no camera quantity, such as that of rows and columns.
+Figures of a sensor look at datasheets for the rest: what stages add whose noise is no camera quantity, such as that of
+rows and columns.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ Sheets = Sequence[tuple[str, Sheet]]
 
 
 def elsewhere(sheets: Sheets, figure: str) -> float:
-    """Square of a noise (``read_noise``, ``dsnu``), electron^2, over all stages but that whose noise is a camera quantity."""
+    """Square of a noise (``read_noise``, ``dsnu``), electron^2, over all stages but that whose noise is a camera
+    quantity.
+    """
     return sum(sheet.figures.get(figure, 0.0) ** 2 for _, sheet in sheets if sheet.role != READ_NOISE)
 
 
@@ -27,8 +30,8 @@ def elsewhere(sheets: Sheets, figure: str) -> float:
 class KnownNoise(GainChain):
     """A stage that knows the noise of the numbers it is given: variance = shot x value + floor, 1 = clipping.
 
-    Shot noise of the light, read noise, offsets from pixel to pixel and quantisation. Dark current's shot noise hangs on the
-    time, which metering may set, and is left aside: 1.3 electrons rms after 10 ms at 1e-10 A/cm2 and 5.4 um.
+    Shot noise of the light, read noise, offsets from pixel to pixel and quantisation. Dark current's shot noise hangs
+    on the time, which metering may set, and is left aside: 1.3 electrons rms after 10 ms at 1e-10 A/cm2 and 5.4 um.
     """
 
     read_noise: float = quantity("read_noise")
@@ -46,7 +49,9 @@ class KnownNoise(GainChain):
     def noise_model(self) -> tuple[float, float]:
         """Variance per value, and in the dark."""
         electrons = self.electrons()
-        return 1 / electrons, (self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)) / electrons**2
+        return 1 / electrons, (
+            self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
+        ) / electrons**2
 
     def dark_sigma(self) -> float:
         """Of a pixel in the dark."""

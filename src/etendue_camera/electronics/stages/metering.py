@@ -22,10 +22,10 @@ AVERAGE, HIGHLIGHT = 1 / 7.8, 0.9  # of saturation: ISO 12232's metered mean; ro
 class Meter(GainChain):
     """The time that the noise-free photocurrent asks for; every stage behind takes it, and ``ev_bias`` moves it.
 
-    ``mean`` and ``centre`` bring the average to 12.8 % of saturation, as ISO 12232 has it; ``highlight`` brings a quantile
-    to 90 %; ``exposure_value`` does not look at the light: the time follows the f-number, N^2 / 2^EV. Saturation is
-    that of the well or of the top code, whichever comes first, so that the time follows the ISO speed. All pixels of the
-    mosaic count the same.
+    ``mean`` and ``centre`` bring the average to 12.8 % of saturation, as ISO 12232 has it; ``highlight`` brings a
+    quantile to 90 %; ``exposure_value`` does not look at the light: the time follows the f-number, N^2 / 2^EV.
+    Saturation is that of the well or of the top code, whichever comes first, so that the time follows the ISO speed.
+    All pixels of the mosaic count the same.
     """
 
     role: ClassVar = "metering"
@@ -37,11 +37,20 @@ class Meter(GainChain):
     error: ClassVar = measured(1e-6, 1e-14)
 
     f_number: float = quantity("f_number")
-    metering: str = param("mean", choices=("mean", "centre", "highlight", "exposure_value"), doc="what the time follows")
-    target: float = param(0.0, at_least=0, at_most=100, doc="share of saturation to reach; 0: 0.128 of mean and centre, 0.9 of a highlight")
+    metering: str = param(
+        "mean", choices=("mean", "centre", "highlight", "exposure_value"), doc="what the time follows"
+    )
+    target: float = param(
+        0.0,
+        at_least=0,
+        at_most=100,
+        doc="share of saturation to reach; 0: 0.128 of mean and centre, 0.9 of a highlight",
+    )
     quantile: float = param(0.99, above=0, at_most=1, doc="share of the pixels which are not above the highlight")
     exposure_value: float = param(10.0, units="stop", at_least=-30, at_most=40, doc="of metering 'exposure_value'")
-    ev_bias: float = param(0.0, units="stop", at_least=-40, at_most=40, doc="exposure compensation: +1 doubles the time")
+    ev_bias: float = param(
+        0.0, units="stop", at_least=-40, at_most=40, doc="exposure compensation: +1 doubles the time"
+    )
     shortest: float = param(1e-6, units="s", above=0, doc="shortest time")
     longest: float = param(30.0, units="s", above=0, doc="longest time")
 
@@ -99,4 +108,7 @@ class Bracket(Stage):
         return Facts(low=low * 2.0 ** min(self.brackets), high=high * 2.0 ** max(self.brackets))
 
     def run(self) -> dict[str, Any]:
-        return {"integration_time": self.integration_time * 2.0 ** np.repeat(np.array(self.brackets, dtype=float), self.repeats)}
+        return {
+            "integration_time": self.integration_time
+            * 2.0 ** np.repeat(np.array(self.brackets, dtype=float), self.repeats)
+        }

@@ -22,7 +22,11 @@ from etendue_camera.roles import DEFECTIVE, PROCESSING
 from etendue_camera.sensor.stages.crosstalk import mixing_of
 from etendue_camera.sensor.stages.sensitivity import Collecting, electrons_per_irradiance
 
-NOT_OF_A_PIXEL = (*DEFECTIVE, *PROCESSING, "merging")  # roles of what changes noise, and is in no figure of a sound pixel
+NOT_OF_A_PIXEL = (
+    *DEFECTIVE,
+    *PROCESSING,
+    "merging",
+)  # roles of what changes noise, and is in no figure of a sound pixel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +49,9 @@ class NoiseFloor(GainChain):
         return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
 
     def dark_variance(self, time: float, sheets: Sheets) -> float:
-        """Temporal variance in the dark, electron^2: shot noise of the dark charge, read noise, quantisation, noise of rows and columns."""
+        """Temporal variance in the dark, electron^2: shot noise of the dark charge, read noise, quantisation, noise
+        of rows and columns.
+        """
         floor = self.sigma() ** 2 + 1 / (12 * self.dn_per_electron() ** 2)
         return float(self.dark_charge(time)) + floor + elsewhere(sheets, "read_noise")
 
@@ -57,18 +63,23 @@ def _with(noise: float, more: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicRange(NoiseFloor):
-    """Largest over smallest signal, two definitions under two names: dark noise as smallest (eqs. 12-13), or SNR = 1 (EMVA 1288).
+    """Largest over smallest signal, two definitions under two names: dark noise as smallest (eqs. 12-13), or SNR = 1
+    (EMVA 1288).
 
-    At the analogue gain of the camera, which ``system_gain`` states in DN per electron. Noise of rows and columns counts as if each pixel
-    had its own; the spread of the dark current is not in the DSNU of eq. 13.
+    At the analogue gain of the camera, which ``system_gain`` states in DN per electron. Noise of rows and columns
+    counts as if each pixel had its own; the spread of the dark current is not in the DSNU of eq. 13.
     """
 
     role: ClassVar = "figures"
     reads: ClassVar = {"sheets": "*.datasheet [1]"}
     writes: ClassVar = {
-        "dr_elgamal": "[dB] nan", "dr_emva": "[dB] nan", "dark_charge": "[electron]", "dr_elgamal_stops": "[stop] nan",
-        "dr_emva_stops": "[stop] nan", "system_gain": "[DN/electron]",
-    }  # fmt: skip
+        "dr_elgamal": "[dB] nan",
+        "dr_emva": "[dB] nan",
+        "dark_charge": "[electron]",
+        "dr_elgamal_stops": "[stop] nan",
+        "dr_emva_stops": "[stop] nan",
+        "system_gain": "[DN/electron]",
+    }
     unseen: ClassVar = dict.fromkeys(("dr_elgamal", "dr_emva", "dr_elgamal_stops", "dr_emva_stops"), NOT_OF_A_PIXEL)
     error: ClassVar = measured(1e-7, 1e-14)
 
@@ -82,20 +93,25 @@ class DynamicRange(NoiseFloor):
         emva = dynamic_range.dynamic_range_emva(largest, dark, sigma, gain)
         decibel_per_stop = 20 * np.log10(2)
         return {
-            "dr_elgamal": elgamal, "dr_emva": emva, "dark_charge": dark, "dr_elgamal_stops": elgamal / decibel_per_stop,
-            "dr_emva_stops": emva / decibel_per_stop, "system_gain": np.array(gain),
-        }  # fmt: skip
+            "dr_elgamal": elgamal,
+            "dr_emva": emva,
+            "dark_charge": dark,
+            "dr_elgamal_stops": elgamal / decibel_per_stop,
+            "dr_emva_stops": emva / decibel_per_stop,
+            "system_gain": np.array(gain),
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExposureReport(GainChain):
-    """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected charge, 0 where clipped.
+    """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected
+    charge, 0 where clipped.
 
-    Noise is that of one frame behind the expected charge: shot noise, read noise, DSNU, rounding, rows and columns. PRNU, the pattern of
-    the dark current and hot pixels are in that charge themselves.
+    Noise is that of one frame behind the expected charge: shot noise, read noise, DSNU, rounding, rows and columns.
+    PRNU, the pattern of the dark current and hot pixels are in that charge themselves.
 
-    Clipped is what stands at the top code, and what expects more charge than the well holds: read noise behind a full well, or
-    a well that ends below the top code, leaves no trace in the codes.
+    Clipped is what stands at the top code, and what expects more charge than the well holds: read noise behind a full
+    well, or a well that ends below the top code, leaves no trace in the codes.
     """
 
     role: ClassVar = "figures"
@@ -114,7 +130,9 @@ class ExposureReport(GainChain):
         sigma = float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
         floor = sigma**2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
         floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
-        held = np.result_type(expected_charge, np.min_scalar_type(floor))  # rounding of a coarse converter may be beyond float32
+        held = np.result_type(
+            expected_charge, np.min_scalar_type(floor)
+        )  # rounding of a coarse converter may be beyond float32
         variance = expected_charge + held.type(floor)
         snr = expected_charge / np.sqrt(np.maximum(variance, np.finfo(variance.dtype).tiny))
         clipped = (raw >= 2**self.bits - 1) | (expected_charge >= self.well())
@@ -129,22 +147,30 @@ class ExposureReport(GainChain):
 
 @dataclass(frozen=True, kw_only=True)
 class ExposureNumbers(NoiseFloor, Collecting):
-    """Exposure value, saturation-based ISO speed at the gain, and what a grey card under the scene's light gives on the axis.
+    """Exposure value, saturation-based ISO speed at the gain, and what a grey card under the scene's light gives on the
+    axis.
 
     ``exposure_value`` is log2(N^2 / t). ``saturation_iso`` is 78 over the exposure (lx s) at which the first channel
-    saturates (ISO 12232), by well or converter. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card in
-    the channel with most charge, raw: shot noise of light and dark current, read noise (that of rows and columns too), quantisation; no
-    fixed patterns. ``snr10_illuminance``
-    is the illuminance of the scene (lx on the card) at which that ratio is 10, with f-number, time and light as they are;
-    the mobile industry's figure, which is taken behind a colour matrix at 1/15 s, f/2.8 and 3200 K, is that much larger
-    as the matrix amplifies noise. Both are undefined (NaN) where the card saturates before.
+    saturates (ISO 12232), by well or converter. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card
+    in the channel with most charge, raw: shot noise of light and dark current, read noise (that of rows and columns
+    too), quantisation; no fixed patterns. ``snr10_illuminance``
+    is the illuminance of the scene (lx on the card) at which that ratio is 10, with f-number, time and light as they
+    are; the mobile industry's figure, which is taken behind a colour matrix at 1/15 s, f/2.8 and 3200 K, is that much
+    larger as the matrix amplifies noise. Both are undefined (NaN) where the card saturates before.
     """
 
     role: ClassVar = "figures"
     reads: ClassVar = {
-        "white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]", "sheets": "*.datasheet [1]",
-    }  # fmt: skip
-    writes: ClassVar = {"exposure_value": "[stop]", "saturation_iso": "[1]", "snr_18": "[dB] nan", "snr10_illuminance": "[lx] nan"}
+        "white_radiance": "wavelength [W m-2 sr-1 nm-1]",
+        "white_irradiance": "wavelength [W m-2 nm-1]",
+        "sheets": "*.datasheet [1]",
+    }
+    writes: ClassVar = {
+        "exposure_value": "[stop]",
+        "saturation_iso": "[1]",
+        "snr_18": "[dB] nan",
+        "snr10_illuminance": "[lx] nan",
+    }
     unseen: ClassVar = dict.fromkeys(("snr_18", "snr10_illuminance"), NOT_OF_A_PIXEL)
     nanoseconds: ClassVar = 1000.0
     libraries: ClassVar = ("colour-science",)
@@ -166,8 +192,10 @@ class ExposureNumbers(NoiseFloor, Collecting):
         illuminance, luminance = float(lumens @ white_irradiance), float(lumens @ white_radiance)
         if not (rate > 0 and illuminance > 0 and luminance > 0):
             raise ValueError(
-                f"a white diffuser gives {rate:g} electron/s, {illuminance:g} lx at the sensor and {luminance:g} cd/m2: figures of a "
-                "grey card need light that sensor and eye both see; look at the filter, the illuminant and the wavelengths"
+                f"a white diffuser gives {rate:g} electron/s, {illuminance:g} lx at the sensor and {luminance:g} "
+                f"cd/m2: figures of a "
+                "grey card need light that sensor and eye both see; look at the filter, the illuminant and the "
+                "wavelengths"
             )
         variance = self.dark_variance(time, sheets)
         needed = float(metering.charge_at_snr(10.0, variance))

@@ -76,7 +76,9 @@ class PaperExposure(Haloed):
         kind = rgb_camera.dtype.type
         capacity = amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
-        dark = float(dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, self.integration_time))
+        dark = float(
+            dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, self.integration_time)
+        )
         smallest = kind(math.sqrt(dark + self.read_noise**2 + self.dsnu**2) / capacity)
         scaled = rgb_camera * kind(self.integration_time / self.reference_time)
         return {"rgb_camera": np.where(scaled < smallest, kind(0), np.minimum(scaled, kind(1)))}

@@ -19,36 +19,53 @@ from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 ESTIMATE = Labels(("value", "low", "high"))
 DARK = 1e-6  # of the longest time, below which a frame is one of the dark
 FIGURES = {
-    "emva_gain": "gain", "emva_read_noise": "read_noise", "emva_full_well": "full_well", "emva_saturation": "saturation_capacity",
-    "emva_dsnu": "dsnu", "emva_prnu": "prnu", "emva_linearity_error": "linearity_error", "emva_sensitivity": "absolute_sensitivity",
-    "emva_dynamic_range": "dynamic_range", "emva_snr_max": "snr_max",
-}  # fmt: skip
+    "emva_gain": "gain",
+    "emva_read_noise": "read_noise",
+    "emva_full_well": "full_well",
+    "emva_saturation": "saturation_capacity",
+    "emva_dsnu": "dsnu",
+    "emva_prnu": "prnu",
+    "emva_linearity_error": "linearity_error",
+    "emva_sensitivity": "absolute_sensitivity",
+    "emva_dynamic_range": "dynamic_range",
+    "emva_snr_max": "snr_max",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhotonTransfer(Stage):
-    """The photon transfer of one cell: every channel of a uniform scene behind ``bracket``, whose first level is the dark.
+    """The photon transfer of one cell: every channel of a uniform scene behind ``bracket``, whose first level is the
+    dark.
 
-    A level is ``repeats`` frames in a row, as ``bracket`` takes them; frames that fill none are left out. The first level stands for the
-    dark (a bracket of -30 stops takes no light); without it, with fewer than four others, with fewer than 8 x 8 pixels of a channel or
-    where nothing rises, all is NaN but the curve itself. Where nothing saturates, full well and saturation are NaN.
+    A level is ``repeats`` frames in a row, as ``bracket`` takes them; frames that fill none are left out. The first
+    level stands for the dark (a bracket of -30 stops takes no light); without it, with fewer than four others, with
+    fewer than 8 x 8 pixels of a channel or where nothing rises, all is NaN but the curve itself. Where nothing
+    saturates, full well and saturation are NaN.
 
-    ``transfer_signal`` is the mean above the dark and ``transfer_variance`` the temporal variance, that of the dark taken off;
-    ``transfer_fit`` is the line through the origin with ``emva_gain`` as its slope (`etendue_camera.electronics.emva`). Charge of the dark
-    current counts as signal here: the dark is that of no time. ``etendue emva`` takes dark frames at every time, and finds it.
+    ``transfer_signal`` is the mean above the dark and ``transfer_variance`` the temporal variance, that of the dark
+    taken off; ``transfer_fit`` is the line through the origin with ``emva_gain`` as its slope
+    (`etendue_camera.electronics.emva`). Charge of the dark current counts as signal here: the dark is that of no time.
+    ``etendue emva`` takes dark frames at every time, and finds it.
     """
 
     role: ClassVar = "figures"
     reads: ClassVar = {"raw": "frame y x [DN] uint16", "integration_time": "frame [s]"}
     writes: ClassVar = {
-        "transfer_time": "level [s] nan", "transfer_signal": "channel level [DN] nan", "transfer_variance": "channel level [DN2] nan",
-        "transfer_fit": "channel level [DN2] nan", "emva_gain": "channel estimate [DN/electron] nan",
-        "emva_read_noise": "channel estimate [electron] nan", "emva_full_well": "channel estimate [electron] nan",
-        "emva_saturation": "channel estimate [electron] nan", "emva_dsnu": "channel estimate [electron] nan",
-        "emva_prnu": "channel estimate [1] nan", "emva_linearity_error": "channel estimate [1] nan",
-        "emva_sensitivity": "channel estimate [electron] nan", "emva_dynamic_range": "channel estimate [dB] nan",
+        "transfer_time": "level [s] nan",
+        "transfer_signal": "channel level [DN] nan",
+        "transfer_variance": "channel level [DN2] nan",
+        "transfer_fit": "channel level [DN2] nan",
+        "emva_gain": "channel estimate [DN/electron] nan",
+        "emva_read_noise": "channel estimate [electron] nan",
+        "emva_full_well": "channel estimate [electron] nan",
+        "emva_saturation": "channel estimate [electron] nan",
+        "emva_dsnu": "channel estimate [electron] nan",
+        "emva_prnu": "channel estimate [1] nan",
+        "emva_linearity_error": "channel estimate [1] nan",
+        "emva_sensitivity": "channel estimate [electron] nan",
+        "emva_dynamic_range": "channel estimate [dB] nan",
         "emva_snr_max": "channel estimate [dB] nan",
-    }  # fmt: skip
+    }
     creates: ClassVar = {"estimate": ESTIMATE}
     decides: ClassVar = True
     nanoseconds: ClassVar = 600.0
@@ -64,11 +81,20 @@ class PhotonTransfer(Stage):
     def grid(self, inputs: Any) -> dict[str, Grid]:
         frames = inputs["raw"]["frame"].size
         if frames < self.repeats:
-            raise ValueError(f"there are {frames} frames, and a level has {self.repeats}: give this stage the repeats of the stage bracket")
-        curve = Grid.of({"channel": Labels(mask_of(self.pattern).channels), "level": Labels(tuple(range(frames // self.repeats)))})
+            raise ValueError(
+                f"there are {frames} frames, and a level has {self.repeats}: give this stage the repeats of the stage "
+                f"bracket"
+            )
+        curve = Grid.of(
+            {"channel": Labels(mask_of(self.pattern).channels), "level": Labels(tuple(range(frames // self.repeats)))}
+        )
         figures = Grid.of({"channel": curve["channel"], "estimate": ESTIMATE})
         curves = ("transfer_signal", "transfer_variance", "transfer_fit")
-        return {"transfer_time": curve.take(("level",)), **dict.fromkeys(curves, curve), **dict.fromkeys(FIGURES, figures)}
+        return {
+            "transfer_time": curve.take(("level",)),
+            **dict.fromkeys(curves, curve),
+            **dict.fromkeys(FIGURES, figures),
+        }
 
     def run(self, raw: Any, integration_time: Any, y: Any, x: Any) -> dict[str, Any]:
         mask, levels = mask_of(self.pattern), len(raw) // self.repeats

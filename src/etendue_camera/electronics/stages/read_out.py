@@ -23,7 +23,8 @@ from etendue_camera.roles import Scaled
 class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Datasheet, Haloed):
     """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
 
-    What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
+    What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after /
+    gain)^2.
     """
 
     role: ClassVar = "read noise"
@@ -93,10 +94,18 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 
     sensor_serial: str = quantity("sensor_serial")
     noise: str = quantity("noise")
-    row_pattern: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, fixed per sensor")
-    column_pattern: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, fixed per sensor")
-    row_noise: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, new in every frame")
-    column_noise: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, new in every frame")
+    row_pattern: float = param(
+        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, fixed per sensor"
+    )
+    column_pattern: float = param(
+        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, fixed per sensor"
+    )
+    row_noise: float = param(
+        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, new in every frame"
+    )
+    column_noise: float = param(
+        0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, new in every frame"
+    )
 
     @property
     def common_draws(self) -> bool:
@@ -107,8 +116,9 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 
     def datasheet(self) -> dict[str, float]:
         return {
-            "read_noise": math.hypot(self.row_noise, self.column_noise), "dsnu": math.hypot(self.row_pattern, self.column_pattern),
-        }  # fmt: skip
+            "read_noise": math.hypot(self.row_noise, self.column_noise),
+            "dsnu": math.hypot(self.row_pattern, self.column_pattern),
+        }
 
     def halo(self) -> int | None:
         """New offsets of columns are drawn once for all rows."""
@@ -142,7 +152,9 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Adc(GainChain, Sampled, Noisy, Datasheet):
-    """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well is full."""
+    """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well
+    is full.
+    """
 
     role: ClassVar = "converter"
     reads: ClassVar = {"charge": "y x [electron]"}
@@ -158,7 +170,9 @@ class Adc(GainChain, Sampled, Noisy, Datasheet):
     read_noise_after: float = quantity("read_noise_after")
 
     def __post_init__(self) -> None:
-        analogue_gain(self)  # a speed that cannot be had is refused before anything runs, and so are codes without room above black
+        analogue_gain(
+            self
+        )  # a speed that cannot be had is refused before anything runs, and so are codes without room above black
         converter.top_code(self.bits, self.black_level)
 
     def variance(self, charge: float) -> float:
@@ -181,8 +195,10 @@ class Adc(GainChain, Sampled, Noisy, Datasheet):
             return []
         share = 0.5 * math.erfc((self.black_level + 0.5) / (wide * math.sqrt(2)))
         return [
-            f"the pedestal, black_level = {self.black_level:g} DN, is under 4 sigma of the read noise ({sigma:.3g} electron = "
-            f"{wide:.3g} DN): {share:.2g} of a dark frame is cut off at code 0, which lifts its mean; {math.ceil(4 * wide)} DN hold it"
+            f"the pedestal, black_level = {self.black_level:g} DN, is under 4 sigma of the read noise ({sigma:.3g} "
+            f"electron = "
+            f"{wide:.3g} DN): {share:.2g} of a dark frame is cut off at code 0, which lifts its mean; "
+            f"{math.ceil(4 * wide)} DN hold it"
         ]
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
@@ -194,8 +210,8 @@ class Adc(GainChain, Sampled, Noisy, Datasheet):
 class Linearise(KnownNoise, Scaled):
     """(DN - black) / (white - black): 1 where pixels saturate, at the full well or the top code; negative values kept.
 
-    ``clipping_level`` is the lowest value that a clipped pixel has: rounding, and noise behind a well that ends below the top code,
-    bring it a little under 1 (four sigma of read noise and offsets).
+    ``clipping_level`` is the lowest value that a clipped pixel has: rounding, and noise behind a well that ends below
+    the top code, bring it a little under 1 (four sigma of read noise and offsets).
     """
 
     role: ClassVar = "linearisation"

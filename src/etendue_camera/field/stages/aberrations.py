@@ -29,20 +29,31 @@ COARSE_ERROR = 0.04  # of kernels as cell means, on a grid that is too coarse fo
 
 @dataclass(frozen=True, kw_only=True)
 class Aberrations(Blur, Aberrated, Banded):
-    """Seidel aberrations over the field: spherical, coma, astigmatism, field curvature and defocus, each point with its own spot.
+    """Seidel aberrations over the field: spherical, coma, astigmatism, field curvature and defocus, each point with its
+    own spot.
 
-    The aperture is a circle, or an annulus. For one wavefront over the whole frame ``wavefront`` is exact and cheaper; image
-    displacement belongs to ``distortion``. Spots are cut off where their tails hold half of ``accuracy``.
+    The aperture is a circle, or an annulus. For one wavefront over the whole frame ``wavefront`` is exact and cheaper;
+    image displacement belongs to ``distortion``. Spots are cut off where their tails hold half of ``accuracy``.
     """
 
     obstruction: float = param(
-        0.0, at_least=0, below=1, held=(0, 0.999), doc="diameter of a central dark disc over that of the aperture; 0: clear"
+        0.0,
+        at_least=0,
+        below=1,
+        held=(0, 0.999),
+        doc="diameter of a central dark disc over that of the aperture; 0: clear",
     )
     accuracy: float = param(
-        0.03, at_least=5e-3, at_most=0.2, fidelity=True, dear=True, example=0.2, reference="5e-3: a finer one is asked of wavefront",
+        0.03,
+        at_least=5e-3,
+        at_most=0.2,
+        fidelity=True,
+        dear=True,
+        example=0.2,
+        reference="5e-3: a finer one is asked of wavefront",
         settings=(0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 5e-3),
         doc="largest error of the blur as a share of full scale; half of it is light in tails that are cut off",
-    )  # fmt: skip
+    )
     heights: int = param(
         9,
         at_least=2,
@@ -54,19 +65,35 @@ class Aberrations(Blur, Aberrated, Banded):
         doc="image heights of the bank",
     )
     bands: int = param(
-        5, at_least=1, at_most=64, fidelity=True, example=1, reference="64, or as many as there are bands",
+        5,
+        at_least=1,
+        at_most=64,
+        fidelity=True,
+        example=1,
+        reference="64, or as many as there are bands",
         settings=(1, 2, 3, 5, 9, 17, 33, 64),
         doc="wavelengths of the bank, mixed in between",
-    )  # fmt: skip
-    method: str = param("auto", choices=("auto", "eigen", "tiles"), doc="how the bank is applied; auto: whichever is cheaper")
-    light: str = param("bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light")
+    )
+    method: str = param(
+        "auto", choices=("auto", "eigen", "tiles"), doc="how the bank is applied; auto: whichever is cheaper"
+    )
+    light: str = param(
+        "bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light"
+    )
     pupil_samples: int = param(
-        128, at_least=16, at_most=MOST_SAMPLES, fidelity=True, example=32, reference="1024 samples",
+        128,
+        at_least=16,
+        at_most=MOST_SAMPLES,
+        fidelity=True,
+        example=32,
+        reference="1024 samples",
         settings=(16, 32, 64, 128, 256, 512, 1024),
         doc="cells across the pupil; wide spots take more",
-    )  # fmt: skip
+    )
 
-    gain: ClassVar[float | None] = None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame
+    gain: ClassVar[float | None] = (
+        None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame
+    )
     nanoseconds: ClassVar = 300.0
 
     def aperture(self) -> pupil.Aperture:
@@ -77,20 +104,27 @@ class Aberrations(Blur, Aberrated, Banded):
         return self.path_at(y, x, height_um * 1e-3 / self.full_height, 0.0)
 
     def half(self, wavelength: float, heights: Any) -> int:
-        """Samples from the middle to the edge of the pictures: tails 2/(pi v) of the aperture, and the geometrical spot."""
+        """Samples from the middle to the edge of the pictures: tails 2/(pi v) of the aperture, and the geometrical
+        spot.
+        """
         tail = 4.0 / (math.pi**2 * self.accuracy * (1.0 - self.obstruction))
         centres = pupil.cell_centres(COARSE)
         cells = pupil.amplitude(self.aperture(), COARSE)
-        steep = max(imaging.steepest_slope(self.path(centres[:, None], centres, h), cells) for h in (heights[0], heights[-1]))
+        steep = max(
+            imaging.steepest_slope(self.path(centres[:, None], centres, h), cells) for h in (heights[0], heights[-1])
+        )
         return math.ceil((tail + 2.0 * steep / wavelength) / PER_SPOT)
 
     def samples(self, half: int) -> int:
-        """Cells across the pupil, beyond whose number the sampled pupil repeats itself; refused where they are too many."""
+        """Cells across the pupil, beyond whose number the sampled pupil repeats itself; refused where they are too
+        many.
+        """
         samples = max(self.pupil_samples, math.ceil(2.0 * PER_SPOT * (half + 1)))
         samples += samples % 2
         if samples > MOST_SAMPLES:
             raise ValueError(
-                f"accuracy {self.accuracy:g} and these aberrations ask for {float(samples):.4g} pupil samples, {MOST_SAMPLES} are the "
+                f"accuracy {self.accuracy:g} and these aberrations ask for {float(samples):.4g} pupil samples, "
+                f"{MOST_SAMPLES} are the "
                 "most; allow a larger error, or smaller aberrations"
             )
         return samples
@@ -107,11 +141,17 @@ class Aberrations(Blur, Aberrated, Banded):
         for k, height in enumerate(heights):
             path = self.path(centres[:, None], centres, float(height))
             for band, w in enumerate(wavelengths):
-                pictures[k, band] = imaging.pupil_psf(clear, path, float(w), number, steps * spacing[band], steps * spacing[band])
+                pictures[k, band] = imaging.pupil_psf(
+                    clear, path, float(w), number, steps * spacing[band], steps * spacing[band]
+                )
         return PsfBank(np.asarray(heights), np.asarray(wavelengths), pictures, spacing, "Seidel wavefront")
 
     def prepare(self, coordinates: Any) -> Any:
-        y, x, bands = coordinates["y_um"], coordinates["x_um"], np.asarray(coordinates["wavelength"], dtype=float) * 1e-3
+        y, x, bands = (
+            coordinates["y_um"],
+            coordinates["x_um"],
+            np.asarray(coordinates["wavelength"], dtype=float) * 1e-3,
+        )
         nearest = math.hypot(*(max(0.0, float(line.min()), -float(line.max())) for line in (y, x)))
         corner = math.hypot(*(float(np.abs(line).max()) for line in (y, x)))
         heights = np.linspace(nearest, corner, self.heights) if corner > nearest else np.array([corner])
@@ -122,10 +162,14 @@ class Aberrations(Blur, Aberrated, Banded):
         coarse = self.coarse(step, float(bands[0]))
         light: Any = "cells" if coarse else self.light
         room = max(0.5 * self.accuracy, COARSE_ERROR) if coarse else 0.5 * self.accuracy
-        return blur.prepare(bank, y, x, bands, cast(Any, self.method), room, weights="image", lost=1e-3 * self.accuracy, light=light)
+        return blur.prepare(
+            bank, y, x, bands, cast(Any, self.method), room, weights="image", lost=1e-3 * self.accuracy, light=light
+        )
 
     def coarse(self, step: float, shortest: float) -> bool:
-        """Whether a grid does not carry what the lens passes. Kernels cut off by it would ring over the whole frame: cell means do not."""
+        """Whether a grid does not carry what the lens passes. Kernels cut off by it would ring over the whole frame:
+        cell means do not.
+        """
         return step > 0.5 * shortest * self.cone_f_number()
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
@@ -134,7 +178,9 @@ class Aberrations(Blur, Aberrated, Banded):
     def grid(self, inputs: Any) -> dict[str, Grid]:
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
-            raise ValueError(f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too")
+            raise ValueError(
+                f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too"
+            )
         light = inputs["irradiance"]
         bands = light.bands().values()
         shortest = float(bands[0] if min(self.bands, len(bands)) > 1 else sum(bands) / len(bands)) * 1e-3
@@ -143,9 +189,12 @@ class Aberrations(Blur, Aberrated, Banded):
         longest = float(bands[-1] if min(self.bands, len(bands)) > 1 else sum(bands) / len(bands)) * 1e-3
         step = max(abs(light.line(dim).step) for dim in ("y", "x"))
         reach = NEARLY * half * PER_SPOT * longest * self.cone_f_number() / step
-        if not blur.kernels_fit(2 * math.ceil(reach) + 1, min(self.bands, len(bands)), light["y"].size, light["x"].size):
+        if not blur.kernels_fit(
+            2 * math.ceil(reach) + 1, min(self.bands, len(bands)), light["y"].size, light["x"].size
+        ):
             raise ValueError(
-                f"spots reach over {2 * reach:.4g} samples, and kernels of that size are too many to be mixed within accuracy "
+                f"spots reach over {2 * reach:.4g} samples, and kernels of that size are too many to be mixed within "
+                f"accuracy "
                 f"{self.accuracy:g}; allow a larger error, smaller aberrations, or a coarser grid"
             )
         return {}
@@ -158,7 +207,9 @@ class Aberrations(Blur, Aberrated, Banded):
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """The accuracy asked for, what the bank leaves out between its heights and wavelengths, and the cells of the pupil."""
+        """The accuracy asked for, what the bank leaves out between its heights and wavelengths, and the cells of the
+        pupil.
+        """
         lines: Grid = grid["irradiance"]
         edges = lines.bands().values()
         height = farthest(lines) * 1e-3 / self.full_height
@@ -166,11 +217,18 @@ class Aberrations(Blur, Aberrated, Banded):
         waves = (abs(self.coma) * height + (abs(self.astigmatism) + abs(self.field_curvature)) * height**2) / shortest
         between = min(1.0, 2.0 * waves**2) / (self.heights - 1) ** 2
         ratio = float(edges[-1]) / float(edges[0])
-        colours = 0.25 * (ratio - 1.0) ** 2 / max(1, min(self.bands, len(edges)) - 1) ** 2 if len(edges) > self.bands else 0.0
-        steep = max(1.0, 4.0 * (waves + (abs(self.spherical) + abs(self.shift()) / (8.0 * self.cone_f_number() ** 2)) / shortest))
+        colours = (
+            0.25 * (ratio - 1.0) ** 2 / max(1, min(self.bands, len(edges)) - 1) ** 2 if len(edges) > self.bands else 0.0
+        )
+        steep = max(
+            1.0,
+            4.0 * (waves + (abs(self.spherical) + abs(self.shift()) / (8.0 * self.cone_f_number() ** 2)) / shortest),
+        )
         cells = 1.2e-4 * steep * (128 / self.pupil_samples) ** 2
         coarse = COARSE_ERROR if self.coarse(lines.line("x").step, shortest) else 0.0
-        return min(1.0, self.accuracy + coarse + between + colours + cells + (1e-6 if precision == "float32" else 0.0)), "fitted"
+        return min(
+            1.0, self.accuracy + coarse + between + colours + cells + (1e-6 if precision == "float32" else 0.0)
+        ), "fitted"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())

@@ -30,7 +30,9 @@ class Falloff(Dimming, Banded, Bounded):
     error: ClassVar = measured(2e-7, 4e-15)
 
     model: str = param(
-        "cos4", choices=("cos4", "disc", "table"), doc="cos4 of the image-side angle, the exact disc of its f-number, or a table"
+        "cos4",
+        choices=("cos4", "disc", "table"),
+        doc="cos4 of the image-side angle, the exact disc of its f-number, or a table",
     )
     table: str = param(
         "",
@@ -38,14 +40,21 @@ class Falloff(Dimming, Banded, Bounded):
         doc="CSV height_mm,ratio or angle_deg,ratio, or columns by wavelength (height_mm,450,550,650)",
     )
     geometry: str = param(
-        "physical", choices=("physical", "paper"), doc="angles from positions, or the paper's full field stretched over the frame"
+        "physical",
+        choices=("physical", "paper"),
+        doc="angles from positions, or the paper's full field stretched over the frame",
     )
-    full_field: float = param(60.0, units="deg", above=0, below=170, doc="field over the diagonal of the frame (geometry 'paper')")
+    full_field: float = param(
+        60.0, units="deg", above=0, below=170, doc="field over the diagonal of the frame (geometry 'paper')"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.model == "table") != bool(self.table):
-            raise ValueError(f"model is {self.model!r} and table is {self.table!r}; a table goes with model = 'table', and only with it")
+            raise ValueError(
+                f"model is {self.model!r} and table is {self.table!r}; a table goes with model = 'table', and only "
+                f"with it"
+            )
 
     def rows(self) -> FieldTable:
         return field_table(self.table, ("height_mm", "angle_deg"))
@@ -104,4 +113,6 @@ class Falloff(Dimming, Banded, Bounded):
         if self.model != "table":
             return []
         corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()
-        return self.rows().remarks(float(self.place(corner, corner)), "mm" if self.rows().axis == "height_mm" else "degrees", bands)
+        return self.rows().remarks(
+            float(self.place(corner, corner)), "mm" if self.rows().axis == "height_mm" else "degrees", bands
+        )

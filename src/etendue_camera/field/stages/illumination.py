@@ -45,7 +45,9 @@ def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
         return irradiance * illumination.table_at(where, nodes, curves[0]).astype(irradiance.dtype, copy=False)
     weakened = np.empty_like(irradiance)
     for band, curve in enumerate(curves):
-        np.multiply(irradiance[band], illumination.table_at(where, nodes, curve), out=weakened[band], casting="same_kind")
+        np.multiply(
+            irradiance[band], illumination.table_at(where, nodes, curve), out=weakened[band], casting="same_kind"
+        )
     return weakened
 
 
@@ -62,7 +64,8 @@ class Dimming(Conjugates):
 
 @dataclass(frozen=True, kw_only=True)
 class Vignetting(Dimming, Banded, Bounded):
-    """A round rim in front of the entrance pupil cuts oblique beams: the overlap of two discs, less of it when stopped down.
+    """A round rim in front of the entrance pupil cuts oblique beams: the overlap of two discs, less of it when stopped
+    down.
 
     It multiplies whatever fall-off stands beside it.
     """
@@ -85,13 +88,17 @@ class Vignetting(Dimming, Banded, Bounded):
         slower = 1.0 - magnification / self.pupil_magnification
         tangent = np.asarray(radius_um) * (1e-3 / (self.focal_length * slower))  # on the object's side
         distance = self.focal_length * slower / -magnification if magnification else math.inf
-        return illumination.vignetting(tangent, 0.5 * self.focal_length / self.f_number, self.rim_radius, self.rim_distance, distance)
+        return illumination.vignetting(
+            tangent, 0.5 * self.focal_length / self.f_number, self.rim_radius, self.rim_distance, distance
+        )
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared
 
     def run(self, irradiance: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
-        return {"irradiance": irradiance * self.relative(np.hypot(y_um[:, None], x_um[None, :])).astype(irradiance.dtype)}
+        return {
+            "irradiance": irradiance * self.relative(np.hypot(y_um[:, None], x_um[None, :])).astype(irradiance.dtype)
+        }
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
         return 1.0 - float(self.relative(farthest(grid))), "the rim takes no more than this from the beam of the corner"
@@ -103,7 +110,10 @@ class Vignetting(Dimming, Banded, Bounded):
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if float(self.relative(farthest(grids["irradiance"]))) > 0:
             return []
-        return [f"behind a rim of {self.rim_radius:g} mm, {self.rim_distance:g} mm in front of the pupil, the corner of the frame is black"]
+        return [
+            f"behind a rim of {self.rim_radius:g} mm, {self.rim_distance:g} mm in front of the pupil, the corner of "
+            f"the frame is black"
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,13 +125,25 @@ class AngularResponse(Dimming, Banded, Bounded):
     nanoseconds: ClassVar = 3.0
     error: ClassVar = measured(3e-7, 1e-14)
 
-    power: float = param(0.0, at_least=0, at_most=1e3, doc="response cos^power of the angle off; 0: none. 0.8 at 30 degrees is power 1.55")
-    table: str = param("", table=True, doc="CSV angle_deg,ratio or angle_deg,450,550,650 (by wavelength, nm) in place of the power")
+    power: float = param(
+        0.0,
+        at_least=0,
+        at_most=1e3,
+        doc="response cos^power of the angle off; 0: none. 0.8 at 30 degrees is power 1.55",
+    )
+    table: str = param(
+        "", table=True, doc="CSV angle_deg,ratio or angle_deg,450,550,650 (by wavelength, nm) in place of the power"
+    )
     exit_pupil_distance: float = param(
-        0.0, units="mm", at_least=0, infinite=True,
+        0.0,
+        units="mm",
+        at_least=0,
+        infinite=True,
         doc="from the exit pupil to the sensor; 0: that of the camera's pupils, f (m_p - m); inf: telecentric",
-    )  # fmt: skip
-    microlens_shift: float = param(0.0, units="deg/mm", doc="chief-ray angle for which a pixel is made, by its distance from the axis")
+    )
+    microlens_shift: float = param(
+        0.0, units="deg/mm", doc="chief-ray angle for which a pixel is made, by its distance from the axis"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

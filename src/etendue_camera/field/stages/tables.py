@@ -49,9 +49,15 @@ class FieldTable:
         """What a user should know: a table that is not 1 on the axis, a frame or light that it does not cover."""
         found, centre = [], self.centre()
         if np.any(np.abs(centre - 1) > 1e-9):
-            found.append(f"{self.path} is {', '.join(f'{value:.6g}' for value in centre)} on the axis, not 1: it is divided by that")
+            found.append(
+                f"{self.path} is {', '.join(f'{value:.6g}' for value in centre)} on the axis, not 1: it is divided by "
+                f"that"
+            )
         if reach > self.nodes[-1] * (1 + 1e-9):
-            found.append(f"{self.path} ends at {self.nodes[-1]:g}, the frame's corner is at {reach:.4g} {unit}: its last value holds")
+            found.append(
+                f"{self.path} ends at {self.nodes[-1]:g}, the frame's corner is at {reach:.4g} {unit}: its last value "
+                f"holds"
+            )
         if len(self.wavelengths) > 1:
             first, last = self.wavelengths[0], self.wavelengths[-1]
             before, behind = (0.5 * (self.wavelengths[i + 1] - self.wavelengths[i]) for i in (0, -2))
@@ -66,8 +72,8 @@ def field_table(path: str, axes: tuple[str, ...]) -> FieldTable:
     Raises
     ------
     ValueError
-        A broken file, naming file and line: another first column, rows that do not ascend, values that are not finite or are
-        negative, nothing on the axis.
+        A broken file, naming file and line: another first column, rows that do not ascend, values that are not finite
+        or are negative, nothing on the axis.
     """
     return _read(path, axes, file_state(path))
 
@@ -103,13 +109,17 @@ def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTabl
     if len(header) > 2 or _number(header[1]) is not None:
         found = [_number(name) for name in header[1:]]
         if None in found or any(b <= a for a, b in pairwise(found)):  # type: ignore[operator]
-            raise ValueError(f"{path}: columns {', '.join(header[1:])}; several columns are wavelengths in nm, ascending")
+            raise ValueError(
+                f"{path}: columns {', '.join(header[1:])}; several columns are wavelengths in nm, ascending"
+            )
         wavelengths = tuple(found)  # type: ignore[arg-type]
     table = np.array(rows)
     table.flags.writeable = False
     read = FieldTable(path, header[0], table[:, 0], table[:, 1:], wavelengths)
     if not (read.nodes[0] <= 0 <= read.nodes[-1]) or np.any(read.centre() <= 0):
-        raise ValueError(f"{path}: needs a row at {header[0]} 0 with ratios above 0: everything is relative to the axis")
+        raise ValueError(
+            f"{path}: needs a row at {header[0]} 0 with ratios above 0: everything is relative to the axis"
+        )
     return read
 
 

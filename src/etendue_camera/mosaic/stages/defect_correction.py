@@ -22,9 +22,15 @@ class DefectDetection(KnownNoise):
     """What the search for defects needs to know of the camera, and what it finds."""
 
     pattern: str = quantity("pattern")
-    threshold: float = param(4.0, at_least=1, at_most=1e6, doc="sigma of a pixel's noise beyond what its neighbours allow")
-    contrast: float = param(1.0, at_least=0, at_most=1e3, doc="widths by which the range of the neighbours is widened: what texture may do")
-    prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel, as of exposure")
+    threshold: float = param(
+        4.0, at_least=1, at_most=1e6, doc="sigma of a pixel's noise beyond what its neighbours allow"
+    )
+    contrast: float = param(
+        1.0, at_least=0, at_most=1e3, doc="widths by which the range of the neighbours is widened: what texture may do"
+    )
+    prnu: float = param(
+        0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel, as of exposure"
+    )
 
     def __post_init__(self) -> None:
         mask_of(self.pattern)
@@ -32,7 +38,14 @@ class DefectDetection(KnownNoise):
     def found(self, frame: Any, first: tuple[int, int]) -> Any:
         """Map of what stands out of a frame."""
         return defect_correction.outliers(
-            frame, mask_of(self.pattern), self.dark_sigma(), self.electrons(), self.prnu, self.threshold, self.contrast, *first
+            frame,
+            mask_of(self.pattern),
+            self.dark_sigma(),
+            self.electrons(),
+            self.prnu,
+            self.threshold,
+            self.contrast,
+            *first,
         )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
@@ -45,11 +58,12 @@ FIGURES = {"defects_corrected": "[1]", "defects_left": "[1]", "defects_missed": 
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectDefects(DefectDetection):
-    """Defects of the sensor's map, or those that stand out of the picture, or both, replaced from neighbours of the same colour.
+    """Defects of the sensor's map, or those that stand out of the picture, or both, replaced from neighbours of the
+    same colour.
 
-    ``by = "map"`` is a camera with the list its maker measured, ``"detection"`` one without, ``"both"`` searches the picture after the
-    list has been corrected. Whatever is used, the map says what was missed (hot pixels too weak to be seen count) and which sound
-    pixels were replaced. Counts are pixels.
+    ``by = "map"`` is a camera with the list its maker measured, ``"detection"`` one without, ``"both"`` searches the
+    picture after the list has been corrected. Whatever is used, the map says what was missed (hot pixels too weak to be
+    seen count) and which sound pixels were replaced. Counts are pixels.
     """
 
     role: ClassVar = "defect correction"
@@ -75,10 +89,11 @@ class CorrectDefects(DefectDetection):
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectFoundDefects(DefectDetection):
-    """Pixels that stand out of the picture replaced from neighbours of the same colour, where no map says what is missed.
+    """Pixels that stand out of the picture replaced from neighbours of the same colour, where no map says what is
+    missed.
 
-    Takes the place of ``correct_defects`` for a sensor whose defects nobody knows; on one without defects all it corrects are false
-    alarms.
+    Takes the place of ``correct_defects`` for a sensor whose defects nobody knows; on one without defects all it
+    corrects are false alarms.
     """
 
     role: ClassVar = "defect correction"

@@ -25,7 +25,9 @@ class _Demosaic(Stage):
     creates: ClassVar = {"channel": RGB}
     negative: ClassVar = "keep"
 
-    pattern: str = quantity("pattern", "colour filter array, of Bayer orders alone: RGGB, BGGR, GRBG, GBRG; others: demosaic_any")
+    pattern: str = quantity(
+        "pattern", "colour filter array, of Bayer orders alone: RGGB, BGGR, GRBG, GBRG; others: demosaic_any"
+    )
 
     def __post_init__(self) -> None:
         bayer_order(self.pattern, "this demosaicer")
@@ -86,16 +88,25 @@ class DemosaicColourDifference(_Demosaic, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicDirectional(_Demosaic, Haloed):
-    """Colour differences along rows and columns, weighted by direction similarity: our reconstruction of the idea the paper cites."""
+    """Colour differences along rows and columns, weighted by direction similarity: our reconstruction of the idea
+    the paper cites.
+    """
 
     gain: ClassVar = None  # weights turn from rows to columns within the floor: errors may grow by its inverse
     nanoseconds: ClassVar = 12.0
     working: ClassVar = 0.6
 
-    floor: float = param(directional.FLOOR, above=0, at_most=1, doc="mean differences below it, 1 at clipping, say nothing about direction")
+    floor: float = param(
+        directional.FLOOR,
+        above=0,
+        at_most=1,
+        doc="mean differences below it, 1 at clipping, say nothing about direction",
+    )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Roundings add to what the floor hides: where two greens on flat ground differ by a tenth of full scale, say."""
+        """Roundings add to what the floor hides: where two greens on flat ground differ by a tenth of full scale,
+        say.
+        """
         return (4e-7 + 5e-9 / self.floor if precision == "float32" else 1e-15 + 1e-17 / self.floor), "measured"
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
@@ -107,7 +118,9 @@ class DemosaicDirectional(_Demosaic, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicAny(Haloed):
-    """Piecewise-linear between the nearest samples of each channel, for any colour filter array; on Bayer it is the bilinear one."""
+    """Piecewise-linear between the nearest samples of each channel, for any colour filter array; on Bayer it is the
+    bilinear one.
+    """
 
     role: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}

@@ -15,7 +15,9 @@ from etendue_camera.mosaic.stages.demosaic import _Demosaic
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicResidual(_Demosaic):
-    """Green by residual interpolation or least squares, as local statistics say; for balanced channels (``balance_mosaic``)."""
+    """Green by residual interpolation or least squares, as local statistics say; for balanced channels
+    (``balance_mosaic``).
+    """
 
     gain: ClassVar = None  # directions and estimators are weighted by ratios of small differences
     nanoseconds: ClassVar = 80.0

@@ -37,13 +37,15 @@ def _table(path: str, state: tuple[int, int]) -> shading.GainTable:
 
 @dataclass(frozen=True, kw_only=True)
 class LensShading(Conjugates, Bounded, Haloed):
-    """Gains by image height, relative to the axis, from what the camera knows of its lens: a model of it, or a calibrated table.
+    """Gains by image height, relative to the axis, from what the camera knows of its lens: a model of it, or a
+    calibrated table.
 
-    ``map = "model"``: the fall-off of stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of ``vignetting``
-    and the cosine response of ``angular_response``, for the camera's own aperture and focus; parameters are those of these stages,
-    and where they differ from theirs the correction is as wrong as the knowledge. ``map = "table"``: a CSV file with gains by
-    height, one column for all channels or one for each, such as `etendue_camera.mosaic.shading.calibrated` makes of a flat field.
-    Black stays black; noise grows with the gain, and the plan says by how much. ``clipping_level`` rises by the smallest gain of the frame.
+    ``map = "model"``: the fall-off of stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of
+    ``vignetting`` and the cosine response of ``angular_response``, for the camera's own aperture and focus; parameters
+    are those of these stages, and where they differ from theirs the correction is as wrong as the knowledge.
+    ``map = "table"``: a CSV file with gains by height, one column for all channels or one for each, such as
+    `etendue_camera.mosaic.shading.calibrated` makes of a flat field. Black stays black; noise grows with the gain, and
+    the plan says by how much. ``clipping_level`` rises by the smallest gain of the frame.
     """
 
     role: ClassVar = "shading correction"
@@ -57,7 +59,9 @@ class LensShading(Conjugates, Bounded, Haloed):
 
     pattern: str = quantity("pattern")
     map: str = param("model", choices=("model", "table"), doc="where the gains come from")
-    strength: float = param(1.0, at_least=0, at_most=1, doc="share of the correction: gain 1 + strength (1/relative - 1)")
+    strength: float = param(
+        1.0, at_least=0, at_most=1, doc="share of the correction: gain 1 + strength (1/relative - 1)"
+    )
     largest_gain: float = param(16.0, at_least=1, at_most=1e4, doc="where gains end")
     table: str = param("", table=True, doc="of map 'table': CSV height_mm,gain or height_mm,R,G,B")
     model: str = param("cos4", choices=("cos4", "disc"), doc="of map 'model': as of falloff")
@@ -70,7 +74,9 @@ class LensShading(Conjugates, Bounded, Haloed):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.map == "table") != bool(self.table):
-            raise ValueError(f"map is {self.map!r} and table is {self.table!r}; a table goes with map = 'table', and only with it")
+            raise ValueError(
+                f"map is {self.map!r} and table is {self.table!r}; a table goes with map = 'table', and only with it"
+            )
         mask_of(self.pattern)
         if self.map == "model":
             self.relative(np.zeros(1), 0.0)
@@ -78,13 +84,18 @@ class LensShading(Conjugates, Bounded, Haloed):
     def relative(self, radius_um: Any, corner_um: float) -> Any:
         """Relative illumination by image height, as the camera believes it."""
         shared: dict[str, Any] = {
-            "f_number": self.f_number, "focal_length": self.focal_length, "magnification": self.magnification,
-            "pupil_magnification": self.pupil_magnification, "focus_distance": self.focus_distance,
-        }  # fmt: skip
+            "f_number": self.f_number,
+            "focal_length": self.focal_length,
+            "magnification": self.magnification,
+            "pupil_magnification": self.pupil_magnification,
+            "focus_distance": self.focus_distance,
+        }
         falling = Falloff(model=self.model, geometry=self.geometry, full_field=self.full_field, **shared)
         found = falling.relative(falling.tangent(radius_um, corner_um))
         if not math.isinf(self.rim_radius):
-            found = found * Vignetting(rim_radius=self.rim_radius, rim_distance=self.rim_distance, **shared).relative(radius_um)
+            found = found * Vignetting(rim_radius=self.rim_radius, rim_distance=self.rim_distance, **shared).relative(
+                radius_um
+            )
         if self.power:
             response = AngularResponse(power=self.power, **shared)
             found = found * illumination.cosine_response(response.angle(radius_um), self.power)
@@ -112,8 +123,14 @@ class LensShading(Conjugates, Bounded, Haloed):
             table = self.rows()
             inside = table.heights_mm[table.heights_mm < 1e-3 * corner]
             places = np.append(inside, 1e-3 * corner)
-            return max(float(np.max(self.weakened(np.interp(places, table.heights_mm, column)))) for column in table.gains.T)
-        return float(shading.gain_of(np.asarray(self.relative(np.array([corner]), corner), float), self.strength, self.largest_gain)[0])
+            return max(
+                float(np.max(self.weakened(np.interp(places, table.heights_mm, column)))) for column in table.gains.T
+            )
+        return float(
+            shading.gain_of(
+                np.asarray(self.relative(np.array([corner]), corner), float), self.strength, self.largest_gain
+            )[0]
+        )
 
     def gains(self, y_um: Any, x_um: Any) -> Any:
         """(1 or channel, y, x): what multiplies the light."""
@@ -123,13 +140,18 @@ class LensShading(Conjugates, Bounded, Haloed):
             return shading.gain_of(self.relative(radius, corner), self.strength, self.largest_gain)[None]
         table, channels = self.rows(), mask_of(self.pattern).channels
         columns = [table.columns.index(channel) for channel in channels] if len(table.columns) > 1 else [0]
-        return np.stack([self.weakened(np.interp(1e-3 * radius, table.heights_mm, table.gains[:, column])) for column in columns])
+        return np.stack(
+            [self.weakened(np.interp(1e-3 * radius, table.heights_mm, table.gains[:, column])) for column in columns]
+        )
 
     def run(self, mosaic_linear: Any, clipping_level: Any, y: Any, x: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
         gains = self.gains(y_um, x_um)
         own = gains[0] if len(gains) == 1 else cfa.pick(gains, mask_of(self.pattern), *first_pixel(y, x))
         own = own.astype(mosaic_linear.dtype, copy=False)
-        return {"mosaic_linear": mosaic_linear * own, "clipping_level": clipping_level * own.min(initial=self.largest_gain)}
+        return {
+            "mosaic_linear": mosaic_linear * own,
+            "clipping_level": clipping_level * own.min(initial=self.largest_gain),
+        }
 
     def halo(self) -> int | None:
         """Gains are those of an image height; the paper's fall-off is told by the frame's corner."""
@@ -157,7 +179,10 @@ class LensShading(Conjugates, Bounded, Haloed):
     def warn_among(self, others: Any) -> list[str]:
         rims = [name for name, kind in others.items() if kind.role == Vignetting.role]
         if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and rims:
-            return [f"the lens has a rim (stage {rims[0]}) of which this correction knows nothing: give it rim_radius and rim_distance too"]
+            return [
+                f"the lens has a rim (stage {rims[0]}) of which this correction knows nothing: give it rim_radius and "
+                f"rim_distance too"
+            ]
         return []
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
@@ -168,10 +193,14 @@ class LensShading(Conjugates, Bounded, Haloed):
         if largest >= self.largest_gain:
             notes.append(f"gains end at largest_gain = {self.largest_gain:g}: the corner stays darker than the axis")
         elif largest > NOTED:
-            notes.append(f"gain up to {largest:.3g} away from the axis: noise there grows as much, {20 * math.log10(largest):.1f} dB")
+            notes.append(
+                f"gain up to {largest:.3g} away from the axis: noise there grows as much, "
+                f"{20 * math.log10(largest):.1f} dB"
+            )
         if self.map == "table" and 1e-3 * farthest(grid) > self.rows().heights_mm[-1] * (1 + 1e-9):
             notes.append(
-                f"{self.table} ends at {self.rows().heights_mm[-1]:g} mm, the frame's corner is at {1e-3 * farthest(grid):.4g} mm: "
+                f"{self.table} ends at {self.rows().heights_mm[-1]:g} mm, the frame's corner is at "
+                f"{1e-3 * farthest(grid):.4g} mm: "
                 "its last row holds beyond"
             )
         return notes

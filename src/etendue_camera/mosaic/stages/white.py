@@ -1,7 +1,9 @@
-"""White: what a white diffuser gives in each channel, from the light or from the picture, and the mosaic balanced by it.
+"""White: what a white diffuser gives in each channel, from the light or from the picture, and the mosaic balanced by
+it.
 
 In:  ``white_irradiance``; ``mosaic_linear`` (y, x), 1 at clipping.
-Out: ``white`` (channel), the camera's linear signal that is shown as display white; ``mosaic_linear`` with equal channels for it.
+Out: ``white`` (channel), the camera's linear signal that is shown as display white; ``mosaic_linear`` with equal
+     channels for it.
 """
 
 from __future__ import annotations
@@ -26,9 +28,11 @@ CLIPPED, DARK_SIGMAS = 0.98, 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class White(GainChain, Collecting):
-    """The camera's linear signal of a perfect white diffuser on the axis, over ``render_exposure``: from the illuminant, noise-free.
+    """The camera's linear signal of a perfect white diffuser on the axis, over ``render_exposure``: from the
+    illuminant, noise-free.
 
-    It may lie above 1, where no pixel can follow: ``white_saturated`` counts the channels in which the diffuser itself does.
+    It may lie above 1, where no pixel can follow: ``white_saturated`` counts the channels in which the diffuser itself
+    does.
     """
 
     role: ClassVar = "camera white"
@@ -52,17 +56,22 @@ class White(GainChain, Collecting):
         rates = prepared[0] * white_irradiance
         electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * self.integration_time
         diffuse = electrons * (self.dn_per_electron() / self.white())
-        return {"white": diffuse / self.render_exposure, "white_saturated": np.array(float(np.count_nonzero(diffuse > 1)))}
+        return {
+            "white": diffuse / self.render_exposure,
+            "white_saturated": np.array(float(np.count_nonzero(diffuse > 1))),
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
 class WhiteEstimate(KnownNoise):
-    """The colour of the white as the camera finds it in the picture, or as a preset has it; its level is that of ``white``.
+    """The colour of the white as the camera finds it in the picture, or as a preset has it; its level is that of
+    ``white``.
 
-    ``grey_world``: the scene is grey on average; ``white_patch``: the brightest is white; ``shades_of_grey``: a power mean between
-    the two; ``preset``: gains from a list; ``illuminant``: the true one, unchanged. Cells of the mosaic with a value from 0.98 on or
-    a mean under 3 sigma of the dark noise are left out as a whole, and ``white_used`` is the share of the others. ``white_error``
-    is the angle between this white and the true one. Where no cell is left, nothing is guessed: the stage fails.
+    ``grey_world``: the scene is grey on average; ``white_patch``: the brightest is white; ``shades_of_grey``: a power
+    mean between the two; ``preset``: gains from a list; ``illuminant``: the true one, unchanged. Cells of the mosaic
+    with a value from 0.98 on or a mean under 3 sigma of the dark noise are left out as a whole, and ``white_used`` is
+    the share of the others. ``white_error`` is the angle between this white and the true one. Where no cell is left,
+    nothing is guessed: the stage fails.
     """
 
     role: ClassVar = "camera white"
@@ -72,11 +81,21 @@ class WhiteEstimate(KnownNoise):
     nanoseconds: ClassVar = 6.0
 
     pattern: str = quantity("pattern")
-    method: str = param("grey_world", choices=("illuminant", *FOUND, "preset"), doc="where the colour of the white comes from")
-    power: float = param(6.0, at_least=1, at_most=100, doc="of 'shades_of_grey': 1 is grey_world, large is the brightest cell")
-    quantile: float = param(0.99, above=0, at_most=1, doc="of 'white_patch': share of the cells which are not above the white")
-    gains: tuple[float, ...] = param((), above=0, at_most=1e6, doc="of 'preset': by channel, of any scale, such as [2.1, 1, 1.6]")
-    cell: int = param(4, at_least=1, at_most=1024, doc="side of the cells, pixels, rounded up to whole periods of the pattern")
+    method: str = param(
+        "grey_world", choices=("illuminant", *FOUND, "preset"), doc="where the colour of the white comes from"
+    )
+    power: float = param(
+        6.0, at_least=1, at_most=100, doc="of 'shades_of_grey': 1 is grey_world, large is the brightest cell"
+    )
+    quantile: float = param(
+        0.99, above=0, at_most=1, doc="of 'white_patch': share of the cells which are not above the white"
+    )
+    gains: tuple[float, ...] = param(
+        (), above=0, at_most=1e6, doc="of 'preset': by channel, of any scale, such as [2.1, 1, 1.6]"
+    )
+    cell: int = param(
+        4, at_least=1, at_most=1024, doc="side of the cells, pixels, rounded up to whole periods of the pattern"
+    )
     floor: float = param(
         0.0,
         at_least=0,
@@ -87,10 +106,13 @@ class WhiteEstimate(KnownNoise):
     def __post_init__(self) -> None:
         channels = mask_of(self.pattern).channels
         if (self.method == "preset") != bool(self.gains):
-            raise ValueError(f"method is {self.method!r} and gains {self.gains}; gains go with method = 'preset', and only with it")
+            raise ValueError(
+                f"method is {self.method!r} and gains {self.gains}; gains go with method = 'preset', and only with it"
+            )
         if self.gains and len(self.gains) != len(channels):
             raise ValueError(
-                f"gains has {len(self.gains)} values, but the pattern {self.pattern!r} has {len(channels)} channels: {', '.join(channels)}"
+                f"gains has {len(self.gains)} values, but the pattern {self.pattern!r} has {len(channels)} channels: "
+                f"{', '.join(channels)}"
             )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
@@ -118,7 +140,8 @@ class WhiteEstimate(KnownNoise):
         means, cells = white_balance.cell_means(mosaic, mask_of(self.pattern), self.cell, CLIPPED, lowest, *first)
         if not means.shape[1]:
             raise ValueError(
-                f"none of {cells} cells of the mosaic lies between {lowest:.2g} (3 sigma of the dark noise) and {CLIPPED:g}: there is no "
+                f"none of {cells} cells of the mosaic lies between {lowest:.2g} (3 sigma of the dark noise) and "
+                f"{CLIPPED:g}: there is no "
                 "white to be found; look at the exposure, or take method = 'illuminant' or 'preset'"
             )
         if self.method == "white_patch":
@@ -134,13 +157,15 @@ class WhiteEstimate(KnownNoise):
 
 @dataclass(frozen=True, kw_only=True)
 class BalanceMosaic(Haloed):
-    """The mosaic over the white of each site's channel, in front of the demosaicer: a grey edge has no colours to invent.
+    """The mosaic over the white of each site's channel, in front of the demosaicer: a grey edge has no colours to
+    invent.
 
-    Gains are relative to the largest channel of the white, the first to clip: ``clipping_level`` stays the level at which it does. From
-    there on the other channels' true values are worth nothing beside its, so that ``highlights = "neutral"`` ends them there too.
-    ``white`` becomes the level that is shown as display white, equal in all channels: that of the scene's white as long as no channel
-    clips below it, else (and with ``brightness = "camera"`` always) the level of clipping. What is too bright is white, whatever the
-    exposure, and later stages go on unchanged.
+    Gains are relative to the largest channel of the white, the first to clip: ``clipping_level`` stays the level at
+    which it does. From there on the other channels' true values are worth nothing beside its, so that
+    ``highlights = "neutral"`` ends them there too. ``white`` becomes the level that is shown as display white, equal in
+    all channels: that of the scene's white as long as no channel clips below it, else (and with
+    ``brightness = "camera"`` always) the level of clipping. What is too bright is white, whatever the exposure, and
+    later stages go on unchanged.
     """
 
     role: ClassVar = "white balance"
@@ -182,5 +207,7 @@ def _same_channels(grid: Grid, pattern: str, variable: str) -> Grid:
     """The grid of a variable by channel, where its channels are those of the pattern."""
     found, wanted = tuple(grid["channel"].values()), mask_of(pattern).channels
     if found != wanted:
-        raise ValueError(f"the pattern {pattern!r} has channels {' '.join(wanted)}, but {variable} has {' '.join(map(str, found))}")
+        raise ValueError(
+            f"the pattern {pattern!r} has channels {' '.join(wanted)}, but {variable} has {' '.join(map(str, found))}"
+        )
     return grid.take(("channel",))

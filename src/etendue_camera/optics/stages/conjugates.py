@@ -39,7 +39,9 @@ class Conjugates(Stage):
 
     def pupil_distance(self) -> float:
         """From the exit pupil to the image plane, mm."""
-        return float(radiometry.exit_pupil_distance(self.focal_length, self.image_magnification(), self.pupil_magnification))
+        return float(
+            radiometry.exit_pupil_distance(self.focal_length, self.image_magnification(), self.pupil_magnification)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

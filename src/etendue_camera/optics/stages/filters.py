@@ -24,15 +24,26 @@ class Birefringent(Transfer, Bounded):
     role: ClassVar = "low-pass filter"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    gain: ClassVar = 41.0  # shifts by parts of a sample on a grid that cuts the light's spectrum off, 10000 x 10000; else 1
+    gain: ClassVar = (
+        41.0  # shifts by parts of a sample on a grid that cuts the light's spectrum off, 10000 x 10000; else 1
+    )
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 25.0
 
-    separation_y: float = param(0.0, units="um", at_least=0, held=(0, 1e4), doc="distance of the spots along the filter's y; 0: not split")
-    separation_x: float = param(0.0, units="um", at_least=0, held=(0, 1e4), doc="distance of the spots along the filter's x; 0: not split")
-    rotation: float = param(0.0, units="deg", at_least=-180, at_most=180, doc="of the filter against the sensor, from x towards y")
+    separation_y: float = param(
+        0.0, units="um", at_least=0, held=(0, 1e4), doc="distance of the spots along the filter's y; 0: not split"
+    )
+    separation_x: float = param(
+        0.0, units="um", at_least=0, held=(0, 1e4), doc="distance of the spots along the filter's x; 0: not split"
+    )
+    rotation: float = param(
+        0.0, units="deg", at_least=-180, at_most=180, doc="of the filter against the sensor, from x towards y"
+    )
     dispersion: str = param(
-        "", table=True, doc="CSV wavelength_nm,scale: separations by wavelength, relative to those given; '': the same at every wavelength"
+        "",
+        table=True,
+        doc="CSV wavelength_nm,scale: separations by wavelength, relative to those given; '': the same at every "
+        "wavelength",
     )
 
     def splits(self) -> bool:

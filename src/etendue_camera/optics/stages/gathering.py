@@ -21,7 +21,9 @@ from etendue_camera.optics.stages.conjugates import Conjugates
 
 @dataclass(frozen=True, kw_only=True)
 class Irradiance(Conjugates, Banded):
-    """Light gathered by the aperture: E = pi L T / (4 N_w^2) (aplanatic), the flat disc of eq. 5, or pi L / (4 T_w^2) of a T-number."""
+    """Light gathered by the aperture: E = pi L T / (4 N_w^2) (aplanatic), the flat disc of eq. 5, or pi L / (4
+    T_w^2) of a T-number.
+    """
 
     role: ClassVar = "light gathering"
     reads: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]", "white_radiance": "wavelength [W m-2 sr-1 nm-1]"}
@@ -43,12 +45,14 @@ class Irradiance(Conjugates, Banded):
             return
         if self.transmittance != 1:
             raise ValueError(
-                f"t_number is {self.t_number:g} and transmittance {self.transmittance:g}, but a T-number holds the lens's losses already; "
+                f"t_number is {self.t_number:g} and transmittance {self.transmittance:g}, but a T-number holds the "
+                f"lens's losses already; "
                 "leave transmittance at 1, or t_number at 0"
             )
         if self.t_number < self.f_number * (1 - 1e-9):
             raise ValueError(
-                f"t_number is {self.t_number:g}, below the f_number {self.f_number:g}: the lens would give more light than it takes in; "
+                f"t_number is {self.t_number:g}, below the f_number {self.f_number:g}: the lens would give more light "
+                f"than it takes in; "
                 "give the f_number that goes with it"
             )
 
@@ -70,12 +74,16 @@ class Irradiance(Conjugates, Banded):
         return facts["radiance"].scaled(self.factor())
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        return ["below f/1.2 scalar diffraction and the thin-lens aperture are approximate"] if self.f_number < 1.2 else []
+        return (
+            ["below f/1.2 scalar diffraction and the thin-lens aperture are approximate"] if self.f_number < 1.2 else []
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpticalFilter(Banded, Bounded, Tinting):
-    """A filter in the light path: a smooth short-pass, or any transmission table; several filters are several stages."""
+    """A filter in the light path: a smooth short-pass, or any transmission table; several filters are several
+    stages.
+    """
 
     role: ClassVar = "optical filter"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
@@ -92,7 +100,9 @@ class OpticalFilter(Banded, Bounded, Tinting):
         table=True,
         doc="CSV (wavelength_nm,transmission) or SPDX; 0 half a step beyond its rows; '' for the smooth cut below",
     )
-    cut_off: float = param(650.0, units="nm", above=0, infinite=True, doc="half transmission of the smooth short-pass; inf for none")
+    cut_off: float = param(
+        650.0, units="nm", above=0, infinite=True, doc="half transmission of the smooth short-pass; inf for none"
+    )
     edge: float = param(15.0, units="nm", above=0, doc="width of the cut from 73 to 27 per cent")
 
     def prepare(self, coordinates: Any) -> Any:
@@ -100,14 +110,17 @@ class OpticalFilter(Banded, Bounded, Tinting):
             transmission = spectra.table_from_csv(self.table, tuple(coordinates["wavelength_edges"]))[1][:, 0]
             if transmission.min() < 0 or transmission.max() > 1 + 1e-9:
                 raise ValueError(
-                    f"{self.table}: transmission {transmission.min():g} to {transmission.max():g}; allowed is 0 to 1; is it in per cent?"
+                    f"{self.table}: transmission {transmission.min():g} to {transmission.max():g}; allowed is 0 to 1; "
+                    f"is it in per cent?"
                 )
             return transmission
         return filters.smooth_cut(coordinates["wavelength"], self.cut_off, self.edge)
 
     def transmission(self, grid: Grid) -> Any:
         bands = grid.bands()
-        return np.asarray(self.prepare({"wavelength_edges": np.array(bands.edges), "wavelength": np.array(bands.values())}))
+        return np.asarray(
+            self.prepare({"wavelength_edges": np.array(bands.edges), "wavelength": np.array(bands.values())})
+        )
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]

@@ -17,7 +17,9 @@ from etendue_camera.optics import glare
 
 @dataclass(frozen=True, kw_only=True)
 class Glare(Transfer, Bounded):
-    """Scattered light: a tail around every point, and a veil over all of the frame. Nothing is lost on the padded frame."""
+    """Scattered light: a tail around every point, and a veil over all of the frame. Nothing is lost on the padded
+    frame.
+    """
 
     role: ClassVar = "glare"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
@@ -33,7 +35,10 @@ class Glare(Transfer, Bounded):
 
     def __post_init__(self) -> None:
         if self.fraction + self.veil > 1:
-            raise ValueError(f"fraction {self.fraction:g} and veil {self.veil:g} are more than all of the light; their sum is at most 1")
+            raise ValueError(
+                f"fraction {self.fraction:g} and veil {self.veil:g} are more than all of the light; their sum is at "
+                f"most 1"
+            )
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
         return glare.glare_otf(np.hypot(fy, fx), self.fraction, self.veil, self.radius, self.power)
@@ -60,6 +65,7 @@ class Glare(Transfer, Bounded):
         if facts.uniform or outside < 0.01:
             return []
         return [
-            f"{100 * outside:.2g} % of the light would be scattered beyond half the frame; there it comes back from the mirror image that "
+            f"{100 * outside:.2g} % of the light would be scattered beyond half the frame; there it comes back from "
+            f"the mirror image that "
             "continues the scene: give the scene a larger margin, or call that share veil"
         ]

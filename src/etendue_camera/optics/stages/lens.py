@@ -28,7 +28,9 @@ class Blur(Bounded):
     role: ClassVar = "lens"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    gain: ClassVar[float | None] = 1.5  # where the grid cuts the transfer function off: 1.13 diffraction, 1.27 Gaussian at worst
+    gain: ClassVar[float | None] = (
+        1.5  # where the grid cuts the transfer function off: 1.13 diffraction, 1.27 Gaussian at worst
+    )
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 25.0
 
@@ -43,7 +45,9 @@ class Blur(Bounded):
         return None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """A uniform plane stays as it is. Another may leave its range a little where the grid cuts the transfer function off."""
+        """A uniform plane stays as it is. Another may leave its range a little where the grid cuts the transfer
+        function off.
+        """
         own = facts["irradiance"]
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
 
@@ -54,20 +58,28 @@ class Blur(Bounded):
 
 @dataclass(frozen=True, kw_only=True)
 class Diffraction(Blur, Cone, Transfer):
-    """The perfect circular aperture (eqs. 2-4), or one with a dark disc in its middle: its transfer function at every wavelength.
+    """The perfect circular aperture (eqs. 2-4), or one with a dark disc in its middle: its transfer function at every
+    wavelength.
 
-    The f-number is that of the whole circle; the light that an obstruction takes away belongs to ``transmittance`` or ``t_number``.
+    The f-number is that of the whole circle; the light that an obstruction takes away belongs to ``transmittance`` or
+    ``t_number``.
     """
 
     once: ClassVar = ("diffraction",)
     radial: ClassVar = True
     obstruction: float = param(
-        0.0, at_least=0, below=1, held=(0, 0.999), doc="diameter of a central dark disc over that of the aperture; 0: clear"
+        0.0,
+        at_least=0,
+        below=1,
+        held=(0, 0.999),
+        doc="diameter of a central dark disc over that of the aperture; 0: clear",
     )
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
         number = self.cone_f_number()
-        return on_unique_rows(lambda rows: annulus.annular_otf(np.hypot(rows, fx), wavelength, number, self.obstruction), fy)
+        return on_unique_rows(
+            lambda rows: annulus.annular_otf(np.hypot(rows, fx), wavelength, number, self.obstruction), fy
+        )
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())
@@ -82,8 +94,10 @@ def too_coarse(facts: Facts, grid: Grid, f_number: float) -> list[str]:
     ratios = {round(0.5e-3 * wavelength * f_number / step, 2) for wavelength in grid.bands().values()}
     point, scene = (max(found) for found in zip(*(undershoot(max(ratio, 0.01)) for ratio in ratios), strict=True))
     return [
-        f"the grid of {step:g} um is too coarse for what the lens passes: behind a clear aperture a point falls up to {point:.2%} of its "
-        f"peak below zero, and any light up to {scene:.1%} of the brightest; give the scene a smaller spacing, or light = 'cells'"
+        f"the grid of {step:g} um is too coarse for what the lens passes: behind a clear aperture a point falls up to "
+        f"{point:.2%} of its "
+        f"peak below zero, and any light up to {scene:.1%} of the brightest; give the scene a smaller spacing, or "
+        f"light = 'cells'"
     ]
 
 
@@ -108,12 +122,19 @@ class LensPsf(Blur, Transfer):
     radial: ClassVar = True
     gain: ClassVar[float | None] = None  # of a ring it has no bound that holds for every grid
 
-    file: str = param(file=True, example="package:etendue_camera/data/examples/psf.csv", doc="CSV with columns radius_um, psf")
+    file: str = param(
+        file=True, example="package:etendue_camera/data/examples/psf.csv", doc="CSV with columns radius_um, psf"
+    )
     nodes: int = param(
-        16384, at_least=64, held=(64, 1_000_000), fidelity=True, example=256,
-        reference="262144: direct evaluation but for 1e-8", settings=(256, 1024, 4096, 16384, 65536, 262_144),
+        16384,
+        at_least=64,
+        held=(64, 1_000_000),
+        fidelity=True,
+        example=256,
+        reference="262144: direct evaluation but for 1e-8",
+        settings=(256, 1024, 4096, 16384, 65536, 262_144),
         doc="radial frequencies at which the transform is evaluated; linear between them",
-    )  # fmt: skip
+    )
 
     def prepare(self, coordinates: Any) -> Any:
         return _radial_table(self.file, file_state(self.file))
@@ -124,13 +145,16 @@ class LensPsf(Blur, Transfer):
         return np.interp(radial, nodes, lens.radial_psf_otf(nodes, *prepared))
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of straight lines between nodes: an eighth of their distance squared times the second derivative of the transfer function.
+        """Of straight lines between nodes: an eighth of their distance squared times the second derivative of the
+        transfer function.
 
         That is at most 2 pi^2 times the mean square radius of the spread function.
         """
         lines = grid["irradiance"]
         step = 0.5 * math.hypot(*(1.0 / lines.line(dim).step for dim in ("y", "x"))) / (self.nodes - 1)
-        between = 0.25 * (math.pi * step) ** 2 * lens.mean_square_radius(*_radial_table(self.file, file_state(self.file)))
+        between = (
+            0.25 * (math.pi * step) ** 2 * lens.mean_square_radius(*_radial_table(self.file, file_state(self.file)))
+        )
         return min(1.0, between) + super().error(facts, grid, precision)[0], "proved"
 
 

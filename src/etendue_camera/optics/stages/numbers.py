@@ -22,39 +22,58 @@ from etendue_camera.optics.stages.conjugates import Cone, Conjugates
 
 @dataclass(frozen=True, kw_only=True)
 class LensNumbers(Cone):
-    """Airy diameter (eq. 4), Rayleigh and Sparrow separations, cut-off; focal length (eq. 9); working numbers; depth of field.
+    """Airy diameter (eq. 4), Rayleigh and Sparrow separations, cut-off; focal length (eq. 9); working numbers; depth of
+    field.
 
-    The T-number is that of the lens at infinity. Distances are from the front principal plane; ``far_limit`` is infinite from the
-    hyperfocal distance on.
+    The T-number is that of the lens at infinity. Distances are from the front principal plane; ``far_limit`` is
+    infinite from the hyperfocal distance on.
     """
 
     role: ClassVar = "figures"
     error: ClassVar = proved(1e-7, 1e-15)
 
     writes: ClassVar = {
-        "airy_diameter": "[um]", "rayleigh_separation": "[um]", "sparrow_separation": "[um]", "cutoff_frequency": "[cycles/um]",
-        "focal_length_from_field": "[mm]", "field_of_view": "[deg]", "working_f_number": "[1]", "equivalent_t_number": "[1]",
-        "exit_pupil_distance": "[mm]", "near_limit": "[mm]", "far_limit": "[mm] nan", "hyperfocal_distance": "[mm]",
-    }  # fmt: skip
+        "airy_diameter": "[um]",
+        "rayleigh_separation": "[um]",
+        "sparrow_separation": "[um]",
+        "cutoff_frequency": "[cycles/um]",
+        "focal_length_from_field": "[mm]",
+        "field_of_view": "[deg]",
+        "working_f_number": "[1]",
+        "equivalent_t_number": "[1]",
+        "exit_pupil_distance": "[mm]",
+        "near_limit": "[mm]",
+        "far_limit": "[mm] nan",
+        "hyperfocal_distance": "[mm]",
+    }
 
     t_number: float = quantity("t_number")
     transmittance: float = quantity("transmittance")
     wavelength: float = param(555.0, units="nm", above=0)
     half_diagonal: float = param(4.0, units="mm", above=0, doc="half the diagonal of the sensor; 1/2-inch type: 4 mm")
-    half_field: float = param(30.0, units="deg", above=0, below=90, held=(1e-6, 89.9), doc="half the field of view, for eq. 9")
-    circle_of_confusion: float = param(5.0, units="um", above=0, doc="blur that still counts as sharp; of the order of the pitch")
+    half_field: float = param(
+        30.0, units="deg", above=0, below=90, held=(1e-6, 89.9), doc="half the field of view, for eq. 9"
+    )
+    circle_of_confusion: float = param(
+        5.0, units="um", above=0, doc="blur that still counts as sharp; of the order of the pitch"
+    )
 
     def run(self) -> dict[str, Any]:
         number, wavelength = self.cone_f_number(), self.wavelength * 1e-3
         circle = self.circle_of_confusion * 1e-3
-        near, far = focus.depth_of_field(self.focal_length, self.f_number, circle, self.in_focus(), self.pupil_magnification)
+        near, far = focus.depth_of_field(
+            self.focal_length, self.f_number, circle, self.in_focus(), self.pupil_magnification
+        )
         return {
             "airy_diameter": diffraction.airy_diameter(wavelength, number),
             "rayleigh_separation": diffraction.rayleigh_separation(wavelength, number),
             "sparrow_separation": diffraction.sparrow_separation(wavelength, number),
             "cutoff_frequency": diffraction.cutoff_frequency(wavelength, number),
-            "focal_length_from_field": radiometry.focal_length_from_field(self.half_diagonal, math.radians(self.half_field)),
-            "field_of_view": 2 * math.degrees(float(radiometry.field_from_focal_length(self.half_diagonal, self.focal_length))),
+            "focal_length_from_field": radiometry.focal_length_from_field(
+                self.half_diagonal, math.radians(self.half_field)
+            ),
+            "field_of_view": 2
+            * math.degrees(float(radiometry.field_from_focal_length(self.half_diagonal, self.focal_length))),
             "working_f_number": self.working_f_number(),
             "equivalent_t_number": self.t_number or radiometry.t_number_of(self.f_number, self.transmittance),
             "exit_pupil_distance": self.pupil_distance(),
@@ -66,7 +85,9 @@ class LensNumbers(Cone):
 
 @dataclass(frozen=True, kw_only=True)
 class PixelEtendue(Conjugates):
-    """Etendue of a pixel on the axis: light-sensitive area times the projected solid angle of the lens's cone, and that cone."""
+    """Etendue of a pixel on the axis: light-sensitive area times the projected solid angle of the lens's cone, and
+    that cone.
+    """
 
     role: ClassVar = "figures"
     writes: ClassVar = {"etendue": "[um2 sr]", "cone_half_angle": "[deg]"}
@@ -87,7 +108,9 @@ class PixelEtendue(Conjugates):
 
 @dataclass(frozen=True, kw_only=True)
 class Illuminance(Stage):
-    """Lux on the sensor, on the axis, of a white diffuser in the scene and of a grey one, behind the filters that stand before it."""
+    """Lux on the sensor, on the axis, of a white diffuser in the scene and of a grey one, behind the filters that
+    stand before it.
+    """
 
     role: ClassVar = "figures"
     reads: ClassVar = {"white_irradiance": "wavelength [W m-2 nm-1]"}

@@ -25,27 +25,36 @@ MOST_SAMPLES = 2048
 WAVES: Any = {"units": "um", "held": (-1e3, 1e3)}
 MOVED: Any = {"units": "mm", "held": (-1e3, 1e3)}
 TABLE_BYTES = 64 << 20  # of what is kept for all bands
-ROUND_WAVES = {False: 6.0, True: 2.0}  # per pupil radius, clear or obstructed: steeper round wavefronts are summed over cells
+ROUND_WAVES = {
+    False: 6.0,
+    True: 2.0,
+}  # per pupil radius, clear or obstructed: steeper round wavefronts are summed over cells
 
 
 @dataclass(frozen=True, kw_only=True)
 class Aberrated(Cone):
     """What stages of an aberrated lens share: defocus and Seidel terms, in um of optical path at the edge of the pupil.
 
-    Positive paths move light towards where they grow: positive coma throws its tail outwards, positive defocus puts the image
-    behind the sensor. One wave at 550 nm is 0.55 um.
+    Positive paths move light towards where they grow: positive coma throws its tail outwards, positive defocus puts the
+    image behind the sensor. One wave at 550 nm is 0.55 um.
     """
 
     once: ClassVar = ("diffraction",)
 
     object_distance: float = quantity("object_distance")
-    defocus: float = param(0.0, **MOVED, doc="how far behind the sensor the image lies, besides what the object distance makes of it")
+    defocus: float = param(
+        0.0, **MOVED, doc="how far behind the sensor the image lies, besides what the object distance makes of it"
+    )
     spherical: float = param(0.0, **WAVES, doc="spherical aberration W040")
     coma: float = param(0.0, **WAVES, doc="coma W131 at the full image height")
     astigmatism: float = param(0.0, **WAVES, doc="astigmatism W222 at the full image height")
     field_curvature: float = param(0.0, **WAVES, doc="field curvature W220 at the full image height")
     full_height: float = param(
-        4.0, units="mm", above=0, held=(1e-3, 1e3), doc="image height for which coma, astigmatism and field curvature hold"
+        4.0,
+        units="mm",
+        above=0,
+        held=(1e-3, 1e3),
+        doc="image height for which coma, astigmatism and field curvature hold",
     )
 
     def __post_init__(self) -> None:
@@ -63,7 +72,9 @@ class Aberrated(Cone):
         return wavefront.Seidel(self.spherical, self.coma, self.astigmatism, self.field_curvature)
 
     def round_path(self, square: Any, height: float = 0.0) -> Any:
-        """The terms that depend on the distance from the pupil's centre alone, um, at an image height (of the full one)."""
+        """The terms that depend on the distance from the pupil's centre alone, um, at an image height (of the full
+        one).
+        """
         own = self.spherical * square * square + self.field_curvature * height * height * square
         return own + wavefront.defocus(self.shift(), self.cone_f_number(), 0.0, np.sqrt(square))
 
@@ -74,13 +85,17 @@ class Aberrated(Cone):
 
 @dataclass(frozen=True, kw_only=True)
 class Wavefront(Blur, Aberrated, Transfer):
-    """The lens by its wavefront at one image point, the same over the frame: aperture, defocus, Zernike and Seidel terms.
+    """The lens by its wavefront at one image point, the same over the frame: aperture, defocus, Zernike and Seidel
+    terms.
 
-    It replaces ``diffraction``, which it holds: with every term at zero and a clear circle it is the same numbers. With both in
-    one pipeline the aperture would blur twice. A polygon has the area of the f-number's circle, so that its light is the same.
+    It replaces ``diffraction``, which it holds: with every term at zero and a clear circle it is the same numbers. With
+    both in one pipeline the aperture would blur twice. A polygon has the area of the f-number's circle, so that its
+    light is the same.
     """
 
-    gain: ClassVar[float | None] = None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame
+    gain: ClassVar[float | None] = (
+        None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame
+    )
 
     aperture: str = param("circular", choices=("circular", "annular", "polygonal"), doc="outline of the pupil")
     obstruction: float = param(
@@ -88,24 +103,35 @@ class Wavefront(Blur, Aberrated, Transfer):
     )
     blades: int = param(6, at_least=3, at_most=64, doc="polygonal: number of blades")
     rotation: float = param(0.0, units="deg", doc="polygonal: a corner lies at this angle from +x towards +y")
-    rounding: float = param(0.0, at_least=0, at_most=1, doc="polygonal: curvature of the blades, 1 being the circle through the corners")
+    rounding: float = param(
+        0.0, at_least=0, at_most=1, doc="polygonal: curvature of the blades, 1 being the circle through the corners"
+    )
     zernike: tuple[float, ...] = param((), **WAVES, doc="rms coefficients over the f-number's circle, piston first")
-    zernike_index: str = param("noll", choices=("noll", "ansi"), doc="order of the coefficients: Noll's from 1, or ANSI's from 0")
+    zernike_index: str = param(
+        "noll", choices=("noll", "ansi"), doc="order of the coefficients: Noll's from 1, or ANSI's from 0"
+    )
     distortion: float = param(0.0, **WAVES, doc="distortion W311 at the full image height: it moves the image")
     field_y: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
     field_x: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
     pupil_samples: int = param(
-        128, at_least=16, at_most=MOST_SAMPLES, fidelity=True, reference="Gauss quadrature over the shared area, or 2048 samples",
+        128,
+        at_least=16,
+        at_most=MOST_SAMPLES,
+        fidelity=True,
+        reference="Gauss quadrature over the shared area, or 2048 samples",
         settings=(16, 32, 64, 128, 256, 512, 1024, 2048),
         doc="cells across the pupil for aberrations that are not round; steep ones take more",
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.shape()  # refuses what contradicts itself
         edge = self.shape().reach()
         if self.shift() and 2 * self.cone_f_number() < edge:
-            raise ValueError(f"f_number is {self.f_number:g}: the corners of {self.blades} blades lie beyond what an aplanatic lens has")
+            raise ValueError(
+                f"f_number is {self.f_number:g}: the corners of {self.blades} blades lie beyond what an aplanatic lens "
+                f"has"
+            )
 
     def shape(self) -> pupil.Aperture:
         turn = math.radians(self.rotation)
@@ -174,7 +200,8 @@ class Wavefront(Blur, Aberrated, Transfer):
         needed = math.ceil(8.0 * self.shape().reach() * self.steepness / shortest)
         if needed > MOST_SAMPLES:
             raise ValueError(
-                f"the wavefront is {self.steepness / shortest:.0f} waves steep per pupil radius, and {MOST_SAMPLES} samples follow "
+                f"the wavefront is {self.steepness / shortest:.0f} waves steep per pupil radius, and {MOST_SAMPLES} "
+                f"samples follow "
                 f"{MOST_SAMPLES // 8}: so far out of focus use lens_psf with a disc, or lens_gaussian"
             )
         wanted = max(self.pupil_samples, needed + needed % 2)
@@ -201,7 +228,11 @@ class Wavefront(Blur, Aberrated, Transfer):
         if self.by_quadrature(shortest):
             nodes = imaging.radial_nodes(self.obstruction, int((48 if self.obstruction else 96) * (1 + steep / 3)))
             count = 16 + math.ceil(5 * steep)
-            return bands, nodes, np.stack([imaging.radial_otf(nodes, self.radial_path, w, self.obstruction, count) for w in bands])
+            return (
+                bands,
+                nodes,
+                np.stack([imaging.radial_otf(nodes, self.radial_path, w, self.obstruction, count) for w in bands]),
+            )
         shape, samples = self.shape(), self.samples(shortest)
         clear = pupil.amplitude(shape, samples)
         if self.round:
@@ -261,7 +292,9 @@ class Wavefront(Blur, Aberrated, Transfer):
         return lambda nu: outline.at(2.0 * nu, place)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the transform pair, and rms over scenes by how the transfer function is found (points and edges: `benchmarks/pupil.py`)."""
+        """Of the transform pair, and rms over scenes by how the transfer function is found (points and edges:
+        `benchmarks/pupil.py`).
+        """
         own = super().error(facts, grid, precision)[0]
         if self.aperture == "polygonal":
             own += 6e-6
@@ -271,7 +304,9 @@ class Wavefront(Blur, Aberrated, Transfer):
         if self.by_quadrature(shortest):
             return own + 3e-6, "measured"
         slope = 4e-3 if self.round else 1.2e-4  # a round spot may be dark in its middle: dim against what errs
-        return min(1.0, own + slope * max(1.0, self.steepness / shortest) * (128 / self.samples(shortest)) ** 2), "fitted"
+        return min(
+            1.0, own + slope * max(1.0, self.steepness / shortest) * (128 / self.samples(shortest)) ** 2
+        ), "fitted"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         grid: Grid = grids["irradiance"]
@@ -279,10 +314,15 @@ class Wavefront(Blur, Aberrated, Transfer):
         if not self.flat and not facts.uniform:
             shortest = float(grid.bands().values()[0]) * 1e-3
             if not self.round and self.samples(shortest) > self.pupil_samples:
-                notes.append(f"the wavefront is steep: {self.samples(shortest)} pupil samples are taken instead of {self.pupil_samples}")
+                notes.append(
+                    f"the wavefront is steep: {self.samples(shortest)} pupil samples are taken instead of "
+                    f"{self.pupil_samples}"
+                )
         off_axis = [n for n in ("coma", "astigmatism", "field_curvature", "distortion") if getattr(self, n)]
         if off_axis and self.field_y == self.field_x == 0:
-            notes.append(f"{' and '.join(off_axis)} vanish on the axis; give field_y or field_x, or take the stage aberrations")
+            notes.append(
+                f"{' and '.join(off_axis)} vanish on the axis; give field_y or field_x, or take the stage aberrations"
+            )
         return notes
 
 

@@ -1,10 +1,12 @@
-"""The camera without noise, converter and mosaic: stages that studies put in the place of others, for the picture to compare with.
+"""The camera without noise, converter and mosaic: stages that studies put in the place of others, for the picture to
+compare with.
 
 In:  ``photon_rate`` (channel, y, x) or ``photocurrent`` (y, x), electron/s, of the same pixel stage.
-Out: ``photocurrent``, ``mosaic_linear`` and ``rgb_camera`` of every channel at every pixel, or of the mosaic; 1 where pixels saturate.
+Out: ``photocurrent``, ``mosaic_linear`` and ``rgb_camera`` of every channel at every pixel, or of the mosaic; 1 where
+     pixels saturate.
 
-Full planes are a mosaic run plane by plane: between ``no_mask`` and ``no_demosaicing`` every stage that works on a mosaic is given one
-plane after the other, each as the mosaic of a sensor with one filter.
+Full planes are a mosaic run plane by plane: between ``no_mask`` and ``no_demosaicing`` every stage that works on a
+mosaic is given one plane after the other, each as the mosaic of a sensor with one filter.
 """
 
 from __future__ import annotations
@@ -58,7 +60,8 @@ class NoMask(_HandedOn):
 
 @dataclass(frozen=True, kw_only=True)
 class IdealMosaic(GainChain):
-    """Expected values in place of exposure, noise and converter: the mosaic without noise and rounding, clipped where pixels saturate.
+    """Expected values in place of exposure, noise and converter: the mosaic without noise and rounding, clipped where
+    pixels saturate.
 
     Without dark charge and the fixed patterns of the sensor (PRNU, DSNU).
     """
@@ -85,7 +88,9 @@ class IdealMosaic(GainChain):
 
 
 class NoDemosaicing(_HandedOn):
-    """Full planes, of which nothing has to be invented, as camera channels. Takes the place of a demosaicer behind ``no_mask``."""
+    """Full planes, of which nothing has to be invented, as camera channels. Takes the place of a demosaicer behind
+    ``no_mask``.
+    """
 
     reads: ClassVar = {"mosaic_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
@@ -96,7 +101,8 @@ class NoDemosaicing(_HandedOn):
 
 @dataclass(frozen=True, kw_only=True)
 class CrosstalkPlanes(Crosstalk):
-    """Crosstalk behind the filters for full planes: at every pixel what each channel would collect beside the mask's neighbours.
+    """Crosstalk behind the filters for full planes: at every pixel what each channel would collect beside the mask's
+    neighbours.
 
     Stands in front of ``no_mask`` where ``crosstalk`` stands behind a mosaic (``crosstalk = "through_filter"``).
     """
@@ -115,7 +121,8 @@ class CrosstalkPlanes(Crosstalk):
         found, channels = tuple(inputs["photon_rate"]["channel"].values()), mask_of(self.pattern).channels
         if found != channels:
             raise ValueError(
-                f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but photon_rate {', '.join(map(str, found))}"
+                f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but photon_rate "
+                f"{', '.join(map(str, found))}"
             )
         return {}
 

@@ -1,7 +1,8 @@
 """What a camera resolves up to each stage, from its transfer functions alone, and which part of it limits that.
 
 In:  the transfer functions of all stages, the pixel's weights.
-Out: MTF, MTF50, MTF10, cut-off, what lies beyond the Nyquist frequency, two-point separations, by ``stage``; MTF, gains by ``factor``.
+Out: MTF, MTF50, MTF10, cut-off, what lies beyond the Nyquist frequency, two-point separations, by ``stage``; MTF, gains
+     by ``factor``.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ def direction(angle: float) -> tuple[float, float]:
 class Observed:
     """Whose contrast is asked for.
 
-    ``weights``: (wavelength,) photons of the second channel (green) or the only one; None for all bands alike. ``channels``: (channel,
-    wavelength), those of all channels under light that is equally strong in all bands. ``light``: (wavelength,); None for such light.
+    ``weights``: (wavelength,) photons of the second channel (green) or the only one; None for all bands alike.
+    ``channels``: (channel, wavelength), those of all channels under light that is equally strong in all bands.
+    ``light``: (wavelength,); None for such light.
     """
 
     weights: Any
@@ -77,18 +79,23 @@ def factor_of(stage: Any) -> str:
     return "diffusion" if isinstance(stage, InSilicon | ChannelTransfer) else "lens"
 
 
-def half_contrast(otf: Any, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True) -> float:
-    """MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up to ``highest``."""
+def half_contrast(
+    otf: Any, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True
+) -> float:
+    """MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up to
+    ``highest``.
+    """
     own = signed(otf, observed, towards, rendering=False)
     grid = resolution.search_nodes(highest, nodes)
     return resolution.Curve(grid, own(grid)).half((lambda f: np.abs(own(f))) if solved else None)
 
 
 def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> Any:
-    """(factor,): MTF50 without each factor over MTF50 with it; of sampling, MTF50 over the Nyquist frequency, where above it.
+    """(factor,): MTF50 without each factor over MTF50 with it; of sampling, MTF50 over the Nyquist frequency, where
+    above it.
 
-    The rendering of the chart is no part of the camera and is left out. Where contrast then does not fall to one half up to
-    ``highest``, it stands for that MTF50: no more is known. NaN where it does not with all of the camera.
+    The rendering of the chart is no part of the camera and is left out. Where contrast then does not fall to one half
+    up to ``highest``, it stands for that MTF50: no more is known. NaN where it does not with all of the camera.
     """
     whole = mtf50(otf)
     if math.isnan(whole):
@@ -111,40 +118,57 @@ def factor_curves(otf: Any, observed: Observed, towards: tuple[float, float], pi
 
 def first_largest(values: Any) -> float:
     """Index of the largest; NaN where nothing is known, or nothing limits."""
-    return float(np.argmax(values)) if np.isfinite(values).any() and not np.isnan(values).any() and values.max() > 1 else math.nan
+    return (
+        float(np.argmax(values))
+        if np.isfinite(values).any() and not np.isnan(values).any() and values.max() > 1
+        else math.nan
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Resolution(Probe):
     """Analytic resolution up to each stage: the photon-weighted polychromatic transfer function along one direction.
 
-    The weights are those of the pixel's second channel (green; of a monochrome sensor its only one) in the light of the scene's white
-    behind the filters, or, of a scene that does not say it, in light that is equally strong in all bands. The row of the pixel holds the
-    charge that wanders, in front of the colour filters or behind them (``crosstalk``). It is the camera's curve: the softness with which
-    the scene's chart was drawn is in every picture of it and in ``edge_resolution``, and here only with ``rendering = true``.
+    The weights are those of the pixel's second channel (green; of a monochrome sensor its only one) in the light of the
+    scene's white behind the filters, or, of a scene that does not say it, in light that is equally strong in all bands.
+    The row of the pixel holds the charge that wanders, in front of the colour filters or behind them (``crosstalk``).
+    It is the camera's curve: the softness with which the scene's chart was drawn is in every picture of it and in
+    ``edge_resolution``, and here only with ``rendering = true``.
 
-    ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half, to a tenth; ``cut_off``: highest at
-    which it is ``cut_off_contrast``; NaN where that is not below ``highest``, and from the first stage on that moves
+    ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half, to a tenth; ``cut_off``: highest
+    at which it is ``cut_off_contrast``; NaN where that is not below ``highest``, and from the first stage on that moves
     light without being a transfer function. ``aliasing``: share of the energy of a line's picture (a white
-    spectrum) beyond the Nyquist frequency, which sampling folds back. ``sparrow`` and ``rayleigh``: separation of two points
-    between which there is no dip, and the dip of two Airy discs at Rayleigh's; the curve along the direction stands for all
-    directions. ``effective_*``: MTF50, but at most the Nyquist frequency. ``limiting_factor`` is the index into ``factor`` with the
-    largest ``resolution_gain``, which is how many times MTF50 would be without that factor; sampling's is MTF50 over the
-    Nyquist frequency. ``mtf`` is the whole curve up to each stage and ``factor_mtf`` that of each factor alone, at 65 frequencies to 1
-    cycle/pixel (``frequency``; ``frequency_lp_mm`` has them in cycles/mm); sampling has no transfer function and no curve.
+    spectrum) beyond the Nyquist frequency, which sampling folds back. ``sparrow`` and ``rayleigh``: separation of two
+    points between which there is no dip, and the dip of two Airy discs at Rayleigh's; the curve along the direction
+    stands for all directions. ``effective_*``: MTF50, but at most the Nyquist frequency. ``limiting_factor`` is the
+    index into ``factor`` with the largest ``resolution_gain``, which is how many times MTF50 would be without that
+    factor; sampling's is MTF50 over the Nyquist frequency. ``mtf`` is the whole curve up to each stage and
+    ``factor_mtf`` that of each factor alone, at 65 frequencies to 1 cycle/pixel (``frequency``; ``frequency_lp_mm`` has
+    them in cycles/mm); sampling has no transfer function and no curve.
     """
 
     role: ClassVar = "resolution"
     reads: ClassVar = {"transfers": "*.transfer [1]"}
     writes: ClassVar = {
-        "mtf50": "stage [cycles/um] nan", "mtf50_lp_mm": "stage [cycles/mm] nan", "mtf10": "stage [cycles/um] nan",
-        "cut_off": "stage [cycles/um] nan", "nyquist": "[cycles/um]", "mtf_nyquist": "stage [1] nan", "aliasing": "stage [1] nan",
-        "rayleigh": "stage [um] nan", "sparrow": "stage [um] nan",
-        "effective_lp_mm": "stage [cycles/mm] nan", "effective_cycles": "stage [cycles/pixel] nan",
-        "effective_line_widths": "stage [1] nan", "resolution_gain": "factor [1] nan", "limiting_factor": "[1] nan",
-        "mtf": "stage frequency [1] nan", "factor_mtf": "factor frequency [1] nan",
-        "frequency_lp_mm": "frequency [cycles/mm]", "nyquist_lp_mm": "[cycles/mm]",
-    }  # fmt: skip
+        "mtf50": "stage [cycles/um] nan",
+        "mtf50_lp_mm": "stage [cycles/mm] nan",
+        "mtf10": "stage [cycles/um] nan",
+        "cut_off": "stage [cycles/um] nan",
+        "nyquist": "[cycles/um]",
+        "mtf_nyquist": "stage [1] nan",
+        "aliasing": "stage [1] nan",
+        "rayleigh": "stage [um] nan",
+        "sparrow": "stage [um] nan",
+        "effective_lp_mm": "stage [cycles/mm] nan",
+        "effective_cycles": "stage [cycles/pixel] nan",
+        "effective_line_widths": "stage [1] nan",
+        "resolution_gain": "factor [1] nan",
+        "limiting_factor": "[1] nan",
+        "mtf": "stage frequency [1] nan",
+        "factor_mtf": "factor frequency [1] nan",
+        "frequency_lp_mm": "frequency [cycles/mm]",
+        "nyquist_lp_mm": "[cycles/mm]",
+    }
     unseen: ClassVar = dict.fromkeys(
         (*writes.keys() - {"nyquist", "nyquist_lp_mm", "frequency_lp_mm", "factor_mtf"},), (CROSSTALK, *PROCESSING)
     )
@@ -152,24 +176,42 @@ class Resolution(Probe):
     nanoseconds: ClassVar = 2.3e5
 
     pixel_pitch: float = quantity("pixel_pitch")
-    angle: float = param(0.0, units="deg", at_least=-180, at_most=180, doc="direction along which detail changes, from x towards y")
+    angle: float = param(
+        0.0, units="deg", at_least=-180, at_most=180, doc="direction along which detail changes, from x towards y"
+    )
     rendering: bool = param(False, doc="whether the softness or the cells of the scene's chart belong to the curve")
     cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
     highest: float = param(4.0, units="cycles/um", above=0, doc="where the search ends")
     solved: bool = param(
-        True, fidelity=True, exact=True, reference="true: on the curve itself", settings=(False, True), costs=(0.55, 1.0),
-        doc="whether crossings and contrast at the Nyquist frequency are asked of the curve itself; else splines on twice the nodes say",
-    )  # fmt: skip
+        True,
+        fidelity=True,
+        exact=True,
+        reference="true: on the curve itself",
+        settings=(False, True),
+        costs=(0.55, 1.0),
+        doc="whether crossings and contrast at the Nyquist frequency are asked of the curve itself; else splines on "
+        "twice the nodes say",
+    )
     point_nodes: int = param(
-        160, at_least=16, held=(16, 4096), fidelity=True, reference="320", settings=(48, 64, 96, 160, 240, 320),
+        160,
+        at_least=16,
+        held=(16, 4096),
+        fidelity=True,
+        reference="320",
+        settings=(48, 64, 96, 160, 240, 320),
         costs=(0.78, 0.78, 0.84, 1.0, 1.08, 1.1),
         doc="of the integral behind the picture of a point, on which separations rest",
-    )  # fmt: skip
+    )
     nodes: int = param(
-        512, at_least=16, held=(16, 16384), fidelity=True, reference="4096 nodes", settings=(32, 64, 128, 256, 512, 1024, 2048, 4096),
+        512,
+        at_least=16,
+        held=(16, 16384),
+        fidelity=True,
+        reference="4096 nodes",
+        settings=(32, 64, 128, 256, 512, 1024, 2048, 4096),
         costs=(0.95, 0.95, 0.95, 0.96, 1.0, 1.05, 1.17, 1.36),
         doc="frequencies at which a crossing is looked for, with splines between them",
-    )  # fmt: skip
+    )
 
     def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
         observed = self.observed(transfers, prepared)
@@ -188,12 +230,18 @@ class Resolution(Probe):
             known = {} if self.rendering else {otf.stages: found.mtf50 for otf, found in seen if found is not None}
             gain = gains(last[0], lambda otf: self.half(otf, observed, towards, known), nyquist, self.highest)
         return {
-            **by_stage, "mtf50_lp_mm": by_stage["mtf50"] * 1e3, "nyquist": np.array(nyquist),
-            "effective_lp_mm": effective * 1e3, "effective_cycles": effective * self.pixel_pitch,
+            **by_stage,
+            "mtf50_lp_mm": by_stage["mtf50"] * 1e3,
+            "nyquist": np.array(nyquist),
+            "effective_lp_mm": effective * 1e3,
+            "effective_cycles": effective * self.pixel_pitch,
             "effective_line_widths": 2 * effective * height,
-            "resolution_gain": gain, "limiting_factor": np.array(first_largest(gain)),
-            "mtf": self.curves([otf for otf, _ in seen], observed, towards), "factor_mtf": factors, **curves.beside(self.pixel_pitch),
-        }  # fmt: skip
+            "resolution_gain": gain,
+            "limiting_factor": np.array(first_largest(gain)),
+            "mtf": self.curves([otf for otf, _ in seen], observed, towards),
+            "factor_mtf": factors,
+            **curves.beside(self.pixel_pitch),
+        }
 
     def observed(self, transfers: Any, prepared: Any) -> Observed:
         if prepared is None:
@@ -205,14 +253,18 @@ class Resolution(Probe):
         return Observed(_shares(own * light), prepared, light)
 
     def curves(self, otfs: Any, observed: Observed, towards: tuple[float, float]) -> Any:
-        """(stage, frequency): contrast up to each stage, on the curve itself whatever the settings; NaN where no product is all of the
-        camera."""
+        """(stage, frequency): contrast up to each stage, on the curve itself whatever the settings; NaN where no
+        product is all of the camera."""
         at = curves.PER_PIXEL / self.pixel_pitch
-        found = [response(otf, observed, towards, self.rendering)(at) if otf.whole else curves.undefined() for otf in otfs]
+        found = [
+            response(otf, observed, towards, self.rendering)(at) if otf.whole else curves.undefined() for otf in otfs
+        ]
         return np.array(found).reshape(-1, curves.SAMPLES)
 
     def seen(self, otf: Any, observed: Observed, towards: tuple[float, float]) -> Seen | None:
-        """What does not depend on the pitch of the pixels behind, remembered for them; None where no product is all of the camera."""
+        """What does not depend on the pitch of the pixels behind, remembered for them; None where no product is all
+        of the camera.
+        """
         if not otf.whole:
             return None
         own = signed(otf, observed, towards, self.rendering)
@@ -223,7 +275,9 @@ class Resolution(Probe):
             crossings = curve.crossings(self.cut_off_contrast, (lambda f: np.abs(own(f))) if self.solved else None)
             ends = self.highest if math.isnan(crossings[2]) else crossings[2]
             within = 0.0 if self.solved else NEARLY
-            return Seen(curve, *crossings, *two_points.separations(curve.real, ends, nodes=self.point_nodes, within=within))
+            return Seen(
+                curve, *crossings, *two_points.separations(curve.real, ends, nodes=self.point_nodes, within=within)
+            )
 
         how = (self.rendering, self.highest, self.nodes, self.solved, self.cut_off_contrast, self.point_nodes)
         return cast(Seen, otf.once(("resolution", *observed.key, towards, how), make))
@@ -233,9 +287,13 @@ class Resolution(Probe):
         if otf.stages in known:
             return known[otf.stages]
         how = (self.highest, self.places(), self.solved)
-        return float(otf.once(("half", *observed.key, towards, how), lambda: half_contrast(otf, observed, towards, *how)))
+        return float(
+            otf.once(("half", *observed.key, towards, how), lambda: half_contrast(otf, observed, towards, *how))
+        )
 
-    def figures(self, otf: Any, seen: Seen | None, observed: Observed, towards: tuple[float, float], nyquist: float) -> dict[str, float]:
+    def figures(
+        self, otf: Any, seen: Seen | None, observed: Observed, towards: tuple[float, float], nyquist: float
+    ) -> dict[str, float]:
         if seen is None:
             return dict.fromkeys(_FIGURES, math.nan)
         if self.solved or nyquist > self.highest:
@@ -243,18 +301,25 @@ class Resolution(Probe):
         else:
             at_nyquist = max(float(seen.curve.contrast(nyquist)), 0.0)
         return {
-            "mtf50": seen.mtf50, "mtf10": seen.mtf10, "cut_off": seen.cut_off, "mtf_nyquist": at_nyquist,
-            "aliasing": seen.curve.beyond(nyquist), "rayleigh": seen.rayleigh, "sparrow": seen.sparrow,
-        }  # fmt: skip
+            "mtf50": seen.mtf50,
+            "mtf10": seen.mtf10,
+            "cut_off": seen.cut_off,
+            "mtf_nyquist": at_nyquist,
+            "aliasing": seen.curve.beyond(nyquist),
+            "rayleigh": seen.rayleigh,
+            "sparrow": seen.sparrow,
+        }
 
     def places(self) -> int:
         """Nodes of the splines."""
         return self.nodes if self.solved else 2 * self.nodes
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Largest of all figures, relative of frequencies and separations: by splines, crossings of them, and the integral of a point.
+        """Largest of all figures, relative of frequencies and separations: by splines, crossings of them, and the
+        integral of a point.
 
-        Crossings that are solved are right to 1e-9, where splines are no worse than 1e-3. Below 48 nodes a point may lose its ring.
+        Crossings that are solved are right to 1e-9, where splines are no worse than 1e-3. Below 48 nodes a point may
+        lose its ring.
         """
         on_splines = 0.0 if self.solved else 1.7e-2 * (128 / self.places()) ** 1.5
         points = 8e-5 * (48 / self.point_nodes) ** 2 if self.point_nodes >= 48 else 1.0

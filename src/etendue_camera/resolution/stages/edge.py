@@ -1,7 +1,8 @@
 """What a run resolves: a slanted edge measured in every picture of it, beside what the transfer functions say.
 
 In:  the pictures, transfer functions and white of all stages.
-Out: measured MTF50 with its interval, the analytic one along the same normal, their difference, flags, by ``stage``; what limits.
+Out: measured MTF50 with its interval, the analytic one along the same normal, their difference, flags, by ``stage``;
+     what limits.
 """
 
 from __future__ import annotations
@@ -43,29 +44,31 @@ LUMINANCE = (0.2126390058715104, 0.7151686787677559, 0.0721923153607337)  # of s
 class EdgeProbe(Probe):
     """The slanted edge of the pipeline's own scene, measured at every stage that has a picture.
 
-    One edge between even fields is looked for in every picture (2 to 43 degrees from rows and columns), or in a region about
-    a place on the image plane. Measured is luminance: of light, the photons of the pixel's second channel (green); behind the filters
-    that channel's plane, or its sites in the mosaic; of camera channels Y through the fitted matrix where there is
-    a ``colour_fit`` and ``white`` (green where not); Y of tristimulus values; Y of display primaries taken as sRGB's,
-    encoded ones decoded first with ``encoding``.
+    One edge between even fields is looked for in every picture (2 to 43 degrees from rows and columns), or in a region
+    about a place on the image plane. Measured is luminance: of light, the photons of the pixel's second channel
+    (green); behind the filters that channel's plane, or its sites in the mosaic; of camera channels Y through the
+    fitted matrix where there is a ``colour_fit`` and ``white`` (green where not); Y of tristimulus values; Y of display
+    primaries taken as sRGB's, encoded ones decoded first with ``encoding``.
 
-    ``edge_mtf50`` and its 95 % interval (bootstrap of the rows; NaN where a picture has no noise) and ``edge_mtf50_cycles`` are along
-    the edge's normal. A pixel is the camera's, also where the picture is light in front of it, on a grid of its own: so it is of
-    ``edge_mtf50_cycles``, of ``edge_aliasing`` (share of the line spread's energy above Nyquist), of the flag, and of ``edge_effective_*``:
-    MTF50, but at most Nyquist. ``edge_analytic`` is the frequency of half contrast of the transfer functions up to there under the scene's
-    own white, the rendering of its chart included: NaN from the first stage on that is not linear and shift-invariant, the
-    mosaic at the latest. ``edge_difference`` is measured minus analytic. ``edge_flags`` adds 1 (half contrast above Nyquist),
-    2 (not reached), 4 (clipped: in this picture, or in the mosaic in front of it), 8 (interval wider than a tenth),
-    16 (no edge to be measured). ``esfr`` is the whole measured response at 65 frequencies to 1 cycle/pixel (``frequency``;
-    ``frequency_lp_mm`` has them in cycles/mm), NaN beyond 1 cycle/sample of light on a grid coarser than the pixels, and
-    ``esfr_analytic`` that of the transfer functions.
+    ``edge_mtf50`` and its 95 % interval (bootstrap of the rows; NaN where a picture has no noise) and
+    ``edge_mtf50_cycles`` are along the edge's normal. A pixel is the camera's, also where the picture is light in front
+    of it, on a grid of its own: so it is of ``edge_mtf50_cycles``, of ``edge_aliasing`` (share of the line spread's
+    energy above Nyquist), of the flag, and of ``edge_effective_*``: MTF50, but at most Nyquist. ``edge_analytic`` is
+    the frequency of half contrast of the transfer functions up to there under the scene's own white, the rendering of
+    its chart included: NaN from the first stage on that is not linear and shift-invariant, the mosaic at the latest.
+    ``edge_difference`` is measured minus analytic. ``edge_flags`` adds 1 (half contrast above Nyquist), 2 (not
+    reached), 4 (clipped: in this picture, or in the mosaic in front of it), 8 (interval wider than a tenth), 16 (no
+    edge to be measured). ``esfr`` is the whole measured response at 65 frequencies to 1 cycle/pixel (``frequency``;
+    ``frequency_lp_mm`` has them in cycles/mm), NaN beyond 1 cycle/sample of light on a grid coarser than the pixels,
+    and ``esfr_analytic`` that of the transfer functions.
 
-    ``limiting_factor`` is an index into ``factor``: noise where the interval of the mosaic and that of the first picture in
-    camera channels, both ended at Nyquist, are wider than a tenth, or hide an edge that the pixels do show; else the largest
-    ``resolution_gain``: how many times MTF50 would be without the factor. Lens, diffusion, geometry and sampling are analytic
-    (see ``resolution``), demosaic is MTF50 of the pixels over that of the first ``rgb_camera``, each at most Nyquist, noise 1 and
-    the width of the narrower interval over MTF50. It is NaN where pixels are clipped, where the analytic gains are not known
-    (a lens that is no transfer function), and where the pixels' own picture, free of noise, shows no edge.
+    ``limiting_factor`` is an index into ``factor``: noise where the interval of the mosaic and that of the first
+    picture in camera channels, both ended at Nyquist, are wider than a tenth, or hide an edge that the pixels do show;
+    else the largest ``resolution_gain``: how many times MTF50 would be without the factor. Lens, diffusion, geometry
+    and sampling are analytic (see ``resolution``), demosaic is MTF50 of the pixels over that of the first
+    ``rgb_camera``, each at most Nyquist, noise 1 and the width of the narrower interval over MTF50. It is NaN where
+    pixels are clipped, where the analytic gains are not known (a lens that is no transfer function), and where the
+    pixels' own picture, free of noise, shows no edge.
     """
 
     role: ClassVar = "resolution"
@@ -85,15 +88,26 @@ class EdgeProbe(Probe):
     }
     beside: ClassVar = ("transfers", "lights", "matrices", "whites")
     writes: ClassVar = {
-        "edge_mtf50": "stage [cycles/um] nan", "edge_mtf50_low": "stage [cycles/um] nan", "edge_mtf50_high": "stage [cycles/um] nan",
-        "edge_mtf50_cycles": "stage [cycles/pixel] nan", "edge_effective_lp_mm": "stage [cycles/mm] nan",
-        "edge_effective_cycles": "stage [cycles/pixel] nan", "edge_effective_line_widths": "stage [1] nan",
-        "edge_mtf10": "stage [cycles/um] nan", "edge_aliasing": "stage [1] nan",
-        "edge_angle": "stage [deg] nan", "edge_analytic": "stage [cycles/um] nan", "edge_difference": "stage [cycles/um] nan",
-        "edge_flags": "stage [1] uint8", "resolution_gain": "factor [1] nan", "limiting_factor": "[1] nan",
-        "esfr": "stage frequency [1] nan", "esfr_analytic": "stage frequency [1] nan",
-        "frequency_lp_mm": "frequency [cycles/mm]", "nyquist_lp_mm": "[cycles/mm]",
-    }  # fmt: skip
+        "edge_mtf50": "stage [cycles/um] nan",
+        "edge_mtf50_low": "stage [cycles/um] nan",
+        "edge_mtf50_high": "stage [cycles/um] nan",
+        "edge_mtf50_cycles": "stage [cycles/pixel] nan",
+        "edge_effective_lp_mm": "stage [cycles/mm] nan",
+        "edge_effective_cycles": "stage [cycles/pixel] nan",
+        "edge_effective_line_widths": "stage [1] nan",
+        "edge_mtf10": "stage [cycles/um] nan",
+        "edge_aliasing": "stage [1] nan",
+        "edge_angle": "stage [deg] nan",
+        "edge_analytic": "stage [cycles/um] nan",
+        "edge_difference": "stage [cycles/um] nan",
+        "edge_flags": "stage [1] uint8",
+        "resolution_gain": "factor [1] nan",
+        "limiting_factor": "[1] nan",
+        "esfr": "stage frequency [1] nan",
+        "esfr_analytic": "stage frequency [1] nan",
+        "frequency_lp_mm": "frequency [cycles/mm]",
+        "nyquist_lp_mm": "[cycles/mm]",
+    }
     creates: ClassVar = {"factor": Labels(EVERY_FACTOR), "frequency": curves.FREQUENCY}
     nanoseconds: ClassVar = 9e5
 
@@ -101,38 +115,65 @@ class EdgeProbe(Probe):
     pattern: str = quantity("pattern")
     centre_y: float = param(0.0, units="um", doc="middle of the region on the image plane, where it has a size")
     centre_x: float = param(0.0, units="um", doc="the same along x")
-    region_height: float = param(0.0, units="um", at_least=0, doc="size of the region; 0: the strongest edge is looked for")
+    region_height: float = param(
+        0.0, units="um", at_least=0, doc="size of the region; 0: the strongest edge is looked for"
+    )
     region_width: float = param(0.0, units="um", at_least=0, doc="the same along x")
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"), doc="of rgb_display, as the stage encode has it")
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
     tails: bool = param(True, doc="whether light beyond the region is extrapolated; not under uneven light")
     draws: int = param(
-        400, at_least=50, at_most=100_000, fidelity=True, reference="6400 draws", studied=True, settings=(50, 100, 200, 400, 1600, 6400),
+        400,
+        at_least=50,
+        at_most=100_000,
+        fidelity=True,
+        reference="6400 draws",
+        studied=True,
+        settings=(50, 100, 200, 400, 1600, 6400),
         doc="of the bootstrap",
-    )  # fmt: skip
+    )
     highest: float = param(4.0, units="cycles/um", above=0, doc="where the search for the analytic MTF50 ends")
     nodes: int = param(
-        512, at_least=16, held=(16, 16384), fidelity=True, reference="1024 nodes", settings=(64, 128, 256, 512, 1024),
+        512,
+        at_least=16,
+        held=(16, 16384),
+        fidelity=True,
+        reference="1024 nodes",
+        settings=(64, 128, 256, 512, 1024),
         doc="frequencies at which a crossing is looked for",
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         if (self.region_height > 0) != (self.region_width > 0):
             raise ValueError(
-                f"region_height is {self.region_height:g} and region_width {self.region_width:g}; give both, or neither to have the edge "
+                f"region_height is {self.region_height:g} and region_width {self.region_width:g}; give both, or "
+                f"neither to have the edge "
                 "found"
             )
 
     # -- pictures ------------------------------------------------------------------------------------------------
 
     def run(
-        self, transfers: Any, lights: Any, matrices: Any, whites: Any, irradiance: Any, photon_rate: Any, mosaic_linear: Any,
-        rgb_camera: Any, xyz_scene: Any, rgb_linear: Any, rgb_display: Any, stage: Any,
-    ) -> dict[str, Any]:  # fmt: skip
+        self,
+        transfers: Any,
+        lights: Any,
+        matrices: Any,
+        whites: Any,
+        irradiance: Any,
+        photon_rate: Any,
+        mosaic_linear: Any,
+        rgb_camera: Any,
+        xyz_scene: Any,
+        rgb_linear: Any,
+        rgb_display: Any,
+        stage: Any,
+    ) -> dict[str, Any]:
         light = lights[-1][1].astype(float) if lights else None
         channels = next((otf.weights for _, otf in transfers if otf.weights is not None), None)
         green = _second(channels)
-        observed = Observed(green if light is None or green is None else green * light, channels, light)  # of a grey chart
+        observed = Observed(
+            green if light is None or green is None else green * light, channels, light
+        )  # of a grey chart
         y_row = _luminance(matrices, whites)
         display = np.array(LUMINANCE)
         taken: dict[str, Callable[[Any], Any]] = {
@@ -145,9 +186,14 @@ class EdgeProbe(Probe):
             "rgb_display": lambda a: _mixed(display, self.decoded(a)),
         }
         given = {
-            "irradiance": irradiance, "photon_rate": photon_rate, "mosaic_linear": mosaic_linear, "rgb_camera": rgb_camera,
-            "xyz_scene": xyz_scene, "rgb_linear": rgb_linear, "rgb_display": rgb_display,
-        }  # fmt: skip
+            "irradiance": irradiance,
+            "photon_rate": photon_rate,
+            "mosaic_linear": mosaic_linear,
+            "rgb_camera": rgb_camera,
+            "xyz_scene": xyz_scene,
+            "rgb_linear": rgb_linear,
+            "rgb_display": rgb_display,
+        }
         if rgb_display and rgb_linear:
             self.check_encoding(rgb_linear[-1][1], rgb_display[-1][1])
         found: dict[str, tuple[str, Edge | None, float]] = {}
@@ -164,13 +210,17 @@ class EdgeProbe(Probe):
         effective = edge["edge_effective_cycles"] / self.pixel_pitch
         gain, limiting = self.limits(transfers, observed, [(name, *found[name]) for name in stage], clipped)
         return {
-            **edge, "edge_effective_lp_mm": effective * 1e3, "edge_effective_line_widths": 2 * effective * picture_height(transfers),
-            "edge_analytic": known, "edge_difference": edge["edge_mtf50"] - known,
-            "resolution_gain": gain, "limiting_factor": np.array(limiting),
+            **edge,
+            "edge_effective_lp_mm": effective * 1e3,
+            "edge_effective_line_widths": 2 * effective * picture_height(transfers),
+            "edge_analytic": known,
+            "edge_difference": edge["edge_mtf50"] - known,
+            "resolution_gain": gain,
+            "limiting_factor": np.array(limiting),
             "esfr": np.array([self.measured_curve(*found[name][1:]) for name in stage]).reshape(-1, curves.SAMPLES),
             "esfr_analytic": np.array([analytic[name][1] for name in stage]).reshape(-1, curves.SAMPLES),
             **curves.beside(self.pixel_pitch),
-        }  # fmt: skip
+        }
 
     def measured_curve(self, edge: Edge | None, step: float) -> Any:
         """(frequency,): of an edge in samples of ``step`` um."""
@@ -185,7 +235,8 @@ class EdgeProbe(Probe):
         apart = float(np.abs(np.clip(linear, 0, 1) - self.decoded(encoded)).max(initial=0.0))
         if apart > 0.01:
             raise ValueError(
-                f"rgb_display decoded as {self.encoding} is {apart:.2g} from rgb_linear: give this stage the encoding and the exponent of "
+                f"rgb_display decoded as {self.encoding} is {apart:.2g} from rgb_linear: give this stage the encoding "
+                f"and the exponent of "
                 "the stage encode"
             )
 
@@ -203,7 +254,14 @@ class EdgeProbe(Probe):
 
         def make() -> Edge | None:
             picture = Picture(np.ascontiguousarray(taken(_first(array, variable)), dtype=float), sites)
-            return known_edge(picture, window, limits, 0 if variable in NOISE_FREE else self.draws, self.tails, variable == "irradiance")
+            return known_edge(
+                picture,
+                window,
+                limits,
+                0 if variable in NOISE_FREE else self.draws,
+                self.tails,
+                variable == "irradiance",
+            )
 
         if variable != "irradiance" or not isinstance(array, np.ndarray):
             return make()
@@ -229,7 +287,9 @@ class EdgeProbe(Probe):
     # -- what the transfer functions say --------------------------------------------------------------------------
 
     def analytic(self, transfers: Any, observed: Observed, found: Any) -> dict[str, tuple[float, Any]]:
-        """MTF50 and the curve along each picture's own normal, NaN where no product of transfer functions is what made the picture."""
+        """MTF50 and the curve along each picture's own normal, NaN where no product of transfer functions is what
+        made the picture.
+        """
         by_name = dict(transfers)
         values: dict[str, tuple[float, Any]] = {}
         current = transfers[0][1].without([name for name, _ in transfers[0][1].parts]) if transfers else None
@@ -266,10 +326,14 @@ class EdgeProbe(Probe):
 
             gain[: len(FACTORS)] = gains(pixel, half, nyquist, self.highest)
             spread = half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
-        first = {variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)}  # picture of each kind
+        first = {
+            variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)
+        }  # picture of each kind
         if clipped:
             return gain, math.nan
-        (before, pixels), (after, behind) = (first.get(variable, (None, 1.0)) for variable in ("photon_rate", "rgb_camera"))
+        (before, pixels), (after, behind) = (
+            first.get(variable, (None, 1.0)) for variable in ("photon_rate", "rgb_camera")
+        )
         if before is not None and after is not None:
             gain[EVERY_FACTOR.index("demosaic")] = _effective(before, pixels, spread) / _effective(after, behind)
         read_out = [seen for variable, seen in first.items() if variable not in NOISE_FREE]
@@ -283,14 +347,23 @@ class EdgeProbe(Probe):
         return gain, first_largest(np.where(np.isnan(gain), 0.0, gain)[:-1])
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of a noise-free edge before the mosaic; with noise the interval says more. Of what the transfer functions say, by the nodes."""
+        """Of a noise-free edge before the mosaic; with noise the interval says more. Of what the transfer functions
+        say, by the nodes.
+        """
         return 5e-3 + 1e-6 * (64 / self.nodes) ** 3, "measured"
 
 
 _COLUMNS = (
-    "edge_mtf50", "edge_mtf50_low", "edge_mtf50_high", "edge_mtf50_cycles", "edge_effective_cycles", "edge_mtf10", "edge_aliasing",
-    "edge_angle", "edge_flags",
-)  # fmt: skip
+    "edge_mtf50",
+    "edge_mtf50_low",
+    "edge_mtf50_high",
+    "edge_mtf50_cycles",
+    "edge_effective_cycles",
+    "edge_mtf10",
+    "edge_aliasing",
+    "edge_angle",
+    "edge_flags",
+)
 
 
 def _row(edge: Edge | None, step: float, pitch: float) -> dict[str, float]:
@@ -299,14 +372,21 @@ def _row(edge: Edge | None, step: float, pitch: float) -> dict[str, float]:
         return {**dict.fromkeys(_COLUMNS, math.nan), "edge_flags": FLAGS["no_edge"]}
     per_pixel = pitch / step
     cycles = edge.mtf50 * per_pixel
-    flags = sum(FLAGS[name] for name in FLAGS if getattr(edge, name, False)) + (FLAGS["above_nyquist"] if cycles > NYQUIST else 0)
+    flags = sum(FLAGS[name] for name in FLAGS if getattr(edge, name, False)) + (
+        FLAGS["above_nyquist"] if cycles > NYQUIST else 0
+    )
     seen = edge.frequency * per_pixel
     return {
-        "edge_mtf50": edge.mtf50 / step, "edge_mtf50_low": edge.mtf50_low / step, "edge_mtf50_high": edge.mtf50_high / step,
-        "edge_mtf50_cycles": cycles, "edge_effective_cycles": _effective(edge, per_pixel), "edge_mtf10": edge.mtf10 / step,
+        "edge_mtf50": edge.mtf50 / step,
+        "edge_mtf50_low": edge.mtf50_low / step,
+        "edge_mtf50_high": edge.mtf50_high / step,
+        "edge_mtf50_cycles": cycles,
+        "edge_effective_cycles": _effective(edge, per_pixel),
+        "edge_mtf10": edge.mtf10 / step,
         "edge_aliasing": slanted_edge.folded(seen, edge.sfr) if seen[-1] > NYQUIST else math.nan,
-        "edge_angle": edge.angle, "edge_flags": flags,
-    }  # fmt: skip
+        "edge_angle": edge.angle,
+        "edge_flags": flags,
+    }
 
 
 def _carry(rows: dict[str, dict[str, float]], mosaic: list[str], stage: Any, clipped: bool) -> None:
@@ -355,7 +435,9 @@ def _second(weights: Any) -> Any:
 
 
 def _mixed(weights: Any, planes: Any) -> Any:
-    own = weights if weights is not None and len(weights) == len(planes) else np.eye(len(planes))[min(1, len(planes) - 1)]
+    own = (
+        weights if weights is not None and len(weights) == len(planes) else np.eye(len(planes))[min(1, len(planes) - 1)]
+    )
     return np.tensordot(own.astype(planes.dtype), planes, 1)
 
 

@@ -31,7 +31,9 @@ REMEMBERED = 512
 
 @dataclass(frozen=True)
 class Edge:
-    """Frequencies in cycles per sample of the picture, along the normal; the interval is NaN where there is no noise."""
+    """Frequencies in cycles per sample of the picture, along the normal; the interval is NaN where there is no
+    noise.
+    """
 
     mtf50: float
     mtf50_low: float
@@ -77,10 +79,15 @@ def once_for(array: Any, asked: Any, make: Callable[[], Edge | None]) -> Edge | 
 
 
 def known_edge(
-    picture: Picture, window: Window | None, limits: tuple[float, float] | None, draws: int, tails: bool, bordered: bool = False
+    picture: Picture,
+    window: Window | None,
+    limits: tuple[float, float] | None,
+    draws: int,
+    tails: bool,
+    bordered: bool = False,
 ) -> Edge | None:
-    """The edge in a window, or the strongest there is; ``draws`` 0 for a picture without noise, ``bordered`` for one that
-    is continued by its mirror image."""
+    """The edge in a window, or the strongest there is; ``draws`` 0 for a picture without noise, ``bordered`` for one
+    that is continued by its mirror image."""
     key = (picture.digest, window, limits, draws, tails, bordered)
     with _lock:
         if key in _known:
@@ -97,7 +104,13 @@ def known_edge(
 
 
 def _measured(
-    plane: Any, sites: Any, window: Window | None, limits: tuple[float, float] | None, draws: int, tails: bool, bordered: bool
+    plane: Any,
+    sites: Any,
+    window: Window | None,
+    limits: tuple[float, float] | None,
+    draws: int,
+    tails: bool,
+    bordered: bool,
 ) -> Edge:
     if window is None:
         window, sites = _found(plane, sites)
@@ -136,7 +149,8 @@ def _slices(window: Window) -> tuple[slice, slice]:
 def _inner(window: Window, shape: tuple[int, ...]) -> Window | None:
     """The part of a window in the middle of the frame, None where it is too small to measure in.
 
-    Behind the border of the light stands its mirror image: near it the light that a lens has thrown far is not that of an edge.
+    Behind the border of the light stands its mirror image: near it the light that a lens has thrown far is not that of
+    an edge.
     """
     found: list[int] = []
     for low, high, size in ((*window[:2], shape[0]), (*window[2:], shape[1])):
@@ -169,13 +183,31 @@ def _middle(plane: Any) -> tuple[slice, slice]:
 
 def _certain(found: EdgeResponse, whole: EdgeResolution | None = None) -> Edge:
     return Edge(
-        found.mtf50, math.nan, math.nan, found.mtf10, found.angle, found.vertical, found.not_reached,
-        clipped=whole is not None and whole.clipped, noisy=False, frequency=found.frequency, sfr=found.sfr,
-    )  # fmt: skip
+        found.mtf50,
+        math.nan,
+        math.nan,
+        found.mtf10,
+        found.angle,
+        found.vertical,
+        found.not_reached,
+        clipped=whole is not None and whole.clipped,
+        noisy=False,
+        frequency=found.frequency,
+        sfr=found.sfr,
+    )
 
 
 def _edge(found: EdgeResolution) -> Edge:
     return Edge(
-        found.mtf50, found.mtf50_low, found.mtf50_high, found.mtf10, found.angle, found.vertical, found.not_reached,
-        found.clipped, found.noisy, found.response.frequency, found.response.sfr,
-    )  # fmt: skip
+        found.mtf50,
+        found.mtf50_low,
+        found.mtf50_high,
+        found.mtf10,
+        found.angle,
+        found.vertical,
+        found.not_reached,
+        found.clipped,
+        found.noisy,
+        found.response.frequency,
+        found.response.sfr,
+    )

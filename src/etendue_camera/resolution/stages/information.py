@@ -24,18 +24,21 @@ FREQUENCIES = 33  # from 0 to Nyquist
 
 @dataclass(frozen=True, kw_only=True)
 class Information(KnownNoise, Probe):
-    """Information capacity up to each stage, noise equivalent quanta and the ideal observer, of grey detail about the picture's mean.
+    """Information capacity up to each stage, noise equivalent quanta and the ideal observer, of grey detail about the
+    picture's mean.
 
-    The mean charge of every channel is that of the picture (``expected_charge``), and the light's part of it that of ``photocurrent``
-    beside the dark current. Its noise is shot noise, ``read_noise``, ``dsnu``, rounding, and what the stages in front say of PRNU, of the
-    spread of the dark current, and of rows and columns. All pixels of the mosaic are taken together, each by its own noise; the stages
-    behind the mosaic are not looked at, see ``etendue information``.
+    The mean charge of every channel is that of the picture (``expected_charge``), and the light's part of it that of
+    ``photocurrent`` beside the dark current. Its noise is shot noise, ``read_noise``, ``dsnu``, rounding, and what the
+    stages in front say of PRNU, of the spread of the dark current, and of rows and columns. All pixels of the mosaic
+    are taken together, each by its own noise; the stages behind the mosaic are not looked at, see
+    ``etendue information``.
 
-    ``information_capacity``: bits a pixel, half the integral over the Nyquist square of log2(1 + variance NEQ), with the blurs up to a
-    stage and all of the noise; ``information_of_light`` is that of the photoelectrons alone, without blur and with their shot noise.
-    The signal is light between two levels of ``contrast_ratio``, all equally likely, with the same power up to Nyquist: variance
-    (range/mean)^2 / 12. ``neq`` is along x, in quanta a pixel. ``snri``: of a Gaussian spot ``object_size`` pixels wide at half height.
-    NaN from the first stage on that moves light without being a transfer function.
+    ``information_capacity``: bits a pixel, half the integral over the Nyquist square of log2(1 + variance NEQ), with
+    the blurs up to a stage and all of the noise; ``information_of_light`` is that of the photoelectrons alone, without
+    blur and with their shot noise. The signal is light between two levels of ``contrast_ratio``, all equally likely,
+    with the same power up to Nyquist: variance (range/mean)^2 / 12. ``neq`` is along x, in quanta a pixel. ``snri``: of
+    a Gaussian spot ``object_size`` pixels wide at half height. NaN from the first stage on that moves light without
+    being a transfer function.
     """
 
     role: ClassVar = "resolution"
@@ -49,14 +52,21 @@ class Information(KnownNoise, Probe):
     }
     beside: ClassVar = ("lights", "charges", "currents", "sheets")
     writes: ClassVar = {
-        "information_capacity": "stage [1] nan", "information_of_light": "[1] nan", "snri": "stage [1] nan", "neq": "detail [1] nan",
-    }  # fmt: skip
-    unseen: ClassVar = dict.fromkeys(("information_capacity", "snri", "neq"), (CROSSTALK, *DEFECTIVE, *PROCESSING, "merging"))
+        "information_capacity": "stage [1] nan",
+        "information_of_light": "[1] nan",
+        "snri": "stage [1] nan",
+        "neq": "detail [1] nan",
+    }
+    unseen: ClassVar = dict.fromkeys(
+        ("information_capacity", "snri", "neq"), (CROSSTALK, *DEFECTIVE, *PROCESSING, "merging")
+    )
     creates: ClassVar = {"detail": Line(FREQUENCIES, 0.0, 0.5 / (FREQUENCIES - 1), "cycles/pixel")}
     nanoseconds: ClassVar = 2e7
 
     pattern: str = quantity("pattern")
-    prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel, where no stage says it")
+    prnu: float = param(
+        0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel, where no stage says it"
+    )
     contrast_ratio: float = param(4.0, above=1, at_most=1e6, doc="of the brightest to the darkest detail")
     object_size: float = param(4.0, at_least=0.5, at_most=12, units="pixel", doc="width of the spot at half height")
     object_contrast: float = param(0.05, above=0, at_most=1, doc="of the spot, at its peak")
@@ -81,7 +91,9 @@ class Information(KnownNoise, Probe):
             """(m, n): of all channels together."""
             return sum(
                 share * information.neq(e * contrast, variance)
-                for share, e, variance, contrast in zip(shares, light, noise, self.contrasts(otf, colours, white, fy, fx), strict=True)
+                for share, e, variance, contrast in zip(
+                    shares, light, noise, self.contrasts(otf, colours, white, fy, fx), strict=True
+                )
             )
 
         for number, (_, otf) in enumerate(transfers):
@@ -90,7 +102,11 @@ class Information(KnownNoise, Probe):
                 found["information_capacity"][number] = information.capacity(seen, square, variance)
                 found["snri"][number] = information.ideal_observer(seen, spot, square, self.object_contrast)
         neq = quanta(pixel, np.zeros(1), np.linspace(0.0, 0.5, FREQUENCIES))[0] if pixel.whole else nothing["neq"]
-        return {**found, "information_of_light": np.array(0.5 * math.log2(1 + variance * float(np.dot(shares, light)))), "neq": neq}
+        return {
+            **found,
+            "information_of_light": np.array(0.5 * math.log2(1 + variance * float(np.dot(shares, light)))),
+            "neq": neq,
+        }
 
     def contrasts(self, otf: Any, colours: Any, white: Any, fy: Any, fx: Any) -> Any:
         """(channel, m, n) at frequencies in cycles/pixel."""
@@ -112,7 +128,10 @@ class Information(KnownNoise, Probe):
             light = charge * (current / (current + dark))
         floor = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
         floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
-        patterns = (math.hypot(*said) if said else self.prnu) * light, (spread / dark if dark > 0 else 0.0) * (charge - light)
+        patterns = (
+            (math.hypot(*said) if said else self.prnu) * light,
+            (spread / dark if dark > 0 else 0.0) * (charge - light),
+        )
         return light, charge + floor + patterns[0] ** 2 + patterns[1] ** 2
 
     def shares(self) -> Any:
@@ -126,7 +145,9 @@ class Information(KnownNoise, Probe):
         mosaic = mosaic.reshape(-1, *mosaic.shape[-2:])[0]
         y, x, mask = grid.line("y"), grid.line("x"), mask_of(self.pattern)
         index = cfa.channel_index(mask, y.size, x.size, round(y.start), round(x.start))
-        return np.array([float(np.mean(mosaic[index == c])) if np.any(index == c) else math.nan for c in range(len(mask.channels))])
+        return np.array(
+            [float(np.mean(mosaic[index == c])) if np.any(index == c) else math.nan for c in range(len(mask.channels))]
+        )
 
     @staticmethod
     def colours(weights: Any, light: Any) -> Any:

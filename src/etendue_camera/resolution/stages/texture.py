@@ -16,7 +16,16 @@ import scipy
 
 from etendue.api import Probe, param, quantity
 from etendue_camera.resolution.siemens import StarResponse, star_response
-from etendue_camera.resolution.stages.edge import LUMINANCE, NOISE_FREE, SATURATED, EdgeProbe, _first, _luminance, _mixed, _second
+from etendue_camera.resolution.stages.edge import (
+    LUMINANCE,
+    NOISE_FREE,
+    SATURATED,
+    EdgeProbe,
+    _first,
+    _luminance,
+    _mixed,
+    _second,
+)
 from etendue_camera.resolution.stages.edge_pictures import FAINTEST
 from etendue_camera.resolution.texture import SMALLEST, TextureResponse, texture_response
 from etendue_camera.sensor.stages.masks import mask_of
@@ -31,7 +40,9 @@ DOUBTFUL = 0.05  # standard error of the response at half contrast from which on
 
 @dataclass(frozen=True, kw_only=True)
 class _Pictures(Probe):
-    """The luminance of every picture of a run, as `edge_resolution` has it. Cycles per pixel count camera pixels at every stage."""
+    """The luminance of every picture of a run, as `edge_resolution` has it. Cycles per pixel count camera pixels at
+    every stage.
+    """
 
     role: ClassVar = "resolution"
     with_grids: ClassVar = True
@@ -43,8 +54,12 @@ class _Pictures(Probe):
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"), doc="of rgb_display, as the stage encode has it")
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
 
-    def planes(self, transfers: Any, matrices: Any, whites: Any, given: dict[str, Any]) -> Iterator[tuple[str, str, Any, Any]]:
-        """(stage, variable, plane, grid); the plane is None where it is clipped or shows one colour here and another there."""
+    def planes(
+        self, transfers: Any, matrices: Any, whites: Any, given: dict[str, Any]
+    ) -> Iterator[tuple[str, str, Any, Any]]:
+        """(stage, variable, plane, grid); the plane is None where it is clipped or shows one colour here and another
+        there.
+        """
         green = _second(next((otf.weights for _, otf in transfers if otf.weights is not None), None))
         y_row, display = _luminance(matrices, whites), np.array(LUMINANCE)
         edge = EdgeProbe(encoding=self.encoding, exponent=self.exponent)  # decodes
@@ -57,7 +72,9 @@ class _Pictures(Probe):
             "rgb_camera": lambda a: _mixed(y_row, a),
             "xyz_scene": lambda a: a[1],
             "rgb_linear": lambda a: _mixed(display, a),
-            "rgb_display": lambda a: None if _clipped(a) or _clipped(1 - np.asarray(a)) else _mixed(display, edge.decoded(a)),
+            "rgb_display": lambda a: (
+                None if _clipped(a) or _clipped(1 - np.asarray(a)) else _mixed(display, edge.decoded(a))
+            ),
         }
         clipped = any(_clipped(array) for _, array, _ in given["mosaic_linear"][:1])
         for variable, pictures in given.items():
@@ -70,37 +87,60 @@ class _Pictures(Probe):
 class StarProbe(_Pictures):
     """The sinusoidal Siemens star of the pipeline's own scene, measured at every stage that has a picture.
 
-    Luminance is measured as in ``edge_resolution``, over the whole of every picture: the mosaic of several colours is left out.
-    ``cycles`` and ``radius`` are those of the scene; of a star that does not fit into a picture what fits is measured. Frequencies
-    are means over all directions, the rendering of the chart included.
+    Luminance is measured as in ``edge_resolution``, over the whole of every picture: the mosaic of several colours is
+    left out. ``cycles`` and ``radius`` are those of the scene; of a star that does not fit into a picture what fits is
+    measured. Frequencies are means over all directions, the rendering of the chart included.
 
-    Contrast is divided by that of the star in front of the lens (what the outer rings of the first ``irradiance`` tend to towards
-    frequency 0), so that a camera's veiling glare counts as contrast lost.
+    Contrast is divided by that of the star in front of the lens (what the outer rings of the first ``irradiance`` tend
+    to towards frequency 0), so that a camera's veiling glare counts as contrast lost.
 
-    NaN where there is no star of so many cycles about that centre, where it is fainter than 2 % or than what is left about the fitted
-    star, where the picture is too small for rings below half contrast, clipped, or half contrast is not reached at ``highest``.
+    NaN where there is no star of so many cycles about that centre, where it is fainter than 2 % or than what is left
+    about the fitted star, where the picture is too small for rings below half contrast, clipped, or half contrast is
+    not reached at ``highest``.
     """
 
     writes: ClassVar = {
-        "star_mtf50": "stage [cycles/um] nan", "star_mtf50_cycles": "stage [cycles/pixel] nan", "star_mtf10": "stage [cycles/um] nan",
-    }  # fmt: skip
+        "star_mtf50": "stage [cycles/um] nan",
+        "star_mtf50_cycles": "stage [cycles/pixel] nan",
+        "star_mtf10": "stage [cycles/um] nan",
+    }
     nanoseconds: ClassVar = 1e8
 
     cycles: int = param(36, at_least=8, doc="of the star, as the scene has it")
     radius: float = param(400.0, units="um", above=0, doc="of the star on the image plane, as the scene has it")
-    centre_y: float = param(0.0, units="um", doc="its centre on the image plane, right to a quarter of the finest cycle")
+    centre_y: float = param(
+        0.0, units="um", doc="its centre on the image plane, right to a quarter of the finest cycle"
+    )
     centre_x: float = param(0.0, units="um", doc="the same along x")
-    contrast: float = param(0.0, at_least=0, at_most=1, doc="(light - dark)/(light + dark) of the star; 0: that of the first irradiance")
+    contrast: float = param(
+        0.0, at_least=0, at_most=1, doc="(light - dark)/(light + dark) of the star; 0: that of the first irradiance"
+    )
     highest: float = param(0.7, above=0, at_most=1, doc="cycles/pixel of the innermost ring")
 
     def run(
-        self, transfers: Any, lights: Any, matrices: Any, whites: Any, irradiance: Any, photon_rate: Any, mosaic_linear: Any,
-        rgb_camera: Any, xyz_scene: Any, rgb_linear: Any, rgb_display: Any, stage: Any,
-    ) -> dict[str, Any]:  # fmt: skip
+        self,
+        transfers: Any,
+        lights: Any,
+        matrices: Any,
+        whites: Any,
+        irradiance: Any,
+        photon_rate: Any,
+        mosaic_linear: Any,
+        rgb_camera: Any,
+        xyz_scene: Any,
+        rgb_linear: Any,
+        rgb_display: Any,
+        stage: Any,
+    ) -> dict[str, Any]:
         given = {
-            "irradiance": irradiance, "photon_rate": photon_rate, "mosaic_linear": mosaic_linear, "rgb_camera": rgb_camera,
-            "xyz_scene": xyz_scene, "rgb_linear": rgb_linear, "rgb_display": rgb_display,
-        }  # fmt: skip
+            "irradiance": irradiance,
+            "photon_rate": photon_rate,
+            "mosaic_linear": mosaic_linear,
+            "rgb_camera": rgb_camera,
+            "xyz_scene": xyz_scene,
+            "rgb_linear": rgb_linear,
+            "rgb_display": rgb_display,
+        }
         found = {}
         contrast = self.contrast
         for name, variable, plane, grid in self.planes(transfers, matrices, whites, given):
@@ -115,22 +155,33 @@ class StarProbe(_Pictures):
 
     def measured(self, plane: Any, grid: Any, contrast: float) -> StarResponse | None:
         """The star of a picture, None where there is none; contrast 0 where it is not known."""
-        places = [(c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)]
+        places = [
+            (c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)
+        ]
         room = min(min(place, size - 1 - place) for place, size in zip(places, plane.shape, strict=True)) - MARGIN
         radius = min(self.radius / grid.line("x").um()[1], room / 0.95)  # the kernel leaves the last twentieth out
         if not radius > 0:
             return None
         low = [math.floor(place - radius - MARGIN) for place in places]
-        part = plane[tuple(slice(max(0, a), math.ceil(p + radius + MARGIN) + 1) for a, p in zip(low, places, strict=True))]
+        part = plane[
+            tuple(slice(max(0, a), math.ceil(p + radius + MARGIN) + 1) for a, p in zip(low, places, strict=True))
+        ]
         centre = (places[0] - max(0, low[0]), places[1] - max(0, low[1]))
         try:
             with np.errstate(all="ignore"):
-                star = star_response(part, self.cycles, radius, centre=centre, contrast=contrast or None, highest=self.highest)
+                star = star_response(
+                    part, self.cycles, radius, centre=centre, contrast=contrast or None, highest=self.highest
+                )
         except (ValueError, np.linalg.LinAlgError):  # what the kernel says of pictures without a star
             return None
         moved = math.hypot(star.centre[0] - centre[0], star.centre[1] - centre[1])
         outermost = 0.0 if contrast else OUTERMOST
-        if not (star.contrast >= FAINTEST and star.residual <= star.contrast and star.sfr[0] >= outermost and moved < 0.1 * radius):
+        if not (
+            star.contrast >= FAINTEST
+            and star.residual <= star.contrast
+            and star.sfr[0] >= outermost
+            and moved < 0.1 * radius
+        ):
             return None
         return star
 
@@ -141,29 +192,46 @@ class StarProbe(_Pictures):
 
 @dataclass(frozen=True, kw_only=True)
 class LeavesProbe(_Pictures):
-    """The texture of the pipeline's own scene, measured at every stage that has a picture by its cross spectrum with the light
-    in front of the lens.
+    """The texture of the pipeline's own scene, measured at every stage that has a picture by its cross spectrum with
+    the light in front of the lens.
 
-    That reference is the first ``irradiance``: taken as it is on the same grid, else blurred by a Gaussian of one pixel, which is
-    taken out again, and read at the pixels' centres. The rendering of the chart is in both and cancels: it is the response of what
-    stands behind, mean over all directions. Noise and aliases, which the reference does not explain, do not count.
+    That reference is the first ``irradiance``: taken as it is on the same grid, else blurred by a Gaussian of one
+    pixel, which is taken out again, and read at the pixels' centres. The rendering of the chart is in both and cancels:
+    it is the response of what stands behind, mean over all directions. Noise and aliases, which the reference does not
+    explain, do not count.
 
-    Luminance is measured as in ``edge_resolution``, over the whole of every picture: the mosaic of several colours is left out.
-    NaN where there is no texture (even light, or edges of one direction), a picture of fewer than 64 x 64 pixels, a clipped one, or
-    half contrast that is not reached below 0.5 cycles/pixel or is hidden by noise.
+    Luminance is measured as in ``edge_resolution``, over the whole of every picture: the mosaic of several colours is
+    left out. NaN where there is no texture (even light, or edges of one direction), a picture of fewer than 64 x 64
+    pixels, a clipped one, or half contrast that is not reached below 0.5 cycles/pixel or is hidden by noise.
     """
 
     writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}
     nanoseconds: ClassVar = 1e8
 
     def run(
-        self, transfers: Any, lights: Any, matrices: Any, whites: Any, irradiance: Any, photon_rate: Any, mosaic_linear: Any,
-        rgb_camera: Any, xyz_scene: Any, rgb_linear: Any, rgb_display: Any, stage: Any,
-    ) -> dict[str, Any]:  # fmt: skip
+        self,
+        transfers: Any,
+        lights: Any,
+        matrices: Any,
+        whites: Any,
+        irradiance: Any,
+        photon_rate: Any,
+        mosaic_linear: Any,
+        rgb_camera: Any,
+        xyz_scene: Any,
+        rgb_linear: Any,
+        rgb_display: Any,
+        stage: Any,
+    ) -> dict[str, Any]:
         given = {
-            "irradiance": irradiance, "photon_rate": photon_rate, "mosaic_linear": mosaic_linear, "rgb_camera": rgb_camera,
-            "xyz_scene": xyz_scene, "rgb_linear": rgb_linear, "rgb_display": rgb_display,
-        }  # fmt: skip
+            "irradiance": irradiance,
+            "photon_rate": photon_rate,
+            "mosaic_linear": mosaic_linear,
+            "rgb_camera": rgb_camera,
+            "xyz_scene": xyz_scene,
+            "rgb_linear": rgb_linear,
+            "rgb_display": rgb_display,
+        }
         found, first, held = {}, None, {}
         for name, variable, plane, grid in self.planes(transfers, matrices, whites, given):
             if first is None and variable == "irradiance" and plane is not None:
@@ -194,7 +262,9 @@ def _lines(grid: Any) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tuple[Any, float]:
-    """The light at the places of another grid, and the rms width (pixels) of what it was blurred with; None where it is no texture."""
+    """The light at the places of another grid, and the rms width (pixels) of what it was blurred with; None where it
+    is no texture.
+    """
     own, other = _lines(grid), _lines(wanted)
     if shape == plane.shape and np.allclose(own, other, rtol=1e-9, atol=1e-9 * own[1][1]):
         return (plane, 0.0) if _textured(plane) else (None, 0.0)
@@ -220,7 +290,10 @@ def _half(plane: Any, reference: Any, width: float) -> float:
     try:
         with np.errstate(all="ignore"):
             found: TextureResponse = texture_response(
-                plane, reference, known=lambda f: np.exp(-2 * (np.pi * width * f) ** 2), rings=min(64, min(plane.shape) // 4)
+                plane,
+                reference,
+                known=lambda f: np.exp(-2 * (np.pi * width * f) ** 2),
+                rings=min(64, min(plane.shape) // 4),
             )
     except (ValueError, np.linalg.LinAlgError):  # what the kernel says of pictures without texture
         return math.nan

@@ -27,7 +27,7 @@ from etendue_camera.restoration.stages.figures import (
     one_channel,
     padded_columns,
     unknown_blur,
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,17 +37,24 @@ class Inverse(KnownNoise):
     role: ClassVar = "sharpening"
 
     nodes: int = param(
-        0, at_least=0, at_most=4096, fidelity=True, reference="0: at every frequency of the picture",
+        0,
+        at_least=0,
+        at_most=4096,
+        fidelity=True,
+        reference="0: at every frequency of the picture",
         settings=(16, 32, 64, 128, 0),
-        doc="frequencies per cycle/pixel at which the transfer function is evaluated, cubic between them: 128 for frames above 1 Mpixel",
-    )  # fmt: skip
+        doc="frequencies per cycle/pixel at which the transfer function is evaluated, cubic between them: 128 for "
+        "frames above 1 Mpixel",
+    )
 
     def __post_init__(self) -> None:
         if 0 < self.nodes < 16:
             raise ValueError(f"nodes is {self.nodes}; allowed are 0 (every frequency) and numbers from 16")
 
     def table_error(self) -> float:
-        """Of the picture, by the table: worst where the lens' cut-off lies inside, f/22 at 2 um; 1e-5 at f/4 and 4 um."""
+        """Of the picture, by the table: worst where the lens' cut-off lies inside, f/22 at 2 um; 1e-5 at f/4 and 4
+        um.
+        """
         return 1.5e-3 * max((128 / self.nodes) ** 3, 128 / self.nodes) if self.nodes else 0.0
 
     def system(self, transfers: Any, picture: Any) -> System:
@@ -59,13 +66,15 @@ class Inverse(KnownNoise):
 
 @dataclass(frozen=True, kw_only=True)
 class Wiener(Inverse):
-    """Wiener deconvolution by the pipeline's own transfer function: the least mean-square error a linear filter can have.
+    """Wiener deconvolution by the pipeline's own transfer function: the least mean-square error a linear filter can
+    have.
 
-    What the filter takes for a picture is a power law over frequency with a known contrast; noise is the camera's at the
-    white level, and what folds onto a frequency from beyond the pixel's Nyquist frequency. Each channel has its own
-    transfer function. The mean is kept. ``mtf50_gain`` is along x of the second channel (green), ``noise_gain`` the factor on white noise
-    there; both are NaN where a stage in front blurs without a transfer function. At the Nyquist frequency half of what is seen is
-    folded: there the filter gives back at most half of the contrast, so that its MTF50 does not pass the Nyquist frequency.
+    What the filter takes for a picture is a power law over frequency with a known contrast; noise is the camera's at
+    the white level, and what folds onto a frequency from beyond the pixel's Nyquist frequency. Each channel has its own
+    transfer function. The mean is kept. ``mtf50_gain`` is along x of the second channel (green), ``noise_gain`` the
+    factor on white noise there; both are NaN where a stage in front blurs without a transfer function. At the Nyquist
+    frequency half of what is seen is folded: there the filter gives back at most half of the contrast, so that its
+    MTF50 does not pass the Nyquist frequency.
     """
 
     reads: ClassVar = LOOKS
@@ -75,10 +84,16 @@ class Wiener(Inverse):
     nanoseconds: ClassVar = 400.0
     working: ClassVar = 17.0
 
-    noise_variance: float = param(0.0, at_least=0, doc="of the noise, 1 = the square of clipping; 0: the camera's own at clipping")
+    noise_variance: float = param(
+        0.0, at_least=0, doc="of the noise, 1 = the square of clipping; 0: the camera's own at clipping"
+    )
     contrast: float = param(0.2, above=0, at_most=10, doc="rms contrast of the picture, 1 = clipping")
-    exponent: float = param(2.0, at_least=0, at_most=8, doc="power of the picture falls as 1/f^exponent; 0: noise over signal is constant")
-    aliasing: str = param("noise", choices=("noise", "ignored"), doc="what folds back from beyond the Nyquist frequency")
+    exponent: float = param(
+        2.0, at_least=0, at_most=8, doc="power of the picture falls as 1/f^exponent; 0: noise over signal is constant"
+    )
+    aliasing: str = param(
+        "noise", choices=("noise", "ignored"), doc="what folds back from beyond the Nyquist frequency"
+    )
     largest_gain: float = param(10.0, at_least=1, at_most=1e6, doc="of any frequency")
 
     def response(self, system: System, fy: Any, fx: Any) -> Any:
@@ -123,11 +138,12 @@ class Wiener(Inverse):
 class RichardsonLucy(Inverse):
     """Richardson-Lucy deconvolution by the pipeline's own transfer function: iterative, positive, keeps the sum.
 
-    Ends where the blurred estimate differs from the picture by no more than the camera's noise, times ``stop``, or after
-    ``iterations``; the default of ``stop`` is below 1 since demosaicing evens out some of the noise. Values below 0 are
-    kept, on a pedestal. Starting from the picture, it is never less sharp than that. Each channel has its own transfer
-    function and number of iterations. Its figures are those of small contrasts on an even ground after the iterations done, where it is
-    a linear filter of known response; total variation lowers the price in noise, which is not counted.
+    Ends where the blurred estimate differs from the picture by no more than the camera's noise, times ``stop``, or
+    after ``iterations``; the default of ``stop`` is below 1 since demosaicing evens out some of the noise. Values below
+    0 are kept, on a pedestal. Starting from the picture, it is never less sharp than that. Each channel has its own
+    transfer function and number of iterations. Its figures are those of small contrasts on an even ground after the
+    iterations done, where it is a linear filter of known response; total variation lowers the price in noise, which is
+    not counted.
     """
 
     reads: ClassVar = LOOKS
@@ -140,9 +156,13 @@ class RichardsonLucy(Inverse):
     iterations: int = param(10, at_least=1, at_most=1000, doc="at most so many")
     stop: float = param(0.7, at_least=0, at_most=100, doc="times the known noise: ends where no more remains; 0: never")
     start: str = param(
-        "data", choices=("data", "mean"), doc="first estimate: the picture itself, or an even plane, which also evens out noise"
+        "data",
+        choices=("data", "mean"),
+        doc="first estimate: the picture itself, or an even plane, which also evens out noise",
     )
-    total_variation: float = param(0.0, at_least=0, at_most=0.2, doc="favours flat parts between edges; 0.002 is weak, 0.01 strong")
+    total_variation: float = param(
+        0.0, at_least=0, at_most=0.2, doc="favours flat parts between edges; 0.002 is weak, 0.01 strong"
+    )
 
     def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
         system = self.system(transfers, rgb_camera)
@@ -159,7 +179,9 @@ class RichardsonLucy(Inverse):
         return {"rgb_camera": picture, **figures(asked, system, response, noise_gain)}
 
     def restored(self, picture: Any, system: System) -> tuple[Any, Any, Any]:
-        """The picture, the transfer function (channel or 1, Ny, Nx // 2 + 1) it was freed of, and the iterations by channel."""
+        """The picture, the transfer function (channel or 1, Ny, Nx // 2 + 1) it was freed of, and the iterations by
+        channel.
+        """
         transfer = system.plane(*deconvolution.frequencies(*picture.shape[-2:]))
         shot, floor = self.noise_model()
         means = np.maximum(picture.mean(axis=(1, 2), dtype=np.float64), 0) if picture.size else np.zeros(len(picture))
@@ -175,8 +197,12 @@ class RichardsonLucy(Inverse):
         return estimate, transfer, done
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Rounding grows with each iteration, more so about the edges that total variation makes; where the end falls hangs on all."""
-        rounding = (1e-6 if precision == "float32" else 3e-15) * (10 + self.iterations) * (1 + 10 * self.total_variation)
+        """Rounding grows with each iteration, more so about the edges that total variation makes; where the end
+        falls hangs on all.
+        """
+        rounding = (
+            (1e-6 if precision == "float32" else 3e-15) * (10 + self.iterations) * (1 + 10 * self.total_variation)
+        )
         return rounding + self.table_error(), "measured"
 
 

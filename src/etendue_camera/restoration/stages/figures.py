@@ -27,9 +27,11 @@ FIGURES = {"rgb_camera": "channel y x [1]", "mtf50_gain": "[1] nan optional", "n
 
 @dataclass(frozen=True)
 class System:
-    """The camera in front of a picture: each channel's photon-weighted mean over wavelength, at frequencies of its pixels.
+    """The camera in front of a picture: each channel's photon-weighted mean over wavelength, at frequencies of its
+    pixels.
 
-    The baseband: the transfer function at the frequency itself. What folds onto it from beyond is noise to a restoration.
+    The baseband: the transfer function at the frequency itself. What folds onto it from beyond is noise to a
+    restoration.
     """
 
     otf: Any  # None: nothing blurs
@@ -53,7 +55,8 @@ class System:
             return None
         if len(weights) != self.channels:
             raise ValueError(
-                f"the pixel stage has {len(weights)} channels and rgb_camera {self.channels}: a restoration with the camera's own "
+                f"the pixel stage has {len(weights)} channels and rgb_camera {self.channels}: a restoration with the "
+                f"camera's own "
                 "transfer function needs planes of the pixel's channels; put it in front of what mixes them"
             )
         total = weights.sum(axis=1, keepdims=True)
@@ -93,11 +96,17 @@ def one_channel(values: Any) -> Any:
     return values[min(1, len(values) - 1)]
 
 
-def figures(asked: frozenset[str], system: System, response: Callable[[Any], Any], noise_gain: Callable[[], float]) -> dict[str, Any]:
-    """Of ``mtf50_gain`` and ``noise_gain`` of a filter with this response (n,) along x what is asked for; no gain of a blur half known."""
+def figures(
+    asked: frozenset[str], system: System, response: Callable[[Any], Any], noise_gain: Callable[[], float]
+) -> dict[str, Any]:
+    """Of ``mtf50_gain`` and ``noise_gain`` of a filter with this response (n,) along x what is asked for; no gain of
+    a blur half known.
+    """
     found: dict[str, Any] = {}
     if "mtf50_gain" in asked:
-        found["mtf50_gain"] = np.array(restoration_gain.mtf50_gain(system.along, response) if system.whole else math.nan)
+        found["mtf50_gain"] = np.array(
+            restoration_gain.mtf50_gain(system.along, response) if system.whole else math.nan
+        )
     if "noise_gain" in asked:
         found["noise_gain"] = np.array(noise_gain())
     return found
@@ -118,9 +127,13 @@ def half_plane_gain(gain: Any, columns: int) -> float:
 
 
 def unknown_blur(others: Mapping[str, type[Stage]], so: str) -> list[str]:
-    """The warning of a stage that knows the camera by its transfer functions, where light is moved by something else."""
+    """The warning of a stage that knows the camera by its transfer functions, where light is moved by something
+    else.
+    """
     found = [use for use, kind in others.items() if moves_light(kind)]
-    return [f"what {' and '.join(found)} does to light is no transfer function, and unknown here: {so}"] if found else []
+    return (
+        [f"what {' and '.join(found)} does to light is no transfer function, and unknown here: {so}"] if found else []
+    )
 
 
 def padded_columns(picture: Any) -> int:

@@ -33,7 +33,9 @@ class Laplacian(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Sharpen(Laplacian, Bounded, Haloed):
-    """Identity + strength x Laplacian (eq. 11). No clipping inside. ``mtf50_gain`` is along x of green, ``noise_gain`` of white noise."""
+    """Identity + strength x Laplacian (eq. 11). No clipping inside. ``mtf50_gain`` is along x of green,
+    ``noise_gain`` of white noise.
+    """
 
     reads: ClassVar = LOOKS
     writes: ClassVar = FIGURES
@@ -58,18 +60,21 @@ class Sharpen(Laplacian, Bounded, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class SharpenMosaic(Laplacian, Bounded, Haloed):
-    """The Laplacian in front of the demosaicer, the order of the paper's section 2.8 (its other sections sharpen behind).
+    """The Laplacian in front of the demosaicer, the order of the paper's section 2.8 (its other sections sharpen
+    behind).
 
-    ``planes = "own"`` takes neighbours behind the same filter, a period of the mask apart, so that colours stay apart: it
-    lifts a quarter of the sampling frequency most. ``"mixed"`` is the printed kernel across the colours: their differences
-    become a pattern with the period of the mask, which no demosaicer removes.
+    ``planes = "own"`` takes neighbours behind the same filter, a period of the mask apart, so that colours stay apart:
+    it lifts a quarter of the sampling frequency most. ``"mixed"`` is the printed kernel across the colours: their
+    differences become a pattern with the period of the mask, which no demosaicer removes.
     """
 
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]"}
 
     pattern: str = quantity("pattern")
-    planes: str = param("own", choices=("own", "mixed"), doc="neighbours: of the same colour, or the nearest pixels as printed")
+    planes: str = param(
+        "own", choices=("own", "mixed"), doc="neighbours: of the same colour, or the nearest pixels as printed"
+    )
 
     def __post_init__(self) -> None:
         mask_of(self.pattern)
@@ -90,7 +95,9 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Unsharp(Bounded, Haloed):
-    """Unsharp mask: ``amount`` times the difference from a Gaussian blur. No clipping inside. Figures are those above the threshold."""
+    """Unsharp mask: ``amount`` times the difference from a Gaussian blur. No clipping inside. Figures are those
+    above the threshold.
+    """
 
     role: ClassVar = "sharpening"
     reads: ClassVar = LOOKS
@@ -103,7 +110,9 @@ class Unsharp(Bounded, Haloed):
     pixel_pitch: float = quantity("pixel_pitch")
     radius: float = param(0.7, units="pixel", above=0, at_most=100, doc="standard deviation of the Gaussian")
     amount: float = param(0.8, at_least=0, at_most=10, doc="of the difference that is added; 0: nothing")
-    threshold: float = param(0.0, at_least=0, at_most=1, doc="differences are brought this much nearer to 0 first, 1 = clipping")
+    threshold: float = param(
+        0.0, at_least=0, at_most=1, doc="differences are brought this much nearer to 0 first, 1 = clipping"
+    )
 
     def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
         def response(frequency: Any) -> Any:
@@ -127,8 +136,8 @@ class Unsharp(Bounded, Haloed):
 class Denoise(KnownNoise, Bounded):
     """Denoising that keeps edges, by the camera's own noise: what varies no more than the noise becomes its local mean.
 
-    The noise is that of the mosaic; demosaicing has evened out some of it, so that the default strength errs on the strong
-    side. Each channel on its own. The mean of each channel is kept.
+    The noise is that of the mosaic; demosaicing has evened out some of it, so that the default strength errs on the
+    strong side. Each channel on its own. The mean of each channel is kept.
     """
 
     role: ClassVar = "denoising"
@@ -138,8 +147,12 @@ class Denoise(KnownNoise, Bounded):
     nanoseconds: ClassVar = 80.0
     working: ClassVar = 3.6
 
-    strength: float = param(1.0, at_least=0, at_most=10, doc="factor on the known standard deviation of the noise; 0: nothing")
-    radius: int = param(1, at_least=1, at_most=32, units="pixel", doc="windows have 2 radius + 1 pixels along each axis")
+    strength: float = param(
+        1.0, at_least=0, at_most=10, doc="factor on the known standard deviation of the noise; 0: nothing"
+    )
+    radius: int = param(
+        1, at_least=1, at_most=32, units="pixel", doc="windows have 2 radius + 1 pixels along each axis"
+    )
 
     def run(self, rgb_camera: Any) -> dict[str, Any]:
         shot, floor = self.noise_model()

@@ -27,45 +27,67 @@ class Scene(Source, Banded):
 
     role: ClassVar = "scene"
     reads: ClassVar = {}
-    writes: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]", "white_radiance": "wavelength [W m-2 sr-1 nm-1]"}
+    writes: ClassVar = {
+        "radiance": "wavelength y x [W m-2 sr-1 nm-1]",
+        "white_radiance": "wavelength [W m-2 sr-1 nm-1]",
+    }
     libraries: ClassVar[tuple[str, ...]] = ("colour-science",)
     nanoseconds: ClassVar = 12.0
     working: ClassVar = 0.0
 
     white_luminance: float = param(
-        units="cd m-2", at_least=0, example=1000.0,
+        units="cd m-2",
+        at_least=0,
+        example=1000.0,
         doc="luminance of a perfect white diffuser in the scene, of all its light, rendered or not; 0: give radiance",
-    )  # fmt: skip
+    )
     radiance: float = param(
-        0.0, units="W m-2 sr-1", at_least=0,
-        doc="radiance of a perfect white diffuser in the wavelengths rendered, in place of white_luminance: for light that no eye sees",
-    )  # fmt: skip
+        0.0,
+        units="W m-2 sr-1",
+        at_least=0,
+        doc="radiance of a perfect white diffuser in the wavelengths rendered, in place of white_luminance: for light "
+        "that no eye sees",
+    )
     illuminant: str = quantity("illuminant")
     width: float = param(1000.0, units="um", above=0, example=21.0, doc="width of the light on the image plane")
     height: float = param(1000.0, units="um", above=0, example=17.0, doc="height of the light on the image plane")
     spacing: float = param(
-        1.0, units="um", above=0, fidelity=True, reference="a quarter of a um", studied=True, settings=(4.0, 2.0, 1.0, 0.5, 0.25),
+        1.0,
+        units="um",
+        above=0,
+        fidelity=True,
+        reference="a quarter of a um",
+        studied=True,
+        settings=(4.0, 2.0, 1.0, 0.5, 0.25),
         doc="distance between samples; half of it resolves twice the frequency",
-    )  # fmt: skip
+    )
     light: str = param(
-        "bandlimited", choices=("bandlimited", "cells"),
+        "bandlimited",
+        choices=("bandlimited", "cells"),
         doc="a value is a sample of band-limited light, or the mean over a grid cell: points, hard edges, coarse grids",
-    )  # fmt: skip
+    )
     centre_y: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
     centre_x: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
     wavelength_from: float = param(380.0, units="nm", above=0)
     wavelength_to: float = param(780.0, units="nm", above=0)
     bin_width: float = param(
-        10.0, units="nm", above=0, fidelity=True, example=20.0, reference="1 nm bins", studied=True,
+        10.0,
+        units="nm",
+        above=0,
+        fidelity=True,
+        example=20.0,
+        reference="1 nm bins",
+        studied=True,
         settings=(40.0, 20.0, 10.0, 5.0, 2.0, 1.0),
         doc="width of a wavelength bin",
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
         if (self.white_luminance > 0) == (self.radiance > 0):
             raise ValueError(
-                f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of them gives the "
+                f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of "
+                f"them gives the "
                 "level of the light, and the other is 0"
             )
         if self.white_luminance > 0:
@@ -79,18 +101,23 @@ class Scene(Source, Banded):
         count = round(quotient)
         if count < 1 or abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) > 1e-6:
             raise ValueError(
-                f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm into whole bins"
+                f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm "
+                f"into whole bins"
             )
         return tuple(self.wavelength_from + i * self.bin_width for i in range(count + 1))
 
     def plane(self) -> Grid:
         lines = {}
         for dim, length, centre in (("y", self.height, self.centre_y), ("x", self.width, self.centre_x)):
-            too_many = beyond(length / self.spacing, f"samples along {dim}", MOST_POINTS, "take a wider spacing or a smaller scene")
+            too_many = beyond(
+                length / self.spacing, f"samples along {dim}", MOST_POINTS, "take a wider spacing or a smaller scene"
+            )
             if too_many:
                 raise ValueError(too_many)
             size = max(1, round(length / self.spacing))
-            lines[dim] = Line(size, centre * 1e3 - 0.5 * (size - 1) * self.spacing, self.spacing, cells=self.light == "cells")
+            lines[dim] = Line(
+                size, centre * 1e3 - 0.5 * (size - 1) * self.spacing, self.spacing, cells=self.light == "cells"
+            )
         return Grid.of({"wavelength": Bands(self.edges()), **lines})
 
     def known(self) -> Facts:
@@ -105,7 +132,9 @@ class Scene(Source, Banded):
     def describe(self) -> tuple[Facts, dict[str, Grid]]:
         grid = self.plane()
         if self.white_luminance and not DIMMEST <= self.white_luminance <= BRIGHTEST:
-            raise ValueError(f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}")
+            raise ValueError(
+                f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}"
+            )
         limit = self.band_limit() if self.light == "bandlimited" else None
         facts = replace(self.known(), band_limit=limit, rendered=self.rendered())
         return facts, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
@@ -162,10 +191,15 @@ class Scene(Source, Banded):
 
 def softness_knob() -> Any:
     return param(
-        1.0, at_least=0, fidelity=True, reference="the ideal chart", studied=True,
+        1.0,
+        at_least=0,
+        fidelity=True,
+        reference="the ideal chart",
+        studied=True,
         settings=(4.0, 2.0, 1.0, 0.5, 0.25, 0.0),
-        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
-    )  # fmt: skip
+        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: "
+        "ideal, for cells",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,7 +232,9 @@ class _TwoLevels(Scene):
         raise TypeError(f"{type(self).__name__} must say how it is drawn")
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
-        return self.grey(self.chart(*self.centred(out_y, out_x), self.drawn(self.softness, self.low, self.high)), prepared)
+        return self.grey(
+            self.chart(*self.centred(out_y, out_x), self.drawn(self.softness, self.low, self.high)), prepared
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,7 +301,9 @@ class Points(Scene):
     def known(self) -> Facts:
         charts.require_levels(self.background, self.peak)
         charts.require_spot_distance(self.pitch, math.hypot(self.spot_sigma, self.softness_um(self.softness)))
-        return Facts(uniform=False, contrast=(self.background + self.peak) / self.background if self.background > 0 else math.inf)
+        return Facts(
+            uniform=False, contrast=(self.background + self.peak) / self.background if self.background > 0 else math.inf
+        )
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
@@ -287,7 +325,10 @@ class _Coloured(Scene):
         return prepared[0][bands], prepared[1][:, bands]
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        return [*super().warn(facts, grids), *spectra.held_in_the_infrared("ColorChecker", self.wavelength_from, self.wavelength_to)]
+        return [
+            *super().warn(facts, grids),
+            *spectra.held_in_the_infrared("ColorChecker", self.wavelength_from, self.wavelength_to),
+        ]
 
     def known(self) -> Facts:
         # The darkest patch of the chart reflects 0.029 at least and the lightest 0.93 at most, at every wavelength.
@@ -306,7 +347,9 @@ class ColorChecker(_Coloured):
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         size = min(self.width / 6, self.height / 4)
-        rows, columns = composite.patches_factors(y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.drawn(self.softness))
+        rows, columns = composite.patches_factors(
+            y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.drawn(self.softness)
+        )
         cube = composite.patch_contribution(rows, columns, reflectance)
         cube = cube + self.background * composite.background_weight(rows, columns)
         return {"radiance": cube * white[:, None, None], "white_radiance": white}
@@ -317,7 +360,9 @@ class CompositeChart(_Coloured):
     """ColorChecker, slanted edges, Siemens star, zone plate and step wedge in one frame."""
 
     highest_frequency: float = param(0.1, units="cycles/um", above=0, doc="frequency at the rim of the zone plate")
-    angle: float = param(5.0, units="deg", above=-45, below=45, held=(-10, 10), doc="of the tilted square; beyond 10 it leaves its place")
+    angle: float = param(
+        5.0, units="deg", above=-45, below=45, held=(-10, 10), doc="of the tilted square; beyond 10 it leaves its place"
+    )
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     low: float = param(0.05, above=0.025, at_most=1)
     high: float = param(0.9, above=0, at_most=1)
@@ -332,9 +377,15 @@ class CompositeChart(_Coloured):
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         chart = composite.composite(
-            y, x, self.width - 2 * self.margin, self.height - 2 * self.margin, self.drawn(self.softness, self.low, self.high),
-            highest_frequency=self.highest_frequency, angle_deg=self.angle, cycles=self.cycles,
-        )  # fmt: skip
+            y,
+            x,
+            self.width - 2 * self.margin,
+            self.height - 2 * self.margin,
+            self.drawn(self.softness, self.low, self.high),
+            highest_frequency=self.highest_frequency,
+            angle_deg=self.angle,
+            cycles=self.cycles,
+        )
         cube = composite.patch_contribution(chart.rows, chart.columns, reflectance)
         cube += chart.grey
         cube *= white[:, None, None]

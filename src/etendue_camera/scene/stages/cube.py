@@ -1,6 +1,7 @@
 """Measured or computed spectral radiance from a Zarr store, read one wavelength band at a time.
 
-In:  a Zarr store with a variable (wavelength, y, x), as xarray writes it: another archive's scene, a hyperspectral camera's cube.
+In:  a Zarr store with a variable (wavelength, y, x), as xarray writes it: another archive's scene, a hyperspectral
+     camera's cube.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1.
 """
 
@@ -23,9 +24,9 @@ SPECTRAL = "W m-2 sr-1 nm-1"
 class RadianceCube(Source, Banded):
     """Spectral radiance from a Zarr store: its own wavelengths and positions, at its own level or at a stated one.
 
-    Coordinates ``wavelength`` (nm; bins by ``wavelength_bounds``, else midway between the centres) and ``y``, ``x`` (um on
-    the image plane, evenly spaced; else ``spacing`` says). An attribute ``actual_range`` = [lowest, highest] lets the plan
-    choose the precision. ``white_radiance`` is read where the store has it.
+    Coordinates ``wavelength`` (nm; bins by ``wavelength_bounds``, else midway between the centres) and ``y``, ``x`` (um
+    on the image plane, evenly spaced; else ``spacing`` says). An attribute ``actual_range`` = [lowest, highest] lets
+    the plan choose the precision. ``white_radiance`` is read where the store has it.
     """
 
     role: ClassVar = "scene"
@@ -44,10 +45,15 @@ class RadianceCube(Source, Banded):
     variable: str = param("radiance", doc="the variable in it, such as 'scene/radiance'")
     illuminant: str = quantity("illuminant")
     white_luminance: float = param(
-        0.0, units="cd m-2", at_least=0,
-        doc="luminance of a perfect white diffuser under the illuminant: the cube is relative to it, 1 = white; 0: the cube is radiance",
-    )  # fmt: skip
-    spacing: float = param(0.0, units="um", at_least=0, doc="distance between samples; 0: from the coordinates of the store")
+        0.0,
+        units="cd m-2",
+        at_least=0,
+        doc="luminance of a perfect white diffuser under the illuminant: the cube is relative to it, 1 = white; 0: the "
+        "cube is radiance",
+    )
+    spacing: float = param(
+        0.0, units="um", at_least=0, doc="distance between samples; 0: from the coordinates of the store"
+    )
 
     def _open(self) -> tuple[Any, Any]:
         """The array, and its group."""
@@ -59,7 +65,9 @@ class RadianceCube(Source, Banded):
             group = zarr.open_group(self.file, mode="r", path=group_path or None, use_consolidated=False)
             array = group[name]
         except Exception as error:  # metadata may be damaged in any way
-            raise ValueError(f"{self.file} holds no variable {self.variable!r}: {' '.join(str(error).split())[:150]}") from None
+            raise ValueError(
+                f"{self.file} holds no variable {self.variable!r}: {' '.join(str(error).split())[:150]}"
+            ) from None
         cube_store.check_array(self.file, self.variable, array, "" if self.white_luminance else SPECTRAL)
         return array, group
 
@@ -74,7 +82,8 @@ class RadianceCube(Source, Banded):
             spectra.check_luminance(self.illuminant)
         if "white_radiance" not in group and not self.white_luminance:
             raise ValueError(
-                f"{self.file} holds no white_radiance, so nobody knows what is white; give white_luminance: the cube is then "
+                f"{self.file} holds no white_radiance, so nobody knows what is white; give white_luminance: the cube "
+                f"is then "
                 "relative to a white diffuser under the illuminant"
             )
         if not self.white_luminance:
@@ -99,7 +108,10 @@ class RadianceCube(Source, Banded):
         """Radiance of a white diffuser by band, as the store has it."""
         white = cube_store.values_of(self.file, group, "white_radiance", (array.shape[0],), SPECTRAL)
         if not (white >= 0).all() or not (white > 0).any():
-            raise ValueError(f"white_radiance in {self.file} is {white.min():g} to {white.max():g}; allowed is light, nowhere below 0")
+            raise ValueError(
+                f"white_radiance in {self.file} is {white.min():g} to {white.max():g}; allowed is light, nowhere below "
+                f"0"
+            )
         return white
 
     def _line(self, group: Any, dim: str, size: int) -> Line:
@@ -110,7 +122,9 @@ class RadianceCube(Source, Banded):
         values = cube_store.values_of(self.file, group, dim, (size,), "um")
         step = (values[-1] - values[0]) / (size - 1)
         if not step > 0 or np.abs(np.diff(values) - step).max() > 1e-6 * step:
-            raise ValueError(f"{dim} in {self.file} is not evenly spaced and ascending; resample the cube, or give the spacing in um")
+            raise ValueError(
+                f"{dim} in {self.file} is not evenly spaced and ascending; resample the cube, or give the spacing in um"
+            )
         return Line(size, float(values[0]), float(step))
 
     def prepare(self, coordinates: Any) -> Any:
@@ -134,7 +148,9 @@ class RadianceCube(Source, Banded):
         try:
             light = read(bands)
         except Exception as error:  # of a store or a codec
-            raise ValueError(f"{self.variable} in {self.file} cannot be read: {' '.join(str(error).split())[:150]}") from None
+            raise ValueError(
+                f"{self.variable} in {self.file} cannot be read: {' '.join(str(error).split())[:150]}"
+            ) from None
         cube_store.check_values(self.file, self.variable, light, range(white.size)[bands])
         if not np.all(scale == 1):
             light = light * scale[:, None, None].astype(light.dtype)
@@ -153,8 +169,15 @@ def _range(given: Any) -> tuple[float, float]:
 def _edges(path: str, group: Any, size: int, variable: str) -> tuple[float, ...]:
     if "wavelength_bounds" in group:
         bounds = cube_store.values_of(path, group, "wavelength_bounds", (size, 2), "nm")
-        if not (bounds[0, 0] > 0 and (bounds[:, 0] < bounds[:, 1]).all() and np.allclose(bounds[1:, 0], bounds[:-1, 1], rtol=1e-9)):
-            raise ValueError(f"wavelength_bounds of {variable} must ascend without gaps, in nm; they begin with {bounds[:2].tolist()}")
+        if not (
+            bounds[0, 0] > 0
+            and (bounds[:, 0] < bounds[:, 1]).all()
+            and np.allclose(bounds[1:, 0], bounds[:-1, 1], rtol=1e-9)
+        ):
+            raise ValueError(
+                f"wavelength_bounds of {variable} must ascend without gaps, in nm; they begin with "
+                f"{bounds[:2].tolist()}"
+            )
         return (*map(float, bounds[:, 0]), float(bounds[-1, 1]))
     if "wavelength" not in group or size < 2:
         one = " of one band needs wavelength_bounds (nm)" if size == 1 else " has no coordinate wavelength (nm)"

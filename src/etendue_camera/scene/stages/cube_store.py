@@ -1,10 +1,11 @@
-"""What a Zarr store must be before its numbers count as light: whole, of the right dims and units, finite, nowhere below 0.
+"""What a Zarr store must be before its numbers count as light: whole, of the right dims and units, finite, nowhere
+below 0.
 
 In:  a store, an array in it, values that were read.
 Out: nothing, or a ValueError that names the file, what it holds and what is allowed.
 
-A chunk that is not there reads as the fill value without an error, so every chunk is looked for: one listing of the array's
-folder (0.1 s for 10,000 chunks) and 16 bytes a chunk of every shard's index.
+A chunk that is not there reads as the fill value without an error, so every chunk is looked for: one listing of the
+array's folder (0.1 s for 10,000 chunks) and 16 bytes a chunk of every shard's index.
 """
 
 from __future__ import annotations
@@ -47,7 +48,10 @@ def check_array(path: str, variable: str, array: Any, unit: str) -> None:
     attributes = dict(array.attrs)
     names = tuple(getattr(array.metadata, "dimension_names", None) or attributes.get("_ARRAY_DIMENSIONS") or DIMS)
     if names != DIMS:
-        raise ValueError(f"{variable} in {path} must have the dims wavelength, y, x in this order; it has {', '.join(map(str, names))}")
+        raise ValueError(
+            f"{variable} in {path} must have the dims wavelength, y, x in this order; it has "
+            f"{', '.join(map(str, names))}"
+        )
     for dim, size in zip(DIMS, shape, strict=True):
         text = beyond(size, f"points along {dim}", MOST_POINTS, "cut it") or ("" if size else f"no points along {dim}")
         if text:
@@ -59,7 +63,10 @@ def check_array(path: str, variable: str, array: Any, unit: str) -> None:
         raise ValueError(f"{variable} in {path} holds {array.dtype}; allowed are floats and integers")
     packed = [name for name in ("scale_factor", "add_offset") if name in attributes]
     if packed:
-        raise ValueError(f"{variable} in {path} is packed ({', '.join(packed)}), and its packed numbers would be read; store it as floats")
+        raise ValueError(
+            f"{variable} in {path} is packed ({', '.join(packed)}), and its packed numbers would be read; store it as "
+            f"floats"
+        )
     _check_unit(variable, path, attributes, unit)
 
 
@@ -123,14 +130,19 @@ def _check_size(chunk: Path, size: int) -> None:
 
 def _missing(path: str, key: str, array: Any) -> str:
     return (
-        f"{path} lacks the chunk {key}, which would read as {array.fill_value}; restore it, or, if all of it has that value, "
+        f"{path} lacks the chunk {key}, which would read as {array.fill_value}; restore it, or, if all of it has that "
+        f"value, "
         "write the store with empty chunks (write_empty_chunks = True)"
     )
 
 
 def _names(path: Path) -> set[str]:
     """Every file of an array, by its path inside."""
-    return {os.path.relpath(os.path.join(folder, name), path).replace(os.sep, "/") for folder, _, files in os.walk(path) for name in files}
+    return {
+        os.path.relpath(os.path.join(folder, name), path).replace(os.sep, "/")
+        for folder, _, files in os.walk(path)
+        for name in files
+    }
 
 
 def _lost_inside(shard: Path, array: Any) -> str:
@@ -146,7 +158,9 @@ def _lost_inside(shard: Path, array: Any) -> str:
             file.seek(-length, os.SEEK_END)
         index = struct.unpack(f"<{2 * math.prod(counts)}Q", file.read(length)[:-4])
     for number, inside in enumerate(itertools.product(*map(range, counts))):
-        starts = [p * outer + i * chunk for p, outer, i, chunk in zip(place, array.shards, inside, array.chunks, strict=True)]
+        starts = [
+            p * outer + i * chunk for p, outer, i, chunk in zip(place, array.shards, inside, array.chunks, strict=True)
+        ]
         if index[2 * number] == MISSING and all(start < size for start, size in zip(starts, array.shape, strict=True)):
             return "/".join(map(str, inside))
     return ""
@@ -160,6 +174,7 @@ def check_values(path: str, variable: str, light: Any, bands: range) -> None:
         bad = ~(np.isfinite(light) & (light >= 0))
     band, row, column = np.unravel_index(int(np.argmax(bad)), bad.shape)
     raise ValueError(
-        f"{variable} in {path} holds {float(light[band, row, column]):g} in band {bands[int(band)]}, row {row}, column {column} "
+        f"{variable} in {path} holds {float(light[band, row, column]):g} in band {bands[int(band)]}, row {row}, column "
+        f"{column} "
         f"({int(bad.sum())} such values); radiance is finite and nowhere below 0"
     )

@@ -1,6 +1,7 @@
 """Scenes of patches whose reflectance somebody has measured: a colour chart of one's own, paints, leaves, skin.
 
-In:  a table of reflectances, a column a patch; the chart's geometry (um on the image plane), an illuminant, a luminance.
+In:  a table of reflectances, a column a patch; the chart's geometry (um on the image plane), an illuminant, a
+     luminance.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
@@ -22,18 +23,22 @@ from etendue_camera.scene.stages.charts import Scene, softness_knob
 class PatchChart(Scene):
     """Even patches of reflectances of one's own, row by row from the upper left, on grey.
 
-    Whatever a table says holds: end values beyond its rows, and more than 1 (up to 2) where a surface fluoresces. What is left of
-    the last row is background.
+    Whatever a table says holds: end values beyond its rows, and more than 1 (up to 2) where a surface fluoresces. What
+    is left of the last row is background.
     """
 
     nanoseconds: ClassVar = 12.0
 
     reflectances: str = param(
-        file=True, example="package:etendue_camera/data/examples/reflectances.csv",
+        file=True,
+        example="package:etendue_camera/data/examples/reflectances.csv",
         doc="CSV wavelength_nm, then a column of reflectance (0 to 1) for each patch",
-    )  # fmt: skip
+    )
     across: int = param(
-        0, at_least=0, held=(0, 1000), doc="patches in a row; 0: so many that they come out nearly square, and few places empty"
+        0,
+        at_least=0,
+        held=(0, 1000),
+        doc="patches in a row; 0: so many that they come out nearly square, and few places empty",
     )
     background: float = param(0.18, at_least=0, at_most=1)
     gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in pitches of the shorter side")
@@ -59,7 +64,10 @@ class PatchChart(Scene):
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         rows = spectra.csv_rows(self.reflectances)[1]
-        return [*super().warn(facts, grids), *spectra.held_note(self.reflectances, rows, self.wavelength_from, self.wavelength_to)]
+        return [
+            *super().warn(facts, grids),
+            *spectra.held_note(self.reflectances, rows, self.wavelength_from, self.wavelength_to),
+        ]
 
     def prepare(self, coordinates: Any) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])
@@ -75,7 +83,7 @@ class PatchChart(Scene):
         gap = self.gap * min(self.width / across, self.height / down)
         rows, columns = composite.patches_factors(
             y, x, down, across, self.width - gap, self.height - gap, gap, self.drawn(self.softness)
-        )  # fmt: skip
+        )
         empty = np.full((down * across - len(reflectance), reflectance.shape[1]), self.background)
         cube = composite.patch_contribution(rows, columns, np.concatenate([reflectance, empty]))
         cube += self.background * composite.background_weight(rows, columns)
@@ -84,7 +92,9 @@ class PatchChart(Scene):
 
 
 def _squarest(count: int, aspect: float) -> int:
-    """Columns with which patches of a frame (width over height ``aspect``) are nearest to squares, and few places empty."""
+    """Columns with which patches of a frame (width over height ``aspect``) are nearest to squares, and few places
+    empty.
+    """
 
     def waste(columns: int) -> float:
         rows = -(-count // columns)

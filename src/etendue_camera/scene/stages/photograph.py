@@ -31,14 +31,18 @@ def _linear_photograph(path: str, rows: int, columns: int) -> Any:
 
 @lru_cache(maxsize=4)
 def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
-    """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light; what to note."""
+    """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light;
+    what to note.
+    """
     picture = read_picture(path)
     height, width = picture.values.shape[:2]
     scale = min(height / rows, width / columns)
     crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
     top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
     crop = picture.values[top : top + crop_rows, left : left + crop_columns]
-    linear = resampling.area_average(crop, rows, columns, lambda values: srgb_decode(values.astype(float) / picture.full))
+    linear = resampling.area_average(
+        crop, rows, columns, lambda values: srgb_decode(values.astype(float) / picture.full)
+    )
     linear.flags.writeable = False
     return np.broadcast_to(linear, (3, rows, columns)), picture.note
 
@@ -76,7 +80,9 @@ class Photograph(Scene):
     def size(self) -> tuple[int, int]:
         grid = self.plane()
         rows, columns = grid["y"].size, grid["x"].size
-        too_many = beyond(rows * columns, "samples in a photograph", MOST_PIXELS, "take a wider spacing or a smaller scene")
+        too_many = beyond(
+            rows * columns, "samples in a photograph", MOST_PIXELS, "take a wider spacing or a smaller scene"
+        )
         if too_many:
             raise ValueError(too_many)
         return rows, columns

@@ -19,28 +19,45 @@ FEW_SAMPLES = 4.0  # in the radius of the smallest leaf: smaller ones err more
 
 @dataclass(frozen=True, kw_only=True)
 class DeadLeaves(Scene):
-    """Discs of all sizes and greys that cover each other; the same ones for the same seed, whatever noise a camera adds."""
+    """Discs of all sizes and greys that cover each other; the same ones for the same seed, whatever noise a camera
+    adds.
+    """
 
     nanoseconds: ClassVar = 40.0
 
     seed: int = param(1, at_least=0, doc="of the chart; noise has streams of its own")
     smallest: float = param(5.0, units="um", above=0, doc="radius of the smallest leaves")
     largest: float = param(100.0, units="um", above=0, doc="radius of the largest leaves")
-    exponent: float = param(3.0, at_least=-10, at_most=10, doc="radii have density r^-exponent; 3 looks alike at every scale")
+    exponent: float = param(
+        3.0, at_least=-10, at_most=10, doc="radii have density r^-exponent; 3 looks alike at every scale"
+    )
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
     softness: float = param(
-        1.0, at_least=0, held=(0, 100), fidelity=True, reference="the ideal chart", studied=True,
+        1.0,
+        at_least=0,
+        held=(0, 100),
+        fidelity=True,
+        reference="the ideal chart",
+        studied=True,
         settings=(4.0, 2.0, 1.0, 0.5, 0.25, 0.0),
-        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
-    )  # fmt: skip
+        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: "
+        "ideal, for cells",
+    )
     oversampling: int = param(
-        4, at_least=1, at_most=32, fidelity=True, reference="32", settings=(1, 2, 4, 8, 16, 32),
+        4,
+        at_least=1,
+        at_most=32,
+        fidelity=True,
+        reference="32",
+        settings=(1, 2, 4, 8, 16, 32),
         doc="leaves are painted on cells so many times finer than the samples",
-    )  # fmt: skip
+    )
 
     def chart(self) -> dead_leaves.Leaves:
-        return dead_leaves.leaves(self.width, self.height, self.smallest, self.largest, self.low, self.high, self.seed, self.exponent)
+        return dead_leaves.leaves(
+            self.width, self.height, self.smallest, self.largest, self.low, self.high, self.seed, self.exponent
+        )
 
     def known(self) -> Facts:
         charts.require_levels(self.low, self.high)
@@ -50,7 +67,10 @@ class DeadLeaves(Scene):
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         said = super().warn(facts, grids)
         if self.smallest < self.spacing:
-            said.append(f"leaves down to {self.smallest:g} um are drawn on samples {self.spacing:g} um apart, which cannot show them")
+            said.append(
+                f"leaves down to {self.smallest:g} um are drawn on samples {self.spacing:g} um apart, which cannot "
+                f"show them"
+            )
         return said
 
     def error(self, facts: Facts, grid: Grid, precision: str) -> tuple[float, str]:
@@ -63,5 +83,6 @@ class DeadLeaves(Scene):
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
         return self.grey(
-            dead_leaves.dead_leaves(y, x, self.chart(), self.softness_um(self.softness), self.cell, self.oversampling), prepared
+            dead_leaves.dead_leaves(y, x, self.chart(), self.softness_um(self.softness), self.cell, self.oversampling),
+            prepared,
         )

@@ -23,11 +23,12 @@ LARGEST_REACH = 256  # pixels
 
 @dataclass(frozen=True, kw_only=True)
 class Crosstalk(Collecting, Bounded, ChannelTransfer):
-    """Charge that diffuses behind the colour filters (``crosstalk = "through_filter"``), by a pixel kernel for each channel.
+    """Charge that diffuses behind the colour filters (``crosstalk = "through_filter"``), by a pixel kernel for each
+    channel.
 
     A kernel says where the charge made under a pixel's filter is collected: the square under the filter lit evenly,
-    diffusion as in the stage ``diffusion``, neighbours as wide as the pitch. It is the mean over wavelength, weighted with
-    the photons of the channel under the scene's white. Charge is conserved.
+    diffusion as in the stage ``diffusion``, neighbours as wide as the pitch. It is the mean over wavelength, weighted
+    with the photons of the channel under the scene's white. Charge is conserved.
     """
 
     role: ClassVar = "crosstalk"
@@ -41,10 +42,15 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
     libraries: ClassVar = ("colour-science",)
 
     beyond: float = param(
-        1e-8, above=0, at_most=0.1, fidelity=True, reference="1e-14: kernels as wide as the charge wanders",
+        1e-8,
+        above=0,
+        at_most=0.1,
+        fidelity=True,
+        reference="1e-14: kernels as wide as the charge wanders",
         settings=(0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-14),
-        doc="share of the charge that may go farther than the kernels reach; it is spread over them, and none wanders where that is all",
-    )  # fmt: skip
+        doc="share of the charge that may go farther than the kernels reach; it is spread over them, and none wanders "
+        "where that is all",
+    )
 
     def prepare(self, coordinates: Any) -> Any:
         edges = tuple(float(e) for e in coordinates["wavelength_edges"])
@@ -64,7 +70,9 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         electrons, (kept, moved, along_y, along_x) = prepared
         share = shares_of(electrons * light)
         per_pixel = np.asarray(fy) * self.pixel_pitch, np.asarray(fx) * self.pixel_pitch
-        return crosstalk_planes.channel_transfer(share @ kept, share @ moved, along_y, along_x, mask_of(self.pattern), *per_pixel)
+        return crosstalk_planes.channel_transfer(
+            share @ kept, share @ moved, along_y, along_x, mask_of(self.pattern), *per_pixel
+        )
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.crosstalk == "per_plane":
@@ -77,7 +85,9 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         return facts["photocurrent"] if self.crosstalk == "per_plane" else Facts()
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """What goes farther than the largest kernel, counted where it lacks and where it is put; the transforms' rounding."""
+        """What goes farther than the largest kernel, counted where it lacks and where it is put; the transforms'
+        rounding.
+        """
         if self.crosstalk == "per_plane":
             return 0.0, "proved"
         kept, moved, along_y, along_x = tables_of(self, grid["white_irradiance"].bands().edges)
@@ -119,7 +129,9 @@ def shares_of(photons: Any) -> Any:
 
 
 def mixing_of(stage: Any, edges: tuple[float, ...], photons: Any) -> Any:
-    """What uniform light becomes behind the filters: (channel, channel); the identity where charge stays in its plane."""
+    """What uniform light becomes behind the filters: (channel, channel); the identity where charge stays in its
+    plane.
+    """
     if stage.crosstalk == "per_plane":
         return np.eye(len(photons))
     kernel = channel_kernels(photons, tables_of(stage, edges), 1e-8)

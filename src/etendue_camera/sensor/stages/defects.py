@@ -18,7 +18,8 @@ from etendue_camera.sensor import defects
 
 @dataclass(frozen=True, kw_only=True)
 class Defects(Sampled):
-    """Hot pixels have a dark current of their own, exponentially distributed and growing with temperature; dead ones see no light.
+    """Hot pixels have a dark current of their own, exponentially distributed and growing with temperature; dead ones
+    see no light.
 
     In front of the exposure, so that a hot pixel grows with the time, has shot noise and saturates. A list of pixels
     (``row,column,kind`` with kind hot or dead; others are left to ``stuck_pixels``) is added to those drawn.
@@ -40,7 +41,9 @@ class Defects(Sampled):
     dark_doubling: float = quantity("dark_doubling")
     hot: float = param(1e-4, at_least=0, at_most=0.5, doc="share of hot pixels")
     dead: float = param(1e-5, at_least=0, at_most=0.5, doc="share of dead pixels")
-    hot_rate: float = param(1e4, units="electron/s", at_least=0, doc="mean dark current of hot pixels, at the reference temperature")
+    hot_rate: float = param(
+        1e4, units="electron/s", at_least=0, doc="mean dark current of hot pixels, at the reference temperature"
+    )
     file: str = param("", file=True, doc="CSV list of defective pixels: row,column,kind")
 
     def prepare(self, coordinates: Any) -> Any:
@@ -57,12 +60,16 @@ class Defects(Sampled):
         return {"photocurrent": light, "defect_map": found.astype(np.uint8)}
 
     def mean(self, photocurrent: Any, prepared: Any) -> dict[str, Any]:
-        """Over many sensors: defects that are drawn are spread over all pixels, and the map holds those that are listed."""
+        """Over many sensors: defects that are drawn are spread over all pixels, and the map holds those that are
+        listed.
+        """
         kind = photocurrent.dtype.type
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
         rate = kind(self.hot_rate * warm)
         anywhere = photocurrent * kind(1 - self.dead) + kind(self.hot) * rate
-        light = np.where(prepared == defects.DEAD, kind(0), np.where(prepared == defects.HOT, photocurrent + rate, anywhere))
+        light = np.where(
+            prepared == defects.DEAD, kind(0), np.where(prepared == defects.HOT, photocurrent + rate, anywhere)
+        )
         listed = np.isin(prepared, (defects.HOT, defects.DEAD))
         return {"photocurrent": light, "defect_map": np.where(listed, prepared, 0).astype(np.uint8)}
 
@@ -83,7 +90,9 @@ class StuckPixels(Sampled):
     sensor_serial: str = quantity("sensor_serial")
     bits: int = quantity("bits")
     stuck: float = param(1e-5, at_least=0, at_most=0.5, doc="share of stuck pixels")
-    level: float = param(-1.0, at_least=-1, at_most=1, doc="share of the top code at which all stand; -1: each at a level of its own")
+    level: float = param(
+        -1.0, at_least=-1, at_most=1, doc="share of the top code at which all stand; -1: each at a level of its own"
+    )
     file: str = param("", file=True, doc="CSV list of defective pixels: row,column,kind")
 
     def prepare(self, coordinates: Any) -> Any:
@@ -100,8 +109,13 @@ class StuckPixels(Sampled):
         return {"raw": codes, "stuck_map": found.astype(np.uint8)}
 
     def mean(self, raw: Any, prepared: Any) -> dict[str, Any]:
-        """Over many sensors: those that are drawn are spread over all pixels, and the map holds those that are listed."""
+        """Over many sensors: those that are drawn are spread over all pixels, and the map holds those that are
+        listed.
+        """
         level = (0.5 if self.level < 0 else self.level) * (2**self.bits - 1)
         stuck = prepared == defects.STUCK
         anywhere = raw * raw.dtype.type(1 - self.stuck) + raw.dtype.type(self.stuck * level)
-        return {"raw": np.where(stuck, raw.dtype.type(level), anywhere), "stuck_map": np.where(stuck, prepared, 0).astype(np.uint8)}
+        return {
+            "raw": np.where(stuck, raw.dtype.type(level), anywhere),
+            "stuck_map": np.where(stuck, prepared, 0).astype(np.uint8),
+        }

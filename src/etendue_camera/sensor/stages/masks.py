@@ -27,7 +27,9 @@ def bayer_order(pattern: str, what: str) -> str:
     """The name of a Bayer order; ValueError for another array, naming what cannot work on it."""
     mask = mask_of(pattern)
     if mask.bayer is None:
-        raise ValueError(f"{what} knows Bayer arrays only ({', '.join(cfa.BAYER)}), and the pattern is {pattern!r}; use demosaic_any")
+        raise ValueError(
+            f"{what} knows Bayer arrays only ({', '.join(cfa.BAYER)}), and the pattern is {pattern!r}; use demosaic_any"
+        )
     return mask.bayer
 
 

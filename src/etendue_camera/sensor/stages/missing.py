@@ -1,6 +1,7 @@
 """What a pixel that reads gathered bands and few frequencies does not see.
 
-In:  weights of the channels, the stages in front, what the light holds; numbers of terms and the share of frequencies kept.
+In:  weights of the channels, the stages in front, what the light holds; numbers of terms and the share of frequencies
+     kept.
 Out: the rms of what is missing, relative to what a channel reads in the brightest light.
 """
 
@@ -19,16 +20,22 @@ from etendue.transfer import rings as scene_rings
 from etendue_camera.sensor import photodiode
 
 PART = 0.25
-"""Of light that could be strong at any frequency: a picture between black and full scale has at most half of it in its waves, rms, and
-never all at the worst frequency. Of random scenes and spectra, narrow ones too, an eighth of the whole is the most."""
+"""Of light that could be strong at any frequency: a picture between black and full scale has at most half of it in its
+waves, rms, and never all at the worst frequency. Of random scenes and spectra, narrow ones too, an eighth of the whole
+is the most."""
 
 Weights = tuple[tuple[float, ...], ...]
 
 
 def of_the_light(
-    weights: Weights, before: tuple[Transfer, ...], light: Grid, content: Content | None, width: float, terms: int,
+    weights: Weights,
+    before: tuple[Transfer, ...],
+    light: Grid,
+    content: Content | None,
+    width: float,
+    terms: int,
     kept: float,
-) -> float:  # fmt: skip
+) -> float:
     """Of the worst channel.
 
     Parameters
@@ -38,7 +45,8 @@ def of_the_light(
     light : Grid
         Of the light.
     content : Content or None
-        Of the segment's input; None: equally strong in every band, a quarter of it at the frequency where that is worst.
+        Of the segment's input; None: equally strong in every band, a quarter of it at the frequency where that is
+        worst.
     width : float
         Of the light-sensitive square, um.
     terms : int
@@ -73,20 +81,29 @@ def _amplitudes(content: Content) -> Any:
 
 @lru_cache(256)
 def passed(width: float, rings: tuple[float, ...]) -> Any:
-    """(frequency,): the largest value of the aperture's transfer function at a radial frequency, over all directions."""
+    """(frequency,): the largest value of the aperture's transfer function at a radial frequency, over all
+    directions.
+    """
     frequency = scene_rings.frequencies_in(np.array(rings))
     found = np.zeros_like(frequency)
     for angle in np.linspace(0, math.pi / 4, 7):
         along, across = math.cos(angle) * frequency, math.sin(angle) * frequency
-        found = np.maximum(found, np.abs(photodiode.aperture_otf(along, width) * photodiode.aperture_otf(across, width)))
+        found = np.maximum(
+            found, np.abs(photodiode.aperture_otf(along, width) * photodiode.aperture_otf(across, width))
+        )
     return found
 
 
 @lru_cache(96)
 def _missing(
-    weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, rings: tuple[float, ...], terms: int,
+    weights: Weights,
+    before: tuple[Transfer, ...],
+    edges: tuple[float, ...],
+    corner: float,
+    rings: tuple[float, ...],
+    terms: int,
     limit: float,
-) -> Any:  # fmt: skip
+) -> Any:
     """(channel, wavelength, frequency): the largest part of every band that is lost, over all directions."""
     own = np.array(weights)
     own = own[own.max(axis=1) > 0]
@@ -106,7 +123,9 @@ def _missing(
 
 
 @lru_cache(64)
-def basis_of(weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, terms: int) -> Any:
+def basis_of(
+    weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, terms: int
+) -> Any:
     """(terms, wavelength): the functions of wavelength in which the light is gathered."""
     own = np.array(weights)
     frequency = np.linspace(0.0, corner, expansion.FITTED)

@@ -38,7 +38,8 @@ class Mosaic(Haloed):
         found = tuple(planes["channel"].values())
         if found != channels:
             raise ValueError(
-                f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but photon_rate has {', '.join(map(str, found))}"
+                f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but photon_rate has "
+                f"{', '.join(map(str, found))}"
             )
         return {"photocurrent": planes.take(("y", "x"))}
 

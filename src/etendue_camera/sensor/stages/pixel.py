@@ -52,21 +52,31 @@ class Diffusion(Transfer, Bounded, InSilicon):
     back: str = quantity("back")
     crosstalk: str = quantity("crosstalk")
     nodes: int = param(
-        4096, at_least=0, at_most=1_000_000, fidelity=True, reference="0: evaluated at every frequency",
-        settings=(64, 128, 256, 512, 1024, 4096, 0), costs=(0.85, 0.85, 0.86, 0.88, 0.9, 1.0, 1.6),
+        4096,
+        at_least=0,
+        at_most=1_000_000,
+        fidelity=True,
+        reference="0: evaluated at every frequency",
+        settings=(64, 128, 256, 512, 1024, 4096, 0),
+        costs=(0.85, 0.85, 0.86, 0.88, 0.9, 1.0, 1.6),
         doc="radial frequencies at which D is evaluated for a whole frame; cubic between them",
-    )  # fmt: skip
+    )
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
         if self.crosstalk == "through_filter":
             return np.ones((1, np.size(fy), np.size(fx)))
         alphas = silicon.absorption(np.ravel(wavelength))
         diode = (self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back)
-        return on_unique_rows(lambda rows: photodiode.collection_mtf_bands(np.hypot(rows, fx), alphas, *diode, self.nodes), fy)  # type: ignore[arg-type]
+        return on_unique_rows(
+            lambda rows: photodiode.collection_mtf_bands(np.hypot(rows, fx), alphas, *diode, self.nodes), fy
+        )  # type: ignore[arg-type]
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.crosstalk == "through_filter":
-            return 0.0, "charge diffuses behind the filters (crosstalk = through_filter): stage crosstalk, after the mosaic"
+            return (
+                0.0,
+                "charge diffuses behind the filters (crosstalk = through_filter): stage crosstalk, after the mosaic",
+            )
         return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
@@ -90,12 +100,15 @@ class Pixel(Collecting, Summed):
     role: ClassVar = "pixel"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"photon_rate": "channel y x [electron/s]"}
-    gain: ClassVar = 41.0  # interpolation between samples by pixels smaller than their spacing, 10000 x 10000; 1.4 from two samples on
+    # interpolation between samples by pixels smaller than their spacing, 10000 x 10000; 1.4 from two samples on
+    gain: ClassVar = 41.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 8.0
     libraries: ClassVar = ("colour-science",)
 
-    sampling: str = param("physical", choices=("physical", "paper"), doc="pixels of their own, or one scene sample = one pixel")
+    sampling: str = param(
+        "physical", choices=("physical", "paper"), doc="pixels of their own, or one scene sample = one pixel"
+    )
     rows: int = param(0, at_least=0, doc="pixels along y; 0: as many as the sensor's size or the light hold")
     columns: int = param(0, at_least=0, doc="pixels along x")
     sensor_height: float = param(0.0, units="mm", at_least=0, doc="fixed size of the sensor; 0: not fixed")
@@ -105,52 +118,90 @@ class Pixel(Collecting, Summed):
     window_rows: int = param(0, at_least=0, doc="rows of the window; 0: all")
     window_columns: int = param(0, at_least=0, doc="columns of the window; 0: all")
     wavelength_terms: int = param(
-        0, at_least=0, at_most=32, fidelity=True, reference="0: every band its own transform",
+        0,
+        at_least=0,
+        at_most=32,
+        fidelity=True,
+        reference="0: every band its own transform",
         settings=(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 32, 0),
-        doc="planes in which the bands are gathered before the transforms, as many as channels or more: 7 to 9 serve most lenses",
-    )  # fmt: skip
+        doc="planes in which the bands are gathered before the transforms, as many as channels or more: 7 to 9 serve "
+        "most lenses",
+    )
     kept_frequencies: float = param(
-        1.0, above=0, at_most=1, fidelity=True, exact=True, reference="1: all that the grid carries",
-        settings=(0.125, 0.1875, 0.25, 0.375, 0.5, 0.75, 1.0), costs=(0.23, 0.24, 0.25, 0.26, 0.27, 0.35, 1.0),
+        1.0,
+        above=0,
+        at_most=1,
+        fidelity=True,
+        exact=True,
+        reference="1: all that the grid carries",
+        settings=(0.125, 0.1875, 0.25, 0.375, 0.5, 0.75, 1.0),
+        costs=(0.23, 0.24, 0.25, 0.26, 0.27, 0.35, 1.0),
         doc="share of the grid's Nyquist frequency beyond which light is left out",
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if 0 < self.wavelength_terms < len(self.channels):
             raise ValueError(
-                f"wavelength_terms is {self.wavelength_terms}, but the sensor has {len(self.channels)} channels; give as many or more, or 0"
+                f"wavelength_terms is {self.wavelength_terms}, but the sensor has {len(self.channels)} channels; give "
+                f"as many or more, or 0"
             )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         light = inputs["irradiance"]
         lines = {
-            "y": self._line(light.line("y"), self.rows, self.sensor_height, self.first_row, self.window_rows, "rows", "sensor_height"),
+            "y": self._line(
+                light.line("y"),
+                self.rows,
+                self.sensor_height,
+                self.first_row,
+                self.window_rows,
+                "rows",
+                "sensor_height",
+            ),
             "x": self._line(
-                light.line("x"), self.columns, self.sensor_width, self.first_column, self.window_columns, "columns", "sensor_width"
+                light.line("x"),
+                self.columns,
+                self.sensor_width,
+                self.first_column,
+                self.window_columns,
+                "columns",
+                "sensor_width",
             ),
         }
         return {"photon_rate": Grid.of({"channel": Labels(self.channels), **lines})}
 
-    def _line(self, light: Line, count: int, size_mm: float, first: int, window: int, what: str, size_name: str) -> Line:
+    def _line(
+        self, light: Line, count: int, size_mm: float, first: int, window: int, what: str, size_name: str
+    ) -> Line:
         if self.sampling == "paper":
             if abs(light.step - self.pixel_pitch) > 1e-9 * self.pixel_pitch:
                 raise ValueError(
-                    f"sampling 'paper' takes one scene sample for one pixel, but the scene's spacing is {light.step:g} um and the pitch "
+                    f"sampling 'paper' takes one scene sample for one pixel, but the scene's spacing is {light.step:g} "
+                    f"um and the pitch "
                     f"{self.pixel_pitch:g} um; make them equal, or use sampling = 'physical'"
                 )
             return Line(light.size, 0.0, 1.0, "1", (light.start, light.step))
         if count and size_mm:
             raise ValueError(f"{what} and {size_name} are both given; one follows from the other and the pitch")
         length = light.size * light.step
-        total = count or (math.floor(size_mm * 1e3 / self.pixel_pitch + 1e-9) if size_mm else math.floor(length / self.pixel_pitch + 1e-9))
+        total = count or (
+            math.floor(size_mm * 1e3 / self.pixel_pitch + 1e-9)
+            if size_mm
+            else math.floor(length / self.pixel_pitch + 1e-9)
+        )
         size = window or total - first
         centre = light.start + 0.5 * (light.size - 1) * light.step
         start = centre + (first - 0.5 * (total - 1)) * self.pixel_pitch
         low, high = start - 0.5 * self.pixel_pitch, start + (size - 0.5) * self.pixel_pitch
-        if size < 1 or low < light.start - 0.5 * light.step - 1e-6 or high > light.start + (light.size - 0.5) * light.step + 1e-6:
+        if (
+            size < 1
+            or low < light.start - 0.5 * light.step - 1e-6
+            or high > light.start + (light.size - 0.5) * light.step + 1e-6
+        ):
             raise ValueError(
-                f"{size} pixels of {self.pixel_pitch:g} um reach from {low:g} to {high:g} um, but the scene's light is {length:g} um long; "
+                f"{size} pixels of {self.pixel_pitch:g} um reach from {low:g} to {high:g} um, but the scene's light is "
+                f"{length:g} um long; "
                 f"widen the scene or take fewer {what}"
             )
         return Line(size, float(first), 1.0, "1", (start, self.pixel_pitch))
@@ -163,7 +214,10 @@ class Pixel(Collecting, Summed):
         aperture = photodiode.aperture_otf(fy, width) * photodiode.aperture_otf(fx, width)
         if self.aperture_offset_y == 0 == self.aperture_offset_x:
             return aperture[None]
-        return (aperture * np.exp(2j * np.pi * self.pixel_pitch * (self.aperture_offset_y * fy + self.aperture_offset_x * fx)))[None]
+        return (
+            aperture
+            * np.exp(2j * np.pi * self.pixel_pitch * (self.aperture_offset_y * fy + self.aperture_offset_x * fx))
+        )[None]
 
     def weights(self, prepared: Any) -> Any:
         return prepared
@@ -173,22 +227,28 @@ class Pixel(Collecting, Summed):
         return (5e-6 if precision == "float32" else 2e-14), "measured"
 
     def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """With what an expansion and the frequencies left out take from the light: of what the scene holds, where that is known; else of
-        light equally strong in every band, at the frequency where that is most."""
+        """With what an expansion and the frequencies left out take from the light: of what the scene holds, where that
+        is known; else of light equally strong in every band, at the frequency where that is most."""
         bound, how = self.error(facts, grid, precision)
         light = grid["irradiance"]
         few = 0 < self.wavelength_terms < light.bands().size and bool(before)
         if not few and self.kept_frequencies == 1:
             return bound, how
         lost = missing.of_the_light(
-            self.normalised(light.bands().edges), before, light, facts["irradiance"].content,
+            self.normalised(light.bands().edges),
+            before,
+            light,
+            facts["irradiance"].content,
             self.pixel_pitch * self.aperture_fraction,
-            self.wavelength_terms if few else 0, self.kept_frequencies,
-        )  # fmt: skip
+            self.wavelength_terms if few else 0,
+            self.kept_frequencies,
+        )
         return bound + lost, "fitted"
 
     def normalised(self, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
-        """(channel, wavelength): the weights of every channel with a sum of 1, whatever the size of the pixel; 0 where nothing is seen."""
+        """(channel, wavelength): the weights of every channel with a sum of 1, whatever the size of the pixel; 0
+        where nothing is seen.
+        """
         return shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], edges)
 
     def terms(self) -> int:
@@ -220,11 +280,16 @@ class Pixel(Collecting, Summed):
     def warn_among(self, others: Any) -> list[str]:
         if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in others.values()):
             return []
-        return ["crosstalk = 'through_filter', but no stage crosstalk stands after the mosaic: charge does not diffuse at all"]
+        return [
+            "crosstalk = 'through_filter', but no stage crosstalk stands after the mosaic: charge does not diffuse at "
+            "all"
+        ]
 
     def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
         """What the sensor sees outside the wavelengths of the scene; narrow light is taken for what it is."""
-        known = self.sensitivity == FLAT or spectra.spectrum(self.sensitivity)  # tables of colour-science end where their filters do
+        known = self.sensitivity == FLAT or spectra.spectrum(
+            self.sensitivity
+        )  # tables of colour-science end where their filters do
         if edges[-1] - edges[0] < 200 or not known:
             return []
         bins = tuple(300.0 + 10 * i for i in range(91))
@@ -237,7 +302,8 @@ class Pixel(Collecting, Summed):
         if share <= 0.02:
             return []
         return [
-            f"{100 * share:.0f} % of a channel's sensitivity lies outside {edges[0]:g} to {edges[-1]:g} nm: such light is left out; widen "
+            f"{100 * share:.0f} % of a channel's sensitivity lies outside {edges[0]:g} to {edges[-1]:g} nm: such light "
+            f"is left out; widen "
             "the scene's wavelengths (wavelength_to = 1100), unless a filter cuts it"
         ]
 
@@ -251,6 +317,8 @@ class Pixel(Collecting, Summed):
         if self.pixel_pitch >= 3 and left >= 0.8:
             return []
         return [
-            "wandering charge reaches pixels of other colours (pixels below 3 um, or less than 0.8 of the contrast left at their Nyquist "
-            "frequency in green light); crosstalk = 'through_filter', with the stage crosstalk after the mosaic, has that"
+            "wandering charge reaches pixels of other colours (pixels below 3 um, or less than 0.8 of the contrast "
+            "left at their Nyquist "
+            "frequency in green light); crosstalk = 'through_filter', with the stage crosstalk after the mosaic, has "
+            "that"
         ]

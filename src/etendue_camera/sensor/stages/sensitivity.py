@@ -1,4 +1,5 @@
-"""Quantum efficiency of a sensor's channels from a sensitivity table: shared by the pixel, the white and the colour fit.
+"""Quantum efficiency of a sensor's channels from a sensitivity table: shared by the pixel, the white and the colour
+fit.
 
 In:  camera quantities of filters and photodiode; the colour filter array; bin edges, nm.
 Out: electrons per photon and per irradiance, (channel, wavelength), in the order of the mask's channels.
@@ -22,7 +23,10 @@ FLAT = "flat"  # the sensitivity that is the same for photons of every wavelengt
 CLEAR = "WC"  # letters of pixels without a filter
 WORDS = {"red": "R", "green": "G", "blue": "B", "white": "W", "clear": "C"}
 CAMERA_COLUMNS = ("R", "G", "B")
-OF_THE_SAME, SAME_PEAK = 0.005, 0.01  # columns whose peaks are so near to 1 are relative; a table's peak is so near to peak_qe
+OF_THE_SAME, SAME_PEAK = (
+    0.005,
+    0.01,
+)  # columns whose peaks are so near to 1 are relative; a table's peak is so near to peak_qe
 FINE = tuple(300.0 + 0.25 * i for i in range(3601))  # nm, bins in which the peak of a table is looked for
 
 
@@ -48,7 +52,8 @@ class Sensitive(Stage):
         channels = self.channels
         if len(self.peak_qe) not in (1, len(channels)):
             raise ValueError(
-                f"peak_qe has {len(self.peak_qe)} values, but the pattern {self.pattern!r} has {len(channels)} channels: "
+                f"peak_qe has {len(self.peak_qe)} values, but the pattern {self.pattern!r} has {len(channels)} "
+                f"channels: "
                 f"{', '.join(channels)}; give one value for each, or one for all"
             )
         if not spectra.spectrum(self.sensitivity) and self.sensitivity != FLAT:
@@ -74,7 +79,10 @@ class Collecting(Sensitive):
     def __post_init__(self) -> None:
         super().__post_init__()
         room = 0.5 * (1 - self.aperture_fraction)
-        for name, offset in (("aperture_offset_y", self.aperture_offset_y), ("aperture_offset_x", self.aperture_offset_x)):
+        for name, offset in (
+            ("aperture_offset_y", self.aperture_offset_y),
+            ("aperture_offset_x", self.aperture_offset_x),
+        ):
             if abs(offset) > room + 1e-12:
                 raise ValueError(
                     f"{name} = {offset:g} moves the light-sensitive square out of its pixel: with aperture_fraction = "
@@ -83,7 +91,8 @@ class Collecting(Sensitive):
         fill = self.aperture_fraction**2
         if self.microlens_gain * fill > 1 + 1e-12:
             raise ValueError(
-                f"microlens_gain = {self.microlens_gain:g} times the fill factor {fill:.3g} is above 1, but a microlens collects no more "
+                f"microlens_gain = {self.microlens_gain:g} times the fill factor {fill:.3g} is above 1, but a "
+                f"microlens collects no more "
                 f"than the light on its pixel: {1 / fill:.4g} at most"
             )
 
@@ -101,9 +110,14 @@ def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
         elif channel in CLEAR and stage.sensitivity_kind == "filter_transmittance":
             found.append(None)
         else:
-            clear = ", or take sensitivity_kind = 'filter_transmittance', where a clear pixel needs none" if channel in CLEAR else ""
+            clear = (
+                ", or take sensitivity_kind = 'filter_transmittance', where a clear pixel needs none"
+                if channel in CLEAR
+                else ""
+            )
             raise ValueError(
-                f"the pattern {stage.pattern!r} has a channel {channel}, but the sensitivity {stage.sensitivity!r} has columns "
+                f"the pattern {stage.pattern!r} has a channel {channel}, but the sensitivity {stage.sensitivity!r} has "
+                f"columns "
                 f"{', '.join(names)} only; give the path of a CSV table with a column {channel}{clear}"
             )
     return found
@@ -124,12 +138,16 @@ def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> Any:
     relative, highest = (_relative(stage, columns, *part) for part in ((table, edges), (fine, FINE)))
     peaks = highest.max(axis=1, keepdims=True)
     if not np.all(relative.max(axis=1) > 0):
-        raise ValueError(f"the sensitivity {stage.sensitivity!r} has a channel that sees nothing in {edges[0]:g}-{edges[-1]:g} nm")
+        raise ValueError(
+            f"the sensitivity {stage.sensitivity!r} has a channel that sees nothing in {edges[0]:g}-{edges[-1]:g} nm"
+        )
     return _of_the_silicon(stage, edges, relative / peaks)
 
 
 def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: Any) -> Any:
-    """Curves with a peak of 1 to electrons per photon: ``peak_qe``, and where the table knows filters alone, collection and surface."""
+    """Curves with a peak of 1 to electrons per photon: ``peak_qe``, and where the table knows filters alone,
+    collection and surface.
+    """
     efficiency = relative * np.broadcast_to(np.array(stage.peak_qe), relative.shape[0])[:, None]
     if stage.sensitivity_kind == "filter_transmittance":
         centres = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
@@ -152,31 +170,46 @@ def unused_notes(stage: Any) -> list[str]:
     said = []
     if stage.sensitivity_kind == "system_qe" and stage.surface_transmission != 1:
         said.append(
-            f"surface_transmission = {stage.surface_transmission:g} changes nothing: sensitivity_kind = 'system_qe' holds the surface "
+            f"surface_transmission = {stage.surface_transmission:g} changes nothing: sensitivity_kind = 'system_qe' "
+            f"holds the surface "
             "already; take sensitivity_kind = 'filter_transmittance', or lower peak_qe"
         )
     if stage.sensitivity == FLAT and stage.sensitivity_per == "energy":
-        said.append("sensitivity_per = 'energy' changes nothing: sensitivity = 'flat' is the same for photons of every wavelength")
+        said.append(
+            "sensitivity_per = 'energy' changes nothing: sensitivity = 'flat' is the same for photons of every "
+            "wavelength"
+        )
     return said
 
 
 def peaks_note(stage: Any) -> list[str]:
-    """What is said of a table that looks absolute (columns between 0 and 1, of peaks other than 1) and is scaled to other peaks."""
+    """What is said of a table that looks absolute (columns between 0 and 1, of peaks other than 1) and is scaled to
+    other peaks.
+    """
     if stage.sensitivity == FLAT or not spectra.spectrum(stage.sensitivity) or stage.sensitivity_kind != "system_qe":
         return []
     names, _, values = spectra.camera_rows(stage.sensitivity)
-    channels = [(letter, column) for letter, column in zip(stage.channels, _columns_of(stage, names), strict=True) if column is not None]
+    channels = [
+        (letter, column)
+        for letter, column in zip(stage.channels, _columns_of(stage, names), strict=True)
+        if column is not None
+    ]
     peaks = np.array([values[:, column].max() for _, column in channels])
-    wanted = np.broadcast_to(np.array(stage.peak_qe), len(channels)) if len(stage.peak_qe) == 1 else np.array(stage.peak_qe)
+    wanted = (
+        np.broadcast_to(np.array(stage.peak_qe), len(channels)) if len(stage.peak_qe) == 1 else np.array(stage.peak_qe)
+    )
     relative = np.ptp(peaks) < OF_THE_SAME and peaks.max() > 1 - OF_THE_SAME
     if stage.sensitivity_per == "energy" or relative or peaks.max() > 1 or not peaks.min() > 0:
         return []
     if np.all(np.abs(peaks - wanted) <= SAME_PEAK * peaks):
         return []
     found, given = (", ".join(f"{one:.3g}" for one in part) for part in (peaks, wanted))
-    what = stage.sensitivity if stage.sensitivity.endswith(spectra.ENDINGS) else f"the sensitivity {stage.sensitivity!r}"
+    what = (
+        stage.sensitivity if stage.sensitivity.endswith(spectra.ENDINGS) else f"the sensitivity {stage.sensitivity!r}"
+    )
     return [
-        f"the columns of {what} peak at {found} ({', '.join(letter for letter, _ in channels)}) and are scaled to peak_qe = [{given}]; "
+        f"the columns of {what} peak at {found} ({', '.join(letter for letter, _ in channels)}) and are scaled to "
+        f"peak_qe = [{given}]; "
         f"to take them as they stand: peak_qe = [{found}]"
     ]
 
@@ -184,7 +217,8 @@ def peaks_note(stage: Any) -> list[str]:
 def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     """What is said of a table that ends where a channel still sees: beyond, the channel sees nothing.
 
-    Filters in front of silicon are looked at for themselves: how much charge hangs on their ends depends on the silicon too.
+    Filters in front of silicon are looked at for themselves: how much charge hangs on their ends depends on the silicon
+    too.
     """
     if stage.sensitivity == FLAT:
         return []
@@ -192,7 +226,9 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     if lowest <= edges[0] and edges[-1] <= highest:
         return []  # without colour-science
     names, rows, values = spectra.camera_rows(stage.sensitivity)
-    what = stage.sensitivity if stage.sensitivity.endswith(spectra.ENDINGS) else f"the sensitivity {stage.sensitivity!r}"
+    what = (
+        stage.sensitivity if stage.sensitivity.endswith(spectra.ENDINGS) else f"the sensitivity {stage.sensitivity!r}"
+    )
     chosen = [column for column in _columns_of(stage, names) if column is not None]
     curves = values[:, chosen] / (rows[:, None] if stage.sensitivity_per == "energy" else 1.0)
     return spectra.cut_off_note(what, [names[column] for column in chosen], rows, curves, edges[0], edges[-1])
@@ -216,12 +252,15 @@ def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
     return quantum_efficiency(stage, edges) * (widths * photons_from_energy(1.0, centres * 1e-3) * area)
 
 
-SEEN_BY = tuple(field.name for field in fields(Sensitive))  # what the colours of a sensor follow from, whatever the size of its pixels
+SEEN_BY = tuple(
+    field.name for field in fields(Sensitive)
+)  # what the colours of a sensor follow from, whatever the size of its pixels
 
 
 @lru_cache(64)
 def shares(seen_by: tuple[Any, ...], files: Any, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
-    """(channel, wavelength): electrons per irradiance of a sensor, with a sum of 1 for each channel; 0 where nothing is seen.
+    """(channel, wavelength): electrons per irradiance of a sensor, with a sum of 1 for each channel; 0 where nothing is
+    seen.
 
     ``seen_by`` are the values of ``SEEN_BY``, ``files`` the state of the files that they name.
     """

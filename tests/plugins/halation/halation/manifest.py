@@ -1,5 +1,5 @@
-"""What this distribution brings: two stages of a new role, a variable, a camera quantity, a sensor, two tables by wavelength, a kind of
-plot and sections of a page."""
+"""What this distribution brings: two stages of a new role, a variable, a camera quantity, a sensor, two tables by
+wavelength, a kind of plot and sections of a page."""
 
 from pathlib import Path
 
@@ -15,12 +15,27 @@ def etendue_stages():
 
 @hookimpl
 def etendue_variables():
-    return {"halo": {"long_name": "share of the light that comes back", "units": "percent", "shown": "map", "range": (0, 20)}}
+    return {
+        "halo": {
+            "long_name": "share of the light that comes back",
+            "units": "percent",
+            "shown": "map",
+            "range": (0, 20),
+        }
+    }
 
 
 @hookimpl
 def etendue_quantities():
-    return {"film_base": {"default": 120.0, "units": "um", "above": 0, "long_name": "film base", "doc": "thickness of the film's base"}}
+    return {
+        "film_base": {
+            "default": 120.0,
+            "units": "um",
+            "above": 0,
+            "long_name": "film base",
+            "doc": "thickness of the film's base",
+        }
+    }
 
 
 @hookimpl
@@ -41,7 +56,12 @@ def etendue_spectra():
 @hookimpl
 def etendue_plots():
     return {
-        "glow": {"place": "halation.study:glow", "takes": 1, "doc": "how much light comes back, pixel by pixel", "uses": ["at"]},
+        "glow": {
+            "place": "halation.study:glow",
+            "takes": 1,
+            "doc": "how much light comes back, pixel by pixel",
+            "uses": ["at"],
+        },
         "nothing": {"place": "halation.study:nothing", "doc": "no plot at all"},
     }
 

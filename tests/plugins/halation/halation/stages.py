@@ -25,7 +25,10 @@ class Halation(Stage):
         share = self.back * self.film_base / 1000
         mean = irradiance.mean(axis=(1, 2), keepdims=True, dtype=np.float64)
         more = (irradiance + share * mean).astype(irradiance.dtype)
-        return {"irradiance": more, "halo": (100 * (more - irradiance).sum(axis=0) / more.sum(axis=0)).astype(irradiance.dtype)}
+        return {
+            "irradiance": more,
+            "halo": (100 * (more - irradiance).sum(axis=0) / more.sum(axis=0)).astype(irradiance.dtype),
+        }
 
     @property
     def back(self):

@@ -15,7 +15,9 @@ class Diffusion(stages.Diffusion):
     def transfer(self, fy, fx, wavelength):
         radius = np.asarray(np.hypot(fy, fx), dtype=float)
         planes = [
-            photodiode.collection_mtf(radius, float(silicon.absorption(float(one))), self.layer, self.depth, self.length)
+            photodiode.collection_mtf(
+                radius, float(silicon.absorption(float(one))), self.layer, self.depth, self.length
+            )
             for one in np.ravel(wavelength)
         ]
         return np.stack(planes)

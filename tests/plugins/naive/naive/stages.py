@@ -12,7 +12,9 @@ IRRADIANCE = {"irradiance": "wavelength y x [W m-2 nm-1]"}
 
 @dataclass(frozen=True, kw_only=True)
 class Diffusion(Transfer):
-    """Charge that wanders: sinh and cosh overflow, and where absorption meets diffusion a nought stands over a nought."""
+    """Charge that wanders: sinh and cosh overflow, and where absorption meets diffusion a nought stands over a
+    nought.
+    """
 
     reads = writes = IRRADIANCE
     negative = "keep"
@@ -24,7 +26,9 @@ class Diffusion(Transfer):
     def collected(self, frequency, absorption):
         k = np.sqrt(1 / self.length**2 + (2 * np.pi * frequency) ** 2)
         a, depth = absorption, self.depth
-        wanders = (a * np.sinh(k * depth) - k * np.cosh(k * depth) + k * np.exp(-a * depth)) / ((a**2 - k**2) * np.sinh(k * depth))
+        wanders = (a * np.sinh(k * depth) - k * np.cosh(k * depth) + k * np.exp(-a * depth)) / (
+            (a**2 - k**2) * np.sinh(k * depth)
+        )
         return 1 - np.exp(-a * self.layer) + np.exp(-a * self.layer) * a * wanders
 
     def transfer(self, fy, fx, wavelength):
@@ -72,7 +76,9 @@ class Variance(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Shade(Stage):
-    """Light as a share of its mean, with a small number so that nothing is divided by nought: light has no natural unit."""
+    """Light as a share of its mean, with a small number so that nothing is divided by nought: light has no natural
+    unit.
+    """
 
     reads = writes = IRRADIANCE
 
@@ -80,7 +86,10 @@ class Shade(Stage):
 
     def run(self, irradiance):
         mean = irradiance.mean(axis=(1, 2), keepdims=True)
-        return {"irradiance": irradiance * (1 - irradiance.dtype.type(self.strength) * mean / (mean + irradiance.dtype.type(1e-6)))}
+        return {
+            "irradiance": irradiance
+            * (1 - irradiance.dtype.type(self.strength) * mean / (mean + irradiance.dtype.type(1e-6)))
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,4 +119,7 @@ class Scatter(Noisy):
         return self.deviation
 
     def run(self, charge, rng):
-        return {"charge": charge + charge.dtype.type(self.deviation) * rng.standard_normal(charge.shape).astype(charge.dtype)}
+        return {
+            "charge": charge
+            + charge.dtype.type(self.deviation) * rng.standard_normal(charge.shape).astype(charge.dtype)
+        }

@@ -8,7 +8,9 @@ import etendue
 
 
 def sensitivity(pipeline, **moved):
-    """{"stage.figure": relative change} of a pipeline, when one quantity has the second of two values in place of the first."""
+    """{"stage.figure": relative change} of a pipeline, when one quantity has the second of two values in place of
+    the first.
+    """
     ((name, values),) = moved.items()
     tree = etendue.simulate(pipeline.sweep(**{name: list(values)}), scheduler="serial")
     return changes(tree)[name]
