@@ -12,7 +12,7 @@ import nox
 
 nox.options.default_venv_backend = "none"
 nox.options.error_on_missing_interpreters = True
-nox.options.sessions = ["lint", "types", "imports", "tests"]
+nox.options.sessions = ["lint", "types", "imports", "house", "tests"]
 if "VIRTUAL_ENV" not in os.environ:  # .venv/bin/nox without an activated environment: the tools beside nox
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 os.environ.setdefault("UV_PYTHON_DOWNLOADS", "never")
@@ -44,6 +44,12 @@ def types(session: nox.Session) -> None:
 def imports(session: nox.Session) -> None:
     """Imports point one way."""
     session.run("lint-imports")
+
+
+@nox.session
+def house(session: nox.Session) -> None:
+    """How much there is of the house: no figure above the one recorded."""
+    session.run("python", "benchmarks/house.py", "--against", "benchmarks/house.json")
 
 
 @nox.session
