@@ -20,12 +20,14 @@ from pygments.lexers.special import TextLexer  # noqa: E402
 from sphinx.highlighting import lexers  # noqa: E402
 
 from making import commands, copies, gallery, python, sensors, stages  # noqa: E402
+from making.project import project_of  # noqa: E402
 
 lexers["csv"] = TextLexer()  # which Pygments does not know
 
-project = "etendue"
-author = copyright = "The etendue developers"
-version = release = metadata.version("etendue")
+about = project_of(ROOT)
+project = about.says["name"]
+author = copyright = ", ".join(about.authors)
+version = release = metadata.version(project)
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_design"]
 source_suffix = {".md": "markdown"}
@@ -48,13 +50,17 @@ linkcheck_timeout, linkcheck_retries, linkcheck_workers = 20, 2, 4
 linkcheck_report_timeouts_as_broken = True
 
 html_theme = "pydata_sphinx_theme"
-html_title = "etendue"
+html_title = project
+html_baseurl = about.url("Documentation") or ""
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_sidebars = {"index": [], "first_picture": [], "made/gallery": []}
 html_theme_options = {
-    "logo": {"text": "etendue"},
+    "logo": {"text": project},
+    "icon_links": [
+        {"name": label, "url": url, "icon": "fa-solid fa-code"} for label in ("Source",) if (url := about.url(label))
+    ],
     "navbar_align": "left",
     "header_links_before_dropdown": 7,
     "secondary_sidebar_items": ["page-toc"],

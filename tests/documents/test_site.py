@@ -8,7 +8,6 @@ import importlib
 import json
 import re
 import sys
-import tomllib
 
 import pytest
 
@@ -153,16 +152,6 @@ def test_words_for_who_comes_from_elsewhere_are_words_of_ours():
     } == set()
     assert {word.split()[1] for word in words if word.startswith("etendue ")} <= set(main.list_commands(None))
     assert all((ROOT / word).exists() for word in words if word.startswith("pipelines/"))
-
-
-def test_the_citation_names_this_version():
-    text = (ROOT / "CITATION.cff").read_text()
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert (
-        text.startswith("cff-version: 1.2.0\n")
-        and f'version: "{project["version"]}"' in text
-        and f"license: {project['license']}" in text
-    )
 
 
 def test_every_picture_of_a_page_has_a_command_that_draws_it(making):
