@@ -35,10 +35,11 @@ def _lines(project: Project) -> Iterator[str]:
     yield f"abstract: {json.dumps(says['description'])}"
     yield "authors:"
     yield from (f"  - name: {json.dumps(name, ensure_ascii=False)}" for name in project.authors)
-    if project.contact:
+    if project.contacts:
         yield "contact:"
-        yield f"  - name: {json.dumps(says['maintainers'][0]['name'], ensure_ascii=False)}"
-        yield f"    email: {json.dumps(project.contact)}"
+    for name, address in project.contacts.items():
+        yield f"  - name: {json.dumps(name, ensure_ascii=False)}"
+        yield f"    email: {json.dumps(address)}"
     yield f"version: {json.dumps(project.version)}"
     yield f"license: {says['license']}"
     for field, label in {"repository-code": "Source", "url": "Documentation"}.items():

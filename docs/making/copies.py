@@ -1,11 +1,17 @@
-"""README, CONTRIBUTING and CHANGELOG as pages of the site: links between them and the documents lead where they lead
+"""The documents at the top of the repository as pages of the site: links between them and ``docs`` lead where they lead
 on a code host.
 """
 
 import re
 from pathlib import Path
 
-COPIED = {"README.md": "readme", "CONTRIBUTING.md": "contributing", "CHANGELOG.md": "changelog"}
+COPIED = {
+    "README.md": "readme",
+    "CONTRIBUTING.md": "contributing",
+    "CHANGELOG.md": "changelog",
+    "CODE_OF_CONDUCT.md": "code_of_conduct",
+    "SECURITY.md": "security",
+}
 _LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s]+)(#[^)]*)?\)")
 
 

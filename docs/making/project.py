@@ -26,10 +26,10 @@ class Project:
         return [one["name"] for one in self.says["authors"]]
 
     @property
-    def contact(self) -> str | None:
-        """Whom to write to, once it is filled in."""
-        found = (one.get("email", UNFILLED) for one in self.says["maintainers"])
-        return next((address for address in found if is_filled(address)), None)
+    def contacts(self) -> dict[str, str]:
+        """Whom to write to: addresses by author, once they are filled in."""
+        found = {one["name"]: one.get("email", UNFILLED) for one in self.says["authors"]}
+        return {name: address for name, address in found.items() if is_filled(address)}
 
     def url(self, label: str) -> str | None:
         """An address, once it is filled in."""

@@ -53,8 +53,7 @@ def test_what_is_filled_in_stands_in_the_citation(making, about):
     project, citation = making
     says = {
         **about.says,
-        "authors": [{"name": "Ada Lovelace"}, {"name": "Imaging: a group"}],
-        "maintainers": [{"name": "Ada Lovelace", "email": "ada@imaging.org"}],
+        "authors": [{"name": "Ada Lovelace", "email": "ada@imaging.org"}, {"name": "Imaging: a group"}],
         "urls": dict.fromkeys(about.says["urls"], "https://imaging.org/etendue"),
     }
     read = yaml.safe_load(citation.citation(project.Project(says, "1.2.3")))
@@ -65,7 +64,8 @@ def test_what_is_filled_in_stands_in_the_citation(making, about):
 
 def test_no_address_or_author_is_repeated(about):
     """Whoever fills them in does so once."""
-    own = {*about.says["urls"].values(), *(one["email"] for one in about.says["maintainers"]), *about.authors}
+    emails = (one["email"] for one in about.says["authors"] if "email" in one)
+    own = {*about.says["urls"].values(), *emails, *about.authors}
     assert [(path.name, one) for path in WRITTEN for one in own if one in path.read_text()] == []
 
 

@@ -21,7 +21,7 @@ from etendue.pipeline.presets import preset, preset_names
 from tests.documents.pages import DOCS, ROOT
 
 PAGES = sorted(path for path in DOCS.rglob("*.md") if not {"made", "_build"} & set(path.relative_to(DOCS).parts))
-FILES = [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+FILES = [*PAGES, *(path for path in sorted(ROOT.glob("*.md")) if path.name != "CHANGELOG.md")]
 
 
 @pytest.fixture(scope="module")
