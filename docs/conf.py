@@ -55,7 +55,7 @@ html_baseurl = about.url("Documentation") or ""
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
-html_sidebars = {"index": [], "first_picture": [], "made/gallery": []}
+html_sidebars = {"index": [], "made/gallery": []}
 html_theme_options = {
     "logo": {"text": project},
     "icon_links": [
