@@ -130,6 +130,8 @@ def as_prose(app: Any, what: str, name: str, thing: Any, options: Any, lines: li
     if what == "module":
         lines[:] = _flows(lines)
     for number, line in enumerate(lines):
+        if line.lstrip().startswith((">>> ", "... ")):  # an example is shown as it is typed
+            continue
         parts = re.split(r"(``.+?``|`[^`]+`|:[a-z]+:)", line)
         lines[number] = "".join(
             part if at % 2 else _PROSE_SIGNS.sub(lambda found: "\\" + found[0], part) for at, part in enumerate(parts)

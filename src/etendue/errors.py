@@ -54,7 +54,14 @@ class EtendueError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong with a request: where it stands and what to do about it."""
+    """One thing wrong with a request: where it stands and what to do about it.
+
+    Examples
+    --------
+    >>> from etendue.api import Fault
+    >>> print(Fault("stage 2 'filter'", "there is no parameter 'widht'; did you mean 'width'?"))
+    stage 2 'filter': there is no parameter 'widht'; did you mean 'width'?
+    """
 
     place: str
     message: str
@@ -66,7 +73,14 @@ class Fault:
 
 
 class RequestError(EtendueError):
-    """What was asked for cannot be done; carries every fault found, not the first one."""
+    """What was asked for cannot be done; carries every fault found, not the first one.
+
+    Examples
+    --------
+    >>> from etendue.api import Fault, RequestError
+    >>> RequestError([Fault("gain", "must be above 0"), Fault("seed", "must be a whole number")]).faults[1].place
+    'seed'
+    """
 
     exit_code = 2
 

@@ -41,9 +41,13 @@ class Archive(Extended):
 
     Examples
     --------
-    >>> archive = etendue.Archive("small")  # doctest: +SKIP
-    >>> archive.plot.map("loudness")  # doctest: +SKIP
-    >>> archive.report("small.html")  # doctest: +SKIP
+    >>> import etendue
+    >>> _ = etendue.simulate("pipelines/smallest.toml", archive="small", want="clipped_fraction")
+    >>> archive = etendue.Archive("small")
+    >>> float(archive.tree["exposure_report"]["clipped_fraction"].max()) < 1
+    True
+    >>> archive.verify()["whole"]
+    True
     """
 
     def __init__(self, place: str | Path) -> None:

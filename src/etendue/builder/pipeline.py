@@ -40,7 +40,14 @@ APART = {"stages", "sweep", "about"}  # of the words of a pipeline file: those w
 
 
 def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> dict[str, Any]:
-    """Values of an axis from one to another: ``span("1 um", "3 um", 5)``; ``spacing``: ``linear`` or ``log``."""
+    """Values of an axis from one to another: ``span("1 um", "3 um", 5)``; ``spacing``: ``linear`` or ``log``.
+
+    Examples
+    --------
+    >>> import etendue
+    >>> etendue.span("1 um", "3 um", 5)
+    {'from': '1 um', 'to': '3 um', 'steps': 5, 'spacing': 'linear'}
+    """
     return {"from": first, "to": last, "steps": steps, "spacing": spacing}
 
 
@@ -84,10 +91,11 @@ class Pipeline(Extended, Source):
     Examples
     --------
     >>> import etendue
-    >>> from etendue import stages as s
-    >>> made = etendue.Pipeline(s.source(level=2), s.filter(), name="small")  # doctest: +SKIP
-    >>> made.shared(gain=4).sweep(gain=[2, 4]).plan().cells  # doctest: +SKIP
-    3
+    >>> made = etendue.Pipeline.read("pipelines/smallest.toml").sweep(sharpen__strength=[0, 0.2, 0.4])
+    >>> made.axes["sharpen.strength"]
+    [0, 0.2, 0.4]
+    >>> print(made.to_toml().partition("\\n")[0])
+    name = "smallest"
     """
 
     stages: tuple[Placed, ...]

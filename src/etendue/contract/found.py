@@ -37,5 +37,12 @@ class Found:
 
 
 def ends(value: Any) -> tuple[float, float]:
-    """Smallest and largest value of a quantity: of a number itself, of one that is found its declared ends."""
+    """Smallest and largest value of a quantity: of a number itself, of one that is found its declared ends.
+
+    Examples
+    --------
+    >>> from etendue.api import ends
+    >>> ends(2.5)
+    (2.5, 2.5)
+    """
     return (value.low, value.high) if isinstance(value, Found) else (float(value), float(value))

@@ -91,7 +91,18 @@ class Parameter:
 
 
 def param(default: Any = MISSING, **allowed: Any) -> Any:
-    """Declare a parameter of a stage: its default, unit, range and role (see ``Parameter``)."""
+    """Declare a parameter of a stage: its default, unit, range and role (see ``Parameter``).
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from etendue.api import Stage, param
+    >>> @dataclass(frozen=True, kw_only=True)
+    ... class Fading(Stage):
+    ...     loss: float = param(0.1, units="mm-1", at_least=0, below=1, doc="share lost per mm")
+    >>> Fading().loss
+    0.1
+    """
     parameter = Parameter(**allowed)
     if parameter.fidelity and not parameter.reference:
         raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")

@@ -47,7 +47,18 @@ class Quantity(Parameter):
 
 
 def quantity(name: str, doc: str = "") -> Any:
-    """The dataclass field of a shared quantity; ``doc`` says of a stage that takes some of its values which."""
+    """The dataclass field of a shared quantity; ``doc`` says of a stage that takes some of its values which.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from etendue.api import Stage, quantity
+    >>> @dataclass(frozen=True, kw_only=True)
+    ... class Sampling(Stage):
+    ...     pixel_pitch: float = quantity("pixel_pitch")  # its unit, range and default are those of the vocabulary
+    >>> Sampling(pixel_pitch=5.4).pixel_pitch
+    5.4
+    """
     found = declared(name)
     if doc:
         found = dataclasses.replace(found, doc=doc)

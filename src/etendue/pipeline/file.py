@@ -124,6 +124,13 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
     ------
     RequestError
         The file is missing, too large or not TOML. Faults of form are kept in the pipeline for ``make_plan`` to raise.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import etendue
+    >>> etendue.read_pipeline(Path("pipelines/smallest.toml"), {"sweep.sharpen.strength": [0, 0.2]}).name
+    'smallest'
     """
     name = str(path)
     try:

@@ -36,6 +36,12 @@ def lab(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
     Source: CIE 15:2018 with the exact break (6/29)^3. Written without the constant 4/29, which L* = 116 f -
     16 would only take away again at the cost of all digits in the dark (relative error 4e-9 at Y = 1e-9).
     Error: below 5e-16 of the largest term (reference group lab).
+
+    Examples
+    --------
+    >>> from etendue_camera.colour.difference import lab
+    >>> lab([0.9505, 1.0, 1.089], [0.9505, 1.0, 1.089]).tolist()
+    [100.0, 0.0, 0.0]
     """
     xyz = _triples("xyz", xyz)
     white = np.asarray(white_xyz, np.float64)
@@ -71,6 +77,12 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
     keeps the digits of colours that nearly agree, also on either side of 0 degrees. Error: below 1e-15 x condition
     (reference group de2000), and 4e-16 for pairs 1e-12 to 1 apart (40 against 60 digits); angles subtracted left 1e-3
     of a difference of 1e-12.
+
+    Examples
+    --------
+    >>> from etendue_camera.colour.difference import delta_e_2000
+    >>> round(float(delta_e_2000([50.0, 2.6772, -79.7751], [50.0, 0.0, -82.7485])), 4)  # the paper's first pair
+    2.0425
     """
     (l1, a1, b1), (l2, a2, b2) = _triples("lab1", lab1), _triples("lab2", lab2)
     stretch = 1.5 - 0.5 * _chroma_weight((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2)

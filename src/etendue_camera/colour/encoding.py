@@ -30,6 +30,12 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
     -----
     Source: IEC 61966-2-1 with its printed break 0.0031308, where the two branches differ by 3e-8.
     Error: below 6e-16 relative in float64 (reference group srgb_encode), 3e-7 in float32 (|v| <= 10).
+
+    Examples
+    --------
+    >>> from etendue_camera.colour.encoding import srgb_encode
+    >>> srgb_encode([0.0, 0.18, 1.0]).round(3).tolist()
+    [0.0, 0.461, 1.0]
     """
     value = require.floating(linear)
     size = value if _no_negative(value) else np.abs(value)

@@ -96,6 +96,13 @@ def von_kries_matrix(source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, t
     -----
     Source: von Kries; seed paper section 3.1, gains between M and M^-1 rather than on RGB. Error: below 4e-16
     of the largest element and 6e-15 of each (Bradford, CAT02, von Kries; D65 to D50, A to D65).
+
+    Examples
+    --------
+    >>> from etendue_camera.colour.matrices import TRANSFORMS, von_kries_matrix
+    >>> matrix = von_kries_matrix([1.0985, 1.0, 0.3558], [0.9505, 1.0, 1.089], TRANSFORMS["bradford"])  # A to D65
+    >>> (matrix @ [1.0985, 1.0, 0.3558]).round(4).tolist()
+    [0.9505, 1.0, 1.089]
     """
     cones = np.asarray(transform, np.float64)
     if cones.shape != (3, 3) or not np.linalg.cond(cones) < 1e12:

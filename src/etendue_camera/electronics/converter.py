@@ -40,6 +40,12 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     Source: floor(K e + offset + 1/2), clipped; halves round up, so that steps are equally wide.
     float32 charge is worked on in float32 up to 16 bits (codes off by one within 2**-8 DN of a step at worst)
     and in float64 beyond.
+
+    Examples
+    --------
+    >>> from etendue_camera.electronics.converter import digitise
+    >>> digitise([0.0, 100.0, 1e6], gain_dn_per_electron=0.5, black_level=64, bits=12).tolist()
+    [64, 114, 4095]
     """
     charge = np.asarray(charge)
     if not np.issubdtype(charge.dtype, np.floating):

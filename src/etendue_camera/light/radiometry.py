@@ -44,6 +44,12 @@ def working_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
     Notes
     -----
     Source: seed paper eq. 5, the factor f/# (1 - m), with the pupil magnification of a thick lens.
+
+    Examples
+    --------
+    >>> from etendue_camera.light.radiometry import working_f_number
+    >>> working_f_number(4.0, magnification=-1.0)  # life size
+    8.0
     """
     require.positive("f_number", f_number)
     require.positive("pupil_magnification", pupil_magnification)
@@ -325,6 +331,12 @@ def photons_from_energy(energy_joule: Floats, wavelength_um: Floats) -> Floats:
     Notes
     -----
     Error: below 4e-16 relative.
+
+    Examples
+    --------
+    >>> from etendue_camera.light.radiometry import photons_from_energy
+    >>> round(float(photons_from_energy(1e-18, 0.5)), 3)
+    2.517
     """
     return energy_joule * wavelength_um * PHOTONS_PER_JOULE_UM
 

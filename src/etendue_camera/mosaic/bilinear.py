@@ -87,6 +87,13 @@ def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
     -----
     Exact for constant planes everywhere, and for linear ones inside the border. Mirroring the scene mirrors the result
     bit for bit, and so does transposing it. Rounding: 3 operations.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from etendue_camera.mosaic.bilinear import bilinear
+    >>> bilinear(np.full((4, 6), 0.5), "RGGB").shape
+    (3, 4, 6)
     """
     mosaic = checked(mosaic, pattern)
     if 1 in mosaic.shape:

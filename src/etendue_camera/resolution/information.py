@@ -127,6 +127,12 @@ def signal_variance(ratio: float) -> float:
     ------
     ValueError
         A ratio below 1.
+
+    Examples
+    --------
+    >>> from etendue_camera.resolution.information import signal_variance
+    >>> signal_variance(4.0)
+    0.12
     """
     if not ratio >= 1:
         raise ValueError(f"ratio is {ratio}; allowed is 1 and more, infinity too")

@@ -50,6 +50,12 @@ def aperture_otf(frequency: Floats, width: float) -> Floats:
     Source: seed paper eqs. 6 and 8 without their leading w (w^2), which would make the value at zero w and so
     not a transfer function, and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32)
     absolute.
+
+    Examples
+    --------
+    >>> from etendue_camera.sensor.photodiode import aperture_otf
+    >>> round(float(aperture_otf(0.1, width=5.0)), 4)  # at Nyquist, all of the pixel sensitive: 2/pi
+    0.6366
     """
     require.must(0.0 <= width < np.inf, "width", width, "finite and 0 or above, in um")
     return np.sinc(frequency * float(width))
