@@ -33,6 +33,18 @@ def allowed(fine: Any, name: str, value: object, what: str) -> None:
         raise ValueError(f"{name} is {value!r}; allowed are {what}")
 
 
+def only(fine: Any, name: str, value: object, what: str) -> None:
+    """``NAME is VALUE; allowed is WHAT``, unless all is fine."""
+    if fine is not True and not np.all(fine):
+        raise ValueError(f"{name} is {value}; allowed is {what}")
+
+
+def shape(fine: Any, name: str, array: Any, what: str) -> None:
+    """``NAME has shape SHAPE; allowed is WHAT``, unless all is fine."""
+    if fine is not True and not np.all(fine):
+        raise ValueError(f"{name} has shape {array.shape}; allowed is {what}")
+
+
 def equal_shapes(name: str, array: NDArray, other: str, reference: NDArray) -> None:
     if array.shape != reference.shape:
         raise ValueError(f"{name} has shape {array.shape} and {other} {reference.shape}; allowed are equal shapes")

@@ -58,16 +58,19 @@ def rgb_to_xyz_matrix(primaries_xy: Sequence[tuple[float, float]], white_xy: tup
     arithmetic).
     """
     primaries = np.stack([xyz_from_xy(xy) for xy in primaries_xy], axis=1)
-    if primaries.shape != (3, 3) or np.linalg.cond(primaries) > 1e12:
-        raise ValueError(f"primaries_xy is {primaries_xy!r}; allowed are three chromaticities not on one line")
+    require.allowed(
+        primaries.shape == (3, 3) and not np.linalg.cond(primaries) > 1e12,
+        "primaries_xy",
+        primaries_xy,
+        "three chromaticities not on one line",
+    )
     return primaries * np.linalg.solve(primaries, xyz_from_xy(white_xy))
 
 
 def xyz_from_xy(xy: tuple[float, float]) -> NDArray:
     """XYZ of a chromaticity at Y = 1, shape (3,); ValueError where y is 0."""
     x, y = xy
-    if not abs(y) > 0:
-        raise ValueError(f"chromaticity is {xy!r}; allowed is y other than 0")
+    require.only(abs(y) > 0, "chromaticity", repr(xy), "y other than 0")
     return np.array([x / y, 1.0, (1 - x - y) / y])
 
 
@@ -98,8 +101,12 @@ def von_kries_matrix(source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, t
     of the largest element and 6e-15 of each (Bradford, CAT02, von Kries; D65 to D50, A to D65).
     """
     cones = np.asarray(transform, np.float64)
-    if cones.shape != (3, 3) or not np.linalg.cond(cones) < 1e12:
-        raise ValueError(f"transform is {cones.tolist()!r}; allowed is an invertible 3 x 3 matrix, XYZ to cones")
+    require.only(
+        cones.shape == (3, 3) and np.linalg.cond(cones) < 1e12,
+        "transform",
+        repr(cones.tolist()),
+        "an invertible 3 x 3 matrix, XYZ to cones",
+    )
     source = _cone_responses("source_white_xyz", source_white_xyz, cones)
     target = _cone_responses("target_white_xyz", target_white_xyz, cones)
     return np.linalg.solve(cones, (target / source)[:, None] * cones)
@@ -247,8 +254,7 @@ def fit_matrix(
 
 def _cone_responses(name: str, white: ArrayLike, cones: Matrix) -> NDArray:
     white = np.asarray(white, np.float64)
-    if white.shape != (3,):
-        raise ValueError(f"{name} has shape {white.shape}; allowed is (3,), XYZ")
+    require.shape(white.shape == (3,), name, white, "(3,), XYZ")
     responses = cones @ white
     if not (np.isfinite(responses).all() and responses.min() > 1e-9 * responses.max()):
         raise ValueError(

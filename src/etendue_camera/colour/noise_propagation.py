@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue import require
+
 FloatArray = NDArray[np.float64]
 
 
@@ -45,8 +47,7 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
         raise ValueError(
             f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)"
         )
-    if not np.all(v >= 0):
-        raise ValueError(f"variance is {v.tolist()}; allowed are numbers at or above 0")
+    require.allowed(np.all(v >= 0), "variance", v.tolist(), "numbers at or above 0")
     first, second = h[_shifted(lag, 1, h.shape)], h[_shifted(lag, -1, h.shape)]
     return np.asarray(np.einsum("p,pcyx,pdyx->cd", v, first, second) / len(h))
 
@@ -71,8 +72,7 @@ def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[s
     """Where the first (sign 1) or second (sign -1) of two pixels lies so that both are inside."""
     parts = [slice(None), slice(None)]
     for step, size in zip(lag, shape[-2:], strict=True):
-        if abs(step) >= size:
-            raise ValueError(f"lag is {lag}; allowed are steps smaller than the window, {shape[-2]} x {shape[-1]}")
+        require.allowed(abs(step) < size, "lag", lag, f"steps smaller than the window, {shape[-2]} x {shape[-1]}")
         step *= sign
         parts.append(slice(max(0, -step), size - max(0, step)))
     return tuple(parts)

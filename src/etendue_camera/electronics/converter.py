@@ -139,8 +139,7 @@ def linearise(
 
 
 def top_code(bits: int, black_level: float) -> int:
-    if int(bits) != bits or not 1 <= bits <= 32:
-        raise ValueError(f"bits is {bits!r}; allowed are whole numbers from 1 to 32")
+    require.allowed(int(bits) == bits and 1 <= bits <= 32, "bits", bits, "whole numbers from 1 to 32")
     top = 2 ** int(bits) - 1
     if not 0 <= black_level < top:
         raise ValueError(f"black_level is {black_level!r} DN; allowed is 0 to below the top code {top}")

@@ -100,8 +100,7 @@ def metered_level(rate: NDArray, method: str, quantile: float = 0.99) -> float:
         weight = rows[:, None] * columns
         return float((light * weight).sum(dtype=np.float64) / (weight.sum() * (light.size / weight.size)))
     if method == "highlight":
-        if not 0 < quantile <= 1:
-            raise ValueError(f"quantile is {quantile!r}; allowed is above 0 to 1")
+        require.only(0 < quantile <= 1, "quantile", repr(quantile), "above 0 to 1")
         return float(np.quantile(light, quantile))
     raise ValueError(f"method is {method!r}; allowed are 'mean', 'centre' and 'highlight'")
 

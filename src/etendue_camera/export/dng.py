@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue import require
 from etendue_camera.colour import matrices
 from etendue_camera.export.container import ASCII, BYTE, LONG, RATIONAL, SHORT, SRATIONAL, UNDEFINED, Tag, write_picture
 
@@ -96,10 +97,18 @@ def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[Any, Any]:
     construction, so that a reader that derives the white from either finds the same.
     """
     white, matrix = np.asarray(camera_white, float), np.asarray(balanced_to_xyz, float)
-    if white.shape != (3,) or not np.all(white > 0) or not np.all(np.isfinite(white)):
-        raise ValueError(f"camera_white is {white.tolist()}; allowed are three numbers above 0")
-    if matrix.shape != (3, 3) or not np.linalg.cond(matrix) < 1e9:
-        raise ValueError(f"balanced_to_xyz is {matrix.tolist()}; allowed is an invertible 3 x 3 matrix")
+    require.allowed(
+        white.shape == (3,) and np.all(white > 0) and np.all(np.isfinite(white)),
+        "camera_white",
+        white.tolist(),
+        "three numbers above 0",
+    )
+    require.only(
+        matrix.shape == (3, 3) and np.linalg.cond(matrix) < 1e9,
+        "balanced_to_xyz",
+        matrix.tolist(),
+        "an invertible 3 x 3 matrix",
+    )
     to_camera = (white / white.max())[:, None] * np.linalg.inv(matrix)
     return to_camera, matrices.von_kries_matrix(matrix.sum(axis=1), D50_XYZ, matrices.TRANSFORMS["bradford"]) @ matrix
 

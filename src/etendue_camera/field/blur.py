@@ -189,12 +189,11 @@ def prepare(
     this from 256 x 256 to 1024 x 1024 samples.
     """
     require.must(0.0 < tolerance < np.inf, "tolerance", tolerance, "finite and above 0")
-    if method not in ("auto", "eigen", "tiles"):
-        raise ValueError(f"method is {method!r}; it must be 'auto', 'eigen' or 'tiles'")
-    if weights not in ("source", "image"):
-        raise ValueError(f"weights is {weights!r}; it must be 'source' or 'image'")
-    if count < 0 or (count and method == "auto"):
-        raise ValueError(f"count is {count}; it must be 0 with method 'auto', and not below 0")
+    require.must(method in ("auto", "eigen", "tiles"), "method", repr(method), "'auto', 'eigen' or 'tiles'")
+    require.must(weights in ("source", "image"), "weights", repr(weights), "'source' or 'image'")
+    require.must(
+        count >= 0 and (not count or method != "auto"), "count", count, "0 with method 'auto', and not below 0"
+    )
     y, x = np.asarray(y_um, dtype=float), np.asarray(x_um, dtype=float)
     spacing = _spacing(y, x, bank)
     allowed = (1 - _HEIGHT_SHARE) * tolerance if lost is not None else (1 - _HEIGHT_SHARE - _KERNEL_SHARE) * tolerance

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue import plain_files
+from etendue import plain_files, require
 from etendue_camera.field.psf_kernels import Centre, Light, Sampler, between, rounded
 
 FloatArray = NDArray[np.floating]
@@ -92,10 +92,12 @@ class PsfBank:
                 f"{wavelengths.size}, n, n), n >= 3"
             )
         spacing = np.asarray(self.spacing_um, dtype=float)
-        if spacing.shape not in ((), (1,), (wavelengths.size,)) or not np.all((spacing > 0) & np.isfinite(spacing)):
-            raise ValueError(
-                f"spacing_um is {self.spacing_um}; it must be one length above 0 um, or one for each of the wavelengths"
-            )
+        require.must(
+            spacing.shape in ((), (1,), (wavelengths.size,)) and np.all((spacing > 0) & np.isfinite(spacing)),
+            "spacing_um",
+            self.spacing_um,
+            "one length above 0 um, or one for each of the wavelengths",
+        )
         if not np.isfinite(psf).all():
             raise ValueError("psf holds values that are not finite")
         below = -np.minimum(psf, 0.0).sum(axis=(2, 3))
@@ -317,14 +319,16 @@ def _quarter(picture: FloatArray) -> FloatArray:
 
 def _axis(name: str, values: Any, lowest: float) -> FloatArray:
     axis = np.array(values, dtype=float)
-    if (
-        axis.ndim != 1
-        or axis.size < 1
-        or not np.isfinite(axis).all()
-        or not np.all(np.diff(axis) > 0)
-        or axis[0] < lowest
-    ):
-        raise ValueError(f"{name} is {values}; it must be one-dimensional, finite, growing and not below {lowest:g} um")
+    require.must(
+        axis.ndim == 1
+        and axis.size >= 1
+        and np.isfinite(axis).all()
+        and np.all(np.diff(axis) > 0)
+        and (axis[0] >= lowest),
+        name,
+        values,
+        f"one-dimensional, finite, growing and not below {lowest:g} um",
+    )
     return axis
 
 

@@ -67,14 +67,11 @@ class Sampler:
     ) -> None:
         bank = bank.rounded().refined(error)
         require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
-        if light not in ("bandlimited", "cells"):
-            raise ValueError(f"light is {light!r}; it must be 'bandlimited' or 'cells'")
-        if centre not in ("reference", "centroid"):
-            raise ValueError(f"centre is {centre!r}; it must be 'reference' or 'centroid'")
+        require.must(light in ("bandlimited", "cells"), "light", repr(light), "'bandlimited' or 'cells'")
+        require.must(centre in ("reference", "centroid"), "centre", repr(centre), "'reference' or 'centroid'")
         self.bank, self.spacing, self.light = bank, float(spacing), light
         self.size = bank.size(spacing, light=light) if size is None else int(size)
-        if self.size < 3 or self.size % 2 == 0:
-            raise ValueError(f"size is {size}; it must be odd and at least 3")
+        require.must(self.size >= 3 and self.size % 2 != 0, "size", size, "odd and at least 3")
         n = bank.psf.shape[-1]
         step = np.arange(n) - n // 2
         circle = np.hypot(step[:, None], step[None, :]) <= (n - 1) // 2

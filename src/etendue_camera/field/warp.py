@@ -286,8 +286,7 @@ def radial(
     -----
     The error of a band-limited plane falls with the power order + 1 of the spacing; see ``edge_error``.
     """
-    if order not in ORDERS:
-        raise ValueError(f"order is {order}; it must be from 1 to 5")
+    require.must(order in ORDERS, "order", order, "from 1 to 5")
     require.must(1 <= oversampling <= 8, "oversampling", oversampling, "from 1 to 8")
     plane = np.asarray(plane)
     base = plane.min()

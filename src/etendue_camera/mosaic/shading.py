@@ -155,13 +155,13 @@ def calibrated(
     over a sixteenth of the area.
     """
     flat = np.asarray(flat)
-    if flat.ndim != 2 or flat.shape != (np.size(y_mm), np.size(x_mm)) or not np.isfinite(flat).all():
-        raise ValueError(
-            f"flat has shape {flat.shape}; allowed is ({np.size(y_mm)}, {np.size(x_mm)}) as the positions say, all "
-            f"finite"
-        )
-    if rows < 2:
-        raise ValueError(f"rows is {rows!r}; allowed are whole numbers from 2")
+    require.shape(
+        flat.ndim == 2 and flat.shape == (np.size(y_mm), np.size(x_mm)) and np.isfinite(flat).all(),
+        "flat",
+        flat,
+        f"({np.size(y_mm)}, {np.size(x_mm)}) as the positions say, all finite",
+    )
+    require.allowed(rows >= 2, "rows", rows, "whole numbers from 2")
     if min(y_mm) * max(y_mm) > 0 or min(x_mm) * max(x_mm) > 0:
         raise ValueError(
             "the axis stands outside of the frame; gains are relative to it: calibrate with a frame that holds it"

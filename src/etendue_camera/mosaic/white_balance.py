@@ -60,10 +60,13 @@ def cell_means(
     one, the channel that clips first would see less of what is bright, and the estimate would lean away from it.
     """
     mosaic = np.asarray(mosaic)
-    if mosaic.ndim != 2 or not mosaic.size or not np.isfinite(mosaic).all():
-        raise ValueError(f"mosaic has shape {mosaic.shape}; allowed is (y, x) with pixels, all of them finite")
-    if cell < 1:
-        raise ValueError(f"cell is {cell!r}; allowed are whole numbers from 1")
+    require.shape(
+        mosaic.ndim == 2 and mosaic.size and np.isfinite(mosaic).all(),
+        "mosaic",
+        mosaic,
+        "(y, x) with pixels, all of them finite",
+    )
+    require.allowed(cell >= 1, "cell", cell, "whole numbers from 1")
     sides = [_side(size, period, cell) for size, period in zip(mosaic.shape, mask.period, strict=True)]
     counts = [size // side for size, side in zip(mosaic.shape, sides, strict=True)]
     blocks = mosaic[: counts[0] * sides[0], : counts[1] * sides[1]].reshape(counts[0], sides[0], counts[1], sides[1])
@@ -146,10 +149,12 @@ def white_patch(means: FloatArray, quantile: float = 0.99) -> FloatArray:
 
 def _some(means: FloatArray) -> FloatArray:
     means = np.asarray(means, np.float64)
-    if means.ndim != 2 or not means.shape[1]:
-        raise ValueError(
-            f"means has shape {means.shape}; allowed is (channel, n) with at least one cell: neither clipped nor dark"
-        )
+    require.shape(
+        means.ndim == 2 and means.shape[1],
+        "means",
+        means,
+        "(channel, n) with at least one cell: neither clipped nor dark",
+    )
     return means
 
 

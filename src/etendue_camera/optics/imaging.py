@@ -257,8 +257,7 @@ def radial_otf(
     """
     require.positive("wavelength", wavelength, " um")
     require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
-    if nodes < 1:
-        raise ValueError(f"nodes is {nodes}; it must be at least 1")
+    require.must(nodes >= 1, "nodes", nodes, "at least 1")
     shift = np.asarray(nu, float)
     total = 2.0 * _segment_integral(1.0, 1.0, shift, path, wavelength, nodes)
     if obstruction > 0.0:

@@ -183,8 +183,7 @@ def psf_image_otf(
     if image.ndim != 2 or not np.all(np.isfinite(image)):
         raise ValueError(f"image has shape {image.shape}; it must be two-dimensional with finite samples")
     require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
-    if centre not in ("sample", "centroid"):
-        raise ValueError(f"centre is {centre!r}; it must be 'sample' or 'centroid'")
+    require.must(centre in ("sample", "centroid"), "centre", repr(centre), "'sample' or 'centroid'")
     energy = float(np.sum(image, dtype=float))
     if not energy > 0.0:
         raise ValueError(f"image sums to {energy}; a point spread function has a sum above 0")

@@ -99,8 +99,7 @@ def zernike_orders(count: int, index: Index = "noll") -> list[tuple[int, int]]:
     ValueError
         For an unknown index.
     """
-    if index not in ("noll", "ansi"):
-        raise ValueError(f"index is {index!r}; it must be 'noll' or 'ansi'")
+    require.must(index in ("noll", "ansi"), "index", repr(index), "'noll' or 'ansi'")
     return [noll_order(j + 1) if index == "noll" else ansi_order(j) for j in range(count)]
 
 

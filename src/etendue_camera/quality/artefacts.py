@@ -46,8 +46,7 @@ def zipper(picture: ArrayLike, reference: ArrayLike, threshold: float = NOTICEAB
     so that mirroring or turning both pictures changes nothing.
     """
     picture, reference = _planes(picture, reference)
-    if not threshold >= 0:
-        raise ValueError(f"threshold is {threshold!r}; allowed is a number of at least 0")
+    require.only(threshold >= 0, "threshold", repr(threshold), "a number of at least 0")
     rows, columns = reference.shape[1:]
     nearest = np.full((rows, columns), np.inf)
     change = np.zeros((rows, columns))

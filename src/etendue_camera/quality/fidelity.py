@@ -132,12 +132,10 @@ def _windowed(planes: NDArray[np.float64]) -> NDArray[np.float64]:
 def _pair(picture: ArrayLike, reference: ArrayLike) -> tuple[NDArray, NDArray]:
     picture, reference = np.asarray(picture), np.asarray(reference)
     require.equal_shapes("picture", picture, "reference", reference)
-    if picture.size == 0:
-        raise ValueError(f"picture has shape {picture.shape}; allowed is at least one pixel")
+    require.shape(picture.size != 0, "picture", picture, "at least one pixel")
     return picture, reference
 
 
 def _above_zero(name: str, value: float) -> float:
-    if not (np.ndim(value) == 0 and 0 < value < np.inf):
-        raise ValueError(f"{name} is {value!r}; allowed is a number above 0")
+    require.only(np.ndim(value) == 0 and 0 < value < np.inf, name, repr(value), "a number above 0")
     return float(value)

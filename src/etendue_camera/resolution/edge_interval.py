@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from etendue import require
 from etendue_camera.resolution.edge_doubts import doubts
 from etendue_camera.resolution.edge_line import FloatArray
 from etendue_camera.resolution.edge_region import find_edge
@@ -136,15 +137,17 @@ def edge_resolution(
     noise and in 91 to 95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and its
     scatter 6 %: ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
     """
-    if not draws >= 50:
-        raise ValueError(f"draws is {draws}; allowed is at least 50")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence is {confidence}; allowed is between 0 and 1")
+    require.only(draws >= 50, "draws", draws, "at least 50")
+    require.only(0 < confidence < 1, "confidence", confidence, "between 0 and 1")
     check(order, knots_per_pixel, half_width, highest, samples)
     image, mask = checked(picture, sites)
     top, bottom, left, right = window or (0, image.shape[0], 0, image.shape[1])
-    if not (0 <= top < bottom <= image.shape[0] and 0 <= left < right <= image.shape[1]):
-        raise ValueError(f"window is {window}; allowed is (top, bottom, left, right) inside a picture of {image.shape}")
+    require.only(
+        0 <= top < bottom <= image.shape[0] and 0 <= left < right <= image.shape[1],
+        "window",
+        window,
+        f"(top, bottom, left, right) inside a picture of {image.shape}",
+    )
     cut = np.s_[top:bottom, left:right]
     image, mask = checked(image[cut], None if mask is None else mask[cut])
     if find:

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue import require
+
 FloatArray = NDArray[np.float64]
 NYQUIST = 0.5  # cycles/pixel
 
@@ -53,8 +55,7 @@ def nyquist_square(nodes: int = 48) -> Square:
     cut-off lies inside the square; of SNRi 2e-4 for spots up to 12 pixels wide
     (``python benchmarks/information.py --frames 0``).
     """
-    if nodes < 2:
-        raise ValueError(f"nodes is {nodes}; allowed is at least 2")
+    require.only(nodes >= 2, "nodes", nodes, "at least 2")
     x, wx = np.polynomial.legendre.leggauss(nodes)
     y, wy = np.polynomial.legendre.leggauss(max(1, nodes // 2))
     return Square(0.25 * (1 + y), 0.5 * x, np.outer(wy, wx) / 4)
@@ -128,8 +129,7 @@ def signal_variance(ratio: float) -> float:
     ValueError
         A ratio below 1.
     """
-    if not ratio >= 1:
-        raise ValueError(f"ratio is {ratio}; allowed is 1 and more, infinity too")
+    require.only(ratio >= 1, "ratio", ratio, "1 and more, infinity too")
     span = 2.0 if math.isinf(ratio) else 2 * (ratio - 1) / (ratio + 1)
     return span**2 / 12
 

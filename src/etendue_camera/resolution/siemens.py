@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue import require
 from etendue_camera.resolution.crossing import falls_to
 from etendue_camera.resolution.edge_line import FloatArray, Sites
 
@@ -102,8 +103,7 @@ def star_response(
     image = np.asarray(picture, np.float64)
     mask = np.ones(image.shape, np.bool_) if sites is None else np.asarray(sites, np.bool_)
     _check(image, cycles, radius, contrast, highest)
-    if mask.shape != image.shape:
-        raise ValueError(f"sites has shape {mask.shape}; allowed is the picture's shape {image.shape}")
+    require.shape(mask.shape == image.shape, "sites", mask, f"the picture's shape {image.shape}")
     place: FloatArray = np.array(
         centre if centre is not None else (0.5 * (image.shape[0] - 1), 0.5 * (image.shape[1] - 1)), np.float64
     )
@@ -115,10 +115,12 @@ def star_response(
         )
     if refine:
         place = _refined(image, mask, place, cycles, edges)
-    if np.any(place - outer < -0.5) or np.any(place + outer > np.array(image.shape) - 0.5):
-        raise ValueError(
-            f"radius is {radius}; allowed is a star inside the picture {image.shape} about its centre {tuple(place)}"
-        )
+    require.only(
+        not np.any(place - outer < -0.5) and (not np.any(place + outer > np.array(image.shape) - 0.5)),
+        "radius",
+        radius,
+        f"a star inside the picture {image.shape} about its centre {tuple(place)}",
+    )
     rings = _rings(image, mask, place, cycles, edges)
     amplitude = np.sqrt(np.maximum(rings.b**2 + rings.c**2 - 2 * rings.variance, 0.0))
     modulation = amplitude / rings.mean
@@ -151,14 +153,10 @@ def star_response(
 def _check(image: FloatArray, cycles: int, radius: float, contrast: float | None, highest: float) -> None:
     if image.ndim != 2 or not np.isfinite(image).all():
         raise ValueError(f"picture must be (y, x) of finite values, got shape {image.shape}")
-    if cycles != int(cycles) or cycles < 8:
-        raise ValueError(f"cycles is {cycles}; allowed is a whole number from 8")
-    if not 0 < radius < math.inf:
-        raise ValueError(f"radius is {radius}; allowed is a length above 0")
-    if contrast is not None and not 0 < contrast <= 1:
-        raise ValueError(f"contrast is {contrast}; allowed is above 0 and at most 1")
-    if not 0 < highest <= 1:
-        raise ValueError(f"highest is {highest}; allowed is above 0 and at most 1")
+    require.only(cycles == int(cycles) and cycles >= 8, "cycles", cycles, "a whole number from 8")
+    require.only(0 < radius < math.inf, "radius", radius, "a length above 0")
+    require.only(contrast is None or 0 < contrast <= 1, "contrast", contrast, "above 0 and at most 1")
+    require.only(0 < highest <= 1, "highest", highest, "above 0 and at most 1")
 
 
 def _edges(inner: float, outer: float) -> FloatArray:

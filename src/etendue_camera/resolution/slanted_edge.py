@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from etendue import require
 from etendue_camera.resolution import edge_bins
 from etendue_camera.resolution.edge_line import FloatArray, Sites, distances, first_line, lost, movement
 from etendue_camera.resolution.edge_spread import FAINTEST, Curve, Fit, fit, whole
@@ -252,8 +253,12 @@ def _falls_to(curve: Curve | edge_bins.Binned, share: float, frequency: FloatArr
 def checked(picture: ArrayLike, sites: ArrayLike | None) -> tuple[FloatArray, Sites | None]:
     """The picture and its mask as arrays, or ValueError."""
     image = np.asarray(picture, np.float64)
-    if image.ndim != 2 or min(image.shape, default=0) < SMALLEST:
-        raise ValueError(f"picture has shape {image.shape}; allowed is (y, x) of at least {SMALLEST} x {SMALLEST}")
+    require.shape(
+        image.ndim == 2 and min(image.shape, default=0) >= SMALLEST,
+        "picture",
+        image,
+        f"(y, x) of at least {SMALLEST} x {SMALLEST}",
+    )
     if sites is None:
         if not np.isfinite(image).all():
             raise ValueError("picture holds values that are no numbers")
@@ -272,17 +277,14 @@ def check(
     order: int, knots_per_pixel: float, half_width: float | None, highest: float, samples: int, method: str = "spline"
 ) -> None:
     """ValueError for arguments out of range."""
-    if not 1 <= order <= 5:
-        raise ValueError(f"order is {order}; allowed is 1 to 5")
-    if not 1 <= knots_per_pixel <= 16:
-        raise ValueError(f"knots_per_pixel is {knots_per_pixel}; allowed is 1 to 16")
-    if half_width is not None and not half_width >= 4:
-        raise ValueError(f"half_width is {half_width}; allowed is at least 4")
-    if not 0 < highest <= 0.5 * knots_per_pixel:
-        raise ValueError(
-            f"highest is {highest}; allowed is above 0 and at most half of knots_per_pixel, {0.5 * knots_per_pixel:g}"
-        )
-    if samples < 3:
-        raise ValueError(f"samples is {samples}; allowed is at least 3")
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}; allowed is one of {', '.join(METHODS)}")
+    require.only(1 <= order <= 5, "order", order, "1 to 5")
+    require.only(1 <= knots_per_pixel <= 16, "knots_per_pixel", knots_per_pixel, "1 to 16")
+    require.only(half_width is None or half_width >= 4, "half_width", half_width, "at least 4")
+    require.only(
+        0 < highest <= 0.5 * knots_per_pixel,
+        "highest",
+        highest,
+        f"above 0 and at most half of knots_per_pixel, {0.5 * knots_per_pixel:g}",
+    )
+    require.only(samples >= 3, "samples", samples, "at least 3")
+    require.only(method in METHODS, "method", repr(method), f"one of {', '.join(METHODS)}")

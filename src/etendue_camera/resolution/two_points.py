@@ -95,12 +95,9 @@ def spread_of(
     ValueError
         Arguments out of range, a transfer function of another shape or with values that are no numbers.
     """
-    if not 0 < highest < math.inf:
-        raise ValueError(f"highest is {highest}; allowed is a finite frequency above 0")
-    if kind not in KINDS:
-        raise ValueError(f"kind is {kind!r}; allowed is one of {', '.join(KINDS)}")
-    if nodes < 16:
-        raise ValueError(f"nodes is {nodes}; allowed is at least 16")
+    require.only(0 < highest < math.inf, "highest", highest, "a finite frequency above 0")
+    require.only(kind in KINDS, "kind", repr(kind), f"one of {', '.join(KINDS)}")
+    require.only(nodes >= 16, "nodes", nodes, "at least 16")
     places, width = _gauss(nodes)
     frequency = 0.5 * highest * (places + 1)
     found = np.real(np.asarray(otf(frequency)))
@@ -112,8 +109,7 @@ def spread_of(
             if weights is None
             else np.asarray(weights, np.float64) / np.sum(weights)
         )
-        if share.shape != found.shape[:1]:
-            raise ValueError(f"weights has shape {share.shape}; allowed is one for each of {len(found)} wavelengths")
+        require.shape(share.shape == found.shape[:1], "weights", share, f"one for each of {len(found)} wavelengths")
         found = share @ found
     if not np.isfinite(found).all():
         raise ValueError("otf gives values that are no numbers; allowed is a transfer function up to highest")

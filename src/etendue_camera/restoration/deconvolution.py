@@ -296,8 +296,7 @@ def richardson_lucy(
         As of `richardson_lucy_periodic`, or if pedestal is not allowed.
     """
     planes = _floating(planes)
-    if planes.ndim != 3:
-        raise ValueError(f"planes has shape {planes.shape}; allowed is (channel, y, x)")
+    require.shape(planes.ndim == 3, "planes", planes, "(channel, y, x)")
     require.amount("pedestal", pedestal)
     transfer = np.broadcast_to(_on_padded(planes, transfer, "transfer"), (planes.shape[0], *transfer.shape[-2:]))
     limits = np.broadcast_to(np.asarray(residual, dtype=float), planes.shape[:1])
@@ -355,8 +354,7 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
     square = transfer.real.astype(float) ** 2 + transfer.imag.astype(float) ** 2
     if not np.all(square < 2):
         raise ValueError(f"transfer has a size of {math.sqrt(square.max()):g}; allowed are sizes below sqrt 2")
-    if start not in ("mean", "data"):
-        raise ValueError(f"start is {start!r}; allowed are 'mean' and 'data'")
+    require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
     whole = math.floor(iterations)
     share = iterations - whole
     total, left = _sum_of_powers(square, whole), (1 - square) ** whole
@@ -387,29 +385,27 @@ def _curvature(plane: NDArray) -> NDArray:
 
 
 def _check_iterations(iterations: int, total_variation: float, residual: float, start: str) -> None:
-    if start not in ("mean", "data"):
-        raise ValueError(f"start is {start!r}; allowed are 'mean' and 'data'")
-    if iterations < 1 or iterations != int(iterations):
-        raise ValueError(f"iterations is {iterations!r}; allowed are whole numbers from 1")
+    require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
+    require.allowed(iterations >= 1 and iterations == int(iterations), "iterations", iterations, "whole numbers from 1")
     require.allowed(0 <= total_variation <= 0.2, "total_variation", total_variation, "numbers from 0 to 0.2")
     require.amount("residual", residual)
 
 
 def _floating(planes: NDArray) -> NDArray:
     planes = np.asarray(planes)
-    if planes.ndim < 2:
-        raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
+    require.shape(planes.ndim >= 2, "planes", planes, "(..., y, x)")
     return require.floating(planes)
 
 
 def _on_padded(planes: NDArray, values: NDArray, name: str) -> NDArray:
     values = np.asarray(values)
     rows, columns = (sampling.padded_size(size) for size in planes.shape[-2:])
-    if values.shape[-2:] != (rows, columns // 2 + 1):
-        raise ValueError(
-            f"{name} has shape {values.shape}; allowed is (..., {rows}, {columns // 2 + 1}), at the frequencies of the "
-            f"padded plane"
-        )
+    require.shape(
+        values.shape[-2:] == (rows, columns // 2 + 1),
+        name,
+        values,
+        f"(..., {rows}, {columns // 2 + 1}), at the frequencies of the padded plane",
+    )
     return values.astype(
         np.result_type(planes.dtype, np.complex64) if np.iscomplexobj(values) else planes.dtype, copy=False
     )

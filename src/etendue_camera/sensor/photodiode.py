@@ -288,8 +288,7 @@ def _diode(
     require.positive("diffusion_length", length, " um")
     if depletion + depth == 0.0:
         raise ValueError("depletion and diffusion_depth are both 0; a photodiode needs some thickness")
-    if back not in ("absorbing", "reflecting"):
-        raise ValueError(f"back is {back!r}; it must be 'absorbing' or 'reflecting'")
+    require.must(back in ("absorbing", "reflecting"), "back", repr(back), "'absorbing' or 'reflecting'")
     return float(absorption), float(depletion), float(depth), float(length), back
 
 
