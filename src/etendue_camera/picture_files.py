@@ -364,9 +364,11 @@ def _by_pillow(path: str) -> Any:
     with Image.open(path) as picture:
         if _transparent(picture):
             raise ValueError(f"{path} has transparent pixels, and nobody knows what is behind them: flatten it first")
-        if picture.mode in ("1", "L"):
-            return np.asarray(picture.convert("L"))[..., None]
-        return np.asarray(picture.convert("RGB"))
+        return (
+            np.asarray(picture.convert("L"))[..., None]
+            if picture.mode in ("1", "L")
+            else np.asarray(picture.convert("RGB"))
+        )
 
 
 def _check_floats(path: str, values: Any) -> None:

@@ -134,9 +134,7 @@ def metered_time(level: float, target_electrons: float, ev_bias: float, shortest
         raise ValueError(
             f"level and target_electrons are {level!r} and {target_electrons!r}; allowed are level >= 0, target above 0"
         )
-    if level == 0:
-        return longest
-    return min(max(target_electrons / level * 2.0**ev_bias, shortest), longest)
+    return longest if level == 0 else min(max(target_electrons / level * 2.0**ev_bias, shortest), longest)
 
 
 def charge_at_snr(snr: ArrayLike, dark_variance: ArrayLike) -> NDArray:

@@ -161,9 +161,11 @@ class PsfBank:
         On the axis of a rotationally symmetric lens there is no direction: what is not round there is noise, or a lens
         out of centre, which a bank cannot describe.
         """
-        if self.heights_um[0] > 0:
-            return 0.0
-        return max(0.5 * float(np.abs(picture - rounded(picture)).sum()) for picture in self.psf[0])
+        return (
+            0.0
+            if self.heights_um[0] > 0
+            else max(0.5 * float(np.abs(picture - rounded(picture)).sum()) for picture in self.psf[0])
+        )
 
     def rounded(self) -> PsfBank:
         """A bank with a round picture on the axis: pictures that are not the same after a quarter turn are averaged

@@ -54,9 +54,7 @@ def psnr(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> float:
     peak = _above_zero("peak", peak)
     error = np.subtract(picture, reference, dtype=np.float64).ravel()
     mean_square = float(error @ error) / error.size
-    if mean_square == 0:
-        return float("inf")
-    return float(20 * np.log10(peak) - 10 * np.log10(mean_square))
+    return float("inf") if mean_square == 0 else float(20 * np.log10(peak) - 10 * np.log10(mean_square))
 
 
 def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDArray[np.float64]:

@@ -246,6 +246,8 @@ class Curve:
         up to 4 cycles/um.
         """
         require.only(nyquist > 0, "nyquist", nyquist, "a frequency above 0")
-        if nyquist >= self.grid[-1]:
-            return 0.0
-        return float(np.clip(self._splines[1].integrate(nyquist, self.grid[-1]) / self.energy, 0.0, 1.0))
+        return (
+            0.0
+            if nyquist >= self.grid[-1]
+            else float(np.clip(self._splines[1].integrate(nyquist, self.grid[-1]) / self.energy, 0.0, 1.0))
+        )

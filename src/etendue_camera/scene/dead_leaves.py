@@ -95,9 +95,7 @@ def leaves(
 def _radii(share: FloatArray, smallest: float, largest: float, exponent: float) -> FloatArray:
     """Radii at shares of the distribution."""
     ratio, power = largest / smallest, 1 - exponent
-    if abs(power) < 1e-6:
-        return smallest * ratio**share
-    return smallest * (1 + share * (ratio**power - 1)) ** (1 / power)
+    return smallest * ratio**share if abs(power) < 1e-6 else smallest * (1 + share * (ratio**power - 1)) ** (1 / power)
 
 
 def _mean_power(smallest: float, largest: float, exponent: float, power: int) -> float:

@@ -67,9 +67,7 @@ def line_of(name: str) -> float | None:
 
 def range_of(name: str) -> tuple[float, float]:
     """Lowest and highest wavelength (nm) of an illuminant's table; those of the eye where it is computed."""
-    if name == "E" or COMPUTED.fullmatch(name):
-        return EYE
-    return _rows_from(name) or tables("illuminant")[name]
+    return EYE if name == "E" or COMPUTED.fullmatch(name) else _rows_from(name) or tables("illuminant")[name]
 
 
 def camera_range(name: str) -> tuple[float, float]:

@@ -277,9 +277,11 @@ class Distortion(Banded, Bounded):
     def carry(self, facts: Any, grid: Any) -> Facts:
         """A uniform plane stays as it is; a spline may leave the range of another a little."""
         own = facts["irradiance"]
-        if own.uniform or self.does_nothing():
-            return own
-        return dataclasses.replace(own, low=None, high=None, contrast=None, band_limit=None)
+        return (
+            own
+            if own.uniform or self.does_nothing()
+            else dataclasses.replace(own, low=None, high=None, contrast=None, band_limit=None)
+        )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the interpolation: a Gaussian edge with the scene's band limit, of 1 sample rms where that is not

@@ -202,9 +202,11 @@ class AngularResponse(Dimming, Banded, Bounded):
         return max(1.0 - low, high - 1.0), "the response stays this close to that on the axis"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        if self.does_nothing():
-            return facts["irradiance"]
-        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.table)
+        return (
+            facts["irradiance"]
+            if self.does_nothing()
+            else facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.table)
+        )
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if not self.table:

@@ -34,9 +34,11 @@ class FieldTable:
     def curves(self, wavelength_nm: Any) -> Any:
         """(wavelength or 1, rows): each column over its value at 0, straight between columns, held beyond them."""
         relative = self.values / self.centre()
-        if not self.wavelengths:
-            return relative.T
-        return np.stack([np.interp(wavelength_nm, self.wavelengths, row) for row in relative], axis=1)
+        return (
+            np.stack([np.interp(wavelength_nm, self.wavelengths, row) for row in relative], axis=1)
+            if self.wavelengths
+            else relative.T
+        )
 
     def range(self, low: float, high: float) -> tuple[float, float]:
         """Smallest and largest relative value of any column between two places."""

@@ -176,14 +176,14 @@ class StarProbe(_Pictures):
             return None
         moved = math.hypot(star.centre[0] - centre[0], star.centre[1] - centre[1])
         outermost = 0.0 if contrast else OUTERMOST
-        if not (
-            star.contrast >= FAINTEST
+        return (
+            star
+            if star.contrast >= FAINTEST
             and star.residual <= star.contrast
             and star.sfr[0] >= outermost
             and moved < 0.1 * radius
-        ):
-            return None
-        return star
+            else None
+        )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of a noise-free star of 36 cycles."""

@@ -93,9 +93,11 @@ class RadianceCube(Source, Banded):
         return known, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
 
     def white_light(self, edges: tuple[float, ...]) -> Any:
-        if self.white_luminance:
-            return spectra.light_of_radiance(self.illuminant, edges, 1.0)
-        return self._white(*self._open())
+        return (
+            spectra.light_of_radiance(self.illuminant, edges, 1.0)
+            if self.white_luminance
+            else self._white(*self._open())
+        )
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if not self.white_luminance:
