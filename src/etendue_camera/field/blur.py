@@ -28,15 +28,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.field.convolve import Weights, eigen, fast, hats_of, tiles
 from etendue_camera.field.expansion import BASIS_NODES, expansion
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.psf_kernels import Centre, Light, Sampler
 
-FloatArray = NDArray[np.floating]
 Method = Literal["auto", "eigen", "tiles"]
 Level = tuple[tuple[int, int], FloatArray, float]  # nodes, their kernels, error of mixing them
 

@@ -11,9 +11,9 @@ from typing import Any, Literal
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
+from etendue_camera.arrays import FloatArray
+
 Weights = Literal["source", "image"]
 
 

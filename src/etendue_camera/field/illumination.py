@@ -10,12 +10,9 @@ Sources: plane geometry; conjugates of the pupils of a lens in air.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import FloatArray, Floats
 
 
 def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:

@@ -25,12 +25,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import plain_files, require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.field.psf_kernels import Centre, Light, Sampler, between, rounded
-
-FloatArray = NDArray[np.floating]
 
 _NEGATIVE_SHARE = 1e-2  # of the flux: more than measurement noise
 

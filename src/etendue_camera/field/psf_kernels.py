@@ -14,8 +14,8 @@ import scipy
 from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 
-FloatArray = NDArray[np.floating]
 Light = Literal["bandlimited", "cells"]
 Centre = Literal["reference", "centroid"]
 

@@ -19,11 +19,9 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import plain_files, require
-
-FloatArray = NDArray[np.floating]
+from etendue_camera.arrays import FloatArray
 
 _ROWS = 256  # of a plane at a time: coordinates are in double precision
 _NODES = 1025  # of the ratio of ideal to real height

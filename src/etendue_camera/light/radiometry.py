@@ -9,16 +9,11 @@ The sign convention is the optical one: a real, inverted image has magnification
 has m = 0. The seed paper's own M = +1 would make eq. 5 independent of the f-number, so m > 0 is refused.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import Floats
 from etendue_camera.constants import ARCSECONDS_PER_RADIAN, PLANCK, SPEED_OF_LIGHT
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
 PHOTONS_PER_JOULE_UM = 1e-6 / (PLANCK * SPEED_OF_LIGHT)
 """Photons per joule of light of 1 um."""

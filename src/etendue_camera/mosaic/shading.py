@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
-FloatArray = NDArray[np.floating]
 PIECES = 16  # of the curve through a flat field, evenly spaced in the area of the frame
 
 

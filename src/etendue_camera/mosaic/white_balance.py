@@ -8,12 +8,12 @@ its assumption about the scene.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
-FloatArray = NDArray[np.floating]
 VANISHING = 1e-9  # of the largest response: below it a gain would be noise
 
 

@@ -11,16 +11,12 @@ f-number that is not above 0 is a ValueError.
 """
 
 from math import factorial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 from etendue_camera.optics import airy
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
 AIRY_DIAMETER = 2.43933978253300891
 """Diameter of the first dark ring in lambda N: twice the first zero of J1 over pi."""

@@ -9,15 +9,10 @@ similar triangles through the exit pupil, whose diameter is m_p f/N and which st
 Distances are counted positive in front of the lens; ``inf`` is an object at infinity.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import Floats
 
 AGREEMENT = 1e-6
 """Relative difference up to which a magnification and a focus distance, both given, say the same."""

@@ -10,16 +10,12 @@ surroundings get.
 """
 
 from math import gamma
-from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import FloatArray, Floats
 
 
 def tail_psf(radius: Floats, r0: float, power: float = 3.0) -> Floats:

@@ -18,12 +18,11 @@ import scipy
 from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 from etendue_camera.optics.diffraction import spot
 from etendue_camera.optics.pupil import cell_centres, lagrange_weights
 
-FloatArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
 _POINTS = 6  # of the polynomial between lattice shifts
 _BLOCK = 2**18  # elements of a block of Gauss points, 2 MB

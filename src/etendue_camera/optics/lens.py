@@ -8,16 +8,14 @@ program, or a measurement, hands over.
 """
 
 from math import log, pi, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import FloatArray, Floats
 
 FWHM_OF_SIGMA = 2.0 * sqrt(2.0 * log(2.0))
 """Full width at half maximum of a Gaussian of standard deviation 1."""

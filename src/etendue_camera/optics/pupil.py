@@ -14,12 +14,10 @@ from math import asin, ceil, cos, pi, sin, sqrt
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Shape = Literal["circular", "annular", "polygonal"]
 
 _FACETS = 256  # straight pieces that stand for the arcs of rounded blades

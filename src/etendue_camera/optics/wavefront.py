@@ -12,16 +12,14 @@ parallel.
 
 from dataclasses import dataclass
 from math import isqrt, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Index = Literal["noll", "ansi"]
 
 

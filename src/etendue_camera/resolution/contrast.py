@@ -18,8 +18,8 @@ import scipy
 from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 
-FloatArray = NDArray[np.floating]
 Response = Callable[[FloatArray], FloatArray]  # (n,) cycles/um -> (n,), 1 at zero
 FEW, ROUNDS = 32, 3  # parts of a step between nodes
 CUT_OFF = 1e-3  # contrast that is as good as none

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etendue_camera.resolution.edge_line import FloatArray, lost
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import lost
 
 BINS = 4  # a pixel
 MOST = 10.0  # the factor for the derivative goes no higher

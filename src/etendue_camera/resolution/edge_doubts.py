@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from etendue_camera.resolution.edge_line import FloatArray
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.slanted_edge import Measured
 
 PARTS = 6  # along the edge

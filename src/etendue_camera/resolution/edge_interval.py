@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.edge_doubts import doubts
-from etendue_camera.resolution.edge_line import FloatArray
 from etendue_camera.resolution.edge_region import find_edge
 from etendue_camera.resolution.edge_rewritten import Rewritten, Written, rewritten
 from etendue_camera.resolution.edge_spread import Curve, influence, redrawn

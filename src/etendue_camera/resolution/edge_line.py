@@ -11,7 +11,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
+from etendue_camera.arrays import FloatArray
+
 Sites = NDArray[np.bool_]
 CLOSER, NEAREST = (
     (0.25, 0.12, 0.06, 0.04, 0.04),

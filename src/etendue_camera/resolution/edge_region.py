@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from etendue_camera.resolution.edge_line import FloatArray, Sites, gradient, lost
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import Sites, gradient, lost
 
 AROUND = 15  # pixels over which the tensor is averaged
 FLATTEST, STEEPEST = 1.0, 43.8  # degrees from the raster

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from etendue_camera.resolution.edge_line import FloatArray, distances
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import distances
 from etendue_camera.resolution.edge_spread import Curve, refitted
 from etendue_camera.resolution.slanted_edge import Measured
 

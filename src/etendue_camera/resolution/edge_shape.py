@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etendue_camera.resolution.edge_line import FloatArray, Sites, first_line, lost, smooth
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import Sites, first_line, lost, smooth
 
 DEGREE = 5  # of the polynomial that a bend is seen by: the highest that an edge is measured with
 FAR = 4.0  # times the median distance from the line, beyond which a row says nothing of it

@@ -15,7 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from etendue_camera.resolution.edge_line import FloatArray, Sites, lost
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import Sites, lost
 
 DEGREE = 3
 ENOUGH = 4  # pixels in every interval between knots

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.crossing import falls_to
-from etendue_camera.resolution.edge_line import FloatArray, Sites
+from etendue_camera.resolution.edge_line import Sites
 
 NYQUIST = 0.5
 RING = 0.02  # width of a ring, of its radius

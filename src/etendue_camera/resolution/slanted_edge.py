@@ -16,8 +16,9 @@ import scipy
 from numpy.typing import ArrayLike
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution import edge_bins
-from etendue_camera.resolution.edge_line import FloatArray, Sites, distances, first_line, lost, movement
+from etendue_camera.resolution.edge_line import Sites, distances, first_line, lost, movement
 from etendue_camera.resolution.edge_spread import FAINTEST, Curve, Fit, fit, whole
 
 METHODS = ("spline", "iso")

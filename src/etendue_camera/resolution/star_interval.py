@@ -14,8 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.crossing import falls_to
-from etendue_camera.resolution.edge_line import FloatArray, Sites
+from etendue_camera.resolution.edge_line import Sites
 from etendue_camera.resolution.siemens import StarResponse, at_zero, star_response
 
 DRAWS, CONFIDENCE = 400, 0.95

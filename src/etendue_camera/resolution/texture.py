@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.crossing import falls_to
-from etendue_camera.resolution.edge_line import FloatArray
 
 METHODS = ("cross", "power")
 NYQUIST = 0.5

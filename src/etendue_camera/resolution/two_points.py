@@ -19,8 +19,8 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 
-FloatArray = NDArray[np.floating]
 Transfer = Callable[[FloatArray], NDArray]  # (n,) cycles/um -> (n,) or (wavelength, n)
 
 RAYLEIGH_SADDLE = 0.735031662423275

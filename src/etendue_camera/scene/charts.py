@@ -17,10 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from etendue_camera.arrays import FloatArray
 from etendue_camera.scene import cell_means
-
-FloatArray = npt.NDArray[np.floating]
-
 
 # ------------------------------------------------------------------------------------------ shared pieces
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from etendue_camera.arrays import FloatArray
 from etendue_camera.scene.cell_means import closely, half_plane_mean
 from etendue_camera.scene.charts import (
     Drawn,
@@ -26,8 +27,6 @@ from etendue_camera.scene.charts import (
     step_wedge,
     zone_plate,
 )
-
-FloatArray = npt.NDArray[np.floating]
 
 PATCH_ROWS, PATCH_COLUMNS = 4, 6
 FILL = 0.9  # part of its region that a panel fills; the rest is the grey that keeps panels apart

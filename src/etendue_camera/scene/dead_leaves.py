@@ -18,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from etendue_camera.arrays import FloatArray
 from etendue_camera.scene.cell_means import step_mean
-from etendue_camera.scene.charts import Drawn, FloatArray, require_axes, require_levels, require_positive, soft_step
+from etendue_camera.scene.charts import Drawn, require_axes, require_levels, require_positive, soft_step
 
 LAYERS = 9.0  # mean number of discs above a point: exp(-9) of the plane is left to the mean grey
 TILE = 96  # positions painted at once along each axis

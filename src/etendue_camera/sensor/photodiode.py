@@ -12,15 +12,13 @@ recombine (diffusion length Ln), or meet the back contact. A pattern of frequenc
 """
 
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Back = Literal["absorbing", "reflecting"]
 FEW = 8192  # frequencies up to which all bands are evaluated at once; more would leave the processor's cache
 
