@@ -12,10 +12,10 @@ import numpy as np
 import xarray
 
 from etendue.present.plots import pictures
-from etendue_camera.export.frames import Frame
+from etendue_camera.export.frames import ArchivedFrame
 
 
-def array_of(frame: Frame) -> xarray.DataArray:
+def array_of(frame: ArchivedFrame) -> xarray.DataArray:
     """The picture of a frame with what its archive says of it.
 
     Raises

@@ -20,7 +20,6 @@ from etendue_camera.importing.formats import FORMATS
 
 RADIANCE = "W m-2 sr-1 nm-1"
 RELATIVE = "1"
-TOO_WHITE = 1.5  # of what is relative to white: beyond, it is hardly a reflectance
 LEVELS = {  # words of --level: unit, factor to it
     "radiance": (RADIANCE, 1.0),
     "W m-2 sr-1 um-1": (RADIANCE, 1e-3),
