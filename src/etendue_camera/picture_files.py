@@ -92,7 +92,12 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
             if kind not in ("PNG", "JPEG", "MPO"):
                 raise ValueError(f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them")
             _check_size(path, size[0] * size[1], most)
-            _check_folded(path, 3 * size[0] * size[1])
+            pixels, stored = size[0] * size[1], os.path.getsize(path)
+            # deflate makes nothing more than 1032 times smaller, JPEG hardly more
+            if 3 * pixels > UNCHECKED and 3 * pixels > FOLD * stored:
+                raise ValueError(
+                    f"{path} says that it has {pixels} pixels, in {stored} bytes: it is cut off, or no picture"
+                )
             return _plain(path)
     except UnidentifiedImageError:
         raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
@@ -120,15 +125,6 @@ def _check_size(path: str, pixels: int, most: int) -> None:
     too_many = beyond(pixels, "pixels", most, way_out)
     if too_many:
         raise ValueError(f"{path} has {too_many}")
-
-
-def _check_folded(path: str, size: int) -> None:
-    """Refuse a picture that its file cannot hold: deflate makes nothing more than 1032 times smaller, JPEG hardly
-    more.
-    """
-    stored = os.path.getsize(path)
-    if size > UNCHECKED and size > FOLD * stored:
-        raise ValueError(f"{path} says that it has {size // 3} pixels, in {stored} bytes: it is cut off, or no picture")
 
 
 def _check_parts(path: str) -> None:
@@ -202,14 +198,11 @@ def _plain(path: str) -> Picture:
         table = _steps(getattr(picture, "quantization", None), turn)
         if mode not in _MODES:
             raise ValueError(f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
-        deep = picture.format == "PNG" and _png_depth(path) == 16
-        if deep and _png_colour(path) == GREY_ALPHA:
+        depth, colour = _png_kind(path) if picture.format == "PNG" else (0, 0)
+        deep = depth == 16
+        if deep and colour == GREY_ALPHA:
             raise ValueError(f"{path} is 16-bit grey with an alpha channel; save it without the channel")
-        clear = _transparent(picture)
-        if clear:
-            raise ValueError(
-                f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
-            )
+        _refuse_clear(path, _transparent(picture))
     if deep and mode in ("RGB", "RGBA"):
         values = _deep_png(path, mode)[..., :3]
     else:
@@ -231,14 +224,18 @@ def _steps(tables: Any, turn: int) -> Any:
     return table.T if turn >= 5 else table
 
 
-def _png_depth(path: str) -> int:
+def _png_kind(path: str) -> tuple[int, int]:
+    """Bits of a sample and colour type of a PNG, from its header."""
     with open(path, "rb") as file:
-        return file.read(25)[24]
+        header = file.read(26)
+    return header[24], header[25]
 
 
-def _png_colour(path: str) -> int:
-    with open(path, "rb") as file:
-        return file.read(26)[25]
+def _refuse_clear(path: str, clear: int) -> None:
+    if clear:
+        raise ValueError(
+            f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
+        )
 
 
 def _transparent(picture: Any) -> int:
@@ -306,55 +303,64 @@ def _tiff(path: str, most: int) -> Picture:
     check_directories(path)
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     with tifffile.TiffFile(path) as file:
-        pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
-        if file.pages[0].aspage().tags.valueof(DNG) is not None:
-            raise ValueError(f"{path} is a raw file (DNG); allowed are {ALLOWED}: develop it first")
-        if len(pages) != 1:
-            raise ValueError(f"{path} holds {len(pages)} pictures; save the one that is meant")
-        page = pages[0].aspage()
+        page = _only_page(path, file)
         _check_size(path, page.imagelength * page.imagewidth, most)
         colours = page.photometric.name if hasattr(page.photometric, "name") else str(page.photometric)
-        kind = page.dtype
         turn = int(page.tags.valueof(274, 1))
         profile = page.tags.valueof(34675)
         note = colour_note({"icc_profile": bytes(profile)} if profile else {})
-        if kind is None or kind.kind not in "uf" or page.bitspersample not in (8, 16, 32, 64):
-            if kind is None or page.bitspersample != 1:
-                raise ValueError(
-                    f"{path} holds {kind or page.bitspersample} numbers; allowed are unsigned integers and floats from "
-                    f"0 to 1"
-                )
-        if colours not in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"):
-            raise ValueError(f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first")
+        _check_kind(path, page, colours)
         if colours in ("PALETTE", "YCBCR") or page.bitspersample == 1:
             return Picture(_by_pillow(path), 255.0, note)
         check_segments(path, page)
         try:
             values = page.asarray()
         except (ValueError, ImportError) as error:  # a codec that is not installed
-            if kind.itemsize == 1:
+            if page.dtype.itemsize == 1:
                 return Picture(_by_pillow(path), 255.0, note)
             raise ValueError(
                 f"{path} cannot be decoded: {error}; save it without compression, or with deflate"
             ) from None
         if page.planarconfig == 2 and values.ndim == 3:
             values = values.transpose(1, 2, 0)
-    values = values[..., None] if values.ndim == 2 else values
-    if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
-        raise ValueError(f"{path} has {values.shape[2:] or values.shape} samples a pixel; allowed are {ALLOWED}")
     full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-    if values.shape[2] in (2, 4):
-        clear = int(np.count_nonzero(values[..., -1] < full))
-        if clear:
-            raise ValueError(
-                f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
-            )
-        values = values[..., :-1]
-    if values.dtype.kind == "f":
-        _check_floats(path, values)
+    values = _opaque(path, values, full)
     if colours == "MINISWHITE":
         values = (values.dtype.type(full) - values).astype(values.dtype)
     return Picture(_TURNS.get(turn, _TURNS[1])(values), full, note)
+
+
+def _only_page(path: str, file: Any) -> Any:
+    """The one picture of a TIFF file, beside smaller copies of it."""
+    pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
+    if file.pages[0].aspage().tags.valueof(DNG) is not None:
+        raise ValueError(f"{path} is a raw file (DNG); allowed are {ALLOWED}: develop it first")
+    if len(pages) != 1:
+        raise ValueError(f"{path} holds {len(pages)} pictures; save the one that is meant")
+    return pages[0].aspage()
+
+
+def _check_kind(path: str, page: Any, colours: str) -> None:
+    """Refuse numbers and colours that are no picture's."""
+    kind, bits = page.dtype, page.bitspersample
+    known = kind is not None and (bits == 1 or (kind.kind in "uf" and bits in (8, 16, 32, 64)))
+    if not known:
+        raise ValueError(f"{path} holds {kind or bits} numbers; allowed are unsigned integers and floats from 0 to 1")
+    if colours not in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"):
+        raise ValueError(f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first")
+
+
+def _opaque(path: str, values: Any, full: float) -> Any:
+    """(rows, columns, 1 or 3): samples without a channel that says where they are transparent, as none may be."""
+    values = values[..., None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
+        raise ValueError(f"{path} has {values.shape[2:] or values.shape} samples a pixel; allowed are {ALLOWED}")
+    if values.shape[2] in (2, 4):
+        _refuse_clear(path, int(np.count_nonzero(values[..., -1] < full)))
+        values = values[..., :-1]
+    if values.dtype.kind == "f":
+        _check_floats(path, values)
+    return values
 
 
 def _by_pillow(path: str) -> Any:

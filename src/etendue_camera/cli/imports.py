@@ -55,7 +55,8 @@ sensor, and the lines of a pipeline.
 @click.option("--clip", is_flag=True, help="What is below 0, as noise makes it, is 0.")
 def take(file: Path, output: Path | None, spacing: float | None, **words: Any) -> None:
     """The command, whose words are ``HELP``."""
-    from etendue_camera.importing.light import RADIANCE, TOO_WHITE, Said, light_of
+    from etendue_camera.importing.cube import RADIANCE
+    from etendue_camera.importing.light import TOO_WHITE, Said, light_of
     from etendue_camera.importing.store import level_told, size_told, write_store
 
     cube, unit = light_of(file, Said(**words))
@@ -76,14 +77,14 @@ def take(file: Path, output: Path | None, spacing: float | None, **words: Any) -
         f"(width x height)"
     )
     click.echo(f"{level_told(cube, unit)}\n{size_told(cube, spacing)}")
-    words = ['use = "radiance_cube"', 'name = "scene"', f'file = "{place}"']
+    lines = ['use = "radiance_cube"', 'name = "scene"', f'file = "{place}"']
     if unit != RADIANCE:
-        words.append('white_luminance = "1000 cd m-2"')
+        lines.append('white_luminance = "1000 cd m-2"')
     elif cube.white is None:
-        words.append(
+        lines.append(
             '# white_luminance = "1000 cd m-2"   # would take the values for reflectance: import with --white-at '
             "instead"
         )
     if spacing is None:
-        words.append('spacing = "2 um"')
-    click.echo("in a pipeline:\n[[stages]]\n" + "\n".join(words))
+        lines.append('spacing = "2 um"')
+    click.echo("in a pipeline:\n[[stages]]\n" + "\n".join(lines))

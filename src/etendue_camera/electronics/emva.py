@@ -165,7 +165,8 @@ def measure(
     dsnu2 = d.spatial[:, half] / gain**2
     prnu2 = (y.spatial[:, half] - d.spatial[:, half]) / signal[:, half] ** 2
     exposure = time if photons is None else np.asarray(photons, dtype=float)
-    efficiency = nan if photons is None else _through_origin(exposure[used], signal[:, used]) / gain
+    x = exposure[used]  # a line through the origin
+    efficiency = nan if photons is None else (signal[:, used] * x).sum(axis=1) / (x**2).sum() / gain
     with np.errstate(invalid="ignore"):
         decibel = 20 * np.log10(capacity / threshold)
         best = 10 * np.log10(capacity)
@@ -310,10 +311,6 @@ def _line(x: NDArray, values: NDArray) -> tuple[NDArray, NDArray]:
     centred = x - x.mean()
     slope = (values * centred).sum(axis=1) / (centred**2).sum()
     return slope, values.mean(axis=1) - slope * x.mean()
-
-
-def _through_origin(x: NDArray, values: NDArray) -> NDArray:
-    return (values * x).sum(axis=1) / (x**2).sum()
 
 
 def _linearity(exposure: NDArray, signal: NDArray, top: float) -> NDArray:

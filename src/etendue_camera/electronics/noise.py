@@ -194,16 +194,12 @@ def _inverse(mean: NDArray, uniform: NDArray, normal: NDArray) -> NDArray:
     guess = mean + np.sqrt(mean) * normal + 1 / 3 + normal**2 / 6
     counts = np.maximum(np.floor(guess), 0)
 
-    def too_high(k: NDArray, m: NDArray, u: NDArray) -> NDArray:
-        return (k > 0) & (u < scipy.special.pdtr(k - 1, m))
-
-    def too_low(k: NDArray, m: NDArray, u: NDArray) -> NDArray:
-        return u >= scipy.special.pdtr(k, m)
-
-    for wrong, step in ((too_high, -1), (too_low, 1)):
+    for step in (-1, 1):
         active = np.arange(counts.size)
         while active.size:
-            active = active[wrong(counts[active], mean[active], uniform[active])]
+            k, m, u = counts[active], mean[active], uniform[active]
+            wrong = (k > 0) & (u < scipy.special.pdtr(k - 1, m)) if step < 0 else u >= scipy.special.pdtr(k, m)
+            active = active[wrong]
             counts[active] += step
     return counts
 

@@ -1,7 +1,7 @@
 """The pictures of an archive, one at a time, with what is known about each: camera values, white, colour matrix, key.
 
 In:  the folder of an archive.
-Out: a ``Shelf`` for a variable, its ``ArchivedFrame``s by axis values; arrays are read when one is asked for its picture.
+Out: a ``Shelf`` for a variable, its pictures by axis values; arrays are read when one of them is asked for.
 """
 
 from __future__ import annotations

@@ -169,7 +169,10 @@ class PsfBank:
         """A bank with a round picture on the axis: pictures that are not the same after a quarter turn are averaged
         over directions.
         """
-        apart = max(0.5 * float(np.abs(p - quarter).sum()) for p, quarter in ((p, _quarter(p)) for p in self.psf[0]))
+        turned = np.rot90(self.psf[0], axes=(1, 2))
+        if turned.shape[1] % 2 == 0:  # about sample n // 2
+            turned = np.roll(turned, 1, axis=1)
+        apart = 0.5 * float(np.abs(self.psf[0] - turned).sum(axis=(1, 2)).max())
         if self.heights_um[0] > 0 or apart <= 1e-9:
             return self
         psf = self.psf.copy()
@@ -309,12 +312,6 @@ class PsfBank:
                 )
             source = str(found["source"]) if "source" in found else ""
             return cls(found["heights_um"], found["wavelengths_um"], found["psf"], found["spacing_um"], source)
-
-
-def _quarter(picture: FloatArray) -> FloatArray:
-    """Turned by a right angle about sample n // 2."""
-    turned = np.rot90(picture)
-    return np.roll(turned, 1, axis=0) if picture.shape[0] % 2 == 0 else turned
 
 
 def _axis(name: str, values: Any, lowest: float) -> FloatArray:

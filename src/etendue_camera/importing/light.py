@@ -18,8 +18,6 @@ from etendue_camera.importing.cube import RADIANCE, Cube, as_light, in_order, re
 TOO_WHITE = 1.5  # of what is relative to white: beyond, it is hardly a reflectance
 PATCH = 5  # pixels along a side of the white patch, where none are said
 
-__all__ = ["RADIANCE", "TOO_WHITE", "Said", "light_of"]
-
 
 @dataclass(frozen=True)
 class Said:

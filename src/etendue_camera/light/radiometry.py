@@ -222,26 +222,6 @@ def cos4(tan_angle: Floats) -> Floats:
     return (1.0 / (1.0 + tangent * tangent)) ** 2
 
 
-def flat_disc_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
-    """1/(2 sin theta') of the marginal rays of a flat exit pupil, sqrt(N_w^2 + 1/4): what diffraction goes by.
-
-    Parameters
-    ----------
-    f_number, magnification, pupil_magnification : float, 1
-        As in `working_f_number`, with its errors.
-
-    Returns
-    -------
-    float, 1
-        The working f-number of the aplanatic lens that gives as much light, `flat_disc_factor`.
-
-    Notes
-    -----
-    Source: tan theta' = 1/(2 N_w) from the centre of the image to the edge of the pupil. Error: below 4e-16 relative.
-    """
-    return np.hypot(working_f_number(f_number, magnification, pupil_magnification), 0.5)
-
-
 def disc_factor(
     f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
 ) -> Floats:

@@ -187,18 +187,19 @@ def replaced(
         )
     result, left = mosaic.copy(), 0
     every_row, every_column = np.nonzero(defective)
-    period = mask.period
+    period, (height, width) = mask.period, mosaic.shape
     phases = (every_row + first_row) % period[0] * period[1] + (every_column + first_column) % period[1]
     for phase in np.unique(phases):
         rows, columns = every_row[phases == phase], every_column[phases == phase]
         place = divmod(int(phase), period[1])
+        offsets = neighbours(mask, *place, mosaic.shape, 24)
         best, joined = _along_lines(mosaic, defective, mask, place, rows, columns)
         for number in np.flatnonzero(~joined):
-            near = _sound_near(
-                mosaic, defective, int(rows[number]), int(columns[number]), neighbours(mask, *place, mosaic.shape, 24)
-            )
-            if near.size:
-                best[number], joined[number] = np.median(near[:NEIGHBOURS]), True
+            around = [(rows[number] + dy, columns[number] + dx) for dy, dx in offsets]
+            sound = [at for at in around if 0 <= at[0] < height and 0 <= at[1] < width and not defective[at]]
+            if sound:
+                near = [float(mosaic[at]) for at in sound[:NEIGHBOURS]]
+                best[number], joined[number] = np.median(near), True
         result[rows[joined], columns[joined]] = best[joined]
         left += int(np.count_nonzero(~joined))
     return result, left
@@ -235,12 +236,6 @@ def _taken(mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArr
     inside = (rows >= 0) & (rows < mosaic.shape[0]) & (columns >= 0) & (columns < mosaic.shape[1])
     rows, columns = np.where(inside, rows, 0), np.where(inside, columns, 0)
     return mosaic[rows, columns].astype(np.float64), inside & ~defective[rows, columns]
-
-
-def _sound_near(mosaic: FloatArray, defective: NDArray, row: int, column: int, offsets: Offsets) -> FloatArray:
-    places = [(row + dy, column + dx) for dy, dx in offsets]
-    near = [(y, x) for y, x in places if 0 <= y < mosaic.shape[0] and 0 <= x < mosaic.shape[1] and not defective[y, x]]
-    return np.array([mosaic[place] for place in near], dtype=np.float64)
 
 
 def _frame(mosaic: FloatArray) -> FloatArray:

@@ -67,7 +67,11 @@ def cell_means(
         "(y, x) with pixels, all of them finite",
     )
     require.allowed(cell >= 1, "cell", cell, "whole numbers from 1")
-    sides = [_side(size, period, cell) for size, period in zip(mosaic.shape, mask.period, strict=True)]
+    # whole periods, at least ``cell``, no more than the frame holds; a frame below one period is one cell
+    sides = [
+        max(min(-(-cell // period) * period, size // period * period), min(size, period))
+        for size, period in zip(mosaic.shape, mask.period, strict=True)
+    ]
     counts = [size // side for size, side in zip(mosaic.shape, sides, strict=True)]
     blocks = mosaic[: counts[0] * sides[0], : counts[1] * sides[1]].reshape(counts[0], sides[0], counts[1], sides[1])
     index = cfa.channel_index(mask, sides[0], sides[1], first_row, first_column)
@@ -82,14 +86,6 @@ def cell_means(
         means[number] = np.einsum("iajb,ab->ij", blocks, here / here.sum(), dtype=np.float64, casting="same_kind")
     usable = (blocks.max(axis=(1, 3)) < ceiling) & (blocks.mean(axis=(1, 3), dtype=np.float64) >= lowest)
     return means[:, usable], usable.size
-
-
-def _side(size: int, period: int, cell: int) -> int:
-    """Side of a cell: whole periods, at least ``cell``, no more than the frame holds; a frame below one period is
-    one cell.
-    """
-    wanted = -(-cell // period) * period
-    return max(min(wanted, size // period * period), min(size, period))
 
 
 def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:

@@ -25,13 +25,10 @@ FEW, ROUNDS = 32, 3  # parts of a step between nodes
 CUT_OFF = 1e-3  # contrast that is as good as none
 
 
-def polychromatic(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
-    """|weighted mean over wavelength|: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1."""
-    return np.abs(mean_otf(otf, weights))
-
-
 def mean_otf(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
-    """The same with its sign and phase: negative where contrast is reversed."""
+    """Weighted mean over wavelength: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1; negative where
+    contrast is reversed.
+    """
     share = (
         np.full(otf.shape[0], 1 / otf.shape[0])
         if weights is None
@@ -66,7 +63,7 @@ def mtf50(otf: Callable[[FloatArray], FloatArray], weights: FloatArray | None, h
     """
 
     def response(f: FloatArray) -> FloatArray:
-        return polychromatic(np.asarray(otf(f)), weights)
+        return np.abs(mean_otf(np.asarray(otf(f)), weights))
 
     grid = search_nodes(highest, nodes)
     return falls_below(response, 0.5, grid, response(grid))

@@ -46,9 +46,6 @@ class Birefringent(Transfer, Bounded):
         "wavelength",
     )
 
-    def splits(self) -> bool:
-        return self.separation_y > 0 or self.separation_x > 0
-
     def prepare(self, coordinates: Any) -> Any:
         if not self.dispersion:
             return np.ones(1), np.ones(1)
@@ -64,7 +61,7 @@ class Birefringent(Transfer, Bounded):
         return filters.four_spot_otf(fy, fx, self.separation_y * scale, self.separation_x * scale, rotation)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        if not self.splits():
+        if self.separation_y == 0 == self.separation_x:
             return 0.0, "nothing is split"
         return (0.0, "the scene is uniform: splitting changes nothing") if facts.uniform else None
 
