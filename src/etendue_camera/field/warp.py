@@ -26,10 +26,11 @@ from etendue_camera.arrays import FloatArray
 _ROWS = 256  # of a plane at a time: coordinates are in double precision
 _NODES = 1025  # of the ratio of ideal to real height
 ORDERS = (1, 2, 3, 4, 5)
+Table = tuple[FloatArray, FloatArray, FloatArray]  # ideal heights (n,), wavelengths (L,), real heights (n, L), um
 
 
 @dataclass(frozen=True, eq=False)
-class Distortion:
+class DistortionCurve:
     """Real image height as a function of the ideal one and of the wavelength.
 
     Attributes
@@ -56,7 +57,7 @@ class Distortion:
     reference_um: float = 1000.0
     lateral_colour: float = 0.0
     reference_wavelength_um: float = 0.55
-    table: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    table: Table | None = None
 
     def __post_init__(self) -> None:
         if len(self.coefficients) != 3 or not all(map(math.isfinite, self.coefficients)):
@@ -71,32 +72,7 @@ class Distortion:
             return
         if any(self.coefficients):
             raise ValueError("coefficients and a table are both given; distortion is one or the other")
-        ideal, wavelengths, real = (np.array(a, dtype=float) for a in self.table)
-        if (
-            ideal.ndim != 1
-            or wavelengths.ndim != 1
-            or real.shape != (ideal.size, wavelengths.size)
-            or ideal.size < 2
-            or not wavelengths.size
-        ):
-            raise ValueError(
-                f"table has {ideal.shape} ideal heights, {wavelengths.shape} wavelengths and real heights of shape "
-                f"{real.shape}"
-            )
-        if not all(np.isfinite(a).all() for a in (ideal, wavelengths, real)) or not (
-            np.all(np.diff(wavelengths) > 0) and wavelengths[0] > 0
-        ):
-            raise ValueError("table must be finite, its wavelengths above 0 and growing")
-        if ideal[0] > 0:
-            ideal, real = np.insert(ideal, 0, 0.0), np.insert(real, 0, 0.0, axis=0)
-        if (
-            ideal[0] != 0
-            or np.any(real[0] != 0)
-            or not (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0))
-        ):
-            raise ValueError(
-                "table must have ideal and real heights that grow from 0 on the axis: other images fold over"
-            )
+        ideal, wavelengths, real = _checked_table(self.table)
         curve = scipy.interpolate.CubicSpline(np.r_[-ideal[:0:-1], ideal], np.r_[-real[:0:-1], real], axis=0)
         object.__setattr__(self, "table", (ideal, wavelengths, real))
         object.__setattr__(self, "_curve", curve)
@@ -218,8 +194,33 @@ class Distortion:
         return scipy.interpolate.CubicSpline(square, values)
 
 
-def read_table(path: str | Path) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The table of a ``Distortion`` from a CSV file.
+def _checked_table(table: Table) -> Table:
+    """Heights from 0 on, where they grow; ValueError where they do not."""
+    ideal, wavelengths, real = (np.array(a, dtype=float) for a in table)
+    if (
+        ideal.ndim != 1
+        or wavelengths.ndim != 1
+        or real.shape != (ideal.size, wavelengths.size)
+        or ideal.size < 2
+        or not wavelengths.size
+    ):
+        raise ValueError(
+            f"table has {ideal.shape} ideal heights, {wavelengths.shape} wavelengths and real heights of shape "
+            f"{real.shape}"
+        )
+    if not all(np.isfinite(a).all() for a in (ideal, wavelengths, real)) or not (
+        np.all(np.diff(wavelengths) > 0) and wavelengths[0] > 0
+    ):
+        raise ValueError("table must be finite, its wavelengths above 0 and growing")
+    if ideal[0] > 0:
+        ideal, real = np.insert(ideal, 0, 0.0), np.insert(real, 0, 0.0, axis=0)
+    if ideal[0] != 0 or np.any(real[0] != 0) or not (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0)):
+        raise ValueError("table must have ideal and real heights that grow from 0 on the axis: other images fold over")
+    return ideal, wavelengths, real
+
+
+def read_table(path: str | Path) -> Table:
+    """The table of a ``DistortionCurve`` from a CSV file.
 
     First line ``ideal_um`` (or ``ideal_mm``) and wavelengths in nm; below it an ideal height and the real heights at
     these wavelengths in each line, in the same unit. Gives um.
@@ -324,7 +325,7 @@ def edge_error(order: int, softness: float, oversampling: int = 1) -> float:
 
 
 def missing_um(
-    y_um: tuple[float, float], x_um: tuple[float, float], distortion: Distortion, wavelength_um: float
+    y_um: tuple[float, float], x_um: tuple[float, float], distortion: DistortionCurve, wavelength_um: float
 ) -> float:
     """How far beyond the rendered light the distorted frame looks, um; 0 where all of it is there.
 

@@ -233,8 +233,8 @@ class Distortion(Banded, Bounded):
         if self.table and (self.k1 or self.k2 or self.k3):
             raise ValueError("table and coefficients are both given; distortion is one or the other")
 
-    def map(self) -> warp.Distortion:
-        return warp.Distortion(
+    def map(self) -> warp.DistortionCurve:
+        return warp.DistortionCurve(
             (self.k1, self.k2, self.k3),
             1e3 * self.reference_radius,
             self.lateral_colour,

@@ -6,6 +6,7 @@ Out: the curve, remembered until the file changes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -92,12 +93,21 @@ def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTabl
     if not lines or lines[0][1][0] not in axes or len(lines[0][1]) < 2:
         raise ValueError(f"{path}: expected a header {expected}")
     header = lines[0][1]
+    table = np.array(_rows(path, header, lines[1:]))
+    table.flags.writeable = False
+    read = FieldTable(path, header[0], table[:, 0], table[:, 1:], _wavelengths(path, header[1:]))
+    if not (read.nodes[0] <= 0 <= read.nodes[-1]) or np.any(read.centre() <= 0):
+        raise ValueError(
+            f"{path}: needs a row at {header[0]} 0 with ratios above 0: everything is relative to the axis"
+        )
+    return read
+
+
+def _rows(path: str, header: list[str], lines: list[tuple[int, list[str]]]) -> list[list[float]]:
+    """Numbers whose first column ascends."""
     rows: list[list[float]] = []
-    for number, cells in lines[1:]:
-        try:
-            row = [float(cell) for cell in cells]
-        except ValueError:
-            row = []
+    for number, cells in lines:
+        row = [_number(cell) for cell in cells]
         if len(row) != len(header) or not np.all(np.isfinite(row)):
             raise ValueError(f"{path}, line {number}: expected {len(header)} finite numbers, got {','.join(cells)!r}")
         if rows and row[0] <= rows[-1][0]:
@@ -107,26 +117,22 @@ def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTabl
         rows.append(row)
     if len(rows) < 2:
         raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")
-    wavelengths: tuple[float, ...] = ()
-    if len(header) > 2 or _number(header[1]) is not None:
-        found = [_number(name) for name in header[1:]]
-        if None in found or any(b <= a for a, b in pairwise(found)):  # type: ignore[operator]
-            raise ValueError(
-                f"{path}: columns {', '.join(header[1:])}; several columns are wavelengths in nm, ascending"
-            )
-        wavelengths = tuple(found)  # type: ignore[arg-type]
-    table = np.array(rows)
-    table.flags.writeable = False
-    read = FieldTable(path, header[0], table[:, 0], table[:, 1:], wavelengths)
-    if not (read.nodes[0] <= 0 <= read.nodes[-1]) or np.any(read.centre() <= 0):
-        raise ValueError(
-            f"{path}: needs a row at {header[0]} 0 with ratios above 0: everything is relative to the axis"
-        )
-    return read
+    return rows
 
 
-def _number(text: str) -> float | None:
+def _wavelengths(path: str, names: list[str]) -> tuple[float, ...]:
+    """Those that columns are named by; none of one column of another name."""
+    found = tuple(_number(name) for name in names)
+    if len(names) == 1 and math.isnan(found[0]):
+        return ()
+    if not all(a < b for a, b in pairwise(found)) or any(map(math.isnan, found)):
+        raise ValueError(f"{path}: columns {', '.join(names)}; several columns are wavelengths in nm, ascending")
+    return found
+
+
+def _number(text: str) -> float:
+    """NaN of what is none."""
     try:
         return float(text)
     except ValueError:
-        return None
+        return math.nan
