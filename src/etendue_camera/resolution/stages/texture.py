@@ -14,19 +14,18 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from etendue.api import Probe, param, quantity
+from etendue.api import param
 from etendue_camera.resolution.siemens import StarResponse, star_response
-from etendue_camera.resolution.stages.edge import (
-    LUMINANCE,
+from etendue_camera.resolution.stages.edge_pictures import FAINTEST
+from etendue_camera.resolution.stages.luminance import (
     NOISE_FREE,
     SATURATED,
-    EdgeProbe,
-    _first,
-    _luminance,
-    _mixed,
-    _second,
+    PictureProbe,
+    check_encoding,
+    decoded,
+    first_exposure,
+    weighed,
 )
-from etendue_camera.resolution.stages.edge_pictures import FAINTEST
 from etendue_camera.resolution.texture import SMALLEST, TextureResponse, texture_response
 from etendue_camera.sensor.stages.masks import mask_of
 
@@ -39,18 +38,11 @@ DOUBTFUL = 0.05  # standard error of the response at half contrast from which on
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Pictures(Probe):
+class _Pictures(PictureProbe):
     """The luminance of every picture of a run, as `edge_resolution` has it. Cycles per pixel count camera pixels at
     every stage.
     """
 
-    role: ClassVar = "resolution"
-    with_grids: ClassVar = True
-    reads: ClassVar = dict(EdgeProbe.reads)
-    beside: ClassVar = EdgeProbe.beside
-
-    pixel_pitch: float = quantity("pixel_pitch")
-    pattern: str = quantity("pattern")
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"), doc="of rgb_display, as the stage encode has it")
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
 
@@ -60,27 +52,20 @@ class _Pictures(Probe):
         """(stage, variable, plane, grid); the plane is None where it is clipped or shows one colour here and another
         there.
         """
-        green = _second(next((otf.weights for _, otf in transfers if otf.weights is not None), None))
-        y_row, display = _luminance(matrices, whites), np.array(LUMINANCE)
-        edge = EdgeProbe(encoding=self.encoding, exponent=self.exponent)  # decodes
-        if given["rgb_display"] and given["rgb_linear"]:
-            edge.check_encoding(given["rgb_linear"][-1][1], given["rgb_display"][-1][1])
-        taken = {
-            "irradiance": lambda a: np.tensordot(np.ones(len(a)) if green is None else green, a, 1),
-            "photon_rate": lambda a: a[min(1, len(a) - 1)],
-            "mosaic_linear": lambda a: a if len(mask_of(self.pattern).channels) == 1 else None,
-            "rgb_camera": lambda a: _mixed(y_row, a),
-            "xyz_scene": lambda a: a[1],
-            "rgb_linear": lambda a: _mixed(display, a),
-            "rgb_display": lambda a: (
-                None if _clipped(a) or _clipped(1 - np.asarray(a)) else _mixed(display, edge.decoded(a))
-            ),
-        }
+        check_encoding(given["rgb_linear"], given["rgb_display"], self.encoding, self.exponent)
+        taken = weighed(transfers, matrices, whites, lambda a: decoded(a, self.encoding, self.exponent))
+        one_colour = len(mask_of(self.pattern).channels) == 1
         clipped = any(_clipped(array) for _, array, _ in given["mosaic_linear"][:1])
         for variable, pictures in given.items():
             for name, array, grid in pictures:
-                plane = None if clipped and variable not in NOISE_FREE else taken[variable](_first(array, variable))
-                yield name, variable, None if plane is None else np.asarray(plane, dtype=float), grid
+                shown = first_exposure(array, variable)
+                lost = (
+                    (clipped and variable not in NOISE_FREE)
+                    or (variable == "mosaic_linear" and not one_colour)
+                    or (variable == "rgb_display" and (_clipped(shown) or _clipped(1 - np.asarray(shown))))
+                )
+                plane = None if lost else np.asarray(taken[variable](shown), dtype=float)
+                yield name, variable, plane, grid
 
 
 @dataclass(frozen=True, kw_only=True)
