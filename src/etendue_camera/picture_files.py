@@ -56,7 +56,7 @@ _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture u
 
 
 @dataclass(frozen=True)
-class Picture:
+class FilePicture:
     """Values in the file's own numbers, and by what they are divided; what is not done to them."""
 
     values: Any  # (rows, columns, 1 or 3), unsigned integers or floats
@@ -65,7 +65,7 @@ class Picture:
     table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness, y first
 
 
-def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
+def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
     """The picture of a file of at most so many pixels, the way up that the file says.
 
     Raises
@@ -182,7 +182,7 @@ def _unfolded(path: str | Path, offset: int, count: int, page: Any, most: int) -
     return size
 
 
-def _plain(path: str) -> Picture:
+def _plain(path: str) -> FilePicture:
     """PNG and JPEG."""
     from PIL import Image
 
@@ -213,7 +213,7 @@ def _plain(path: str) -> Picture:
                 values = np.asarray(picture.convert("L"))[..., None]
             else:
                 values = np.asarray(picture.convert("RGB"))
-    return Picture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note, table)
+    return FilePicture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note, table)
 
 
 def _steps(tables: Any, turn: int) -> Any:
@@ -295,7 +295,7 @@ def check_directories(path: str | Path) -> None:
             at = struct.unpack(order + link, tail)[0] if len(tail) == struct.calcsize(order + link) else 0
 
 
-def _tiff(path: str, most: int) -> Picture:
+def _tiff(path: str, most: int) -> FilePicture:
     import logging
 
     import tifffile
@@ -311,13 +311,13 @@ def _tiff(path: str, most: int) -> Picture:
         note = colour_note({"icc_profile": bytes(profile)} if profile else {})
         _check_kind(path, page, colours)
         if colours in ("PALETTE", "YCBCR") or page.bitspersample == 1:
-            return Picture(_by_pillow(path), 255.0, note)
+            return FilePicture(_by_pillow(path), 255.0, note)
         check_segments(path, page)
         try:
             values = page.asarray()
         except (ValueError, ImportError) as error:  # a codec that is not installed
             if page.dtype.itemsize == 1:
-                return Picture(_by_pillow(path), 255.0, note)
+                return FilePicture(_by_pillow(path), 255.0, note)
             raise ValueError(
                 f"{path} cannot be decoded: {error}; save it without compression, or with deflate"
             ) from None
@@ -327,7 +327,7 @@ def _tiff(path: str, most: int) -> Picture:
     values = _opaque(path, values, full)
     if colours == "MINISWHITE":
         values = (values.dtype.type(full) - values).astype(values.dtype)
-    return Picture(_TURNS.get(turn, _TURNS[1])(values), full, note)
+    return FilePicture(_TURNS.get(turn, _TURNS[1])(values), full, note)
 
 
 def _only_page(path: str, file: Any) -> Any:

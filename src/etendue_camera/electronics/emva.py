@@ -21,7 +21,7 @@ LEAST_DARK_VARIANCE = 0.24  # DN^2: below, quantisation hides the read noise (EM
 
 
 @dataclass(frozen=True)
-class Measurement:
+class SensorFigures:
     """What `measure` finds.
 
     Attributes
@@ -83,7 +83,7 @@ def measure(
     dark: Sequence[ArrayLike],
     photons: ArrayLike | None = None,
     confidence: float = 0.95,
-) -> Measurement:
+) -> SensorFigures:
     """Gain, noise, saturation and patterns of a sensor, with confidence intervals.
 
     Parameters
@@ -102,7 +102,7 @@ def measure(
 
     Returns
     -------
-    Measurement
+    SensorFigures
 
     Raises
     ------
@@ -170,7 +170,7 @@ def measure(
     with np.errstate(invalid="ignore"):
         decibel = 20 * np.log10(capacity / threshold)
         best = 10 * np.log10(capacity)
-    return Measurement(
+    return SensorFigures(
         gain=interval.of(gain, "DN/electron"),
         read_noise=read,
         dark_current=interval.of(slope / gain, "electron/s"),

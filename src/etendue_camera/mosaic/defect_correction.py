@@ -8,6 +8,7 @@ change; both are what raw converters and sensors do, in a form of our own for an
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +23,18 @@ Offsets = tuple[tuple[int, int], ...]
 Lines = tuple[tuple[int, int, int, int], ...]
 
 
+class PixelNoise(NamedTuple):
+    """What is known of the noise of a pixel."""
+
+    dark_sigma: float  # in the dark, unit of the mosaic, at or above 0
+    electrons: float  # at 1 of the mosaic, above 0; inf: no shot noise
+    prnu: float = 0.0  # relative rms of the response from pixel to pixel, at or above 0
+
+
 def outliers(
     mosaic: FloatArray,
     mask: cfa.Mask,
-    dark_sigma: float,
-    electrons: float,
-    prnu: float = 0.0,
+    noise: PixelNoise,
     threshold: float = 4.0,
     contrast: float = 1.0,
     first_row: int = 0,
@@ -39,12 +46,7 @@ def outliers(
     ----------
     mosaic : (y, x) array, 1 at clipping
     mask : cfa.Mask
-    dark_sigma : float
-        Noise of a pixel in the dark, unit of mosaic, at or above 0.
-    electrons : float
-        At 1 of the mosaic, above 0; inf: no shot noise.
-    prnu : float
-        Relative rms of the response from pixel to pixel, at or above 0.
+    noise : PixelNoise
     threshold : float
         In sigma of a pixel, at or above 0.
     contrast : float
@@ -72,7 +74,7 @@ def outliers(
     neighbours, such as one in a corner, is not judged. sigma^2 = dark^2 + m/electrons + (prnu m)^2 at the middle m of
     the range.
     """
-    mosaic = _frame(mosaic)
+    mosaic, (dark_sigma, electrons, prnu) = _frame(mosaic), noise
     for name, value, fine in (
         ("dark_sigma", dark_sigma, dark_sigma >= 0),
         ("electrons", electrons, electrons > 0),

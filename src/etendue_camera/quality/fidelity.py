@@ -17,7 +17,7 @@ WINDOW, SPREAD = 11, 1.5  # of SSIM, pixels: width of the window and standard de
 K1, K2 = 0.01, 0.03
 
 
-class Spread(NamedTuple):
+class MapSpread(NamedTuple):
     """Figures of a map of differences."""
 
     mean: float
@@ -102,7 +102,7 @@ def ssim(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> float:
     return float(ssim_map(picture, reference, peak).mean())
 
 
-def spread(values: ArrayLike) -> Spread:
+def spread(values: ArrayLike) -> MapSpread:
     """Mean, median and 95 % point of a map of differences; NaN throughout where it holds NaN.
 
     Raises
@@ -114,7 +114,7 @@ def spread(values: ArrayLike) -> Spread:
     if values.size == 0:
         raise ValueError("values is empty; allowed is a map of at least one pixel")
     median, p95 = np.quantile(values.astype(np.float64).ravel(), (0.5, 0.95))
-    return Spread(float(np.mean(values, dtype=np.float64)), float(median), float(p95))
+    return MapSpread(float(np.mean(values, dtype=np.float64)), float(median), float(p95))
 
 
 def _windowed(planes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -165,7 +165,7 @@ def _narrowed(response: Response, level: float, low: float, high: float) -> floa
 
 
 @dataclass(frozen=True)
-class Curve:
+class ContrastCurve:
     """One transfer function along one direction, known at nodes: splines through its contrast, that squared, and its
     real part.
     """

@@ -19,8 +19,8 @@ from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.edge_doubts import doubts
 from etendue_camera.resolution.edge_region import find_edge
 from etendue_camera.resolution.edge_rewritten import Rewritten, Written, rewritten
-from etendue_camera.resolution.edge_spread import Curve, influence, redrawn
-from etendue_camera.resolution.slanted_edge import EdgeResponse, Measured, check, checked, measured, said
+from etendue_camera.resolution.edge_spread import EdgeSpread, influence, redrawn
+from etendue_camera.resolution.slanted_edge import EdgeResponse, MeasuredEdge, check, checked, measured, said
 
 DRAWS, CONFIDENCE = 400, 0.95
 NOISY = 0.10  # of the MTF50, the width of its interval beyond which it is noisy
@@ -196,11 +196,11 @@ def edge_resolution(
 
 
 def _written(
-    found: Measured, written: Written, tails: bool, response: EdgeResponse, generator: np.random.Generator
+    found: MeasuredEdge, written: Written, tails: bool, response: EdgeResponse, generator: np.random.Generator
 ) -> tuple[Rewritten, Rewritten]:
     frequency = response.frequency
 
-    def crossings(curves: Curve) -> FloatArray:
+    def crossings(curves: EdgeSpread) -> FloatArray:
         sfr = curves.response(frequency)
         return np.stack([lowest_crossing(frequency, sfr, share) for share in (0.5, 0.1)])
 
@@ -209,7 +209,7 @@ def _written(
     return fifty, ten
 
 
-def _block(found: Measured, rows: Curve, response: EdgeResponse) -> tuple[int, float]:
+def _block(found: MeasuredEdge, rows: EdgeSpread, response: EdgeResponse) -> tuple[int, float]:
     """Rows to smooth the draws over, 1 where contributions of neighbours to the response are not correlated, and a
     factor.
 
@@ -237,8 +237,8 @@ def _block(found: Measured, rows: Curve, response: EdgeResponse) -> tuple[int, f
 
 
 def _draws(
-    curve: Curve,
-    rows: Curve,
+    curve: EdgeSpread,
+    rows: EdgeSpread,
     response: EdgeResponse,
     generator: np.random.Generator,
     draws: int,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,13 @@ NARROWEST = 1.0  # width of a ring, pixels
 FEWEST = 12  # pixels in a ring for the three numbers fitted to it
 ROUNDS, STILL = 30, 1e-6  # pixels of movement of the centre
 OUTER = 3.0  # times the lowest frequency: the rings that say what the modulation tends to
+
+
+class Star(NamedTuple):
+    """What is known of a star: periods in one turn, at least 8, and its radius, pixels."""
+
+    cycles: int
+    radius: float
 
 
 @dataclass(frozen=True)
@@ -50,8 +58,7 @@ class StarResponse:
 
 def star_response(
     picture: ArrayLike,
-    cycles: int,
-    radius: float,
+    star: Star,
     *,
     centre: tuple[float, float] | None = None,
     refine: bool = True,
@@ -64,10 +71,8 @@ def star_response(
     Parameters
     ----------
     picture : (y, x) array, any linear unit with 0 for no light
-    cycles : int
-        Periods in one turn, at least 8.
-    radius : float, pixels
-        Of the star; its outermost 5 % are left out.
+    star : Star
+        The outermost 5 % of its radius are left out.
     centre : (float, float) or None, pixels
         y and x of its centre from the first pixel; None: the middle of the picture. Must be right to about a quarter of
         a cycle at the innermost ring that shows contrast.
@@ -101,7 +106,7 @@ def star_response(
     H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the closed form
     of a Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
     """
-    image = np.asarray(picture, np.float64)
+    image, (cycles, radius) = np.asarray(picture, np.float64), star
     mask = np.ones(image.shape, np.bool_) if sites is None else np.asarray(sites, np.bool_)
     _check(image, cycles, radius, contrast, highest)
     require.shape(mask.shape == image.shape, "sites", mask, f"the picture's shape {image.shape}")

@@ -19,7 +19,7 @@ from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution import edge_bins
 from etendue_camera.resolution.edge_line import Sites, distances, first_line, lost, movement
-from etendue_camera.resolution.edge_spread import FAINTEST, Curve, Fit, fit, whole
+from etendue_camera.resolution.edge_spread import FAINTEST, EdgeSpread, Fit, fit, whole
 
 METHODS = ("spline", "iso")
 ROUNDS = 30
@@ -60,11 +60,11 @@ class EdgeResponse:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredEdge:
     """What stands behind a response by the spline: enough to measure again with other noise."""
 
     fit: Fit
-    curve: Curve
+    curve: EdgeSpread
     coefficients: FloatArray  # of the edge's polynomial, see `edge_line`
     vertical: bool
     rows: int
@@ -155,7 +155,7 @@ def slanted_edge(
 
 def measured(
     image: FloatArray, sites: Sites | None, *, order: int, knots_per_pixel: float, half_width: float | None, tails: bool
-) -> Measured:
+) -> MeasuredEdge:
     """The line and the edge spread function of a picture by the spline; arguments as `slanted_edge` has checked
     them.
     """
@@ -183,10 +183,10 @@ def measured(
     else:
         raise ValueError(lost("its line could not be found"))
     final = fit(distances(coefficients, v, across, rows), u_image, knot, half_width, mask)
-    return Measured(final, whole(final, half_width, tails), coefficients, vertical, rows, columns)
+    return MeasuredEdge(final, whole(final, half_width, tails), coefficients, vertical, rows, columns)
 
 
-def said(found: Measured, highest: float, samples: int) -> EdgeResponse:
+def said(found: MeasuredEdge, highest: float, samples: int) -> EdgeResponse:
     """The figures of a measured edge."""
     return _said(
         found.curve, found.fit.noise, found.coefficients, found.vertical, (found.rows, found.columns), highest, samples
@@ -194,7 +194,7 @@ def said(found: Measured, highest: float, samples: int) -> EdgeResponse:
 
 
 def _said(
-    curve: Curve | edge_bins.Binned,
+    curve: EdgeSpread | edge_bins.Binned,
     noise: float,
     coefficients: FloatArray,
     vertical: bool,
@@ -238,7 +238,7 @@ def folded(frequency: FloatArray, sfr: FloatArray) -> float:
     return float(max(0.0, 1 - part / total))
 
 
-def _falls_to(curve: Curve | edge_bins.Binned, share: float, frequency: FloatArray, sfr: FloatArray) -> float:
+def _falls_to(curve: EdgeSpread | edge_bins.Binned, share: float, frequency: FloatArray, sfr: FloatArray) -> float:
     """Lowest frequency at which the response has fallen to a share: bracketed on the samples, then by Brent."""
     below = np.flatnonzero(sfr < share)
     if below.size == 0:

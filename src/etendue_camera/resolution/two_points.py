@@ -35,7 +35,7 @@ RINGS = 33  # distances from a dark ring to twice its radius at which the next b
 
 
 @dataclass(frozen=True)
-class Spread:
+class SpreadFunction:
     """The picture of one point, or one line, from its transfer function: value and derivatives at distances (n,) in um.
 
     The first is the integral of 2 pi f H J0(2 pi f r), the other that of 2 H cos(2 pi f r), by Gauss-Legendre nodes.
@@ -74,7 +74,7 @@ class Spread:
 
 def spread_of(
     otf: Transfer, highest: float, weights: ArrayLike | None = None, kind: str = "point", nodes: int = NODES
-) -> Spread:
+) -> SpreadFunction:
     """The spread function of a transfer function.
 
     Parameters
@@ -113,7 +113,7 @@ def spread_of(
         found = share @ found
     if not np.isfinite(found).all():
         raise ValueError("otf gives values that are no numbers; allowed is a transfer function up to highest")
-    return Spread(frequency, 0.5 * highest * width * found, kind)
+    return SpreadFunction(frequency, 0.5 * highest * width * found, kind)
 
 
 @lru_cache(maxsize=8)
@@ -210,7 +210,7 @@ def separations(
     return _rayleigh(spread, sparrow, DARK, within), sparrow
 
 
-def _rayleigh(spread: Spread, sparrow: float, dark: float, within: float = 0.0) -> float:
+def _rayleigh(spread: SpreadFunction, sparrow: float, dark: float, within: float = 0.0) -> float:
     peak = spread.value(np.zeros(1))[0]
     ring = _first_rise(spread, spread.slope, within)
     if ring is not None:
@@ -233,12 +233,14 @@ def _rayleigh(spread: Spread, sparrow: float, dark: float, within: float = 0.0) 
     return math.nan
 
 
-def _sparrow(spread: Spread, within: float = 0.0) -> float:
+def _sparrow(spread: SpreadFunction, within: float = 0.0) -> float:
     half = _first_rise(spread, spread.bend, within)
     return math.nan if half is None else 2 * half
 
 
-def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray], within: float = 0.0) -> float | None:
+def _first_rise(
+    spread: SpreadFunction, derivative: Callable[[FloatArray], FloatArray], within: float = 0.0
+) -> float | None:
     """First distance above 0 at which a derivative that begins below 0 rises through it."""
     step, last = STEP / spread.highest, int(0.5 * len(spread.frequency) / STEP)
     for start in range(1, last, AT_ONCE):
@@ -257,7 +259,7 @@ def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray], 
     return None
 
 
-def _saddle(spread: Spread, separation: float, within: float = 0.0) -> tuple[float, float]:
+def _saddle(spread: SpreadFunction, separation: float, within: float = 0.0) -> tuple[float, float]:
     """Ratio and offset of a peak; the ratio is stationary there, so that the root of the peak is looked for to the
     root of ``within``.
     """

@@ -5,7 +5,7 @@ Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the ra
 Sources: ISO 12233 (slanted edge, star, wedge), Loebich et al. (2007) (sinusoidal star); Gaussian softening
 in closed form.
 
-All charts take positions and how they are to be ``Drawn``, and raise ``ValueError`` for an argument outside its range.
+All charts take positions and a ``Rendering``, and raise ``ValueError`` for an argument outside its range.
 Softening is exact for straight edges and Gaussian spots: slanted edge, step wedge, points, patches. For
 the star and the zone plate it is the transfer at the local frequency, and the rim is softened as if it were
 straight; each docstring gives the error against the exact convolution.
@@ -51,7 +51,7 @@ def require_positive(**lengths: float) -> None:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Rendering:
     """How a chart is drawn: how soft, as samples or as means, and between which reflectances.
 
     Attributes
@@ -102,7 +102,9 @@ def soft_box(position: FloatArray, start: float, stop: float, softness: float, c
 # ------------------------------------------------------------------------------------------------ charts
 
 
-def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Drawn, offset: float = 0.0) -> FloatArray:
+def slanted_edge(
+    y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Rendering, offset: float = 0.0
+) -> FloatArray:
     """A straight edge, dark on the left and light on the right.
 
     Parameters
@@ -110,7 +112,7 @@ def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Dr
     y, x : (ny,), (nx,) arrays, um
     angle_deg : float, degrees, between -90 and 90
         Tilt from the column direction: the edge is the line x = offset + y tan(angle).
-    drawn : Drawn
+    drawn : Rendering
     offset : float, um
         Where the edge crosses y = 0.
 
@@ -136,7 +138,7 @@ def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Dr
     return drawn.blend(soft_step(distance, drawn.softness))
 
 
-def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float, drawn: Drawn) -> FloatArray:
+def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float, drawn: Rendering) -> FloatArray:
     """A star whose reflectance is a sinusoid of the angle; mid-grey beyond its radius.
 
     Parameters
@@ -145,7 +147,7 @@ def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float,
     cycles : int, above 0
         Periods in one turn. Light along the positive x axis.
     radius : float, um, above 0
-    drawn : Drawn
+    drawn : Rendering
 
     Returns
     -------
@@ -177,7 +179,9 @@ def _painted(paint: cell_means.Paint, y: FloatArray, x: FloatArray, cell: float)
     return cell_means.averaged(paint, y, x, cell) if cell > 0 else paint(y[:, None], x[None, :])
 
 
-def zone_plate(y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, radius: float, drawn: Drawn) -> FloatArray:
+def zone_plate(
+    y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, radius: float, drawn: Rendering
+) -> FloatArray:
     """Rings whose frequency grows in proportion to the distance from the centre; mid-grey beyond the radius.
 
     Parameters
@@ -186,7 +190,7 @@ def zone_plate(y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, rad
     highest_frequency : float, cycles/um, above 0
         Local frequency at ``radius``. The plate is light in its centre.
     radius : float, um, above 0
-    drawn : Drawn
+    drawn : Rendering
 
     Returns
     -------
@@ -219,7 +223,7 @@ def zone_plate(y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, rad
 
 
 def step_wedge(
-    y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, drawn: Drawn
+    y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, drawn: Rendering
 ) -> FloatArray:
     """Vertical bars of equal width, one for each level from left to right.
 
@@ -229,7 +233,7 @@ def step_wedge(
     levels : (k,) array, reflectance, not negative
     width, height : float, um, above 0
         Of all bars together. Beyond them the reflectance is the mean of the levels.
-    drawn : Drawn
+    drawn : Rendering
         But for its low and high, which are those of the levels.
 
     Returns
@@ -254,7 +258,7 @@ def step_wedge(
     return np.clip(mean + across[:, None] * profile, level.min(), level.max())
 
 
-def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float, drawn: Drawn) -> FloatArray:
+def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float, drawn: Rendering) -> FloatArray:
     """A square grid of light Gaussian spots, one of them in the centre.
 
     Parameters
@@ -264,7 +268,7 @@ def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float
         Between neighbours; at least six times the softened rms width, so that spots stay apart.
     spot_sigma : float, um, above 0
         Rms width of a spot before softening.
-    drawn : Drawn
+    drawn : Rendering
         low around the spots, high in their centres; cells up to ``spacing``.
 
     Returns

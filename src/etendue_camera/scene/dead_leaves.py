@@ -5,8 +5,8 @@ In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), the
 Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the range of the levels asked for.
 Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with density r^-3 as a target of texture.
 
-``softness`` and ``cell`` are those of ``charts.Drawn``. The discs belong to the chart, not to the grid: a finer grid,
-or another softness, shows the same leaves.
+``softness`` and ``cell`` are those of ``charts.Rendering``. The discs belong to the chart, not to the grid: a finer
+grid, or another softness, shows the same leaves.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from etendue_camera.arrays import FloatArray
 from etendue_camera.scene.cell_means import step_mean
-from etendue_camera.scene.charts import Drawn, require_axes, require_levels, require_positive, soft_step
+from etendue_camera.scene.charts import Rendering, require_axes, require_levels, require_positive, soft_step
 
 LAYERS = 9.0  # mean number of discs above a point: exp(-9) of the plane is left to the mean grey
 TILE = 96  # positions painted at once along each axis
@@ -39,31 +39,28 @@ class Leaves(NamedTuple):
     high: float
 
 
-@lru_cache(maxsize=4)
-def leaves(
-    width: float,
-    height: float,
-    smallest: float,
-    largest: float,
-    low: float,
-    high: float,
-    seed: int,
-    exponent: float = 3.0,
-) -> Leaves:
-    """The discs of a chart.
+class LeafChart(NamedTuple):
+    """What a chart of dead leaves is drawn from.
 
-    Parameters
-    ----------
-    width, height : float, um, above 0
-        Of the area that they cover, about 0.
-    smallest, largest : float, um, 0 < smallest < largest
-        Range of the radii; their density is r^-exponent.
-    low, high : float, reflectance, 0 <= low <= high
-        Levels are uniform between them.
-    seed : int, 0 or above
-        Of the chart: the same chart for the same seed and geometry, whatever noise a camera adds.
-    exponent : float
-        3 makes the chart look alike at every scale.
+    ``width`` and ``height``, um, above 0: of the area that they cover, about 0. ``smallest`` and ``largest``, um, 0 <
+    smallest < largest: range of the radii, whose density is r^-exponent; 3 makes the chart look alike at every scale.
+    Levels are uniform from ``low`` to ``high``, reflectances. ``seed``, 0 or above, is of the chart: the same chart for
+    the same seed and geometry, whatever noise a camera adds.
+    """
+
+    width: float
+    height: float
+    smallest: float
+    largest: float
+    low: float
+    high: float
+    seed: int
+    exponent: float = 3.0
+
+
+@lru_cache(maxsize=4)
+def leaves(chart: LeafChart) -> Leaves:
+    """The discs of a chart.
 
     Returns
     -------
@@ -74,6 +71,7 @@ def leaves(
     ValueError
         An argument outside its range; more than four million discs.
     """
+    width, height, smallest, largest, low, high, seed, exponent = chart
     require_positive(width=width, height=height, smallest=smallest, largest=largest)
     require_levels(low, high)
     if not smallest < largest:
@@ -141,7 +139,7 @@ def dead_leaves(
     4e-2, 1.5e-2, 4e-3, 2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
     """
     y, x = require_axes(y, x)
-    Drawn(softness, cell)  # their ranges
+    Rendering(softness, cell)  # their ranges
     if not (oversampling == int(oversampling) and 1 <= oversampling <= 32):
         raise ValueError(f"oversampling must be a whole number from 1 to 32, got {oversampling}")
     steps = np.concatenate([np.abs(np.diff(axis)) for axis in (y, x)])

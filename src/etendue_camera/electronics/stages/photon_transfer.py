@@ -122,7 +122,7 @@ class PhotonTransfer(Stage):
         return {"transfer_time": time, **{f"transfer_{name}": values for name, values in curve.items()}, **found}
 
 
-def _measured(times: Any, stacks: Any) -> emva.Measurement | None:
+def _measured(times: Any, stacks: Any) -> emva.SensorFigures | None:
     """Of levels (level, frame, y, x) whose first is the dark; None where they are no photon transfer curve."""
     if len(times) < 5 or not 0 <= times[0] < DARK * times[1:].min():
         return None

@@ -40,9 +40,7 @@ class DefectDetection(KnownNoise):
         return defect_correction.outliers(
             frame,
             mask_of(self.pattern),
-            self.dark_sigma(),
-            self.electrons(),
-            self.prnu,
+            defect_correction.PixelNoise(self.dark_sigma(), self.electrons(), self.prnu),
             self.threshold,
             self.contrast,
             *first,

@@ -27,7 +27,7 @@ from etendue_camera.resolution.stages.analytic import (
     response,
 )
 from etendue_camera.resolution.stages.edge_figures import COLUMNS, carry_clipped, doubt, effective, normal, row
-from etendue_camera.resolution.stages.edge_pictures import Edge, Picture, Window, known_edge, once_for
+from etendue_camera.resolution.stages.edge_pictures import Edge, KnownPicture, Window, known_edge, once_for
 from etendue_camera.resolution.stages.luminance import (
     NOISE_FREE,
     SATURATED,
@@ -215,7 +215,7 @@ class EdgeProbe(PictureProbe):
         limits = {"mosaic_linear": (-math.inf, 1.0), "rgb_display": (0.0, 1.0)}.get(variable)
 
         def make() -> Edge | None:
-            picture = Picture(np.ascontiguousarray(taken(first_exposure(array, variable)), dtype=float), sites)
+            picture = KnownPicture(np.ascontiguousarray(taken(first_exposure(array, variable)), dtype=float), sites)
             return known_edge(
                 picture,
                 window,

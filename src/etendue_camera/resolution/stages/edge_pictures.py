@@ -48,7 +48,7 @@ class Edge:
     sfr: Any = field(repr=False, compare=False)
 
 
-class Picture:
+class KnownPicture:
     """A picture known by what it holds: an edge that many cells of a sweep look at is measured once."""
 
     def __init__(self, plane: Any, sites: Any = None) -> None:
@@ -79,7 +79,7 @@ def once_for(array: Any, asked: Any, make: Callable[[], Edge | None]) -> Edge | 
 
 
 def known_edge(
-    picture: Picture,
+    picture: KnownPicture,
     window: Window | None,
     limits: tuple[float, float] | None,
     draws: int,

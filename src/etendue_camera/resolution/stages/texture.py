@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from etendue.api import param
-from etendue_camera.resolution.siemens import StarResponse, star_response
+from etendue_camera.resolution.siemens import Star, StarResponse, star_response
 from etendue_camera.resolution.stages.edge_pictures import FAINTEST
 from etendue_camera.resolution.stages.luminance import (
     NOISE_FREE,
@@ -155,7 +155,7 @@ class StarProbe(_Pictures):
         try:
             with np.errstate(all="ignore"):
                 star = star_response(
-                    part, self.cycles, radius, centre=centre, contrast=contrast or None, highest=self.highest
+                    part, Star(self.cycles, radius), centre=centre, contrast=contrast or None, highest=self.highest
                 )
         except (ValueError, np.linalg.LinAlgError):  # what the kernel says of pictures without a star
             return None

@@ -173,8 +173,8 @@ class Scene(Source, Banded):
     def softness_um(self, softness: float) -> float:
         return softness * self.spacing
 
-    def drawn(self, softness: float, low: float = 0.0, high: float = 1.0) -> charts.Drawn:
-        return charts.Drawn(self.softness_um(softness), self.cell, low, high)
+    def drawn(self, softness: float, low: float = 0.0, high: float = 1.0) -> charts.Rendering:
+        return charts.Rendering(self.softness_um(softness), self.cell, low, high)
 
     @property
     def cell(self) -> float:
@@ -227,7 +227,7 @@ class _TwoLevels(Scene):
         charts.require_levels(self.low, self.high)  # refused before anything is drawn if they stand the wrong way round
         return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
         """(y, x): its reflectance, about the middle of the window."""
         raise TypeError(f"{type(self).__name__} must say how it is drawn")
 
@@ -243,7 +243,7 @@ class SlantedEdge(_TwoLevels, EdgeScene):
 
     angle: float = param(5.0, units="deg", above=-90, below=90)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
         return charts.slanted_edge(y, x, self.angle, drawn)
 
 
@@ -254,7 +254,7 @@ class SiemensStar(_TwoLevels):
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
         return charts.siemens_star(y, x, self.cycles, self.radius, drawn)
 
 
@@ -265,7 +265,7 @@ class ZonePlate(_TwoLevels):
     highest_frequency: float = param(0.25, units="cycles/um", above=0, doc="local frequency at the radius")
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
         return charts.zone_plate(y, x, self.highest_frequency, self.radius, drawn)
 
 
@@ -348,7 +348,10 @@ class ColorChecker(_Coloured):
         y, x = self.centred(out_y, out_x)
         size = min(self.width / 6, self.height / 4)
         rows, columns = composite.patches_factors(
-            y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.drawn(self.softness)
+            y,
+            x,
+            composite.PatchGrid(4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size),
+            self.drawn(self.softness),
         )
         cube = composite.patch_contribution(rows, columns, reflectance)
         cube = cube + self.background * composite.background_weight(rows, columns)
@@ -382,9 +385,7 @@ class CompositeChart(_Coloured):
             self.width - 2 * self.margin,
             self.height - 2 * self.margin,
             self.drawn(self.softness, self.low, self.high),
-            highest_frequency=self.highest_frequency,
-            angle_deg=self.angle,
-            cycles=self.cycles,
+            composite.Panels(self.highest_frequency, self.angle, self.cycles),
         )
         cube = composite.patch_contribution(chart.rows, chart.columns, reflectance)
         cube += chart.grey

@@ -82,7 +82,10 @@ class PatchChart(Scene):
         across, down = self.layout(len(reflectance))[::-1]
         gap = self.gap * min(self.width / across, self.height / down)
         rows, columns = composite.patches_factors(
-            y, x, down, across, self.width - gap, self.height - gap, gap, self.drawn(self.softness)
+            y,
+            x,
+            composite.PatchGrid(down, across, self.width - gap, self.height - gap, gap),
+            self.drawn(self.softness),
         )
         empty = np.full((down * across - len(reflectance), reflectance.shape[1]), self.background)
         cube = composite.patch_contribution(rows, columns, np.concatenate([reflectance, empty]))

@@ -56,7 +56,9 @@ class DeadLeaves(Scene):
 
     def chart(self) -> dead_leaves.Leaves:
         return dead_leaves.leaves(
-            self.width, self.height, self.smallest, self.largest, self.low, self.high, self.seed, self.exponent
+            dead_leaves.LeafChart(
+                self.width, self.height, self.smallest, self.largest, self.low, self.high, self.seed, self.exponent
+            )
         )
 
     def known(self) -> Facts:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -88,6 +88,17 @@ class Diffusion(Transfer, Bounded, InSilicon):
         return table + (1e-6 if precision == "float32" else 2e-14), "fitted" if table else "measured"
 
 
+class _Side(NamedTuple):
+    """How many pixels there are along one axis, and which of them are read."""
+
+    count: int
+    size_mm: float
+    first: int
+    window: int
+    what: str
+    size_name: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pixel(Collecting, Summed):
     """Light on each pixel's photodiode, summed over wavelength, at the pixel centres.
@@ -149,31 +160,15 @@ class Pixel(Collecting, Summed):
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         light = inputs["irradiance"]
-        lines = {
-            "y": self._line(
-                light.line("y"),
-                self.rows,
-                self.sensor_height,
-                self.first_row,
-                self.window_rows,
-                "rows",
-                "sensor_height",
-            ),
-            "x": self._line(
-                light.line("x"),
-                self.columns,
-                self.sensor_width,
-                self.first_column,
-                self.window_columns,
-                "columns",
-                "sensor_width",
-            ),
-        }
+        down = _Side(self.rows, self.sensor_height, self.first_row, self.window_rows, "rows", "sensor_height")
+        across = _Side(
+            self.columns, self.sensor_width, self.first_column, self.window_columns, "columns", "sensor_width"
+        )
+        lines = {"y": self._line(light.line("y"), down), "x": self._line(light.line("x"), across)}
         return {"photon_rate": Grid.of({"channel": Labels(self.channels), **lines})}
 
-    def _line(
-        self, light: Line, count: int, size_mm: float, first: int, window: int, what: str, size_name: str
-    ) -> Line:
+    def _line(self, light: Line, side: _Side) -> Line:
+        count, size_mm, first, window, what, size_name = side
         if self.sampling == "paper":
             if abs(light.step - self.pixel_pitch) > 1e-9 * self.pixel_pitch:
                 raise ValueError(
