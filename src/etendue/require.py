@@ -13,6 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
+def that(fine: Any, text: str) -> None:
+    """``TEXT``, unless it is fine: what no other sentence here says."""
+    if not fine:
+        raise ValueError(text)
+
+
 def must(fine: Any, name: str, value: object, what: str) -> None:
     """``NAME is VALUE; it must be WHAT``, unless all is fine."""
     if fine is not True and not np.all(fine):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue import plain_files
+from etendue import plain_files, require
 from etendue.contract.bounds import beyond
 from etendue.process import unwarned
 from etendue_camera.colour_notes import colour_note, exif_note, png_note
@@ -89,15 +89,16 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
         with unwarned():  # of pictures that are large: the limit here is lower; of damaged EXIF: what is left is read
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
-            if kind not in ("PNG", "JPEG", "MPO"):
-                raise ValueError(f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them")
+            require.that(
+                kind in ("PNG", "JPEG", "MPO"), f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them"
+            )
             _check_size(path, size[0] * size[1], most)
             pixels, stored = size[0] * size[1], os.path.getsize(path)
             # deflate makes nothing more than 1032 times smaller, JPEG hardly more
-            if 3 * pixels > UNCHECKED and 3 * pixels > FOLD * stored:
-                raise ValueError(
-                    f"{path} says that it has {pixels} pixels, in {stored} bytes: it is cut off, or no picture"
-                )
+            require.that(
+                not 3 * pixels > UNCHECKED or not 3 * pixels > FOLD * stored,
+                f"{path} says that it has {pixels} pixels, in {stored} bytes: it is cut off, or no picture",
+            )
             return _plain(path)
     except UnidentifiedImageError:
         raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
@@ -123,8 +124,7 @@ def _check_size(path: str, pixels: int, most: int) -> None:
         else "cut out what is to be seen"
     )
     too_many = beyond(pixels, "pixels", most, way_out)
-    if too_many:
-        raise ValueError(f"{path} has {too_many}")
+    require.that(not too_many, f"{path} has {too_many}")
 
 
 def _check_parts(path: str) -> None:
@@ -196,12 +196,13 @@ def _plain(path: str) -> FilePicture:
             points = png_note(path)
             note = note if points is None else points
         table = _steps(getattr(picture, "quantization", None), turn)
-        if mode not in _MODES:
-            raise ValueError(f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
+        require.that(mode in _MODES, f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
         depth, colour = _png_kind(path) if picture.format == "PNG" else (0, 0)
         deep = depth == 16
-        if deep and colour == GREY_ALPHA:
-            raise ValueError(f"{path} is 16-bit grey with an alpha channel; save it without the channel")
+        require.that(
+            not deep or colour != GREY_ALPHA,
+            f"{path} is 16-bit grey with an alpha channel; save it without the channel",
+        )
         _refuse_clear(path, _transparent(picture))
     if deep and mode in ("RGB", "RGBA"):
         values = _deep_png(path, mode)[..., :3]
@@ -232,10 +233,9 @@ def _png_kind(path: str) -> tuple[int, int]:
 
 
 def _refuse_clear(path: str, clear: int) -> None:
-    if clear:
-        raise ValueError(
-            f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
-        )
+    require.that(
+        not clear, f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
+    )
 
 
 def _transparent(picture: Any) -> int:
@@ -335,8 +335,7 @@ def _only_page(path: str, file: Any) -> Any:
     pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
     if file.pages[0].aspage().tags.valueof(DNG) is not None:
         raise ValueError(f"{path} is a raw file (DNG); allowed are {ALLOWED}: develop it first")
-    if len(pages) != 1:
-        raise ValueError(f"{path} holds {len(pages)} pictures; save the one that is meant")
+    require.that(len(pages) == 1, f"{path} holds {len(pages)} pictures; save the one that is meant")
     return pages[0].aspage()
 
 
@@ -344,10 +343,11 @@ def _check_kind(path: str, page: Any, colours: str) -> None:
     """Refuse numbers and colours that are no picture's."""
     kind, bits = page.dtype, page.bitspersample
     known = kind is not None and (bits == 1 or (kind.kind in "uf" and bits in (8, 16, 32, 64)))
-    if not known:
-        raise ValueError(f"{path} holds {kind or bits} numbers; allowed are unsigned integers and floats from 0 to 1")
-    if colours not in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"):
-        raise ValueError(f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first")
+    require.that(known, f"{path} holds {kind or bits} numbers; allowed are unsigned integers and floats from 0 to 1")
+    require.that(
+        colours in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"),
+        f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first",
+    )
 
 
 def _opaque(path: str, values: Any, full: float) -> Any:
@@ -368,8 +368,10 @@ def _by_pillow(path: str) -> Any:
     from PIL import Image
 
     with Image.open(path) as picture:
-        if _transparent(picture):
-            raise ValueError(f"{path} has transparent pixels, and nobody knows what is behind them: flatten it first")
+        require.that(
+            not _transparent(picture),
+            f"{path} has transparent pixels, and nobody knows what is behind them: flatten it first",
+        )
         return (
             np.asarray(picture.convert("L"))[..., None]
             if picture.mode in ("1", "L")

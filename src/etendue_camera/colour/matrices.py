@@ -139,8 +139,10 @@ def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
     if not np.issubdtype(planes.dtype, np.floating):
         planes = planes.astype(np.float64)
     weights = np.asarray(matrix).astype(planes.dtype)
-    if weights.ndim != 2 or planes.ndim < 1 or planes.shape[0] != weights.shape[1]:
-        raise ValueError(f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)")
+    require.that(
+        weights.ndim == 2 and planes.ndim >= 1 and planes.shape[0] == weights.shape[1],
+        f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)",
+    )
     result = np.empty((len(weights), *planes.shape[1:]), planes.dtype)
     for row, out in enumerate(weights):
         total = out[0] * planes[0]
@@ -204,18 +206,20 @@ def fit_matrix(
     heavy weight would cost half the digits.
     """
     samples, targets = np.asarray(samples, np.float64), np.asarray(targets, np.float64)
-    if (
-        samples.ndim != 2
-        or targets.ndim != 2
-        or len(samples) != len(targets)
-        or samples.shape[1] < 1
-        or targets.shape[1] != 3
-    ):
-        raise ValueError(f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)")
+    require.that(
+        samples.ndim == 2
+        and targets.ndim == 2
+        and len(samples) == len(targets)
+        and samples.shape[1] >= 1
+        and targets.shape[1] == 3,
+        f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)",
+    )
     if (white_sample is None) != (white_target is None):
         raise ValueError("white_sample and white_target: one is missing; allowed are both or neither")
-    if not (np.isfinite(samples).all() and np.isfinite(targets).all()):
-        raise ValueError("samples or targets hold NaN or infinity; allowed are finite numbers")
+    require.that(
+        np.isfinite(samples).all() and np.isfinite(targets).all(),
+        "samples or targets hold NaN or infinity; allowed are finite numbers",
+    )
     channels = samples.shape[1]
     fixed, free = np.zeros((channels, 3)), np.eye(channels)
     if white_sample is not None:
@@ -226,8 +230,10 @@ def fit_matrix(
             and np.isfinite(white).all()
             and np.isfinite(wanted).all()
         )
-        if not (fit_in and white.any()):
-            raise ValueError(f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black")
+        require.that(
+            fit_in and white.any(),
+            f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black",
+        )
         fixed = np.outer(white, wanted) / (white @ white)
         free = np.linalg.svd(white[None, :])[2][1:].T
     freedoms = free.shape[1]

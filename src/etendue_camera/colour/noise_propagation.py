@@ -43,10 +43,10 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
     number of places. Exact for a linear chain that repeats with the cell; error: rounding of the sum.
     """
     h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
-    if h.ndim != 4 or v.shape != h.shape[:1]:
-        raise ValueError(
-            f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)"
-        )
+    require.that(
+        h.ndim == 4 and v.shape == h.shape[:1],
+        f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)",
+    )
     require.allowed(np.all(v >= 0), "variance", v.tolist(), "numbers at or above 0")
     first, second = h[_shifted(lag, 1, h.shape)], h[_shifted(lag, -1, h.shape)]
     return np.asarray(np.einsum("p,pcyx,pdyx->cd", v, first, second) / len(h))
@@ -92,8 +92,9 @@ def found_covariance(noise: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatAr
     (channel, channel) array, unit of noise squared
     """
     noise = np.asarray(noise, np.float64)
-    if noise.ndim not in (3, 4):
-        raise ValueError(f"noise has shape {noise.shape}; allowed are (channel, y, x) and (frame, channel, y, x)")
+    require.that(
+        noise.ndim in (3, 4), f"noise has shape {noise.shape}; allowed are (channel, y, x) and (frame, channel, y, x)"
+    )
     planes = noise if noise.ndim == 4 else noise[None]
     first, second = planes[_shifted(lag, 1, planes.shape)], planes[_shifted(lag, -1, planes.shape)]
     return np.asarray(np.einsum("fcyx,fdyx->cd", first, second) / (first.size / first.shape[1]))

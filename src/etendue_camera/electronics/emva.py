@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from etendue import require
 from etendue_camera.electronics.jackknife import BLOCKS, Estimate, Jackknife, left_out
 
 QUANTISATION = 1 / 12  # DN^2
@@ -218,8 +219,10 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
     well changes nothing.
     Error: 5e-4 relative where w is above 500 electrons (a normal for Poisson counts).
     """
-    if not (full_well > 0 and 0 <= prnu <= 0.5):
-        raise ValueError(f"full_well is {full_well!r} and prnu {prnu!r}; allowed are a charge above 0 and 0 to 0.5")
+    require.that(
+        full_well > 0 and 0 <= prnu <= 0.5,
+        f"full_well is {full_well!r} and prnu {prnu!r}; allowed are a charge above 0 and 0 to 0.5",
+    )
     nodes, weights = np.polynomial.hermite_e.hermegauss(41)
     factor = np.maximum(1 + prnu * nodes, 1e-6)[:, None]
     mean = np.linspace(0.5, 1.2, 4001) * full_well * factor
@@ -237,21 +240,22 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
 def _check(time: NDArray, light: Sequence[ArrayLike], dark: Sequence[ArrayLike], confidence: float) -> None:
     if time.ndim != 1 or time.size < 4 or not np.all(time > 0) or not np.all(np.diff(time) > 0):
         raise ValueError(f"times are {time!r} s; allowed are four or more, above 0 and rising")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence is {confidence!r}; allowed is above 0 and below 1")
+    require.that(0 < confidence < 1, f"confidence is {confidence!r}; allowed is above 0 and below 1")
     shapes = {np.shape(stack)[1:] for stacks in (light, dark) for stack in stacks}
-    if len(light) != time.size or len(dark) != time.size:
-        raise ValueError(
-            f"light has {len(light)} stacks and dark {len(dark)}; allowed is one for each of the {time.size} times"
-        )
-    if len(shapes) != 1 or any(np.ndim(stack) != 3 for stacks in (light, dark) for stack in stacks):
-        raise ValueError(f"the frames are {sorted(shapes)} pixels; allowed are stacks (frame, y, x) of one size")
+    require.that(
+        len(light) == time.size and len(dark) == time.size,
+        f"light has {len(light)} stacks and dark {len(dark)}; allowed is one for each of the {time.size} times",
+    )
+    require.that(
+        len(shapes) == 1 and not any(np.ndim(stack) != 3 for stacks in (light, dark) for stack in stacks),
+        f"the frames are {sorted(shapes)} pixels; allowed are stacks (frame, y, x) of one size",
+    )
     size = shapes.pop()
-    if min(size) < BLOCKS or any(np.shape(stack)[0] < 2 for stacks in (light, dark) for stack in stacks):
-        raise ValueError(
-            f"the stacks hold frames of {size} pixels; allowed are {BLOCKS} x {BLOCKS} or more, and two frames or more "
-            f"a level"
-        )
+    require.that(
+        min(size) >= BLOCKS and not any(np.shape(stack)[0] < 2 for stacks in (light, dark) for stack in stacks),
+        f"the stacks hold frames of {size} pixels; allowed are {BLOCKS} x {BLOCKS} or more, and two frames or more "
+        f"a level",
+    )
 
 
 def _moments(stacks: Sequence[ArrayLike]) -> _Levels:

@@ -192,13 +192,14 @@ def write(path: Path, frame: RawFrame) -> None:
         Not (y, x) of uint16, a mask that no reader understands, colour filters without white and matrix, or levels
         that are none.
     """
-    if frame.raw.ndim != 2 or frame.raw.dtype != np.uint16 or not frame.raw.size:
-        raise ValueError(f"raw is {frame.raw.dtype} with shape {frame.raw.shape}; allowed is (y, x) of uint16")
-    if not 0 <= frame.black < frame.white_level <= 65535:
-        raise ValueError(
-            f"black is {frame.black:g} and white_level {frame.white_level}; allowed is 0 <= black < white_level <= "
-            f"65535"
-        )
+    require.that(
+        frame.raw.ndim == 2 and frame.raw.dtype == np.uint16 and frame.raw.size,
+        f"raw is {frame.raw.dtype} with shape {frame.raw.shape}; allowed is (y, x) of uint16",
+    )
+    require.that(
+        0 <= frame.black < frame.white_level <= 65535,
+        f"black is {frame.black:g} and white_level {frame.white_level}; allowed is 0 <= black < white_level <= 65535",
+    )
     why = refusal(frame.mask)
     if why:
         raise ValueError(why)

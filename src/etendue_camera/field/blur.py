@@ -208,11 +208,11 @@ def prepare(
     if best.method == "eigen":  # the ends of the mixed wavelengths bounded what lies between them
         mixed = (np.tensordot(best.level.kernels, row, axes=(2, 0)) for row in mix)
         best = replace(_expanded(best.level, mixed, allowed, count, extra), cost=best.cost)
-    if not count and best.error > within:
-        raise ValueError(
-            f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {best.error:.2g}, not {tolerance:g}; take "
-            f"method 'tiles'"
-        )
+    require.that(
+        count or not best.error > within,
+        f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {best.error:.2g}, not {tolerance:g}; take "
+        f"method 'tiles'",
+    )
     return Prepared(
         BlurChoice(best.method, best.count, best.level.grid, best.error, best.cost, size, others),
         (y.size, x.size),
@@ -282,8 +282,10 @@ def _transform(*shape: int) -> float:
 def apply(planes: FloatArray, prepared: Prepared) -> FloatArray:
     """Blur planes with what ``prepare`` made; (L, Y, X) in and out."""
     planes = np.asarray(planes)
-    if planes.shape != (len(prepared.mix), *prepared.shape):
-        raise ValueError(f"planes have shape {planes.shape}; prepared for {(len(prepared.mix), *prepared.shape)}")
+    require.that(
+        planes.shape == (len(prepared.mix), *prepared.shape),
+        f"planes have shape {planes.shape}; prepared for {(len(prepared.mix), *prepared.shape)}",
+    )
     kind: Any = planes.dtype if planes.dtype in (np.float32, np.float64) else np.dtype(float)
     out = np.empty(planes.shape, dtype=kind)
     hats = [hats_of(n, g).astype(kind) for n, g in zip(prepared.shape, prepared.choice.grid, strict=True)]

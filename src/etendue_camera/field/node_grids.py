@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.field.psf_kernels import Sampler
 
@@ -30,12 +31,13 @@ def spacing_of(y: FloatArray, x: FloatArray, alone: float) -> float:
     """Distance of positions that are evenly spaced, the same along both axes; of a single one ``alone``."""
     steps = []
     for name, line in (("y_um", y), ("x_um", x)):
-        if line.ndim != 1 or line.size < 1:
-            raise ValueError(f"{name} has shape {line.shape}; it must be one-dimensional")
+        require.that(line.ndim == 1 and line.size >= 1, f"{name} has shape {line.shape}; it must be one-dimensional")
         if line.size > 1:
             step = (line[-1] - line[0]) / (line.size - 1)
-            if not step > 0 or np.abs(np.diff(line) - step).max() > 1e-6 * step + 1e-9 * np.abs(line).max():
-                raise ValueError(f"{name} must grow in even steps")
+            require.that(
+                step > 0 and not np.abs(np.diff(line) - step).max() > 1e-6 * step + 1e-9 * np.abs(line).max(),
+                f"{name} must grow in even steps",
+            )
             steps.append(float(step))
     if len(steps) == 2 and abs(steps[0] - steps[1]) > 1e-6 * steps[0]:
         raise ValueError(

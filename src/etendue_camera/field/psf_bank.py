@@ -73,16 +73,14 @@ class PsfBank:
         heights = _axis("heights_um", self.heights_um, lowest=0.0)
         wavelengths = _axis("wavelengths_um", self.wavelengths_um, lowest=1e-12)
         psf = np.array(self.psf, dtype=float)
-        if (
-            psf.ndim != 4
-            or psf.shape[:2] != (heights.size, wavelengths.size)
-            or psf.shape[2] != psf.shape[3]
-            or psf.shape[3] < 3
-        ):
-            raise ValueError(
-                f"psf has shape {psf.shape}; it must be (heights, wavelengths, n, n) = ({heights.size}, "
-                f"{wavelengths.size}, n, n), n >= 3"
-            )
+        require.that(
+            psf.ndim == 4
+            and psf.shape[:2] == (heights.size, wavelengths.size)
+            and psf.shape[2] == psf.shape[3]
+            and psf.shape[3] >= 3,
+            f"psf has shape {psf.shape}; it must be (heights, wavelengths, n, n) = ({heights.size}, "
+            f"{wavelengths.size}, n, n), n >= 3",
+        )
         spacing = np.asarray(self.spacing_um, dtype=float)
         require.must(
             spacing.shape in ((), (1,), (wavelengths.size,)) and np.all((spacing > 0) & np.isfinite(spacing)),
@@ -90,8 +88,7 @@ class PsfBank:
             self.spacing_um,
             "one length above 0 um, or one for each of the wavelengths",
         )
-        if not np.isfinite(psf).all():
-            raise ValueError("psf holds values that are not finite")
+        require.that(np.isfinite(psf).all(), "psf holds values that are not finite")
         below = -np.minimum(psf, 0.0).sum(axis=(2, 3))
         psf = np.maximum(psf, 0.0)
         total = psf.sum(axis=(2, 3))
@@ -101,11 +98,11 @@ class PsfBank:
                 f"{tuple(int(i) for i in np.argwhere(~(total > 0))[0])}"
             )
         share = float((below / total).max())
-        if share > _NEGATIVE_SHARE:
-            raise ValueError(
-                f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is taken for noise: "
-                f"remove the background"
-            )
+        require.that(
+            not share > _NEGATIVE_SHARE,
+            f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is taken for noise: "
+            f"remove the background",
+        )
         psf /= total[:, :, None, None]
         for name, array in (
             ("heights_um", heights),

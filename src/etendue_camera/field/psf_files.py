@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etendue import plain_files
+from etendue import plain_files, require
 from etendue_camera.arrays import FloatArray
 
 ARRAYS = ("heights_um", "wavelengths_um", "psf", "spacing_um")
@@ -58,10 +58,10 @@ def read(path: Path) -> Pictures:
     plain_files.check_entries(path)
     with np.load(path, allow_pickle=False) as found:
         missing = [name for name in ARRAYS if name not in found]
-        if missing:
-            raise ValueError(
-                f"{path} has no array {', '.join(missing)}; it must hold heights_um, wavelengths_um, psf and spacing_um"
-            )
+        require.that(
+            not missing,
+            f"{path} has no array {', '.join(missing)}; it must hold heights_um, wavelengths_um, psf and spacing_um",
+        )
         heights, wavelengths, psf, spacing = (found[name] for name in ARRAYS)
         return heights, wavelengths, psf, spacing, str(found["source"]) if "source" in found else ""
 
@@ -100,18 +100,17 @@ def _blocks(path: Path) -> tuple[Blocks, str]:
 def _stacked(path: Path, blocks: Blocks, source: str) -> Pictures:
     """The pictures as arrays, where every height has every wavelength and all are of one size."""
     heights, wavelengths = (sorted({key[i] for key in blocks}) for i in (0, 1))
-    if not blocks or len(blocks) != len(heights) * len(wavelengths):
-        raise ValueError(
-            f"{path} has {len(blocks)} pictures for {len(heights)} heights and {len(wavelengths)} wavelengths; it "
-            f"needs each pair"
-        )
+    require.that(
+        blocks and len(blocks) == len(heights) * len(wavelengths),
+        f"{path} has {len(blocks)} pictures for {len(heights)} heights and {len(wavelengths)} wavelengths; it "
+        f"needs each pair",
+    )
     spacings = [{blocks[h, w][0] for h in heights} for w in wavelengths]
-    if any(len(s) > 1 for s in spacings):
-        raise ValueError(f"{path}: pictures of one wavelength have different spacings")
+    require.that(not any(len(s) > 1 for s in spacings), f"{path}: pictures of one wavelength have different spacings")
     shapes = {(len(rows), len(row)) for _, rows in blocks.values() for row in rows}
-    if len(shapes) != 1 or len({*next(iter(shapes))}) != 1:
-        raise ValueError(
-            f"{path}: pictures must all have the same number of lines and of numbers in a line, found {sorted(shapes)}"
-        )
+    require.that(
+        len(shapes) == 1 and len({*next(iter(shapes))}) == 1,
+        f"{path}: pictures must all have the same number of lines and of numbers in a line, found {sorted(shapes)}",
+    )
     psf = np.array([[blocks[h, w][1] for w in wavelengths] for h in heights])
     return np.array(heights), np.array(wavelengths), psf, np.array([s.pop() for s in spacings]), source

@@ -60,8 +60,10 @@ class DistortionCurve:
     table: Table | None = None
 
     def __post_init__(self) -> None:
-        if len(self.coefficients) != 3 or not all(map(math.isfinite, self.coefficients)):
-            raise ValueError(f"coefficients are {self.coefficients}; they must be three finite numbers")
+        require.that(
+            len(self.coefficients) == 3 and all(map(math.isfinite, self.coefficients)),
+            f"coefficients are {self.coefficients}; they must be three finite numbers",
+        )
         for name, value in (
             ("reference_um", self.reference_um),
             ("reference_wavelength_um", self.reference_wavelength_um),
@@ -70,8 +72,9 @@ class DistortionCurve:
         require.must(math.isfinite(self.lateral_colour), "lateral_colour", self.lateral_colour, "finite")
         if self.table is None:
             return
-        if any(self.coefficients):
-            raise ValueError("coefficients and a table are both given; distortion is one or the other")
+        require.that(
+            not any(self.coefficients), "coefficients and a table are both given; distortion is one or the other"
+        )
         ideal, wavelengths, real = _checked_table(self.table)
         curve = scipy.interpolate.CubicSpline(np.r_[-ideal[:0:-1], ideal], np.r_[-real[:0:-1], real], axis=0)
         object.__setattr__(self, "table", (ideal, wavelengths, real))
@@ -83,8 +86,7 @@ class DistortionCurve:
     def scale(self, wavelength_um: float) -> float:
         """Lateral colour: exactly 1 at the reference wavelength."""
         scale = 1.0 + self.lateral_colour * (wavelength_um - self.reference_wavelength_um) / 0.1
-        if not scale > 0:
-            raise ValueError(f"lateral_colour {self.lateral_colour:g} turns the image over at {wavelength_um:g} um")
+        require.that(scale > 0, f"lateral_colour {self.lateral_colour:g} turns the image over at {wavelength_um:g} um")
         return scale
 
     def distort(self, radius_um: Any, wavelength_um: float) -> Any:
@@ -197,25 +199,28 @@ class DistortionCurve:
 def _checked_table(table: Table) -> Table:
     """Heights from 0 on, where they grow; ValueError where they do not."""
     ideal, wavelengths, real = (np.array(a, dtype=float) for a in table)
-    if (
-        ideal.ndim != 1
-        or wavelengths.ndim != 1
-        or real.shape != (ideal.size, wavelengths.size)
-        or ideal.size < 2
-        or not wavelengths.size
-    ):
-        raise ValueError(
-            f"table has {ideal.shape} ideal heights, {wavelengths.shape} wavelengths and real heights of shape "
-            f"{real.shape}"
-        )
-    if not all(np.isfinite(a).all() for a in (ideal, wavelengths, real)) or not (
-        np.all(np.diff(wavelengths) > 0) and wavelengths[0] > 0
-    ):
-        raise ValueError("table must be finite, its wavelengths above 0 and growing")
+    require.that(
+        ideal.ndim == 1
+        and wavelengths.ndim == 1
+        and real.shape == (ideal.size, wavelengths.size)
+        and ideal.size >= 2
+        and wavelengths.size,
+        f"table has {ideal.shape} ideal heights, {wavelengths.shape} wavelengths and real heights of shape "
+        f"{real.shape}",
+    )
+    require.that(
+        all(np.isfinite(a).all() for a in (ideal, wavelengths, real))
+        and (np.all(np.diff(wavelengths) > 0) and wavelengths[0] > 0),
+        "table must be finite, its wavelengths above 0 and growing",
+    )
     if ideal[0] > 0:
         ideal, real = np.insert(ideal, 0, 0.0), np.insert(real, 0, 0.0, axis=0)
-    if ideal[0] != 0 or np.any(real[0] != 0) or not (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0)):
-        raise ValueError("table must have ideal and real heights that grow from 0 on the axis: other images fold over")
+    require.that(
+        ideal[0] == 0
+        and not np.any(real[0] != 0)
+        and (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0)),
+        "table must have ideal and real heights that grow from 0 on the axis: other images fold over",
+    )
     return ideal, wavelengths, real
 
 
@@ -232,10 +237,10 @@ def read_table(path: str | Path) -> Table:
         if line.strip() and not line.startswith("#")
     ]
     head = [cell.strip() for cell in rows[0]] if rows else [""]
-    if head[0] not in ("ideal_um", "ideal_mm") or len(head) < 2 or len(rows) < 2:
-        raise ValueError(
-            f"{path}: the first line must be ideal_um (or ideal_mm) and wavelengths in nm, such as ideal_um,450,550,650"
-        )
+    require.that(
+        head[0] in ("ideal_um", "ideal_mm") and len(head) >= 2 and len(rows) >= 2,
+        f"{path}: the first line must be ideal_um (or ideal_mm) and wavelengths in nm, such as ideal_um,450,550,650",
+    )
     try:
         wavelengths = np.array([float(cell) for cell in head[1:]])
         values = np.array([[float(cell) for cell in row] for row in rows[1:]])

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
@@ -182,11 +183,10 @@ def replaced(
     Error on photographs: 13 % below that of the median of the 8 neighbours.
     """
     mosaic, defective = _frame(mosaic), np.asarray(defective)
-    if defective.shape != mosaic.shape or defective.dtype != bool:
-        raise ValueError(
-            f"defective has shape {defective.shape} and dtype {defective.dtype}; allowed is bool of shape "
-            f"{mosaic.shape}"
-        )
+    require.that(
+        defective.shape == mosaic.shape and defective.dtype == bool,
+        f"defective has shape {defective.shape} and dtype {defective.dtype}; allowed is bool of shape {mosaic.shape}",
+    )
     result, left = mosaic.copy(), 0
     every_row, every_column = np.nonzero(defective)
     period, (height, width) = mask.period, mosaic.shape
@@ -242,10 +242,10 @@ def _taken(mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArr
 
 def _frame(mosaic: FloatArray) -> FloatArray:
     mosaic = np.asarray(mosaic)
-    if mosaic.ndim != 2 or not np.issubdtype(mosaic.dtype, np.floating) or not np.isfinite(mosaic).all():
-        raise ValueError(
-            f"mosaic has shape {mosaic.shape} and dtype {mosaic.dtype}; allowed is a finite (y, x) array of floats"
-        )
+    require.that(
+        mosaic.ndim == 2 and np.issubdtype(mosaic.dtype, np.floating) and np.isfinite(mosaic).all(),
+        f"mosaic has shape {mosaic.shape} and dtype {mosaic.dtype}; allowed is a finite (y, x) array of floats",
+    )
     return mosaic
 
 

@@ -96,8 +96,10 @@ def read_gains(file: str | Path) -> GainTable:
             raise ValueError(f"{file}, row {number + 1}: {','.join(row)}; expected {table.shape[1]} numbers") from None
         if not (np.isfinite(table[number]).all() and table[number, 1:].min() > 0):
             raise ValueError(f"{file}, row {number + 1}: {','.join(row)}; allowed are finite numbers, gains above 0")
-    if not len(table) or table[0, 0] != 0 or np.any(np.diff(table[:, 0]) <= 0):
-        raise ValueError(f"{file}: heights start at 0, the axis, and ascend from row to row")
+    require.that(
+        len(table) and table[0, 0] == 0 and not np.any(np.diff(table[:, 0]) <= 0),
+        f"{file}: heights start at 0, the axis, and ascend from row to row",
+    )
     return GainTable(table[:, 0], table[:, 1:], tuple(rows[0][1:]))
 
 
@@ -162,10 +164,10 @@ def calibrated(
         f"({np.size(y_mm)}, {np.size(x_mm)}) as the positions say, all finite",
     )
     require.allowed(rows >= 2, "rows", rows, "whole numbers from 2")
-    if min(y_mm) * max(y_mm) > 0 or min(x_mm) * max(x_mm) > 0:
-        raise ValueError(
-            "the axis stands outside of the frame; gains are relative to it: calibrate with a frame that holds it"
-        )
+    require.that(
+        not min(y_mm) * max(y_mm) > 0 and not min(x_mm) * max(x_mm) > 0,
+        "the axis stands outside of the frame; gains are relative to it: calibrate with a frame that holds it",
+    )
     radius = np.hypot(np.asarray(y_mm, float)[:, None], np.asarray(x_mm, float)[None, :])
     nodes = np.linspace(0.0, radius.max(), rows)
     index = cfa.channel_index(mask, *flat.shape, first_row, first_column)

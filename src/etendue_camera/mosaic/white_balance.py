@@ -272,8 +272,10 @@ def display_white(white: float, clipped: float, fixed: bool = False) -> float:
     ValueError
         For levels at or below 0, or without a value.
     """
-    if not (white > 0 and 0 < clipped < np.inf):
-        raise ValueError(f"white is {white!r} and clipping begins at {clipped!r}; allowed are numbers above 0")
+    require.that(
+        white > 0 and 0 < clipped < np.inf,
+        f"white is {white!r} and clipping begins at {clipped!r}; allowed are numbers above 0",
+    )
     return clipped if fixed else min(white, clipped)
 
 
@@ -309,11 +311,10 @@ def balanced(
         If there is not one gain for each channel, or the mosaic has fewer than two dims.
     """
     mosaic, gains = np.asarray(mosaic), np.asarray(gains, np.float64)
-    if mosaic.ndim < 2 or gains.shape != (len(mask.channels),):
-        raise ValueError(
-            f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and "
-            f"({len(mask.channels)},)"
-        )
+    require.that(
+        mosaic.ndim >= 2 and gains.shape == (len(mask.channels),),
+        f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and ({len(mask.channels)},)",
+    )
     found = np.empty_like(mosaic)
     for channel, gain in zip(mask.channels, gains, strict=True):
         for rows, columns in cfa.sites_of(mask, channel, first_row, first_column):

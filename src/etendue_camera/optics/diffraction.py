@@ -113,8 +113,7 @@ def airy_psf_stack(
     Error: that of `airy_psf_density` with tolerance 0; measured below the tolerance else.
     """
     y, x, bands = np.asarray(y), np.asarray(x), np.atleast_1d(np.asarray(wavelengths, float))
-    if y.ndim != 1 or x.ndim != 1:
-        raise ValueError(f"y has shape {y.shape} and x {x.shape}; both must be one-dimensional")
+    require.that(y.ndim == 1 and x.ndim == 1, f"y has shape {y.shape} and x {x.shape}; both must be one-dimensional")
     require.must(0.0 <= tolerance < 1.0, "tolerance", tolerance, "at least 0 and below 1")
     spots = np.atleast_1d(spot(bands, f_number))
     kind = np.result_type(y, x, np.float32)

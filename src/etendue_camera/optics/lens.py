@@ -178,13 +178,14 @@ def psf_image_otf(
     Error: below 1e-15 absolute (float64), 1e-7 (float32), for pictures of 64 by 64 samples.
     """
     image = np.asarray(image)
-    if image.ndim != 2 or not np.all(np.isfinite(image)):
-        raise ValueError(f"image has shape {image.shape}; it must be two-dimensional with finite samples")
+    require.that(
+        image.ndim == 2 and np.all(np.isfinite(image)),
+        f"image has shape {image.shape}; it must be two-dimensional with finite samples",
+    )
     require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
     require.must(centre in ("sample", "centroid"), "centre", repr(centre), "'sample' or 'centroid'")
     energy = float(np.sum(image, dtype=float))
-    if not energy > 0.0:
-        raise ValueError(f"image sums to {energy}; a point spread function has a sum above 0")
+    require.that(energy > 0.0, f"image sums to {energy}; a point spread function has a sum above 0")
     precision = np.result_type(np.asarray(fy), np.asarray(fx), image, np.float32)
     kind = np.result_type(precision, np.complex64)
     rows, columns = (np.arange(n, dtype=float) - n // 2 for n in image.shape)
@@ -200,16 +201,17 @@ def psf_image_otf(
 def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights of the integral of psf r dr, fine enough for frequencies up to highest."""
     radius, psf = np.asarray(radius, float), np.asarray(psf, float)
-    if radius.ndim != 1 or radius.shape != psf.shape or radius.size < 2:
-        raise ValueError(
-            f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold "
-            f"at least two samples"
-        )
+    require.that(
+        radius.ndim == 1 and radius.shape == psf.shape and radius.size >= 2,
+        f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold "
+        f"at least two samples",
+    )
     steps = np.diff(radius)
-    if radius[0] != 0.0 or not np.all(steps > 0.0) or not np.all(np.isfinite(radius)):
-        raise ValueError("radius must start at 0 um and grow from sample to sample")
-    if not np.all(np.isfinite(psf)):
-        raise ValueError("psf must be finite at every radius")
+    require.that(
+        radius[0] == 0.0 and np.all(steps > 0.0) and np.all(np.isfinite(radius)),
+        "radius must start at 0 um and grow from sample to sample",
+    )
+    require.that(np.all(np.isfinite(psf)), "psf must be finite at every radius")
     count = 6 + int(np.ceil(np.pi * highest * steps.max()))
     x, w = scipy.special.roots_legendre(count)
     share = 0.5 * (1.0 + x)

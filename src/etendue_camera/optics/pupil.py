@@ -60,10 +60,10 @@ class Aperture:
             "'circular', 'annular' or 'polygonal'",
         )
         require.must(0.0 <= self.obstruction < 1.0, "obstruction", self.obstruction, "at least 0 and below 1")
-        if self.shape != "annular" and self.obstruction != 0.0:
-            raise ValueError(
-                f"obstruction is {self.obstruction}; a {self.shape} aperture is clear: use shape 'annular'"
-            )
+        require.that(
+            self.shape == "annular" or self.obstruction == 0.0,
+            f"obstruction is {self.obstruction}; a {self.shape} aperture is clear: use shape 'annular'",
+        )
         if self.shape == "polygonal":
             polygon(self.blades, self.rotation, self.rounding)
 

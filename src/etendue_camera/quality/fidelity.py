@@ -84,10 +84,10 @@ def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDA
     sums over each window (float64), which is the cancellation in E[x^2] - E[x]^2.
     """
     picture, reference = _pair(picture, reference)
-    if picture.ndim < 2 or min(picture.shape[-2:]) < WINDOW:
-        raise ValueError(
-            f"picture has shape {picture.shape}; allowed are at least {WINDOW} x {WINDOW} pixels, the window of SSIM"
-        )
+    require.that(
+        picture.ndim >= 2 and min(picture.shape[-2:]) >= WINDOW,
+        f"picture has shape {picture.shape}; allowed are at least {WINDOW} x {WINDOW} pixels, the window of SSIM",
+    )
     peak = _above_zero("peak", peak)
     x, y = picture.astype(np.float64), reference.astype(np.float64)
     mean_x, mean_y = _windowed(x), _windowed(y)
@@ -111,8 +111,7 @@ def spread(values: ArrayLike) -> MapSpread:
         If there is no value.
     """
     values = np.asarray(values)
-    if values.size == 0:
-        raise ValueError("values is empty; allowed is a map of at least one pixel")
+    require.that(values.size != 0, "values is empty; allowed is a map of at least one pixel")
     median, p95 = np.quantile(values.astype(np.float64).ravel(), (0.5, 0.95))
     return MapSpread(float(np.mean(values, dtype=np.float64)), float(median), float(p95))
 

@@ -71,10 +71,10 @@ def mtf50(otf: Callable[[FloatArray], FloatArray], weights: FloatArray | None, h
 
 def search_nodes(highest: float, nodes: int) -> FloatArray:
     """(nodes + 1,) frequencies from 0 to ``highest``, cycles/um, closer together towards 0: highest (k/nodes)^2."""
-    if not (0 < highest < math.inf and nodes >= 2):
-        raise ValueError(
-            f"highest is {highest} and nodes {nodes}; allowed are a finite frequency above 0 and at least 2 nodes"
-        )
+    require.that(
+        0 < highest < math.inf and nodes >= 2,
+        f"highest is {highest} and nodes {nodes}; allowed are a finite frequency above 0 and at least 2 nodes",
+    )
     return np.asarray(highest * np.linspace(0.0, 1.0, nodes + 1) ** 2)
 
 

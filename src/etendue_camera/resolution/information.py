@@ -83,8 +83,7 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
         Noise power that is negative or not a number.
     """
     power, noise = np.abs(np.asarray(signal)) ** 2, np.asarray(noise, np.float64)
-    if not np.all(noise >= 0):
-        raise ValueError("noise power is negative or not a number; allowed are numbers at or above 0")
+    require.that(np.all(noise >= 0), "noise power is negative or not a number; allowed are numbers at or above 0")
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.where(power > 0, power / noise, 0.0)
     return np.asarray(found, np.float64)
@@ -156,8 +155,7 @@ def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
     The half is Shannon's: values are real, so that frequencies f and -f are one. Detail beyond the square, which folds
     back, is left out of signal and noise.
     """
-    if not variance >= 0:
-        raise ValueError(f"variance is {variance}; allowed are numbers at or above 0")
+    require.that(variance >= 0, f"variance is {variance}; allowed are numbers at or above 0")
     return 0.5 * square.mean(_bits(np.asarray(quanta, np.float64), variance))
 
 
@@ -167,15 +165,16 @@ def capacity_along(quanta: Callable[[FloatArray], ArrayLike], variance: float, n
     What is read from a slanted edge, where one direction is all that is known (Imatest's C of an edge). ``quanta``
     gives NEQ at (n,) frequencies, cycles/pixel.
     """
-    if not variance >= 0:
-        raise ValueError(f"variance is {variance}; allowed are numbers at or above 0")
+    require.that(variance >= 0, f"variance is {variance}; allowed are numbers at or above 0")
     x, w = np.polynomial.legendre.leggauss(nodes)
     return float(np.sum(w * _bits(np.asarray(quanta(0.25 * (1 + x)), np.float64), variance)) / 4)
 
 
 def _bits(quanta: FloatArray, variance: float) -> FloatArray:
-    if np.isnan(quanta).any() or (quanta < 0).any():
-        raise ValueError("NEQ is negative or not a number; allowed are numbers at or above 0")
+    require.that(
+        not np.isnan(quanta).any() and not (quanta < 0).any(),
+        "NEQ is negative or not a number; allowed are numbers at or above 0",
+    )
     return np.asarray(np.log2(1 + variance * quanta) if variance > 0 else np.zeros_like(quanta))
 
 

@@ -29,10 +29,10 @@ def spectra(responses: ArrayLike, sites: ArrayLike, fy: ArrayLike, fx: ArrayLike
         Cycles/pixel.
     """
     h, at = np.asarray(responses, np.float64), np.asarray(sites, np.float64)
-    if h.ndim != 4 or at.shape != (h.shape[0], 2):
-        raise ValueError(
-            f"responses has shape {h.shape} and sites {at.shape}; allowed are (place, channel, y, x) and (place, 2)"
-        )
+    require.that(
+        h.ndim == 4 and at.shape == (h.shape[0], 2),
+        f"responses has shape {h.shape} and sites {at.shape}; allowed are (place, channel, y, x) and (place, 2)",
+    )
     down = np.exp(
         -2j * np.pi * np.asarray(fy, np.float64)[None, :, None] * (np.arange(h.shape[2]) - at[:, :1])[:, None, :]
     )

@@ -115,10 +115,10 @@ def star_response(
     )
     inner, outer = max(cycles / (2 * np.pi * highest), 1.0), 0.95 * radius
     edges = _edges(inner, outer)
-    if len(edges) < 5:
-        raise ValueError(
-            f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings"
-        )
+    require.that(
+        len(edges) >= 5,
+        f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings",
+    )
     if refine:
         place = _refined(image, mask, place, cycles, edges)
     require.only(
@@ -134,10 +134,10 @@ def star_response(
     frequency = rings.frequency
     order = np.argsort(frequency)
     frequency, modulation, doubt = frequency[order], modulation[order], doubt[order]
-    if not modulation[: len(order) // 4 + 1].max() > 4 * np.median(doubt):
-        raise ValueError(
-            "picture shows no star that can be measured; allowed is a star of that many cycles about that centre"
-        )
+    require.that(
+        modulation[: len(order) // 4 + 1].max() > 4 * np.median(doubt),
+        "picture shows no star that can be measured; allowed is a star of that many cycles about that centre",
+    )
     full = contrast if contrast is not None else at_zero(frequency, modulation, doubt)
     sfr = modulation / full
     mtf50, mtf10 = (falls_to(share, frequency, sfr, doubt / full) for share in (0.5, 0.1))
@@ -157,8 +157,10 @@ def star_response(
 
 
 def _check(image: FloatArray, cycles: int, radius: float, contrast: float | None, highest: float) -> None:
-    if image.ndim != 2 or not np.isfinite(image).all():
-        raise ValueError(f"picture must be (y, x) of finite values, got shape {image.shape}")
+    require.that(
+        image.ndim == 2 and np.isfinite(image).all(),
+        f"picture must be (y, x) of finite values, got shape {image.shape}",
+    )
     require.only(cycles == int(cycles) and cycles >= 8, "cycles", cycles, "a whole number from 8")
     require.only(0 < radius < math.inf, "radius", radius, "a length above 0")
     require.only(contrast is None or 0 < contrast <= 1, "contrast", contrast, "above 0 and at most 1")
@@ -248,7 +250,8 @@ def at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) ->
     low = (frequency <= max(OUTER * float(frequency[0]), float(frequency[min(5, len(frequency) - 1)]))) & (
         modulation > 3 * doubt
     )
-    if low.sum() < 4:
-        raise ValueError("picture shows no star that can be measured without its contrast; allowed is a known contrast")
+    require.that(
+        low.sum() >= 4, "picture shows no star that can be measured without its contrast; allowed is a known contrast"
+    )
     weight = modulation[low] / np.maximum(doubt[low], 1e-6)
     return float(np.exp(np.polynomial.polynomial.polyfit(frequency[low], np.log(modulation[low]), 2, w=weight)[0]))

@@ -261,16 +261,14 @@ def checked(picture: ArrayLike, sites: ArrayLike | None) -> tuple[FloatArray, Si
         f"(y, x) of at least {SMALLEST} x {SMALLEST}",
     )
     if sites is None:
-        if not np.isfinite(image).all():
-            raise ValueError("picture holds values that are no numbers")
+        require.that(np.isfinite(image).all(), "picture holds values that are no numbers")
         return image, None
     mask = np.asarray(sites)
-    if mask.shape != image.shape or mask.dtype != np.bool_:
-        raise ValueError(
-            f"sites has shape {mask.shape} and type {mask.dtype}; allowed is bool of the picture's shape {image.shape}"
-        )
-    if not np.isfinite(image[mask]).all():
-        raise ValueError("picture holds values that are no numbers")
+    require.that(
+        mask.shape == image.shape and mask.dtype == np.bool_,
+        f"sites has shape {mask.shape} and type {mask.dtype}; allowed is bool of the picture's shape {image.shape}",
+    )
+    require.that(np.isfinite(image[mask]).all(), "picture holds values that are no numbers")
     return image, mask
 
 

@@ -99,8 +99,7 @@ def texture_response(
     shape = image.shape
     count = rings or min(64, min(shape) // 4)
     scale = gain if gain is not None else float(image.mean() / ideal.mean())
-    if not (math.isfinite(scale) and scale != 0):
-        raise ValueError("picture and original have no ratio at frequency 0; give a gain")
+    require.that(math.isfinite(scale) and scale != 0, "picture and original have no ratio at frequency 0; give a gain")
     seen, ideal_spectrum = _spectrum(image), _spectrum(ideal)
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     radial = np.hypot(fy, fx)
@@ -116,10 +115,10 @@ def texture_response(
     shift = _shift(cross, fy, fx, radial) if method == "cross" else (0.0, 0.0)
     cross = cross * np.exp(2j * np.pi * (fy * shift[0] + fx * shift[1]))
     power, own = total(np.abs(seen) ** 2), total(np.abs(ideal_spectrum) ** 2)
-    if not own[1:].min() > 0:
-        raise ValueError(
-            "original has rings without power; allowed is a texture of all frequencies up to 0.5 cycles/pixel"
-        )
+    require.that(
+        own[1:].min() > 0,
+        "original has rings without power; allowed is a texture of all frequencies up to 0.5 cycles/pixel",
+    )
     frequency = total(np.abs(ideal_spectrum) ** 2 * radial) / own
     together = total(cross.real)
     coherence = np.clip(together**2 / np.maximum(power * own, 1e-300), 0, 1)

@@ -101,8 +101,10 @@ def spread_of(
     places, width = _gauss(nodes)
     frequency = 0.5 * highest * (places + 1)
     found = np.real(np.asarray(otf(frequency)))
-    if found.shape[-1:] != frequency.shape or found.ndim > 2:
-        raise ValueError(f"otf gives shape {found.shape}; allowed is ({nodes},) or (wavelength, {nodes})")
+    require.that(
+        found.shape[-1:] == frequency.shape and found.ndim <= 2,
+        f"otf gives shape {found.shape}; allowed is ({nodes},) or (wavelength, {nodes})",
+    )
     if found.ndim == 2:
         share = (
             np.full(len(found), 1 / len(found))
@@ -111,8 +113,9 @@ def spread_of(
         )
         require.shape(share.shape == found.shape[:1], "weights", share, f"one for each of {len(found)} wavelengths")
         found = share @ found
-    if not np.isfinite(found).all():
-        raise ValueError("otf gives values that are no numbers; allowed is a transfer function up to highest")
+    require.that(
+        np.isfinite(found).all(), "otf gives values that are no numbers; allowed is a transfer function up to highest"
+    )
     return SpreadFunction(frequency, 0.5 * highest * width * found, kind)
 
 

@@ -213,10 +213,10 @@ def richardson_lucy_periodic(
     """
     data = _floating(data)
     seen = tuple(slice(size) for size in frame or data.shape)
-    if data.ndim != 2 or transfer.shape != (data.shape[0], data.shape[1] // 2 + 1):
-        raise ValueError(
-            f"data has shape {data.shape} and transfer {transfer.shape}; allowed are (ny, nx) and (ny, nx // 2 + 1)"
-        )
+    require.that(
+        data.ndim == 2 and transfer.shape == (data.shape[0], data.shape[1] // 2 + 1),
+        f"data has shape {data.shape} and transfer {transfer.shape}; allowed are (ny, nx) and (ny, nx // 2 + 1)",
+    )
     if data.size and not data.min() >= 0:
         raise ValueError(
             f"data holds {data.min():g}; allowed are numbers at or above 0: add a pedestal, and take it away behind"

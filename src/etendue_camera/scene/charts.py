@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.scene import cell_means
 
@@ -27,8 +28,10 @@ def require_axes(y: npt.ArrayLike, x: npt.ArrayLike) -> tuple[FloatArray, FloatA
     """y and x as floating arrays of one dtype; ValueError unless each is one axis of finite positions."""
     y, x = np.asarray(y), np.asarray(x)
     for name, axis in (("y", y), ("x", x)):
-        if axis.ndim != 1 or axis.size == 0 or not np.all(np.isfinite(axis)):
-            raise ValueError(f"{name} must be one axis of finite positions [um], got shape {axis.shape}")
+        require.that(
+            axis.ndim == 1 and axis.size != 0 and np.all(np.isfinite(axis)),
+            f"{name} must be one axis of finite positions [um], got shape {axis.shape}",
+        )
     dtype = np.result_type(y, x)
     dtype = dtype if np.issubdtype(dtype, np.floating) else np.dtype(np.float64)
     return y.astype(dtype, copy=False), x.astype(dtype, copy=False)
@@ -40,14 +43,12 @@ def require_spot_distance(spacing: float, rms_width: float) -> None:
 
 
 def require_levels(low: float, high: float) -> None:
-    if not 0 <= low <= high < np.inf:
-        raise ValueError(f"low and high must satisfy 0 <= low <= high, got low={low}, high={high}")
+    require.that(0 <= low <= high < np.inf, f"low and high must satisfy 0 <= low <= high, got low={low}, high={high}")
 
 
 def require_positive(**lengths: float) -> None:
     for name, value in lengths.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be finite and above 0, got {value}")
+        require.that(0 < value < np.inf, f"{name} must be finite and above 0, got {value}")
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,7 @@ class Rendering:
     def __post_init__(self) -> None:
         require_levels(self.low, self.high)
         for name, value in (("softness", self.softness), ("cell", self.cell)):
-            if not 0 <= value < np.inf:
-                raise ValueError(f"{name} must be finite and not negative, got {value} um")
+            require.that(0 <= value < np.inf, f"{name} must be finite and not negative, got {value} um")
 
     def blend(self, fraction: FloatArray) -> FloatArray:
         """low where fraction is 0, high where it is 1; never beyond, whatever the rounding."""
@@ -127,10 +127,8 @@ def slanted_edge(
     in each square.
     """
     y, x = require_axes(y, x)
-    if not -90 < angle_deg < 90:
-        raise ValueError(f"angle_deg must lie between -90 and 90 degrees, got {angle_deg}")
-    if not np.isfinite(offset):
-        raise ValueError(f"offset must be finite, got {offset} um")
+    require.that(-90 < angle_deg < 90, f"angle_deg must lie between -90 and 90 degrees, got {angle_deg}")
+    require.that(np.isfinite(offset), f"offset must be finite, got {offset} um")
     angle = np.deg2rad(float(angle_deg))
     distance = (x - float(offset)) * float(np.cos(angle)) - y[:, None] * float(np.sin(angle))
     if drawn.cell > 0:
@@ -162,8 +160,7 @@ def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float,
     """
     y, x = require_axes(y, x)
     require_positive(cycles=cycles, radius=radius)
-    if cycles != int(cycles):
-        raise ValueError(f"cycles must be a whole number, or the star has a seam; got {cycles}")
+    require.that(cycles == int(cycles), f"cycles must be a whole number, or the star has a seam; got {cycles}")
 
     def wave(v: FloatArray, u: FloatArray) -> FloatArray:
         distance, angle = np.hypot(v, u), np.arctan2(v, u)
@@ -247,8 +244,10 @@ def step_wedge(
     y, x = require_axes(y, x)
     require_positive(width=width, height=height)
     level = np.asarray(levels, dtype=x.dtype)
-    if level.ndim != 1 or level.size == 0 or not np.all(np.isfinite(level)) or np.any(level < 0):
-        raise ValueError(f"levels must be one row of finite reflectances, none negative, got {levels!r}")
+    require.that(
+        level.ndim == 1 and level.size != 0 and np.all(np.isfinite(level)) and not np.any(level < 0),
+        f"levels must be one row of finite reflectances, none negative, got {levels!r}",
+    )
     borders = width * (np.arange(level.size + 1) / level.size - 0.5)
     mean = level.mean(dtype=np.float64).astype(x.dtype)
     profile = np.zeros_like(x)
@@ -286,8 +285,7 @@ def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float
     require_positive(spacing=spacing, spot_sigma=spot_sigma)
     spacing, rms_width = float(spacing), float(np.hypot(spot_sigma, drawn.softness))
     require_spot_distance(spacing, rms_width)
-    if drawn.cell > spacing:
-        raise ValueError(f"cell must be at most the spacing, {spacing} um, got {drawn.cell} um")
+    require.that(not drawn.cell > spacing, f"cell must be at most the spacing, {spacing} um, got {drawn.cell} um")
     fraction = _row_of_spots(y, spacing, rms_width, drawn.cell)[:, None] * _row_of_spots(
         x, spacing, rms_width, drawn.cell
     )

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.scene.cell_means import closely, half_plane_mean
 from etendue_camera.scene.charts import (
@@ -118,8 +119,7 @@ def patches_factors(
 def _profile(
     position: FloatArray, what: str, count: int, along: str, length: float, gap: float, drawn: Rendering
 ) -> FloatArray:
-    if count != int(count) or count < 1:
-        raise ValueError(f"{what} must be a whole number above 0, got {count}")
+    require.that(count == int(count) and count >= 1, f"{what} must be a whole number above 0, got {count}")
     count = int(count)
     size = (length - (count - 1) * gap) / count
     if not (gap >= 0 and size > 0):
@@ -262,12 +262,9 @@ def composite(
     y, x = require_axes(y, x)
     low, high = drawn.low, drawn.high
     highest_frequency, angle_deg, cycles, steps = panels
-    if high > 1:
-        raise ValueError(f"high must be at most 1, got {high}")
-    if not -10 <= angle_deg <= 10:
-        raise ValueError(f"angle_deg must lie between -10 and 10 degrees, got {angle_deg}")
-    if steps != int(steps) or steps < 2:
-        raise ValueError(f"steps must be a whole number above 1, got {steps}")
+    require.that(not high > 1, f"high must be at most 1, got {high}")
+    require.that(-10 <= angle_deg <= 10, f"angle_deg must lie between -10 and 10 degrees, got {angle_deg}")
+    require.that(steps == int(steps) and steps >= 2, f"steps must be a whole number above 1, got {steps}")
     width, height = float(width), float(height)
     regions = composite_regions(width, height)
     panel = min(width / 3, height / 2)

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.scene.cell_means import step_mean
 from etendue_camera.scene.charts import Rendering, require_axes, require_levels, require_positive, soft_step
@@ -74,16 +75,14 @@ def leaves(chart: LeafChart) -> Leaves:
     width, height, smallest, largest, low, high, seed, exponent = chart
     require_positive(width=width, height=height, smallest=smallest, largest=largest)
     require_levels(low, high)
-    if not smallest < largest:
-        raise ValueError(f"smallest must be below largest, got {smallest} and {largest} um")
-    if not (seed == int(seed) and seed >= 0):
-        raise ValueError(f"seed must be a whole number from 0, got {seed}")
-    if not -10 <= exponent <= 10:
-        raise ValueError(f"exponent must lie between -10 and 10, got {exponent}")
+    require.that(smallest < largest, f"smallest must be below largest, got {smallest} and {largest} um")
+    require.that(seed == int(seed) and seed >= 0, f"seed must be a whole number from 0, got {seed}")
+    require.that(-10 <= exponent <= 10, f"exponent must lie between -10 and 10, got {exponent}")
     area = (width + 2 * largest) * (height + 2 * largest)
     count = math.ceil(LAYERS * area / (math.pi * _mean_power(smallest, largest, exponent, 2)))
-    if count > MOST:
-        raise ValueError(f"smallest is {smallest} um, for which the chart needs {count} discs; allowed are {MOST}")
+    require.that(
+        count <= MOST, f"smallest is {smallest} um, for which the chart needs {count} discs; allowed are {MOST}"
+    )
     rng = np.random.default_rng(int(seed))
     radius = _radii(rng.random(count), smallest, largest, exponent)
     y = (rng.random(count) - 0.5) * (height + 2 * largest)
@@ -140,8 +139,10 @@ def dead_leaves(
     """
     y, x = require_axes(y, x)
     Rendering(softness, cell)  # their ranges
-    if not (oversampling == int(oversampling) and 1 <= oversampling <= 32):
-        raise ValueError(f"oversampling must be a whole number from 1 to 32, got {oversampling}")
+    require.that(
+        oversampling == int(oversampling) and 1 <= oversampling <= 32,
+        f"oversampling must be a whole number from 1 to 32, got {oversampling}",
+    )
     steps = np.concatenate([np.abs(np.diff(axis)) for axis in (y, x)])
     step = float(steps.min()) if steps.size else max(float(cell), float(softness), 1e-3 * float(chart.radius.min()))
     fine = step / int(oversampling)

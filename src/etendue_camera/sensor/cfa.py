@@ -141,8 +141,7 @@ def parse_rows(text: str) -> Mask:
     """
     stripped = (line.partition("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = ["".join(cells) for cells in stripped if cells]
-    if not rows:
-        raise ValueError("there are no letters; expected rows such as R,G and G,B")
+    require.that(rows, "there are no letters; expected rows such as R,G and G,B")
     return parse("/".join(rows) + "/")
 
 

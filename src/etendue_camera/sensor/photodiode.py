@@ -284,8 +284,9 @@ def _diode(
     for name, value in (("depletion", depletion), ("diffusion_depth", depth)):
         require.must(value >= 0.0, name, value, "0 or above, in um")
     require.positive("diffusion_length", length, " um")
-    if depletion + depth == 0.0:
-        raise ValueError("depletion and diffusion_depth are both 0; a photodiode needs some thickness")
+    require.that(
+        depletion + depth != 0.0, "depletion and diffusion_depth are both 0; a photodiode needs some thickness"
+    )
     require.must(back in ("absorbing", "reflecting"), "back", repr(back), "'absorbing' or 'reflecting'")
     return float(absorption), float(depletion), float(depth), float(length), back
 

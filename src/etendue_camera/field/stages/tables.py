@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue import require
 from etendue.contract.stage import file_state
 from etendue_camera.field.illumination import table_at
 
@@ -90,8 +91,7 @@ def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTabl
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
     lines = [(n, [cell.strip() for cell in text.split(",")]) for n, text in numbered if text]
     expected = " or ".join(f"'{axis},ratio'" for axis in axes) + ", or wavelengths in nm in place of 'ratio'"
-    if not lines or lines[0][1][0] not in axes or len(lines[0][1]) < 2:
-        raise ValueError(f"{path}: expected a header {expected}")
+    require.that(lines and lines[0][1][0] in axes and len(lines[0][1]) >= 2, f"{path}: expected a header {expected}")
     header = lines[0][1]
     table = np.array(_rows(path, header, lines[1:]))
     table.flags.writeable = False
@@ -115,8 +115,7 @@ def _rows(path: str, header: list[str], lines: list[tuple[int, list[str]]]) -> l
         if min(row[1:]) < 0:
             raise ValueError(f"{path}, line {number}: a ratio below 0")
         rows.append(row)
-    if len(rows) < 2:
-        raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")
+    require.that(len(rows) >= 2, f"{path}: {len(rows)} rows of numbers; at least two are needed")
     return rows
 
 
@@ -125,8 +124,10 @@ def _wavelengths(path: str, names: list[str]) -> tuple[float, ...]:
     found = tuple(_number(name) for name in names)
     if len(names) == 1 and math.isnan(found[0]):
         return ()
-    if not all(a < b for a, b in pairwise(found)) or any(map(math.isnan, found)):
-        raise ValueError(f"{path}: columns {', '.join(names)}; several columns are wavelengths in nm, ascending")
+    require.that(
+        all(a < b for a, b in pairwise(found)) and not any(map(math.isnan, found)),
+        f"{path}: columns {', '.join(names)}; several columns are wavelengths in nm, ascending",
+    )
     return found
 
 

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
 from etendue.contract.bounds import MOST_BANDS, MOST_POINTS, beyond
 from etendue_camera import spectra
@@ -84,12 +85,12 @@ class Scene(Source, Banded):
 
     def __post_init__(self) -> None:
         spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
-        if (self.white_luminance > 0) == (self.radiance > 0):
-            raise ValueError(
-                f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of "
-                f"them gives the "
-                "level of the light, and the other is 0"
-            )
+        require.that(
+            (self.white_luminance > 0) != (self.radiance > 0),
+            f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of "
+            f"them gives the "
+            "level of the light, and the other is 0",
+        )
         if self.white_luminance > 0:
             spectra.check_luminance(self.illuminant)
 
@@ -99,11 +100,11 @@ class Scene(Source, Banded):
         if too_many:
             raise ValueError(too_many)
         count = round(quotient)
-        if count < 1 or abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) > 1e-6:
-            raise ValueError(
-                f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm "
-                f"into whole bins"
-            )
+        require.that(
+            count >= 1 and abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) <= 1e-6,
+            f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm "
+            f"into whole bins",
+        )
         return tuple(self.wavelength_from + i * self.bin_width for i in range(count + 1))
 
     def plane(self) -> Grid:
@@ -131,10 +132,10 @@ class Scene(Source, Banded):
 
     def describe(self) -> tuple[Facts, dict[str, Grid]]:
         grid = self.plane()
-        if self.white_luminance and not DIMMEST <= self.white_luminance <= BRIGHTEST:
-            raise ValueError(
-                f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}"
-            )
+        require.that(
+            not self.white_luminance or DIMMEST <= self.white_luminance <= BRIGHTEST,
+            f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}",
+        )
         limit = self.band_limit() if self.light == "bandlimited" else None
         facts = replace(self.known(), band_limit=limit, rendered=self.rendered())
         return facts, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}

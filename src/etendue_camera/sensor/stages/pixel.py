@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from etendue import require
 from etendue.api import Bounded, Facts, Grid, Labels, Line, Summed, Transfer, param, quantity
 from etendue.contract.stage import state_of
 from etendue.transfer.sampling import on_unique_rows
@@ -152,11 +153,11 @@ class Pixel(Collecting, Summed):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if 0 < self.wavelength_terms < len(self.channels):
-            raise ValueError(
-                f"wavelength_terms is {self.wavelength_terms}, but the sensor has {len(self.channels)} channels; give "
-                f"as many or more, or 0"
-            )
+        require.that(
+            not 0 < self.wavelength_terms < len(self.channels),
+            f"wavelength_terms is {self.wavelength_terms}, but the sensor has {len(self.channels)} channels; give "
+            f"as many or more, or 0",
+        )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         light = inputs["irradiance"]
@@ -177,8 +178,9 @@ class Pixel(Collecting, Summed):
                     f"{self.pixel_pitch:g} um; make them equal, or use sampling = 'physical'"
                 )
             return Line(light.size, 0.0, 1.0, "1", (light.start, light.step))
-        if count and size_mm:
-            raise ValueError(f"{what} and {size_name} are both given; one follows from the other and the pitch")
+        require.that(
+            not count or not size_mm, f"{what} and {size_name} are both given; one follows from the other and the pitch"
+        )
         length = light.size * light.step
         total = count or (
             math.floor(size_mm * 1e3 / self.pixel_pitch + 1e-9)
