@@ -2,8 +2,6 @@
 filters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

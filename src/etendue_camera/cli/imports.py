@@ -1,7 +1,5 @@
 """Commands that take files of other programs in: ``import``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

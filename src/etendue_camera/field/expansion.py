@@ -5,8 +5,6 @@ Out: a basis whose every truncation keeps the flux, and the coefficients of the 
 Sources: as in `blur.py`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 

@@ -4,8 +4,6 @@ In:  camera quantities of pixel, amplifier and converter.
 Out: full well and saturation (electrons), analogue gain, DN per electron.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

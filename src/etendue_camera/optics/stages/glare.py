@@ -4,8 +4,6 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
 Out: ``irradiance``: the same light, some of it elsewhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
