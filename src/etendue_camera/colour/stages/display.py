@@ -42,11 +42,6 @@ def primaries_to_xyz(display: str) -> Any:
     return found / found[1].sum()
 
 
-def is_display(name: Any) -> bool:
-    """Whether a name is that of a measured display or of an RGB space."""
-    return name in (*MEASURED, *OWN) or name in spectra.rgb_space_names()
-
-
 def primaries_to_cones(display: str) -> Any:
     """Linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals (section 3.2 of the
     paper).

@@ -28,6 +28,9 @@ class Laplacian(Stage):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 3e-15) * (1 + 16 * self.strength), "proved"
 
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        return (0.0, "strength is 0") if self.strength == 0 else None
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sharpen(Laplacian, Bounded, Haloed):
@@ -51,9 +54,6 @@ class Sharpen(Laplacian, Bounded, Haloed):
 
     def halo(self) -> int:
         return 1
-
-    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        return (0.0, "strength is 0") if self.strength == 0 else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,9 +86,6 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
 
     def halo(self) -> int:
         return self.period()[0]
-
-    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        return (0.0, "strength is 0") if self.strength == 0 else None
 
 
 @dataclass(frozen=True, kw_only=True)
