@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import require
-from etendue.api import Grid, Haloed, Labels, param, proved, quantity
+from etendue.api import Grid, Haloed, Labels, measured, param, proved, quantity
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.mosaic import white_balance
@@ -78,6 +78,8 @@ class WhiteEstimate(KnownNoise):
     writes: ClassVar = {"white": "channel [1]", "white_error": "[deg]", "white_used": "[1]", "channels_floored": "[1]"}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 6.0
+    # Of the arithmetic; how far the estimate is from the truth is ``white_error``.
+    error: ClassVar[Any] = measured(2e-7, 1e-12)
 
     pattern: str = quantity("pattern")
     method: str = param(
@@ -148,10 +150,6 @@ class WhiteEstimate(KnownNoise):
         else:
             found = white_balance.grey_world(means, 1.0 if self.method == "grey_world" else self.power)
         return found, means.shape[1] / cells
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic; how far the estimate is from the truth is ``white_error``."""
-        return (2e-7 if precision == "float32" else 1e-12), "measured"
 
 
 @dataclass(frozen=True, kw_only=True)
