@@ -91,11 +91,11 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
                 kind in ("PNG", "JPEG", "MPO"), f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them"
             )
             _check_size(path, size[0] * size[1], most)
-            pixels, stored = size[0] * size[1], os.path.getsize(path)
+            many, stored = size[0] * size[1], os.path.getsize(path)
             # deflate makes nothing more than 1032 times smaller, JPEG hardly more
             require.that(
-                not 3 * pixels > UNCHECKED or not 3 * pixels > FOLD * stored,
-                f"{path} says that it has {pixels} pixels, in {stored} bytes: it is cut off, or no picture",
+                not 3 * many > UNCHECKED or not 3 * many > FOLD * stored,
+                f"{path} says that it has {many} pixels, in {stored} bytes: it is cut off, or no picture",
             )
             return _plain(path)
     except UnidentifiedImageError:

@@ -170,7 +170,7 @@ def calibrated(
     )
     radius = np.hypot(np.asarray(y_mm, float)[:, None], np.asarray(x_mm, float)[None, :])
     nodes = np.linspace(0.0, radius.max(), rows)
-    index = cfa.channel_index(mask, *flat.shape, first_row, first_column)
+    index = cfa.channel_index(mask, flat.shape[0], flat.shape[1], first_row, first_column)
     gains = np.empty((rows, len(mask.channels)))
     for number, channel in enumerate(mask.channels):
         here = index == number

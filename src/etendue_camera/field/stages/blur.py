@@ -103,10 +103,10 @@ class LensPsfField(Banded, Bounded):
             coordinates["y_um"],
             coordinates["x_um"],
             coordinates["wavelength"] * 1e-3,
-            self.method,
+            self.method,  # type: ignore[arg-type]
             self.tolerance,
-            weights=self.weights,
-            light=self.light,
+            weights=self.weights,  # type: ignore[arg-type]
+            light=self.light,  # type: ignore[arg-type]
             centre=self.centre,  # type: ignore[arg-type]
         )
 

@@ -66,9 +66,12 @@ class Diffusion(Transfer, Bounded, InSilicon):
             return np.ones((1, np.size(fy), np.size(fx)))
         alphas = silicon.absorption(np.ravel(wavelength))
         diode = (self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back)
-        return on_unique_rows(
-            lambda rows: photodiode.collection_mtf_bands(np.hypot(rows, fx), alphas, *diode, self.nodes), fy
-        )  # type: ignore[arg-type]
+
+        def contrast(rows: Any) -> Any:
+            radial = np.hypot(rows, fx)
+            return photodiode.collection_mtf_bands(radial, alphas, *diode, self.nodes)  # type: ignore[arg-type]
+
+        return on_unique_rows(contrast, fy)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.crosstalk == "through_filter":
@@ -90,7 +93,7 @@ class Diffusion(Transfer, Bounded, InSilicon):
 class _Side(NamedTuple):
     """How many pixels there are along one axis, and which of them are read."""
 
-    count: int
+    pixels: int
     size_mm: float
     first: int
     window: int
