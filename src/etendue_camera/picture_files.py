@@ -195,12 +195,15 @@ def _plain(path: str) -> FilePicture:
             note = note if points is None else points
         table = _steps(getattr(picture, "quantization", None), turn)
         require.that(mode in _MODES, f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
-        depth, colour = _png_kind(path) if picture.format == "PNG" else (0, 0)
-        deep = depth == 16
-        require.that(
-            not deep or colour != GREY_ALPHA,
-            f"{path} is 16-bit grey with an alpha channel; save it without the channel",
-        )
+        deep = False
+        if picture.format == "PNG":
+            with open(path, "rb") as file:
+                depth, colour = file.read(26)[24:]  # of the header: bits of a sample, colour type
+            deep = depth == 16
+            require.that(
+                not deep or colour != GREY_ALPHA,
+                f"{path} is 16-bit grey with an alpha channel; save it without the channel",
+            )
         _refuse_clear(path, _transparent(picture))
     if deep and mode in ("RGB", "RGBA"):
         values = _deep_png(path, mode)[..., :3]
@@ -221,13 +224,6 @@ def _steps(tables: Any, turn: int) -> Any:
         return None
     table = np.asarray(tables[0], float).reshape(8, 8)
     return table.T if turn >= 5 else table
-
-
-def _png_kind(path: str) -> tuple[int, int]:
-    """Bits of a sample and colour type of a PNG, from its header."""
-    with open(path, "rb") as file:
-        header = file.read(26)
-    return header[24], header[25]
 
 
 def _refuse_clear(path: str, clear: int) -> None:

@@ -51,11 +51,11 @@ def export(place: Path | str, as_json: bool, **words: Any) -> None:
     come to them.
     """
     from etendue.archive import places
-    from etendue_camera.export.command import Asked
+    from etendue_camera.export.command import ExportRequest
     from etendue_camera.export.command import export as write
 
     with places.reading(place) as folder:
-        done = write(Asked(folder, **words))
+        done = write(ExportRequest(folder, **words))
     if as_json:
         say(
             {

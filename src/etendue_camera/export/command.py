@@ -29,7 +29,7 @@ SUFFIXES = {"dng": (".dng",), "tiff": (".tif", ".tiff"), "png": (".png",)}
 
 
 @dataclass(frozen=True)
-class Asked:
+class ExportRequest:
     """The words of the command line."""
 
     archive: Path
@@ -54,7 +54,7 @@ class Exported:
     notes: list[str] = field(default_factory=list)
 
 
-def export(asked: Asked) -> Exported:
+def export(asked: ExportRequest) -> Exported:
     """Write every picture that was asked for.
 
     Raises
@@ -88,7 +88,7 @@ def export(asked: Asked) -> Exported:
 # -- which ------------------------------------------------------------------------------------------------------
 
 
-def _wanted(asked: Asked) -> Picks:
+def _wanted(asked: ExportRequest) -> Picks:
     """Kinds of files and what they show."""
     kinds = (
         ("dng", asked.dng, ("raw",)),
@@ -103,7 +103,7 @@ def _wanted(asked: Asked) -> Picks:
     return wanted
 
 
-def _chosen(shelf: Shelf, asked: Asked, wanted: Picks) -> list[tuple[str, ArchivedFrame]]:
+def _chosen(shelf: Shelf, asked: ExportRequest, wanted: Picks) -> list[tuple[str, ArchivedFrame]]:
     """The pictures of every kind at the axis values that are asked for."""
     at = read_at(asked.at)
     stages = {variable: asked.stage if len(wanted) == 1 or variable == "raw" else "" for _, variable in wanted}
@@ -143,7 +143,7 @@ def _refuse_overwriting(paths: list[Path], force: bool) -> None:
         raise RequestError(f"{there[0]}{more} exists; write over it with --force, or elsewhere with --output")
 
 
-def _is_file(asked: Asked, pictures: list[tuple[str, ArchivedFrame]]) -> bool:
+def _is_file(asked: ExportRequest, pictures: list[tuple[str, ArchivedFrame]]) -> bool:
     suffix = asked.output.suffix.lower() if asked.output else ""
     known = suffix in [one for suffixes in SUFFIXES.values() for one in suffixes]
     if known and asked.output is not None and not asked.output.is_dir():
@@ -158,13 +158,13 @@ def _is_file(asked: Asked, pictures: list[tuple[str, ArchivedFrame]]) -> bool:
     return False
 
 
-def _folder(asked: Asked, pictures: list[tuple[str, ArchivedFrame]]) -> Path:
+def _folder(asked: ExportRequest, pictures: list[tuple[str, ArchivedFrame]]) -> Path:
     if asked.output is None:
         return Path(f"{asked.archive.resolve().name}-export")
     return asked.output.parent if _is_file(asked, pictures) else asked.output
 
 
-def _path(asked: Asked, folder: Path, kind: str, frame: ArchivedFrame, count: int) -> Path:
+def _path(asked: ExportRequest, folder: Path, kind: str, frame: ArchivedFrame, count: int) -> Path:
     if count == 1 and asked.output is not None and folder != asked.output:
         return asked.output
     parts = [asked.archive.resolve().name, *([frame.variable] if frame.variable != "raw" else [])]

@@ -20,9 +20,8 @@ from etendue import require
 from etendue.transfer import sampling
 
 OUTER_FREQUENCY = 1 / 256  # cycles/pixel, below which a picture's power spectrum is taken as flat
-FAR_ABOVE = (
-    16.0  # times the largest value: a pedestal beside which single precision would keep fewer than 20 bits of a picture
-)
+# times the largest value: a pedestal beside which single precision would keep fewer than 20 bits of a picture
+FAR_ABOVE = 16.0
 STEEPEST = 1e-3  # of the largest value: gradients well above it count by direction alone in the total variation
 
 
@@ -219,7 +218,10 @@ def richardson_lucy_periodic(
         raise ValueError(
             f"data holds {data.min():g}; allowed are numbers at or above 0: add a pedestal, and take it away behind"
         )
-    _check_iterations(iterations, total_variation, residual, start)
+    require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
+    require.allowed(iterations >= 1 and iterations == int(iterations), "iterations", iterations, "whole numbers from 1")
+    require.allowed(0 <= total_variation <= 0.2, "total_variation", total_variation, "numbers from 0 to 0.2")
+    require.amount("residual", residual)
     kind, (rows, columns) = data.dtype.type, data.shape
     forward = transfer.astype(
         np.result_type(data.dtype, np.complex64) if np.iscomplexobj(transfer) else data.dtype, copy=False
@@ -374,19 +376,11 @@ def _curvature(plane: NDArray) -> NDArray:
     itself.
     """
     down, right = np.roll(plane, -1, 0) - plane, np.roll(plane, -1, 1) - plane
-    size = np.sqrt(
-        down**2 + right**2 + plane.dtype.type((STEEPEST * float(plane.max())) ** 2 + np.finfo(plane.dtype).tiny)
-    )
+    least = plane.dtype.type((STEEPEST * float(plane.max())) ** 2 + np.finfo(plane.dtype).tiny)
+    size = np.sqrt(down**2 + right**2 + least)
     down /= size
     right /= size
     return down - np.roll(down, 1, 0) + right - np.roll(right, 1, 1)
-
-
-def _check_iterations(iterations: int, total_variation: float, residual: float, start: str) -> None:
-    require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
-    require.allowed(iterations >= 1 and iterations == int(iterations), "iterations", iterations, "whole numbers from 1")
-    require.allowed(0 <= total_variation <= 0.2, "total_variation", total_variation, "numbers from 0 to 0.2")
-    require.amount("residual", residual)
 
 
 def _floating(planes: NDArray) -> NDArray:
@@ -398,12 +392,9 @@ def _floating(planes: NDArray) -> NDArray:
 def _on_padded(planes: NDArray, values: NDArray, name: str) -> NDArray:
     values = np.asarray(values)
     rows, columns = (sampling.padded_size(size) for size in planes.shape[-2:])
-    require.shape(
-        values.shape[-2:] == (rows, columns // 2 + 1),
-        name,
-        values,
-        f"(..., {rows}, {columns // 2 + 1}), at the frequencies of the padded plane",
-    )
+    half = columns // 2 + 1
+    what = f"(..., {rows}, {half}), at the frequencies of the padded plane"
+    require.shape(values.shape[-2:] == (rows, half), name, values, what)
     return values.astype(
         np.result_type(planes.dtype, np.complex64) if np.iscomplexobj(values) else planes.dtype, copy=False
     )

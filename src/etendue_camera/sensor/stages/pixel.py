@@ -90,7 +90,7 @@ class Diffusion(Transfer, Bounded, InSilicon):
         return table + (1e-6 if precision == "float32" else 2e-14), "fitted" if table else "measured"
 
 
-class _Side(NamedTuple):
+class _Extent(NamedTuple):
     """How many pixels there are along one axis, and which of them are read."""
 
     pixels: int
@@ -164,14 +164,14 @@ class Pixel(Collecting, Summed):
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         light = inputs["irradiance"]
-        down = _Side(self.rows, self.sensor_height, self.first_row, self.window_rows, "rows", "sensor_height")
-        across = _Side(
+        down = _Extent(self.rows, self.sensor_height, self.first_row, self.window_rows, "rows", "sensor_height")
+        across = _Extent(
             self.columns, self.sensor_width, self.first_column, self.window_columns, "columns", "sensor_width"
         )
         lines = {"y": self._line(light.line("y"), down), "x": self._line(light.line("x"), across)}
         return {"photon_rate": Grid.of({"channel": Labels(self.channels), **lines})}
 
-    def _line(self, light: Line, side: _Side) -> Line:
+    def _line(self, light: Line, side: _Extent) -> Line:
         count, size_mm, first, window, what, size_name = side
         if self.sampling == "paper":
             if abs(light.step - self.pixel_pitch) > 1e-9 * self.pixel_pitch:
