@@ -88,7 +88,7 @@ def truth(values: dict[str, Any], pattern_time: float = 0.05) -> tuple[dict[str,
     rate = (adc.saturation() / 0.1) - dark
     return {
         "gain": adc.dn_per_electron(),
-        "read_noise": stage(ReadNoise, values).sigma(),
+        "read_noise": stage(ReadNoise, values).read_sigma(),
         "dark_current": dark,
         "full_well": adc.saturation(),
         "prnu": values["prnu"],

@@ -142,7 +142,7 @@ def claims(n: int) -> None:
 def distortion(n: int) -> None:
     line = np.arange(n) - 0.5 * (n - 1)
     corner = float(np.hypot(line[0], line[0]))
-    lens = warp.Distortion((-0.0648, 0.00596, -0.00047), corner / 1.02)
+    lens = warp.DistortionCurve((-0.0648, 0.00596, -0.00047), corner / 1.02)
     ratio = lens.ratio(corner, 0.55)
     radius = np.linspace(0, 0.99 * corner * 0.93, 4001)
     back = lens.undistort(lens.distort(radius, 0.55), 0.55)

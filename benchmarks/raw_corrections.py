@@ -338,7 +338,9 @@ def corrected(truth: Any, rng: Any) -> dict[str, tuple[float, ...]]:
         rows[name] = (chosen[visible].mean(), chosen[~known].mean(), error, 1e9 * best_time(call, 2) / truth.size)
 
     def search(contrast: float) -> Any:
-        return defect_correction.outliers(broken, BAYER, dark, electrons, contrast=contrast)
+        return defect_correction.outliers(
+            broken, BAYER, defect_correction.PixelNoise(dark, electrons), contrast=contrast
+        )
 
     for contrast in (0.0, 0.5, 1.0, 2.0):
         chosen = search(contrast)
@@ -405,7 +407,10 @@ def times() -> None:
             60,
         ),
         "lens_shading (cos4)": (lambda: corrected.run(mosaic, line, line, 2 * (line - 500), 2 * (line - 500)), 100),
-        "correct_defects, search": (lambda: defect_correction.outliers(mosaic, BAYER, 1e-3, 1e4, 0.01), 150),
+        "correct_defects, search": (
+            lambda: defect_correction.outliers(mosaic, BAYER, defect_correction.PixelNoise(1e-3, 1e4, 0.01)),
+            150,
+        ),
         "correct_defects, repair of 0.1 %": (lambda: defect_correction.replaced(mosaic, flags, BAYER), 20),
     }
     for name, (call, bound) in calls.items():

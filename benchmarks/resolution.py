@@ -23,10 +23,10 @@ from threadpoolctl import threadpool_limits
 from etendue_camera.optics import diffraction
 from etendue_camera.resolution import edge_bins, two_points
 from etendue_camera.resolution.edge_interval import edge_resolution
-from etendue_camera.resolution.siemens import star_response
+from etendue_camera.resolution.siemens import Star, star_response
 from etendue_camera.resolution.slanted_edge import slanted_edge
 from etendue_camera.resolution.texture import texture_response
-from etendue_camera.scene.dead_leaves import dead_leaves, leaves
+from etendue_camera.scene.dead_leaves import LeafChart, dead_leaves, leaves
 
 PEERS = 40  # seeds on which the peer is asked too
 ANGLES = (2.0, 5.0, 10.0, 40.0)
@@ -247,17 +247,16 @@ def stars() -> None:
             picture = star_picture(cycles, (2 * radius + 20, 2 * radius + 31), centre, sigma)
             start = (centre[0] + 0.6, centre[1] - 0.5)
             (found, seconds) = cpu(
-                lambda p=picture, c=cycles, r=radius, s=start: star_response(p, c, r, centre=s, contrast=0.8), 1
+                lambda p=picture, c=cycles, r=radius, s=start: star_response(p, Star(c, r), centre=s, contrast=0.8), 1
             )
-            blind = star_response(picture, cycles, radius, centre=start).mtf50 * sigma / FIFTY - 1
+            blind = star_response(picture, Star(cycles, radius), centre=start).mtf50 * sigma / FIFTY - 1
             error = 100 * (found.mtf50 * sigma / FIFTY - 1)
             noisy = [
                 100
                 * (
                     star_response(
                         picture + np.random.default_rng(s).normal(0, 0.032, picture.shape),
-                        cycles,
-                        radius,
+                        Star(cycles, radius),
                         centre=start,
                         contrast=0.8,
                     ).mtf50
@@ -281,7 +280,7 @@ def textures() -> None:
         "power spectrum",
     )
     places = np.arange(400) - 199.5
-    chart = leaves(500.0, 500.0, 4.0, 60.0, 0.1, 0.9, 1)
+    chart = leaves(LeafChart(500.0, 500.0, 4.0, 60.0, 0.1, 0.9, 1))
     original = dead_leaves(places, places, chart, 0.7)
     for sigma in (0.45, 0.6, 0.9, 1.5):
         picture = 100 * dead_leaves(places - 0.3, places + 1.2, chart, sigma)

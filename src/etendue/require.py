@@ -13,6 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
+def that(fine: Any, text: str) -> None:
+    """``TEXT``, unless it is fine: what no other sentence here says."""
+    if not fine:
+        raise ValueError(text)
+
+
 def must(fine: Any, name: str, value: object, what: str) -> None:
     """``NAME is VALUE; it must be WHAT``, unless all is fine."""
     if fine is not True and not np.all(fine):
@@ -31,6 +37,18 @@ def allowed(fine: Any, name: str, value: object, what: str) -> None:
     """``NAME is VALUE; allowed are WHAT``, unless all is fine."""
     if fine is not True and not np.all(fine):
         raise ValueError(f"{name} is {value!r}; allowed are {what}")
+
+
+def only(fine: Any, name: str, value: object, what: str) -> None:
+    """``NAME is VALUE; allowed is WHAT``, unless all is fine."""
+    if fine is not True and not np.all(fine):
+        raise ValueError(f"{name} is {value}; allowed is {what}")
+
+
+def shape(fine: Any, name: str, array: Any, what: str) -> None:
+    """``NAME has shape SHAPE; allowed is WHAT``, unless all is fine."""
+    if fine is not True and not np.all(fine):
+        raise ValueError(f"{name} has shape {array.shape}; allowed is {what}")
 
 
 def equal_shapes(name: str, array: NDArray, other: str, reference: NDArray) -> None:

@@ -5,8 +5,6 @@ Out: stages, variables, camera quantities, sensors, roles and spectra by name; w
      called.
 """
 
-from __future__ import annotations
-
 import csv
 import tomllib
 from functools import cache

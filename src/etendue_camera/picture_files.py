@@ -4,8 +4,6 @@ In:  a PNG, JPEG or TIFF file: grey or colour, 1 to 32 bits or floats, sRGB-enco
 Out: its size before it is decoded; its values, 0 to 1, (rows, columns, 1 or 3), still in the file's own numbers.
 """
 
-from __future__ import annotations
-
 import lzma
 import math
 import os
@@ -18,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue import plain_files
+from etendue import plain_files, require
 from etendue.contract.bounds import beyond
 from etendue.process import unwarned
 from etendue_camera.colour_notes import colour_note, exif_note, png_note
@@ -56,7 +54,7 @@ _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture u
 
 
 @dataclass(frozen=True)
-class Picture:
+class FilePicture:
     """Values in the file's own numbers, and by what they are divided; what is not done to them."""
 
     values: Any  # (rows, columns, 1 or 3), unsigned integers or floats
@@ -65,7 +63,7 @@ class Picture:
     table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness, y first
 
 
-def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
+def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
     """The picture of a file of at most so many pixels, the way up that the file says.
 
     Raises
@@ -89,10 +87,16 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
         with unwarned():  # of pictures that are large: the limit here is lower; of damaged EXIF: what is left is read
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
-            if kind not in ("PNG", "JPEG", "MPO"):
-                raise ValueError(f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them")
+            require.that(
+                kind in ("PNG", "JPEG", "MPO"), f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them"
+            )
             _check_size(path, size[0] * size[1], most)
-            _check_folded(path, 3 * size[0] * size[1])
+            many, stored = size[0] * size[1], os.path.getsize(path)
+            # deflate makes nothing more than 1032 times smaller, JPEG hardly more
+            require.that(
+                not 3 * many > UNCHECKED or not 3 * many > FOLD * stored,
+                f"{path} says that it has {many} pixels, in {stored} bytes: it is cut off, or no picture",
+            )
             return _plain(path)
     except UnidentifiedImageError:
         raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
@@ -118,17 +122,7 @@ def _check_size(path: str, pixels: int, most: int) -> None:
         else "cut out what is to be seen"
     )
     too_many = beyond(pixels, "pixels", most, way_out)
-    if too_many:
-        raise ValueError(f"{path} has {too_many}")
-
-
-def _check_folded(path: str, size: int) -> None:
-    """Refuse a picture that its file cannot hold: deflate makes nothing more than 1032 times smaller, JPEG hardly
-    more.
-    """
-    stored = os.path.getsize(path)
-    if size > UNCHECKED and size > FOLD * stored:
-        raise ValueError(f"{path} says that it has {size // 3} pixels, in {stored} bytes: it is cut off, or no picture")
+    require.that(not too_many, f"{path} has {too_many}")
 
 
 def _check_parts(path: str) -> None:
@@ -186,7 +180,7 @@ def _unfolded(path: str | Path, offset: int, count: int, page: Any, most: int) -
     return size
 
 
-def _plain(path: str) -> Picture:
+def _plain(path: str) -> FilePicture:
     """PNG and JPEG."""
     from PIL import Image
 
@@ -200,16 +194,17 @@ def _plain(path: str) -> Picture:
             points = png_note(path)
             note = note if points is None else points
         table = _steps(getattr(picture, "quantization", None), turn)
-        if mode not in _MODES:
-            raise ValueError(f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
-        deep = picture.format == "PNG" and _png_depth(path) == 16
-        if deep and _png_colour(path) == GREY_ALPHA:
-            raise ValueError(f"{path} is 16-bit grey with an alpha channel; save it without the channel")
-        clear = _transparent(picture)
-        if clear:
-            raise ValueError(
-                f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
+        require.that(mode in _MODES, f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
+        deep = False
+        if picture.format == "PNG":
+            with open(path, "rb") as file:
+                depth, colour = file.read(26)[24:]  # of the header: bits of a sample, colour type
+            deep = depth == 16
+            require.that(
+                not deep or colour != GREY_ALPHA,
+                f"{path} is 16-bit grey with an alpha channel; save it without the channel",
             )
+        _refuse_clear(path, _transparent(picture))
     if deep and mode in ("RGB", "RGBA"):
         values = _deep_png(path, mode)[..., :3]
     else:
@@ -220,7 +215,7 @@ def _plain(path: str) -> Picture:
                 values = np.asarray(picture.convert("L"))[..., None]
             else:
                 values = np.asarray(picture.convert("RGB"))
-    return Picture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note, table)
+    return FilePicture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note, table)
 
 
 def _steps(tables: Any, turn: int) -> Any:
@@ -231,14 +226,10 @@ def _steps(tables: Any, turn: int) -> Any:
     return table.T if turn >= 5 else table
 
 
-def _png_depth(path: str) -> int:
-    with open(path, "rb") as file:
-        return file.read(25)[24]
-
-
-def _png_colour(path: str) -> int:
-    with open(path, "rb") as file:
-        return file.read(26)[25]
+def _refuse_clear(path: str, clear: int) -> None:
+    require.that(
+        not clear, f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
+    )
 
 
 def _transparent(picture: Any) -> int:
@@ -298,7 +289,7 @@ def check_directories(path: str | Path) -> None:
             at = struct.unpack(order + link, tail)[0] if len(tail) == struct.calcsize(order + link) else 0
 
 
-def _tiff(path: str, most: int) -> Picture:
+def _tiff(path: str, most: int) -> FilePicture:
     import logging
 
     import tifffile
@@ -306,55 +297,64 @@ def _tiff(path: str, most: int) -> Picture:
     check_directories(path)
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     with tifffile.TiffFile(path) as file:
-        pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
-        if file.pages[0].aspage().tags.valueof(DNG) is not None:
-            raise ValueError(f"{path} is a raw file (DNG); allowed are {ALLOWED}: develop it first")
-        if len(pages) != 1:
-            raise ValueError(f"{path} holds {len(pages)} pictures; save the one that is meant")
-        page = pages[0].aspage()
+        page = _only_page(path, file)
         _check_size(path, page.imagelength * page.imagewidth, most)
         colours = page.photometric.name if hasattr(page.photometric, "name") else str(page.photometric)
-        kind = page.dtype
         turn = int(page.tags.valueof(274, 1))
         profile = page.tags.valueof(34675)
         note = colour_note({"icc_profile": bytes(profile)} if profile else {})
-        if kind is None or kind.kind not in "uf" or page.bitspersample not in (8, 16, 32, 64):
-            if kind is None or page.bitspersample != 1:
-                raise ValueError(
-                    f"{path} holds {kind or page.bitspersample} numbers; allowed are unsigned integers and floats from "
-                    f"0 to 1"
-                )
-        if colours not in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"):
-            raise ValueError(f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first")
+        _check_kind(path, page, colours)
         if colours in ("PALETTE", "YCBCR") or page.bitspersample == 1:
-            return Picture(_by_pillow(path), 255.0, note)
+            return FilePicture(_by_pillow(path), 255.0, note)
         check_segments(path, page)
         try:
             values = page.asarray()
         except (ValueError, ImportError) as error:  # a codec that is not installed
-            if kind.itemsize == 1:
-                return Picture(_by_pillow(path), 255.0, note)
+            if page.dtype.itemsize == 1:
+                return FilePicture(_by_pillow(path), 255.0, note)
             raise ValueError(
                 f"{path} cannot be decoded: {error}; save it without compression, or with deflate"
             ) from None
         if page.planarconfig == 2 and values.ndim == 3:
             values = values.transpose(1, 2, 0)
+    full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+    values = _opaque(path, values, full)
+    if colours == "MINISWHITE":
+        values = (values.dtype.type(full) - values).astype(values.dtype)
+    return FilePicture(_TURNS.get(turn, _TURNS[1])(values), full, note)
+
+
+def _only_page(path: str, file: Any) -> Any:
+    """The one picture of a TIFF file, beside smaller copies of it."""
+    pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
+    if file.pages[0].aspage().tags.valueof(DNG) is not None:
+        raise ValueError(f"{path} is a raw file (DNG); allowed are {ALLOWED}: develop it first")
+    require.that(len(pages) == 1, f"{path} holds {len(pages)} pictures; save the one that is meant")
+    return pages[0].aspage()
+
+
+def _check_kind(path: str, page: Any, colours: str) -> None:
+    """Refuse numbers and colours that are no picture's."""
+    kind, bits = page.dtype, page.bitspersample
+    known = kind is not None and (bits == 1 or (kind.kind in "uf" and bits in (8, 16, 32, 64)))
+    require.that(known, f"{path} holds {kind or bits} numbers; allowed are unsigned integers and floats from 0 to 1")
+    require.that(
+        colours in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"),
+        f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first",
+    )
+
+
+def _opaque(path: str, values: Any, full: float) -> Any:
+    """(rows, columns, 1 or 3): samples without a channel that says where they are transparent, as none may be."""
     values = values[..., None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
         raise ValueError(f"{path} has {values.shape[2:] or values.shape} samples a pixel; allowed are {ALLOWED}")
-    full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
     if values.shape[2] in (2, 4):
-        clear = int(np.count_nonzero(values[..., -1] < full))
-        if clear:
-            raise ValueError(
-                f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
-            )
+        _refuse_clear(path, int(np.count_nonzero(values[..., -1] < full)))
         values = values[..., :-1]
     if values.dtype.kind == "f":
         _check_floats(path, values)
-    if colours == "MINISWHITE":
-        values = (values.dtype.type(full) - values).astype(values.dtype)
-    return Picture(_TURNS.get(turn, _TURNS[1])(values), full, note)
+    return values
 
 
 def _by_pillow(path: str) -> Any:
@@ -362,11 +362,15 @@ def _by_pillow(path: str) -> Any:
     from PIL import Image
 
     with Image.open(path) as picture:
-        if _transparent(picture):
-            raise ValueError(f"{path} has transparent pixels, and nobody knows what is behind them: flatten it first")
-        if picture.mode in ("1", "L"):
-            return np.asarray(picture.convert("L"))[..., None]
-        return np.asarray(picture.convert("RGB"))
+        require.that(
+            not _transparent(picture),
+            f"{path} has transparent pixels, and nobody knows what is behind them: flatten it first",
+        )
+        return (
+            np.asarray(picture.convert("L"))[..., None]
+            if picture.mode in ("1", "L")
+            else np.asarray(picture.convert("RGB"))
+        )
 
 
 def _check_floats(path: str, values: Any) -> None:

@@ -2,8 +2,6 @@
 filters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,9 +17,9 @@ TO_RGB = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
 
 def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
     """(3, wavelength): bands as an eye sees them, whose edges are in nm; numbers as their mean."""
-    if not drawn.linear:
-        return _mean(len(edges) - 1)
-    return TO_RGB @ (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T
+    return (
+        TO_RGB @ (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T if drawn.linear else _mean(len(edges) - 1)
+    )
 
 
 def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:

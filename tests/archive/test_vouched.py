@@ -22,7 +22,7 @@ from etendue.archive.store import Archive
 from etendue.archive.verify import verify
 from etendue.errors import ArchiveError
 from etendue.session import Options, execute
-from etendue_camera.export.command import Request, export
+from etendue_camera.export.command import ExportRequest, export
 from tests.archive.dying import Died, dying
 from tests.archive.tiny import tiny_plan
 
@@ -202,7 +202,7 @@ def test_a_killed_run_can_be_exported_compared_and_verified(plan, whole, tmp_pat
     cells = {name for name, entry in read_journal(archive / "journal.jsonl").items() if entry.event == "done"}
     pictures = [name for name in cells if name.startswith("pixel ")]
     assert 0 < len(pictures) < 8
-    done = export(Request(archive, tiff=True, variables=("photon_rate",), output=tmp_path / "out"))
+    done = export(ExportRequest(archive, tiff=True, variables=("photon_rate",), output=tmp_path / "out"))
     assert (len(done.files), len(done.skipped)) == (len(pictures), 8 - len(pictures))
     found = differences(archive, whole)
     assert sum(stage.same for stage in found) == len(cells)

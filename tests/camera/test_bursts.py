@@ -173,7 +173,7 @@ def test_a_mean_of_equal_frames_has_one_over_root_n_of_the_noise():
 def test_a_clipped_mean_leaves_out_what_only_one_frame_saw():
     frames = np.full((9, 1, 16, 16), 0.4) + 1e-3 * np.random.default_rng(2).standard_normal((9, 1, 16, 16))
     frames[3, 0, 5, 5] = 0.9  # a cosmic ray
-    given = (np.ones(9), np.ones(9), [0.0], [1e-6])
+    given = (np.ones(9), np.ones(9), ([0.0], [1e-6]))
     plain, clipped = (merging.merged(frames, *given, method, 4.0, 0)[0] for method in ("mean", "sigma_clipped"))
     assert plain[0, 5, 5] > 0.45
     assert clipped[0, 5, 5] == pytest.approx(0.4, abs=2e-3)
@@ -184,7 +184,7 @@ def test_a_clipped_mean_leaves_out_what_only_one_frame_saw():
 
 def test_where_all_frames_are_cut_off_the_shortest_is_shown():
     frames = np.full((2, 3, 8, 8), 1.0)
-    rate, variance = merging.merged(frames, np.array([1.0, 4.0]), np.ones(2), np.ones(3), np.ones(3), "hdr", 3.0, 2)
+    rate, variance = merging.merged(frames, np.array([1.0, 4.0]), np.ones(2), (np.ones(3), np.ones(3)), "hdr", 3.0, 2)
     assert_array_equal(rate, 1.0)
     assert np.isfinite(variance).all()
 

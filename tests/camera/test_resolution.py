@@ -20,7 +20,9 @@ from etendue_camera.colour.encoding import bt709_encode, srgb_encode
 from etendue_camera.optics.stages.lens import Diffraction
 from etendue_camera.resolution import two_points
 from etendue_camera.resolution.stages.analytic import FACTORS, Resolution
-from etendue_camera.resolution.stages.edge import EVERY_FACTOR, FLAGS, EdgeProbe, _span
+from etendue_camera.resolution.stages.edge import EVERY_FACTOR, EdgeProbe, _span
+from etendue_camera.resolution.stages.edge_figures import FLAGS
+from etendue_camera.resolution.stages.luminance import check_encoding, decoded
 from etendue_camera.sensor import silicon
 from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
 from tests.run.small import assert_same_bits
@@ -279,11 +281,11 @@ def test_behind_the_mosaic_edges_are_measured_in_every_colour_state_and_nothing_
 def test_display_values_are_decoded_by_their_own_curve_and_no_other(encoding, encode):
     linear = np.linspace(-0.1, 1.1, 240).reshape(3, 8, 10)
     encoded = encode(np.clip(linear, 0, 1))
-    own = EdgeProbe(encoding=encoding)
-    own.check_encoding(linear, encoded)
-    assert_allclose(own.decoded(encoded), np.clip(linear, 0, 1), atol=1e-12)
+    pictures = [("linear", linear)], [("encoded", encoded)]
+    check_encoding(*pictures, encoding, 0.45)
+    assert_allclose(decoded(encoded, encoding, 0.45), np.clip(linear, 0, 1), atol=1e-12)
     with pytest.raises(ValueError, match="give this stage the encoding"):
-        EdgeProbe(encoding="power", exponent=0.8).check_encoding(linear, encoded)
+        check_encoding(*pictures, "power", 0.8)
 
 
 def test_noise_limits_where_the_interval_is_wide_and_the_interval_holds_the_truth():

@@ -16,7 +16,8 @@ from etendue_camera.optics.stages.lens import Diffraction
 from etendue_camera.resolution.slanted_edge import slanted_edge
 from etendue_camera.resolution.stages import curves
 from etendue_camera.resolution.stages.analytic import FACTORS
-from etendue_camera.resolution.stages.edge import EVERY_FACTOR, FLAGS
+from etendue_camera.resolution.stages.edge import EVERY_FACTOR
+from etendue_camera.resolution.stages.edge_figures import FLAGS
 from etendue_camera.sensor.stages.pixel import Diffusion
 from tests.camera.test_resolution import WHITE, document, figures, pixel
 

@@ -9,7 +9,7 @@ from scipy.special import ive
 
 from etendue.transfer import resampling
 from etendue_camera.scene import charts, composite
-from etendue_camera.scene.charts import Drawn
+from etendue_camera.scene.charts import Rendering
 
 Y, X = (np.arange(120) - 59.5) * 0.5, (np.arange(160) - 79.5) * 0.5
 SOFT = st.one_of(st.just(0.0), st.floats(1e-6, 20.0))
@@ -17,28 +17,28 @@ LEVELS = st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)).map(sorted)
 
 
 def edge(y, x, low, high, softness):
-    return charts.slanted_edge(y, x, 5.0, Drawn(softness, low=low, high=high), 1.5)
+    return charts.slanted_edge(y, x, 5.0, Rendering(softness, low=low, high=high), 1.5)
 
 
 def star(y, x, low, high, softness):
-    return charts.siemens_star(y, x, 24, 25.0, Drawn(softness, low=low, high=high))
+    return charts.siemens_star(y, x, 24, 25.0, Rendering(softness, low=low, high=high))
 
 
 def plate(y, x, low, high, softness):
-    return charts.zone_plate(y, x, 0.5, 25.0, Drawn(softness, low=low, high=high))
+    return charts.zone_plate(y, x, 0.5, 25.0, Rendering(softness, low=low, high=high))
 
 
 def wedge(y, x, low, high, softness):
-    return charts.step_wedge(y, x, np.linspace(low, high, 5), 60.0, 40.0, Drawn(softness))
+    return charts.step_wedge(y, x, np.linspace(low, high, 5), 60.0, 40.0, Rendering(softness))
 
 
 def spots(y, x, low, high, softness):
-    return charts.points(y, x, 130.0, 1.0, Drawn(softness, low=low, high=high))
+    return charts.points(y, x, 130.0, 1.0, Rendering(softness, low=low, high=high))
 
 
 def whole(y, x, low, high, softness):
     return composite.composite(
-        y, x, 80.0, 60.0, Drawn(softness, low=low, high=high), highest_frequency=0.5, cycles=12
+        y, x, 80.0, 60.0, Rendering(softness, low=low, high=high), composite.Panels(highest_frequency=0.5, cycles=12)
     ).grey
 
 
@@ -114,7 +114,9 @@ def test_derivative_along_the_normal_is_the_gaussian(angle):
     def value(at):
         return np.array(
             [
-                charts.slanted_edge([p * normal[0]], [p * normal[1]], angle, Drawn(softness, low=0.2, high=0.9))[0, 0]
+                charts.slanted_edge([p * normal[0]], [p * normal[1]], angle, Rendering(softness, low=0.2, high=0.9))[
+                    0, 0
+                ]
                 for p in at
             ]
         )
@@ -127,7 +129,7 @@ def test_derivative_along_the_normal_is_the_gaussian(angle):
 def test_spectrum_of_the_edge_is_the_gaussian_transfer():
     softness, spacing = 1.5, 0.25
     x = (np.arange(512) - 255.5) * spacing
-    line = np.diff(charts.slanted_edge([0.0], x, 0.0, Drawn(softness))[0])
+    line = np.diff(charts.slanted_edge([0.0], x, 0.0, Rendering(softness))[0])
     frequency = np.fft.rfftfreq(line.size, spacing)
     # differences of neighbours are means of the Gaussian over one spacing
     expected = gaussian_transfer(frequency, softness) * np.sinc(frequency * spacing)
@@ -135,7 +137,7 @@ def test_spectrum_of_the_edge_is_the_gaussian_transfer():
 
 
 def test_edge_is_a_step_where_nothing_softens_it():
-    value = charts.slanted_edge([0.0], [-1.0, 0.0, 1e-9], 5.0, Drawn(0.0, low=0.2, high=0.8))
+    value = charts.slanted_edge([0.0], [-1.0, 0.0, 1e-9], 5.0, Rendering(0.0, low=0.2, high=0.8))
     assert_array_equal(value, [[0.2, 0.5, 0.8]])
 
 
@@ -143,7 +145,7 @@ def test_edge_is_a_step_where_nothing_softens_it():
 @settings(max_examples=40, deadline=None)
 def test_edge_is_half_way_on_its_line(angle, offset, y, softness):
     x = offset + y * np.tan(np.deg2rad(angle))
-    value = charts.slanted_edge([y], [x], angle, Drawn(softness, low=0.2, high=0.8), offset)[0, 0]
+    value = charts.slanted_edge([y], [x], angle, Rendering(softness, low=0.2, high=0.8), offset)[0, 0]
     if softness == 0:
         assert 0.2 <= value <= 0.8
     else:  # rounding of positions up to 300 um, times the slope of the edge
@@ -151,20 +153,20 @@ def test_edge_is_half_way_on_its_line(angle, offset, y, softness):
 
 
 def test_turning_the_edge_by_half_a_turn_swaps_dark_and_light():
-    value = charts.slanted_edge(Y, X, 5.0, Drawn(1.0, low=0.2, high=0.8))
+    value = charts.slanted_edge(Y, X, 5.0, Rendering(1.0, low=0.2, high=0.8))
     assert_allclose(value + value[::-1, ::-1], 1.0, rtol=0, atol=1e-14)
 
 
 def test_a_level_edge_is_refused():
     with pytest.raises(ValueError, match="angle_deg must lie between"):
-        charts.slanted_edge(Y, X, 90.0, Drawn(1.0, low=0.1, high=0.9))
+        charts.slanted_edge(Y, X, 90.0, Rendering(1.0, low=0.1, high=0.9))
 
 
 # ------------------------------------------------------------------------------------- star, zone plate
 
 
 def test_star_is_mid_grey_at_the_centre_and_beyond_its_rim():
-    value = charts.siemens_star([0.0], [0.0, 1e-300, 1e-9, 30.0, 1e6], 36, 20.0, Drawn(0.5, low=0.2, high=0.8))
+    value = charts.siemens_star([0.0], [0.0, 1e-300, 1e-9, 30.0, 1e6], 36, 20.0, Rendering(0.5, low=0.2, high=0.8))
     assert_allclose(value, 0.5, rtol=1e-15)
 
 
@@ -172,7 +174,7 @@ def test_star_is_mid_grey_at_the_centre_and_beyond_its_rim():
 def test_star_contrast_is_the_transfer_at_the_local_frequency(cycles):
     softness, radius = 1.0, 1e5
     x = np.linspace(cycles / 6, 4.0 * cycles, 50)
-    contrast = 2 * charts.siemens_star([0.0], x, cycles, radius, Drawn(softness))[0] - 1
+    contrast = 2 * charts.siemens_star([0.0], x, cycles, radius, Rendering(softness))[0] - 1
     assert_allclose(contrast, gaussian_transfer(cycles / (2 * np.pi * x), softness), rtol=0, atol=1e-15)
 
 
@@ -182,7 +184,7 @@ def test_star_is_within_one_over_cycles_squared_of_the_exact_convolution(cycles)
     x = np.geomspace(cycles / 40, 40 * cycles, 2000)
     rho = (x / softness) ** 2 / 4
     exact = np.sqrt(np.pi * rho / 2) * (ive((cycles - 1) / 2, rho) + ive((cycles + 1) / 2, rho))
-    local = 2 * charts.siemens_star([0.0], x, cycles, 1e9, Drawn(softness))[0] - 1
+    local = 2 * charts.siemens_star([0.0], x, cycles, 1e9, Rendering(softness))[0] - 1
     assert_allclose(local, np.nan_to_num(exact), rtol=0, atol=1 / cycles**2)
 
 
@@ -190,9 +192,9 @@ def test_star_repeats_after_one_period_of_angle():
     radius, cycles = 10.0, 12
     angles = 0.3 + 2 * np.pi * np.arange(cycles) / cycles
     value = [
-        charts.siemens_star([radius * np.sin(a)], [radius * np.cos(a)], cycles, 20.0, Drawn(0.5, low=0.1, high=0.9))[
-            0, 0
-        ]
+        charts.siemens_star(
+            [radius * np.sin(a)], [radius * np.cos(a)], cycles, 20.0, Rendering(0.5, low=0.1, high=0.9)
+        )[0, 0]
         for a in angles
     ]
     assert_allclose(value, value[0], rtol=1e-13)
@@ -200,14 +202,14 @@ def test_star_repeats_after_one_period_of_angle():
 
 def test_a_star_with_a_seam_is_refused():
     with pytest.raises(ValueError, match="cycles must be a whole number"):
-        charts.siemens_star(Y, X, 7.5, 10.0, Drawn(1.0, low=0.1, high=0.9))
+        charts.siemens_star(Y, X, 7.5, 10.0, Rendering(1.0, low=0.1, high=0.9))
 
 
 def test_zone_plate_reaches_its_highest_frequency_at_its_radius():
     highest, radius, step = 0.4, 100.0, 1e-4
     # just inside the rim, cos and its slope give the local phase rate
     x = radius - 0.3 + step * np.arange(-1, 2)
-    wave = 2 * charts.zone_plate([0.0], x, highest, radius, Drawn(0.0))[0] - 1
+    wave = 2 * charts.zone_plate([0.0], x, highest, radius, Rendering(0.0))[0] - 1
     rate = abs(wave[2] - wave[0]) / (2 * step) / np.sqrt(1 - wave[1] ** 2)
     assert_allclose(rate / (2 * np.pi), highest * (radius - 0.3) / radius, rtol=1e-6)
 
@@ -219,12 +221,12 @@ def test_zone_plate_is_within_its_bound_of_the_exact_convolution(softness):
     rate = np.pi * highest / radius
     c = 2 * rate * softness**2
     exact = (np.exp(1j * rate * x**2 / (1 - 1j * c)) / (1 - 1j * c)).real
-    local = 2 * charts.zone_plate([0.0], x, highest, radius, Drawn(softness))[0] - 1
+    local = 2 * charts.zone_plate([0.0], x, highest, radius, Rendering(softness))[0] - 1
     assert_allclose(local, exact, rtol=0, atol=c)
 
 
 def test_zone_plate_is_light_in_its_centre_and_mid_grey_far_out():
-    value = charts.zone_plate([0.0], [0.0, 1000.0], 0.5, 100.0, Drawn(1.0, low=0.2, high=0.8))
+    value = charts.zone_plate([0.0], [0.0, 1000.0], 0.5, 100.0, Rendering(1.0, low=0.2, high=0.8))
     assert_allclose(value, [[0.8, 0.5]], rtol=1e-15)
 
 
@@ -234,7 +236,7 @@ def test_zone_plate_is_light_in_its_centre_and_mid_grey_far_out():
 def test_wedge_has_its_levels_in_its_bars_and_their_mean_around():
     levels = [0.1, 0.7, 0.4]
     x = [-100.0, -20.0, 0.0, 20.0, 100.0]
-    value = charts.step_wedge([0.0, 90.0], x, levels, 60.0, 40.0, Drawn(0.5))
+    value = charts.step_wedge([0.0, 90.0], x, levels, 60.0, 40.0, Rendering(0.5))
     assert_allclose(value, [[0.4, 0.1, 0.7, 0.4, 0.4], [0.4] * 5], rtol=1e-14)
 
 
@@ -242,7 +244,7 @@ def test_wedge_has_its_levels_in_its_bars_and_their_mean_around():
 @settings(max_examples=20, deadline=None)
 def test_softening_the_wedge_keeps_its_mean(softness):
     y, x = (np.arange(200) - 99.5) * 0.5, (np.arange(200) - 99.5) * 0.5
-    value = charts.step_wedge(y, x, [0.1, 0.9, 0.3], 45.0, 30.0, Drawn(softness))
+    value = charts.step_wedge(y, x, [0.1, 0.9, 0.3], 45.0, 30.0, Rendering(softness))
     # bars of 30 samples each, and a frame that ends 9 rms widths out: bars above and below the mean balance
     assert_allclose(value.mean(), (0.1 + 0.9 + 0.3) / 3, rtol=1e-13)
 
@@ -250,7 +252,7 @@ def test_softening_the_wedge_keeps_its_mean(softness):
 def test_spots_inside_the_frame_are_counted_by_their_volume():
     spacing, sigma, softness = 20.0, 1.0, 1.5
     y, x = np.arange(-47.0, 47.25, 0.25), np.arange(-58.0, 58.25, 0.25)
-    value = charts.points(y, x, spacing, sigma, Drawn(softness, low=0.1, high=0.9))
+    value = charts.points(y, x, spacing, sigma, Rendering(softness, low=0.1, high=0.9))
     volume = np.sum(value - 0.1) * 0.25**2
     # 5 x 5 spots at -40 ... 40, none closer to the frame than 7 um = 3.9 rms widths: 5e-5 of a spot outside
     assert_allclose(volume, 25 * 0.8 * 2 * np.pi * sigma**2, rtol=1e-4)
@@ -258,26 +260,26 @@ def test_spots_inside_the_frame_are_counted_by_their_volume():
 
 def test_a_spot_has_the_widths_added_in_squares():
     x = np.array([0.0, 2.0])
-    value = charts.points([0.0], x, 100.0, 3.0, Drawn(4.0))[0]
+    value = charts.points([0.0], x, 100.0, 3.0, Rendering(4.0))[0]
     assert_allclose(value, (3 / 5) ** 2 * np.exp(-0.5 * (x / 5) ** 2), rtol=1e-14)
 
 
 def test_spots_repeat_with_their_spacing():
     y = np.arange(-10.0, 10.5, 0.5)
     x = np.arange(-60.0, 60.5, 0.5)
-    value = charts.points(y, x, 30.0, 1.0, Drawn(0.5, low=0.2, high=0.8))
+    value = charts.points(y, x, 30.0, 1.0, Rendering(0.5, low=0.2, high=0.8))
     inner = value[:, (x >= -45) & (x < -15)], value[:, (x >= 15) & (x < 45)]
     assert_allclose(inner[0], inner[1], rtol=1e-14)
 
 
 def test_a_spot_beyond_the_frame_leaves_no_trace():
-    value = charts.points([0.0], np.arange(-19.0, 19.1), 20.0, 3.0, Drawn(0.0))[0]
+    value = charts.points([0.0], np.arange(-19.0, 19.1), 20.0, 3.0, Rendering(0.0))[0]
     assert_allclose(value[-1], np.exp(-0.5 * (19 / 3) ** 2), rtol=1e-13)
 
 
 def test_spots_that_would_touch_are_refused():
     with pytest.raises(ValueError, match="spacing must be at least six"):
-        charts.points(Y, X, 5.0, 1.0, Drawn(0.0))
+        charts.points(Y, X, 5.0, 1.0, Rendering(0.0))
 
 
 # ----------------------------------------------------------------------------------------------- patches
@@ -291,7 +293,7 @@ def test_spots_that_would_touch_are_refused():
 )
 @settings(max_examples=30, deadline=None)
 def test_patches_and_background_share_out_every_position_once(rows, columns, gap, softness):
-    grid = (rows, columns, 60.0, 40.0, gap, Drawn(softness))
+    grid = (composite.PatchGrid(rows, columns, 60.0, 40.0, gap), Rendering(softness))
     planes = composite.patches(Y, X, *grid)
     rest = composite.background_weight(*composite.patches_factors(Y, X, *grid))
     assert planes.shape == (rows * columns, len(Y), len(X))
@@ -300,24 +302,31 @@ def test_patches_and_background_share_out_every_position_once(rows, columns, gap
 
 
 def test_patches_without_gaps_are_one_rectangle():
-    one = composite.patches(Y, X, 1, 1, 60.0, 40.0, 0.0, Drawn(0.8))[0]
-    assert_allclose(composite.patches(Y, X, 4, 6, 60.0, 40.0, 0.0, Drawn(0.8)).sum(axis=0), one, rtol=0, atol=1e-14)
+    one = composite.patches(Y, X, composite.PatchGrid(1, 1, 60.0, 40.0, 0.0), Rendering(0.8))[0]
+    assert_allclose(
+        composite.patches(Y, X, composite.PatchGrid(4, 6, 60.0, 40.0, 0.0), Rendering(0.8)).sum(axis=0),
+        one,
+        rtol=0,
+        atol=1e-14,
+    )
 
 
 def test_patches_run_row_by_row_from_the_top_left():
-    planes = composite.patches([-10.0, 10.0], [-20.0, 0.0, 20.0], 2, 3, 60.0, 40.0, 0.0, Drawn(0.1))
+    planes = composite.patches(
+        [-10.0, 10.0], [-20.0, 0.0, 20.0], composite.PatchGrid(2, 3, 60.0, 40.0, 0.0), Rendering(0.1)
+    )
     assert_allclose(planes.reshape(6, 6), np.eye(6), atol=1e-14)
 
 
 def test_each_patch_has_the_area_of_its_rectangle():
-    planes = composite.patches(Y, X, 2, 3, 40.0, 30.0, 4.0, Drawn(0.8))
+    planes = composite.patches(Y, X, composite.PatchGrid(2, 3, 40.0, 30.0, 4.0), Rendering(0.8))
     # sums of smooth profiles over a fine grid are exact to rounding: softness is 1.6 spacings,
     # whose first alias is exp(-2 pi^2 1.6^2)
     assert_allclose(planes.sum(axis=(1, 2)) * 0.25, (40 - 8) / 3 * (30 - 4) / 2, rtol=1e-12)
 
 
 def test_contribution_of_patches_is_the_sum_over_their_planes():
-    grid = (4, 6, 60.0, 40.0, 1.0, Drawn(0.8))
+    grid = (composite.PatchGrid(4, 6, 60.0, 40.0, 1.0), Rendering(0.8))
     spectra = np.random.default_rng(1).uniform(size=(24, 5))
     fast = composite.patch_contribution(*composite.patches_factors(Y, X, *grid), spectra)
     assert_allclose(fast, np.einsum("pl,pyx->lyx", spectra, composite.patches(Y, X, *grid)), rtol=0, atol=1e-15)
@@ -326,7 +335,7 @@ def test_contribution_of_patches_is_the_sum_over_their_planes():
 @pytest.mark.parametrize(("rows", "gap", "message"), [(0, 0.0, "rows"), (2, -1.0, "gap"), (3, 20.0, "gap")])
 def test_grids_of_patches_that_cannot_be_are_refused(rows, gap, message):
     with pytest.raises(ValueError, match=message):
-        composite.patches_factors(Y, X, rows, 1, 60.0, 40.0, gap, Drawn(1.0))
+        composite.patches_factors(Y, X, composite.PatchGrid(rows, 1, 60.0, 40.0, gap), Rendering(1.0))
 
 
 # --------------------------------------------------------------------------------------------- composite
@@ -336,7 +345,9 @@ def test_grids_of_patches_that_cannot_be_are_refused(rows, gap, message):
 @settings(max_examples=15, deadline=None)
 def test_possible_reflectances_give_a_composite_within_zero_and_one(levels, softness, seed):
     low, high = levels
-    chart = composite.composite(Y, X, 80.0, 60.0, Drawn(softness, low=low, high=high), highest_frequency=0.5, cycles=12)
+    chart = composite.composite(
+        Y, X, 80.0, 60.0, Rendering(softness, low=low, high=high), composite.Panels(highest_frequency=0.5, cycles=12)
+    )
     spectra = np.random.default_rng(seed).uniform(size=(24, 3))
     cube = chart.grey[None] + composite.patch_contribution(chart.rows, chart.columns, spectra)
     assert cube.min() >= 0 and cube.max() <= 1 + 1e-15
@@ -344,7 +355,9 @@ def test_possible_reflectances_give_a_composite_within_zero_and_one(levels, soft
 
 def test_composite_is_seamless_outside_its_panels():
     y, x = np.arange(-300.0, 301.0), np.arange(-450.0, 451.0)
-    chart = composite.composite(y, x, 900.0, 600.0, Drawn(1.0, low=0.1, high=0.7), highest_frequency=0.2)
+    chart = composite.composite(
+        y, x, 900.0, 600.0, Rendering(1.0, low=0.1, high=0.7), composite.Panels(highest_frequency=0.2)
+    )
     outside = np.ones((y.size, x.size), dtype=bool)
     for top, bottom, left, right in composite.composite_regions(900.0, 600.0).values():
         outside[np.ix_((y >= top - 10) & (y <= bottom + 10), (x >= left - 10) & (x <= right + 10))] = False
@@ -363,26 +376,33 @@ def test_each_edge_window_holds_one_edge_and_nothing_else(angle):
         top, bottom, left, right = regions[name]
         y, x = np.linspace(top, bottom, 40), np.linspace(left, right, 41)
         value = composite.composite(
-            y, x, width, height, Drawn(softness, low=0.1, high=0.7), highest_frequency=0.2, angle_deg=angle
+            y,
+            x,
+            width,
+            height,
+            Rendering(softness, low=0.1, high=0.7),
+            composite.Panels(highest_frequency=0.2, angle_deg=angle),
         ).grey
         if name == "edge_vertical":  # light outside on the left: the edge chart with its levels swapped
-            expected = 0.8 - charts.slanted_edge(y - centre, x, angle, Drawn(softness, low=0.1, high=0.7), -half)
+            expected = 0.8 - charts.slanted_edge(y - centre, x, angle, Rendering(softness, low=0.1, high=0.7), -half)
         else:  # the same edge after a quarter turn, which takes (y, x) to (x, -y)
-            expected = 0.8 - charts.slanted_edge(-x, y - centre, angle, Drawn(softness, low=0.1, high=0.7), -half).T
+            expected = 0.8 - charts.slanted_edge(-x, y - centre, angle, Rendering(softness, low=0.1, high=0.7), -half).T
         assert_allclose(value, expected, rtol=0, atol=1e-12)
 
 
 def test_panels_of_the_composite_are_the_single_charts():
     regions = composite.composite_regions(900.0, 600.0)
     single = {
-        "star": lambda v, u: charts.siemens_star(v, u, 36, 135.0, Drawn(1.0, low=0.1, high=0.7)),
-        "zone_plate": lambda v, u: charts.zone_plate(v, u, 0.2, 135.0, Drawn(1.0, low=0.1, high=0.7)),
-        "wedge": lambda v, u: charts.step_wedge(v, u, np.linspace(0.1, 0.7, 8), 270.0, 270.0, Drawn(1.0)),
+        "star": lambda v, u: charts.siemens_star(v, u, 36, 135.0, Rendering(1.0, low=0.1, high=0.7)),
+        "zone_plate": lambda v, u: charts.zone_plate(v, u, 0.2, 135.0, Rendering(1.0, low=0.1, high=0.7)),
+        "wedge": lambda v, u: charts.step_wedge(v, u, np.linspace(0.1, 0.7, 8), 270.0, 270.0, Rendering(1.0)),
     }
     for name, chart in single.items():
         top, bottom, left, right = regions[name]
         y, x = np.linspace(top - 9, bottom + 9, 50), np.linspace(left - 9, right + 9, 51)
-        value = composite.composite(y, x, 900.0, 600.0, Drawn(1.0, low=0.1, high=0.7), highest_frequency=0.2).grey
+        value = composite.composite(
+            y, x, 900.0, 600.0, Rendering(1.0, low=0.1, high=0.7), composite.Panels(highest_frequency=0.2)
+        ).grey
         expected = chart(y - 0.5 * (top + bottom), x - 0.5 * (left + right))
         assert_allclose(value, expected, rtol=0, atol=1e-12)  # phases of 100 rad, positions of 300 um
 
@@ -390,13 +410,15 @@ def test_panels_of_the_composite_are_the_single_charts():
 @pytest.mark.parametrize("softness", [0.5, 8.0])
 def test_leaving_out_the_far_tails_of_panels_changes_nothing(softness):
     y, x = np.arange(-300.0, 301.0, 3.0), np.arange(0.0, 451.0, 3.0)
-    chart = composite.composite(y, x, 900.0, 600.0, Drawn(softness, low=0.1, high=0.7), highest_frequency=0.2)
+    chart = composite.composite(
+        y, x, 900.0, 600.0, Rendering(softness, low=0.1, high=0.7), composite.Panels(highest_frequency=0.2)
+    )
     v, u = y + 150.0, x - 300.0
     panels = [
-        composite._tilted_squares(v, x, 300.0, 5.0, Drawn(softness, low=0.1, high=0.7)),
-        charts.siemens_star(y - 150.0, x, 36, 135.0, Drawn(softness, low=0.1, high=0.7)),
-        charts.zone_plate(v, u, 0.2, 135.0, Drawn(softness, low=0.1, high=0.7)),
-        charts.step_wedge(y - 150.0, u, np.linspace(0.1, 0.7, 8), 270.0, 270.0, Drawn(softness)),
+        composite._tilted_squares(v, x, 300.0, 5.0, Rendering(softness, low=0.1, high=0.7)),
+        charts.siemens_star(y - 150.0, x, 36, 135.0, Rendering(softness, low=0.1, high=0.7)),
+        charts.zone_plate(v, u, 0.2, 135.0, Rendering(softness, low=0.1, high=0.7)),
+        charts.step_wedge(y - 150.0, u, np.linspace(0.1, 0.7, 8), 270.0, 270.0, Rendering(softness)),
     ]
     everywhere = 0.4 + sum(panel - 0.4 for panel in panels)
     covered = chart.rows.sum(axis=0)[:, None] * chart.columns.sum(axis=0)
@@ -415,7 +437,9 @@ def test_regions_of_the_composite_do_not_overlap_and_lie_inside():
 
 
 def test_the_patch_factors_of_the_composite_stay_in_the_left_third():
-    chart = composite.composite([0.0], X, 80.0, 60.0, Drawn(0.2, low=0.05, high=0.9), highest_frequency=0.5)
+    chart = composite.composite(
+        [0.0], X, 80.0, 60.0, Rendering(0.2, low=0.05, high=0.9), composite.Panels(highest_frequency=0.5)
+    )
     assert chart.rows.shape == (4, 1) and chart.columns.shape == (6, len(X))
     assert chart.columns[:, X > -80 / 6].max() < 1e-6
 
@@ -430,10 +454,10 @@ def test_the_patch_factors_of_the_composite_stay_in_the_left_third():
     ],
 )
 def test_a_composite_that_cannot_be_is_refused(change, message):
-    drawn = Drawn(1.0, low=0.05, high=change.get("high", 0.9))
+    drawn = Rendering(1.0, low=0.05, high=change.get("high", 0.9))
     change = {name: value for name, value in change.items() if name != "high"}
     with pytest.raises(ValueError, match=message):
-        composite.composite(Y, X, 80.0, 60.0, drawn, highest_frequency=0.5, **change)
+        composite.composite(Y, X, 80.0, 60.0, drawn, composite.Panels(0.5, **change))
 
 
 # ------------------------------------------------------------------------------------------- photographs
@@ -491,8 +515,8 @@ CELL_Y, CELL_X = (np.arange(21) - 10) * 1.7, (np.arange(24) - 11.5) * 1.7
 )
 @settings(max_examples=60, deadline=None)
 def test_the_mean_of_a_slanted_edge_over_cells_is_the_area_of_its_half_plane(angle, offset, softness):
-    found = charts.slanted_edge(CELL_Y, CELL_X, angle, Drawn(softness, 1.7), offset)
-    expected = in_parts(lambda y, x: charts.slanted_edge(y, x, angle, Drawn(softness), offset), CELL_Y, CELL_X, 1.7)
+    found = charts.slanted_edge(CELL_Y, CELL_X, angle, Rendering(softness, 1.7), offset)
+    expected = in_parts(lambda y, x: charts.slanted_edge(y, x, angle, Rendering(softness), offset), CELL_Y, CELL_X, 1.7)
     # a hard edge passes through at most 80 of 1600 parts, each wrong by half a part; a soft one is smooth
     assert_allclose(found, expected, rtol=0, atol=80 / 1600 / 2 if softness < 0.1 else 2e-4)
     assert found.min() >= 0 and found.max() <= 1
@@ -503,16 +527,16 @@ def test_the_mean_of_a_slanted_edge_over_cells_is_the_area_of_its_half_plane(ang
 def test_cells_side_by_side_hold_what_the_large_cell_holds(angle, softness):
     """3 x 3 cells of a third of the side, whatever the edge; tilts of 1e-5 degrees lose 3.2e-10 by rounding."""
     y, x = np.arange(-6, 7) * 0.9, np.arange(-7, 8) * 0.9
-    large = charts.slanted_edge(y, x, angle, Drawn(softness, 0.9), 0.2)
+    large = charts.slanted_edge(y, x, angle, Rendering(softness, 0.9), 0.2)
     within = np.array([-0.3, 0.0, 0.3])
     small = charts.slanted_edge(
-        (y[:, None] + within).ravel(), (x[:, None] + within).ravel(), angle, Drawn(softness, 0.3), 0.2
+        (y[:, None] + within).ravel(), (x[:, None] + within).ravel(), angle, Rendering(softness, 0.3), 0.2
     )
     assert_allclose(small.reshape(y.size, 3, x.size, 3).mean(axis=(1, 3)), large, rtol=0, atol=1e-9)
 
 
 def test_an_edge_along_the_columns_covers_its_share_of_the_cells_it_cuts():
-    found = charts.slanted_edge([0.0, 1.0], [-1.0, 0.0, 1.0], 0.0, Drawn(0.0, 1.0, 0.2, 1.0), 0.1)
+    found = charts.slanted_edge([0.0, 1.0], [-1.0, 0.0, 1.0], 0.0, Rendering(0.0, 1.0, 0.2, 1.0), 0.1)
     assert_allclose(found, [[0.2, 0.2 + 0.8 * 0.4, 1.0]] * 2, rtol=1e-15)
 
 
@@ -524,12 +548,14 @@ def test_an_edge_along_the_columns_covers_its_share_of_the_cells_it_cuts():
 def test_means_over_cells_are_those_of_many_points(name, softness):
     cell = 1.7
     paints = {
-        "siemens_star": lambda y, x, c: charts.siemens_star(y, x, 8, 15.0, Drawn(softness, c, 0.1, 0.9)),
-        "zone_plate": lambda y, x, c: charts.zone_plate(y, x, 0.2, 15.0, Drawn(softness, c, 0.1, 0.9)),
-        "step_wedge": lambda y, x, c: charts.step_wedge(y, x, [0.1, 0.4, 0.9], 28.0, 20.0, Drawn(softness, c)),
-        "patches": lambda y, x, c: composite.patches(y, x, 2, 3, 30.0, 24.0, 3.0, Drawn(softness, c)).sum(axis=0),
-        "points": lambda y, x, c: charts.points(y, x, 12.0, 0.7, Drawn(softness, c, 0.1, 0.9)),
-        "squares": lambda y, x, c: composite._tilted_squares(y, x, 30.0, 7.0, Drawn(softness, c, 0.1, 0.9)),
+        "siemens_star": lambda y, x, c: charts.siemens_star(y, x, 8, 15.0, Rendering(softness, c, 0.1, 0.9)),
+        "zone_plate": lambda y, x, c: charts.zone_plate(y, x, 0.2, 15.0, Rendering(softness, c, 0.1, 0.9)),
+        "step_wedge": lambda y, x, c: charts.step_wedge(y, x, [0.1, 0.4, 0.9], 28.0, 20.0, Rendering(softness, c)),
+        "patches": lambda y, x, c: composite.patches(
+            y, x, composite.PatchGrid(2, 3, 30.0, 24.0, 3.0), Rendering(softness, c)
+        ).sum(axis=0),
+        "points": lambda y, x, c: charts.points(y, x, 12.0, 0.7, Rendering(softness, c, 0.1, 0.9)),
+        "squares": lambda y, x, c: composite._tilted_squares(y, x, 30.0, 7.0, Rendering(softness, c, 0.1, 0.9)),
     }
     paint = paints[name]
     found = paint(CELL_Y, CELL_X, cell)
@@ -544,7 +570,7 @@ def test_means_over_cells_are_those_of_many_points(name, softness):
 @settings(max_examples=40, deadline=None)
 def test_the_flux_of_a_spot_is_in_the_cells_however_narrow_it_is(sigma, where):
     y, x = np.arange(-20, 21) + where, np.arange(-22, 23) - where / 3
-    spot = charts.points(y, x, 1000.0, sigma, Drawn(0.0, 1.0))
+    spot = charts.points(y, x, 1000.0, sigma, Rendering(0.0, 1.0))
     # a place has the last bits of 20 um: beside the border of a cell they are a share of a narrow spot
     assert_allclose(spot.sum(), 2 * np.pi * sigma**2, rtol=1e-13 + 4e-15 / sigma)
     assert spot.min() >= 0
@@ -552,6 +578,6 @@ def test_the_flux_of_a_spot_is_in_the_cells_however_narrow_it_is(sigma, where):
 
 def test_cells_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="cell"):
-        charts.slanted_edge(Y, X, 5.0, Drawn(0.0, -1.0, 0.1, 0.9), 0.0)
+        charts.slanted_edge(Y, X, 5.0, Rendering(0.0, -1.0, 0.1, 0.9), 0.0)
     with pytest.raises(ValueError, match="cell must be at most the spacing"):
-        charts.points(Y, X, 10.0, 0.5, Drawn(0.0, 11.0, 0.1, 0.9))
+        charts.points(Y, X, 10.0, 0.5, Rendering(0.0, 11.0, 0.1, 0.9))

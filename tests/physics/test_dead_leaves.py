@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etendue_camera.resolution.texture import texture_response
-from etendue_camera.scene.dead_leaves import Leaves, dead_leaves, leaves
+from etendue_camera.scene.dead_leaves import LeafChart, Leaves, dead_leaves, leaves
 
 Y = np.arange(256) - 127.5
 FIFTY = np.sqrt(np.log(2) / 2) / np.pi  # MTF50 of a Gaussian of 1 pixel rms
@@ -36,7 +36,7 @@ def test_one_disc_is_a_disc_and_the_upper_one_hides_the_lower():
 
 def test_softness_is_a_gaussian_of_the_ideal_chart():
     """Its transform over that of a softer one is the ratio of the two Gaussians, at every frequency that is left."""
-    chart = leaves(*CHART)
+    chart = leaves(LeafChart(*CHART))
     sharp, soft = (dead_leaves(Y, Y, chart, softness) for softness in (0.8, 1.5))
     found = texture_response(soft, sharp, known=gaussian(0.8))
     good = found.frequency < 0.3
@@ -44,7 +44,7 @@ def test_softness_is_a_gaussian_of_the_ideal_chart():
 
 
 def test_means_over_cells_are_means_of_finer_cells():
-    chart, half = leaves(*CHART), np.arange(128) - 63.75
+    chart, half = leaves(LeafChart(*CHART)), np.arange(128) - 63.75
     fine = dead_leaves(half * 0.5, half * 0.5, chart, 0.0, 0.5, 8)
     coarse = dead_leaves((half * 0.5).reshape(-1, 2).mean(1), (half * 0.5).reshape(-1, 2).mean(1), chart, 0.0, 1.0, 8)
     assert_allclose(fine.reshape(64, 2, 64, 2).mean((1, 3)), coarse, atol=5e-3)  # 8-fold painting errs by 4e-3 at most
@@ -52,7 +52,7 @@ def test_means_over_cells_are_means_of_finer_cells():
 
 
 def test_finer_painting_comes_nearer_in_the_second_order():
-    chart, y = leaves(*CHART), np.arange(60) - 29.5
+    chart, y = leaves(LeafChart(*CHART)), np.arange(60) - 29.5
     best = dead_leaves(y, y, chart, 1.0, oversampling=32)
     error = [np.std(dead_leaves(y, y, chart, 1.0, oversampling=k) - best) for k in (2, 4, 8)]
     assert error[0] / error[1] > 2.5
@@ -61,7 +61,7 @@ def test_finer_painting_comes_nearer_in_the_second_order():
 
 
 def test_a_window_shows_the_crop_of_the_whole():
-    chart = leaves(*CHART)
+    chart = leaves(LeafChart(*CHART))
     whole = dead_leaves(Y, Y, chart, 1.0)
     assert_allclose(
         dead_leaves(Y[40:90], Y[100:200], chart, 1.0), whole[40:90, 100:200], atol=2e-6
@@ -69,7 +69,7 @@ def test_a_window_shows_the_crop_of_the_whole():
 
 
 def test_the_same_seed_draws_the_same_leaves_and_another_others():
-    first, again, other = leaves(*CHART), leaves(*CHART), leaves(*CHART[:-1], 4)
+    first, again, other = leaves(LeafChart(*CHART)), leaves(LeafChart(*CHART)), leaves(LeafChart(*CHART[:-1], 4))
     assert_array_equal(first.radius, again.radius)
     assert not np.array_equal(first.radius[:100], other.radius[:100])
     one, two = (dead_leaves(Y, Y, chart, 1.0) for chart in (first, other))
@@ -79,7 +79,7 @@ def test_the_same_seed_draws_the_same_leaves_and_another_others():
 @pytest.mark.parametrize("exponent", [0.0, 1.0, 3.0, 4.0])
 def test_radii_follow_their_power_law(exponent):
     """The share of discs below r is that of the density r^-exponent."""
-    radius = leaves(200.0, 200.0, 1.0, 10.0, 0.0, 1.0, 1, exponent).radius
+    radius = leaves(LeafChart(200.0, 200.0, 1.0, 10.0, 0.0, 1.0, 1, exponent)).radius
     r = np.linspace(1.0, 10.0, 20001)
     expected = np.cumsum(r**-exponent) / (r**-exponent).sum()
     found = np.searchsorted(np.sort(radius), r) / radius.size
@@ -87,7 +87,7 @@ def test_radii_follow_their_power_law(exponent):
 
 
 def test_the_plane_is_covered_and_stays_between_its_levels():
-    chart = leaves(100.0, 100.0, 2.0, 20.0, 0.2, 0.21, 5)
+    chart = leaves(LeafChart(100.0, 100.0, 2.0, 20.0, 0.2, 0.21, 5))
     y = np.arange(100) - 49.5
     value = dead_leaves(y, y, Leaves(*chart[:4], 0.0, 10.0), 0.0, 1.0)  # what is not covered would be 5
     assert np.mean(value > 0.22) < 5e-3  # exp(-9) of it
@@ -102,7 +102,7 @@ def test_the_plane_is_covered_and_stays_between_its_levels():
 
 @pytest.mark.parametrize("sigma", [0.6, 0.9, 1.5])
 def test_the_response_is_read_from_the_texture(sigma):
-    chart = leaves(*CHART)
+    chart = leaves(LeafChart(*CHART))
     original = dead_leaves(Y, Y, chart, 0.7)
     picture = 100 * dead_leaves(Y - 0.3, Y + 1.2, chart, sigma)
     for method in ("cross", "power"):
@@ -116,7 +116,7 @@ def test_the_response_is_read_from_the_texture(sigma):
 
 
 def test_the_original_does_not_explain_noise_and_the_power_takes_it_for_contrast():
-    chart, rng = leaves(*CHART), np.random.default_rng(5)
+    chart, rng = leaves(LeafChart(*CHART)), np.random.default_rng(5)
     original, picture = dead_leaves(Y, Y, chart, 0.7), dead_leaves(Y, Y, chart, 0.9)
     noisy = picture + rng.normal(0, 0.03, picture.shape)
     cross = texture_response(noisy, original, known=gaussian(0.7))
@@ -136,8 +136,8 @@ def test_the_original_does_not_explain_noise_and_the_power_takes_it_for_contrast
 
 
 def test_a_picture_of_something_else_is_not_explained():
-    original = dead_leaves(Y, Y, leaves(*CHART), 0.7)
-    other = dead_leaves(Y, Y, leaves(*CHART[:-1], 9), 0.7)
+    original = dead_leaves(Y, Y, leaves(LeafChart(*CHART)), 0.7)
+    other = dead_leaves(Y, Y, leaves(LeafChart(*CHART[:-1], 9)), 0.7)
     assert texture_response(other, original, gain=1.0).coherence.mean() < 0.1
     assert_allclose(texture_response(original, original).sfr, 1.0, rtol=1e-9)
 
@@ -158,9 +158,9 @@ def test_a_picture_of_something_else_is_not_explained():
 )
 def test_a_chart_that_cannot_be_drawn_is_refused(change, match):
     with pytest.raises(ValueError, match=match):
-        leaves(*(change.get(i, value) for i, value in enumerate(CHART)))
+        leaves(LeafChart(*(change.get(i, value) for i, value in enumerate(CHART))))
     with pytest.raises(ValueError, match="exponent"):
-        leaves(*CHART, 20.0)
+        leaves(LeafChart(*CHART, 20.0))
 
 
 @pytest.mark.parametrize(
@@ -183,4 +183,4 @@ def test_a_measurement_that_makes_no_sense_is_refused(arguments, match):
 
 def test_oversampling_out_of_range_is_refused():
     with pytest.raises(ValueError, match="oversampling must be"):
-        dead_leaves(Y, Y, leaves(*CHART), 1.0, oversampling=0)
+        dead_leaves(Y, Y, leaves(LeafChart(*CHART)), 1.0, oversampling=0)

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etendue_camera.mosaic import defect_correction
+from etendue_camera.mosaic.defect_correction import PixelNoise
 from etendue_camera.sensor import cfa
 
 NAMES = ("RGGB", "GBRG", "quad-BGGR", "X-Trans", "RGBW", "RCCC", "mono", "RGB/BRG/GBR")
-QUIET = {"dark_sigma": 1e-4, "electrons": np.inf}
+QUIET = PixelNoise(1e-4, np.inf)
 slopes = st.floats(-0.01, 0.01)
 
 
@@ -47,7 +48,7 @@ def test_isolated_defects_on_a_linear_ramp_are_undone_exactly_for_every_mask(nam
 )
 @settings(max_examples=60, deadline=None)
 def test_a_ramp_has_no_defects_not_even_at_its_border(name, slope_y, slope_x, shape):
-    assert not defect_correction.outliers(ramp(shape, slope_y, slope_x), cfa.parse(name), **QUIET, contrast=0.0).any()
+    assert not defect_correction.outliers(ramp(shape, slope_y, slope_x), cfa.parse(name), QUIET, contrast=0.0).any()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -62,20 +63,20 @@ def test_nothing_defective_leaves_every_bit(name):
 @pytest.mark.parametrize("value", [1.0, 0.0])
 def test_isolated_hot_and_dead_pixels_are_found_for_every_mask_and_nothing_else(name, value):
     flat, places = np.full((64, 66), 0.4), scattered((64, 66))
-    assert_array_equal(defect_correction.outliers(np.where(places, value, flat), cfa.parse(name), **QUIET), places)
+    assert_array_equal(defect_correction.outliers(np.where(places, value, flat), cfa.parse(name), QUIET), places)
 
 
 def test_one_defect_does_not_hide_another():
     pair = np.full((20, 20), 0.3)
     pair[8, 8] = pair[8, 10] = 0.9  # nearest neighbours of one colour
-    assert_array_equal(np.argwhere(defect_correction.outliers(pair, cfa.parse("RGGB"), **QUIET)), [[8, 8], [8, 10]])
+    assert_array_equal(np.argwhere(defect_correction.outliers(pair, cfa.parse("RGGB"), QUIET)), [[8, 8], [8, 10]])
 
 
 @pytest.mark.parametrize("name", ["RGGB", "mono"])
 def test_an_edge_is_no_defect_and_a_defect_beside_it_is_repaired_along_it(name):
     edge = np.where(np.arange(24)[None, :] < 12, 0.1, 0.9) * np.ones((24, 1))
     for frame in (edge, edge.T.copy()):
-        assert not defect_correction.outliers(frame, cfa.parse(name), **QUIET).any()
+        assert not defect_correction.outliers(frame, cfa.parse(name), QUIET).any()
         places = np.zeros(frame.shape, bool)
         places[11, 11] = places[12, 12] = True
         found, _ = defect_correction.replaced(np.where(places, 0.5, frame), places, cfa.parse(name))
@@ -86,7 +87,7 @@ def test_sound_pixels_are_taken_for_defects_once_in_a_million_where_the_light_is
     rng, electrons = np.random.default_rng(5), 5000.0
     for level in (0.02, 0.5):
         noisy = rng.poisson(level * electrons, (1000, 1000)) / electrons + 0.001 * rng.standard_normal((1000, 1000))
-        found = defect_correction.outliers(noisy, cfa.parse("RGGB"), 0.001, electrons)
+        found = defect_correction.outliers(noisy, cfa.parse("RGGB"), PixelNoise(0.001, electrons))
         assert np.count_nonzero(found) <= 5  # 1 expected; more than 5 has probability 6e-4
 
 
@@ -107,8 +108,8 @@ def test_a_window_that_starts_elsewhere_keeps_the_sensors_mask(row, column, seed
         "/".join(("".join(mask.rows[(row + y) % 6][(column + x) % 6] for x in range(6))) for y in range(6))
     )
     frame = np.random.default_rng(seed).uniform(size=(24, 25))
-    places = defect_correction.outliers(frame, mask, 0.0, np.inf, 0.0, 1.0, 0.0, row, column)
-    assert_array_equal(places, defect_correction.outliers(frame, shifted, 0.0, np.inf, 0.0, 1.0, 0.0))
+    places = defect_correction.outliers(frame, mask, PixelNoise(0.0, np.inf), 1.0, 0.0, row, column)
+    assert_array_equal(places, defect_correction.outliers(frame, shifted, PixelNoise(0.0, np.inf), 1.0, 0.0))
     one, other = (
         defect_correction.replaced(frame, places, mask, row, column),
         defect_correction.replaced(frame, places, shifted),
@@ -143,8 +144,8 @@ def test_pixels_with_too_few_neighbours_are_not_judged():
     for shape in ((1, 1), (1, 3), (2, 2), (1, 5)):
         frame = np.zeros(shape)
         frame[0, 0] = 1.0
-        assert not defect_correction.outliers(frame, cfa.parse("RGGB"), **QUIET).any()
-    assert defect_correction.outliers(np.empty((0, 4)), cfa.parse("RGGB"), **QUIET).shape == (0, 4)
+        assert not defect_correction.outliers(frame, cfa.parse("RGGB"), QUIET).any()
+    assert defect_correction.outliers(np.empty((0, 4)), cfa.parse("RGGB"), QUIET).shape == (0, 4)
 
 
 def test_what_is_no_frame_or_out_of_range_is_refused():
@@ -152,14 +153,14 @@ def test_what_is_no_frame_or_out_of_range_is_refused():
     undefined = flat.copy()
     undefined[2, 2] = np.nan
     for call, text in (
-        (lambda: defect_correction.outliers(undefined, mask, **QUIET), "finite"),
+        (lambda: defect_correction.outliers(undefined, mask, QUIET), "finite"),
         (lambda: defect_correction.replaced(undefined, flat > 1, mask), "finite"),
         (lambda: defect_correction.replaced(flat, np.zeros((6, 5), bool), mask), "defective"),
         (lambda: defect_correction.replaced(flat, np.zeros((6, 6), int), mask), "bool"),
-        (lambda: defect_correction.outliers(flat, mask, -1.0, 1e4), "dark_sigma is -1.0"),
-        (lambda: defect_correction.outliers(flat, mask, 0.0, 0.0), "electrons is 0.0"),
-        (lambda: defect_correction.outliers(flat, mask, 0.0, 1e4, np.nan), "prnu is nan"),
-        (lambda: defect_correction.outliers(flat, mask, 0.0, 1e4, 0.0, -1.0), "threshold is -1.0"),
+        (lambda: defect_correction.outliers(flat, mask, PixelNoise(-1.0, 1e4)), "dark_sigma is -1.0"),
+        (lambda: defect_correction.outliers(flat, mask, PixelNoise(0.0, 0.0)), "electrons is 0.0"),
+        (lambda: defect_correction.outliers(flat, mask, PixelNoise(0.0, 1e4, np.nan)), "prnu is nan"),
+        (lambda: defect_correction.outliers(flat, mask, PixelNoise(0.0, 1e4), -1.0), "threshold is -1.0"),
     ):
         with pytest.raises(ValueError, match=text):
             call()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from etendue_camera.field import blur
+from etendue_camera.field import blur, node_grids
 from etendue_camera.field.convolve import hats_of
 from etendue_camera.field.expansion import expansion
 from etendue_camera.field.psf_bank import PsfBank
@@ -260,5 +260,5 @@ def test_kernels_that_are_too_large_are_known_before_one_is_made(size):
     """The first finer grid of a frame of 40 x 60 has 3 x 5 nodes; small frames have a kernel for every sample, and
     nothing between them.
     """
-    assert blur.kernels_fit(size, 5, 40, 60) == (3 * 5 * 5 * 8 * size**2 <= 512 << 20)
-    assert blur.kernels_fit(size, 5, 1, 1) and blur.kernels_fit(size, 5, 2, 3)
+    assert node_grids.kernels_fit(size, 5, 40, 60) == (3 * 5 * 5 * 8 * size**2 <= 512 << 20)
+    assert node_grids.kernels_fit(size, 5, 1, 1) and node_grids.kernels_fit(size, 5, 2, 3)

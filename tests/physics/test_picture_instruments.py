@@ -15,7 +15,7 @@ from scipy.special import ive, ndtr
 from etendue_camera.quality.chart_patches import chart_patches, homography, turning
 from etendue_camera.quality.patch_noise import patch_noise
 from etendue_camera.resolution.edge_shape import edge_shape
-from etendue_camera.resolution.star_interval import count_cycles, star_resolution
+from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, star_resolution
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 
@@ -65,7 +65,7 @@ def test_a_star_has_its_interval_also_on_the_pixels_of_one_colour(sites):
     picture = star(72) + np.random.default_rng(3).normal(0, 0.01, (220, 224))
     if mask is not None:
         picture = np.where(mask, picture, -5.0)  # what the others hold says nothing
-    found = star_resolution(picture, (110.0, 112.0), 105.0, contrast=0.8, sites=mask, draws=100)
+    found = star_resolution(picture, (110.0, 112.0), 105.0, contrast=0.8, sites=mask, bootstrap=Bootstrap(100))
     assert found.cycles == 72
     # a ring mixes frequencies by 1/(6 cycles^2): 1e-4 of MTF50 here
     assert found.mtf50_low * (1 - 1e-3) <= FIFTY <= found.mtf50_high * (1 + 1e-3)
@@ -80,7 +80,7 @@ def test_intervals_of_a_star_grow_with_its_noise():
             (110.0, 112.0),
             105.0,
             contrast=0.8,
-            draws=150,
+            bootstrap=Bootstrap(150),
         )
         widths.append(one.mtf50_high - one.mtf50_low)
     assert 3 < widths[1] / widths[0] < 5  # four times the noise, drawn from the same numbers

@@ -26,7 +26,7 @@ def box(width):
 
 def figures(response, nyquist=0.1, highest=4.0, nodes=512, cut_off=1e-3):
     grid = contrast.search_nodes(highest, nodes)
-    curve = contrast.Curve(grid, response(grid))
+    curve = contrast.ContrastCurve(grid, response(grid))
     mtf50, mtf10, end = curve.crossings(cut_off, response)
     assert_allclose(curve.half(response), mtf50, rtol=1e-9)
     return SimpleNamespace(mtf50=mtf50, mtf10=mtf10, cut_off=end, aliasing=curve.beyond(nyquist))
@@ -119,6 +119,6 @@ def test_what_makes_no_sense_is_refused(call, text):
 def test_a_spline_of_many_nodes_crosses_where_the_curve_does(sigma, cut_off):
     """Straight lines between 65 places of a step, on a spline of fourth order: 1e-7 at 1024 nodes."""
     grid = contrast.search_nodes(4.0, 1024)
-    curve = contrast.Curve(grid, gaussian(sigma)(grid))
+    curve = contrast.ContrastCurve(grid, gaussian(sigma)(grid))
     assert_allclose(curve.crossings(cut_off), curve.crossings(cut_off, gaussian(sigma)), rtol=1e-6)
     assert_allclose(curve.half(), curve.crossings(cut_off)[0], rtol=0)

@@ -1,19 +1,21 @@
-"""Distortion and lateral colour: the map, its inverse, folding, and planes moved by it."""
+"""DistortionCurve and lateral colour: the map, its inverse, folding, and planes moved by it."""
 
 import numpy as np
 import pytest
 from scipy.special import erf
 
 from etendue_camera.field import warp
-from etendue_camera.field.warp import Distortion
+from etendue_camera.field.warp import DistortionCurve
 
-BARREL = Distortion((-0.0648, 0.00596, -0.00047), 1000.0)  # a small asphere: -6.2 % at 1.02 mm
-PINCUSHION = Distortion((0.05, 0.01, 0.0), 2000.0, lateral_colour=0.002)
+BARREL = DistortionCurve((-0.0648, 0.00596, -0.00047), 1000.0)  # a small asphere: -6.2 % at 1.02 mm
+PINCUSHION = DistortionCurve((0.05, 0.01, 0.0), 2000.0, lateral_colour=0.002)
 
 
 def table(curve, count=21, reach=1000.0, wavelengths=(0.45, 0.55, 0.65)):
     ideal = np.linspace(0.0, reach, count)
-    return Distortion(table=(ideal, np.array(wavelengths), np.stack([curve(ideal, w) for w in wavelengths], axis=1)))
+    return DistortionCurve(
+        table=(ideal, np.array(wavelengths), np.stack([curve(ideal, w) for w in wavelengths], axis=1))
+    )
 
 
 @pytest.mark.parametrize("lens", [BARREL, PINCUSHION, table(BARREL.distort)])
@@ -27,7 +29,7 @@ def test_undistort_takes_back_what_distort_did(lens, wavelength):
 
 
 def test_percent_of_a_pure_cubic_is_the_square_of_the_height():
-    lens = Distortion((-0.1, 0.0, 0.0), 500.0)
+    lens = DistortionCurve((-0.1, 0.0, 0.0), 500.0)
     np.testing.assert_allclose(lens.percent([0.0, 250.0, 500.0], 0.5), [0.0, -2.5, -10.0], atol=1e-12)
 
 
@@ -39,13 +41,13 @@ def test_the_slope_is_the_derivative_of_the_map(lens):
 
 
 def test_lateral_colour_is_nothing_at_the_reference_wavelength_and_a_scale_elsewhere():
-    lens = Distortion((0.02, 0.0, 0.0), 1000.0, lateral_colour=0.001, reference_wavelength_um=0.55)
-    plain = Distortion((0.02, 0.0, 0.0), 1000.0)
+    lens = DistortionCurve((0.02, 0.0, 0.0), 1000.0, lateral_colour=0.001, reference_wavelength_um=0.55)
+    plain = DistortionCurve((0.02, 0.0, 0.0), 1000.0)
     radius = np.linspace(0, 1000, 11)
     np.testing.assert_array_equal(lens.distort(radius, 0.55), plain.distort(radius, 0.55))
     np.testing.assert_allclose(lens.distort(radius, 0.65), 1.001 * plain.distort(radius, 0.55), rtol=1e-15)
-    assert Distortion().does_nothing()
-    assert not Distortion(lateral_colour=1e-6).does_nothing()
+    assert DistortionCurve().does_nothing()
+    assert not DistortionCurve(lateral_colour=1e-6).does_nothing()
 
 
 def test_a_table_goes_through_its_entries_and_converges_with_the_fourth_power():
@@ -69,7 +71,7 @@ def test_a_table_goes_through_its_entries_and_converges_with_the_fourth_power():
 
 
 def test_an_image_that_folds_over_is_refused_with_the_radius_where_it_does():
-    lens = Distortion((-0.2, 0.0, 0.0), 1000.0)
+    lens = DistortionCurve((-0.2, 0.0, 0.0), 1000.0)
     fold = 1000.0 / np.sqrt(0.6)  # 1 - 3 * 0.2 q = 0
     assert lens.folds_at(0.55) == pytest.approx(fold, rel=1e-12)
     top = float(lens.distort(fold, 0.55))
@@ -77,9 +79,9 @@ def test_an_image_that_folds_over_is_refused_with_the_radius_where_it_does():
     with pytest.raises(ValueError, match=r"folds the image over 1290.99 um .* at 860.66"):
         lens.undistort(1.001 * top, 0.55)
     assert BARREL.folds_at(0.55) > 2000.0  # three times the field it is made for
-    assert Distortion((0.1, 0.0, 0.0)).folds_at(0.55) == np.inf
+    assert DistortionCurve((0.1, 0.0, 0.0)).folds_at(0.55) == np.inf
     with pytest.raises(ValueError, match="fold over"):
-        Distortion(table=(np.array([0.0, 1.0, 2.0]), np.array([0.5]), np.array([[0.0], [1.0], [0.9]])))
+        DistortionCurve(table=(np.array([0.0, 1.0, 2.0]), np.array([0.5]), np.array([[0.0], [1.0], [0.9]])))
 
 
 def test_the_ratio_curve_is_undistort():
@@ -136,7 +138,7 @@ def test_nothing_moves_where_the_ratio_is_one():
 def test_a_point_lands_where_the_lens_puts_it():
     n, spacing = 161, 2.0
     line = (np.arange(n) - n // 2) * spacing
-    lens = Distortion((-0.08, 0.0, 0.0), 300.0)
+    lens = DistortionCurve((-0.08, 0.0, 0.0), 300.0)
     y, x = 60.0, -110.0
     plane = np.exp(-0.5 * (((line[:, None] - y) / 6) ** 2 + ((line[None, :] - x) / 6) ** 2))
     moved = warp.radial(plane, line, line, lens.ratio(300.0, 0.5))
@@ -151,14 +153,14 @@ def test_a_point_lands_where_the_lens_puts_it():
 def test_a_turned_scene_gives_the_turned_image():
     plane = np.random.default_rng(0).random((33, 33))
     line = np.arange(33) - 16.0
-    ratio = Distortion((0.1, 0.0, 0.0), 20.0).ratio(30.0, 0.5)
+    ratio = DistortionCurve((0.1, 0.0, 0.0), 20.0).ratio(30.0, 0.5)
     image = warp.radial(plane, line, line, ratio)
     for change in (np.rot90, np.transpose, lambda a: a[::-1]):
         np.testing.assert_allclose(warp.radial(change(plane), line, line, ratio), change(image), atol=1e-12)
 
 
 def test_missing_light_is_measured_beyond_the_border():
-    lens = Distortion(
+    lens = DistortionCurve(
         (0.0, 0.0, 0.0), lateral_colour=-0.01, reference_wavelength_um=0.55
     )  # 650 nm: the image is 1 % smaller
     assert warp.missing_um((-100.0, 100.0), (-200.0, 200.0), lens, 0.55) == 0
@@ -194,7 +196,7 @@ def test_a_table_is_read_in_either_unit_and_any_order_of_columns(tmp_path):
 )
 def test_nonsense_is_refused(arguments):
     with pytest.raises(ValueError, match=r"coefficients|reference|lateral|table"):
-        Distortion(**arguments)
+        DistortionCurve(**arguments)
 
 
 def test_orders_and_oversampling_out_of_range_are_refused():
@@ -204,4 +206,4 @@ def test_orders_and_oversampling_out_of_range_are_refused():
     with pytest.raises(ValueError, match="oversampling"):
         warp.radial(plane, np.arange(4.0), np.arange(4.0), np.ones_like, 3, 0)
     with pytest.raises(ValueError, match="turns the image over"):
-        Distortion(lateral_colour=-2.0).distort(1.0, 0.65)
+        DistortionCurve(lateral_colour=-2.0).distort(1.0, 0.65)

@@ -1,9 +1,8 @@
 """Commands that write an archive's pictures for other programs: ``export``."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -45,30 +44,18 @@ from etendue.cli.saying import command, say
 @click.option("--all", "everything", is_flag=True, help="Also more than 64 files.")
 @click.option("--force", is_flag=True, help="Write over files that exist.")
 @JSON
-def export(
-    place: Path | str,
-    dng: bool,
-    tiff: bool,
-    png: bool,
-    variables: tuple[str, ...],
-    at: tuple[str, ...],
-    stage: str,
-    output: Path | None,
-    everything: bool,
-    force: bool,
-    as_json: bool,
-) -> None:
+def export(place: Path | str, as_json: bool, **words: Any) -> None:
     """Pictures of an archive as files for other programs: DNG raw files, 16-bit TIFF, 8-bit PNG.
 
     Exit codes: 0 all written, 2 the request is wrong, 3 some cells have no picture: they failed, or a run has not
     come to them.
     """
     from etendue.archive import places
-    from etendue_camera.export.command import Request
+    from etendue_camera.export.command import ExportRequest
     from etendue_camera.export.command import export as write
 
     with places.reading(place) as folder:
-        done = write(Request(folder, dng, tiff, png, variables, at, stage, output, everything, force))
+        done = write(ExportRequest(folder, **words))
     if as_json:
         say(
             {

@@ -1,9 +1,7 @@
 """Commands that take files of other programs in: ``import``."""
 
-from __future__ import annotations
-
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -53,44 +51,13 @@ sensor, and the lines of a pipeline.
     help="Of that patch.",
 )
 @click.option("--clip", is_flag=True, help="What is below 0, as noise makes it, is 0.")
-def take(
-    file: Path,
-    output: Path | None,
-    variable: str,
-    axes: str,
-    wavelengths: str | None,
-    level: str,
-    scale: float | None,
-    spacing: float | None,
-    white_at: str | None,
-    white_reflectance: float,
-    clip: bool,
-) -> None:
+def take(file: Path, output: Path | None, spacing: float | None, **words: Any) -> None:
     """The command, whose words are ``HELP``."""
-    import numpy as np
+    from etendue_camera.importing.cube import RADIANCE
+    from etendue_camera.importing.light import TOO_WHITE, Said, light_of
+    from etendue_camera.importing.store import level_told, size_told, write_store
 
-    from etendue.errors import RequestError
-    from etendue_camera.importing.cube import RADIANCE, TOO_WHITE, as_light, in_order, read_cube, wavelengths_of
-    from etendue_camera.importing.store import level_told, relative_to, size_told, write_store
-    from etendue_camera.importing.store import white_at as white_of
-
-    cube = in_order(read_cube(file, variable), axes)
-    if wavelengths is not None:
-        cube = replace(cube, wavelength=wavelengths_of(wavelengths))
-    if clip:
-        cube = replace(cube, values=np.maximum(cube.values, 0))
-    if scale is not None:
-        cube = replace(cube, values=cube.values * np.asarray(scale, np.result_type(cube.values.dtype, np.float32)))
-    cube, unit = as_light(replace(cube, level=level or cube.level), str(file))
-    if white_at is not None:
-        try:
-            y, x, *size = (int(one) for one in white_at.split(","))
-        except ValueError:
-            raise RequestError(
-                f"--white-at {white_at}: expected a row, a column and, if you like, a size, in pixels"
-            ) from None
-        white = white_of(cube, y, x, size[0] if size else 5, white_reflectance)
-        cube = replace(cube, white=white) if unit == RADIANCE else relative_to(cube, white, str(file))
+    cube, unit = light_of(file, Said(**words))
     highest = float(cube.values.max())
     if unit != RADIANCE and highest > TOO_WHITE:
         click.echo(
@@ -108,14 +75,14 @@ def take(
         f"(width x height)"
     )
     click.echo(f"{level_told(cube, unit)}\n{size_told(cube, spacing)}")
-    words = ['use = "radiance_cube"', 'name = "scene"', f'file = "{place}"']
+    lines = ['use = "radiance_cube"', 'name = "scene"', f'file = "{place}"']
     if unit != RADIANCE:
-        words.append('white_luminance = "1000 cd m-2"')
+        lines.append('white_luminance = "1000 cd m-2"')
     elif cube.white is None:
-        words.append(
+        lines.append(
             '# white_luminance = "1000 cd m-2"   # would take the values for reflectance: import with --white-at '
             "instead"
         )
     if spacing is None:
-        words.append('spacing = "2 um"')
-    click.echo("in a pipeline:\n[[stages]]\n" + "\n".join(words))
+        lines.append('spacing = "2 um"')
+    click.echo("in a pipeline:\n[[stages]]\n" + "\n".join(lines))

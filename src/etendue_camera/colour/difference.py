@@ -45,8 +45,7 @@ def lab(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
     """
     xyz = _triples("xyz", xyz)
     white = np.asarray(white_xyz, np.float64)
-    if white.shape != (3,) or not np.all(white > 0):
-        raise ValueError(f"white_xyz is {white!r}; allowed are three numbers above 0")
+    require.allowed(white.shape == (3,) and np.all(white > 0), "white_xyz", white, "three numbers above 0")
     ratio = xyz / white.astype(xyz.dtype).reshape(3, *[1] * (xyz.ndim - 1))
     x, y, z = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio) - 4 / 29, ratio * (841 / 108))
     return np.stack([116 * y, 500 * (x - y), 200 * (y - z)])
@@ -127,6 +126,5 @@ def _cos(degrees: NDArray) -> NDArray:
 
 def _triples(name: str, values: ArrayLike) -> NDArray:
     array = np.asarray(values)
-    if array.ndim < 1 or array.shape[0] != 3:
-        raise ValueError(f"{name} has shape {array.shape}; allowed is (3, ...), colour along the first axis")
+    require.shape(array.ndim >= 1 and array.shape[0] == 3, name, array, "(3, ...), colour along the first axis")
     return require.floating(array)

@@ -58,16 +58,19 @@ def rgb_to_xyz_matrix(primaries_xy: Sequence[tuple[float, float]], white_xy: tup
     arithmetic).
     """
     primaries = np.stack([xyz_from_xy(xy) for xy in primaries_xy], axis=1)
-    if primaries.shape != (3, 3) or np.linalg.cond(primaries) > 1e12:
-        raise ValueError(f"primaries_xy is {primaries_xy!r}; allowed are three chromaticities not on one line")
+    require.allowed(
+        primaries.shape == (3, 3) and not np.linalg.cond(primaries) > 1e12,
+        "primaries_xy",
+        primaries_xy,
+        "three chromaticities not on one line",
+    )
     return primaries * np.linalg.solve(primaries, xyz_from_xy(white_xy))
 
 
 def xyz_from_xy(xy: tuple[float, float]) -> NDArray:
     """XYZ of a chromaticity at Y = 1, shape (3,); ValueError where y is 0."""
     x, y = xy
-    if not abs(y) > 0:
-        raise ValueError(f"chromaticity is {xy!r}; allowed is y other than 0")
+    require.only(abs(y) > 0, "chromaticity", repr(xy), "y other than 0")
     return np.array([x / y, 1.0, (1 - x - y) / y])
 
 
@@ -105,8 +108,12 @@ def von_kries_matrix(source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, t
     [0.9505, 1.0, 1.089]
     """
     cones = np.asarray(transform, np.float64)
-    if cones.shape != (3, 3) or not np.linalg.cond(cones) < 1e12:
-        raise ValueError(f"transform is {cones.tolist()!r}; allowed is an invertible 3 x 3 matrix, XYZ to cones")
+    require.only(
+        cones.shape == (3, 3) and np.linalg.cond(cones) < 1e12,
+        "transform",
+        repr(cones.tolist()),
+        "an invertible 3 x 3 matrix, XYZ to cones",
+    )
     source = _cone_responses("source_white_xyz", source_white_xyz, cones)
     target = _cone_responses("target_white_xyz", target_white_xyz, cones)
     return np.linalg.solve(cones, (target / source)[:, None] * cones)
@@ -139,8 +146,10 @@ def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
     if not np.issubdtype(planes.dtype, np.floating):
         planes = planes.astype(np.float64)
     weights = np.asarray(matrix).astype(planes.dtype)
-    if weights.ndim != 2 or planes.ndim < 1 or planes.shape[0] != weights.shape[1]:
-        raise ValueError(f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)")
+    require.that(
+        weights.ndim == 2 and planes.ndim >= 1 and planes.shape[0] == weights.shape[1],
+        f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)",
+    )
     result = np.empty((len(weights), *planes.shape[1:]), planes.dtype)
     for row, out in enumerate(weights):
         total = out[0] * planes[0]
@@ -204,18 +213,20 @@ def fit_matrix(
     heavy weight would cost half the digits.
     """
     samples, targets = np.asarray(samples, np.float64), np.asarray(targets, np.float64)
-    if (
-        samples.ndim != 2
-        or targets.ndim != 2
-        or len(samples) != len(targets)
-        or samples.shape[1] < 1
-        or targets.shape[1] != 3
-    ):
-        raise ValueError(f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)")
+    require.that(
+        samples.ndim == 2
+        and targets.ndim == 2
+        and len(samples) == len(targets)
+        and samples.shape[1] >= 1
+        and targets.shape[1] == 3,
+        f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)",
+    )
     if (white_sample is None) != (white_target is None):
         raise ValueError("white_sample and white_target: one is missing; allowed are both or neither")
-    if not (np.isfinite(samples).all() and np.isfinite(targets).all()):
-        raise ValueError("samples or targets hold NaN or infinity; allowed are finite numbers")
+    require.that(
+        np.isfinite(samples).all() and np.isfinite(targets).all(),
+        "samples or targets hold NaN or infinity; allowed are finite numbers",
+    )
     channels = samples.shape[1]
     fixed, free = np.zeros((channels, 3)), np.eye(channels)
     if white_sample is not None:
@@ -226,8 +237,10 @@ def fit_matrix(
             and np.isfinite(white).all()
             and np.isfinite(wanted).all()
         )
-        if not (fit_in and white.any()):
-            raise ValueError(f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black")
+        require.that(
+            fit_in and white.any(),
+            f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black",
+        )
         fixed = np.outer(white, wanted) / (white @ white)
         free = np.linalg.svd(white[None, :])[2][1:].T
     freedoms = free.shape[1]
@@ -254,8 +267,7 @@ def fit_matrix(
 
 def _cone_responses(name: str, white: ArrayLike, cones: Matrix) -> NDArray:
     white = np.asarray(white, np.float64)
-    if white.shape != (3,):
-        raise ValueError(f"{name} has shape {white.shape}; allowed is (3,), XYZ")
+    require.shape(white.shape == (3,), name, white, "(3,), XYZ")
     responses = cones @ white
     if not (np.isfinite(responses).all() and responses.min() > 1e-9 * responses.max()):
         raise ValueError(

@@ -5,10 +5,10 @@ Out: covariance between channels at one pixel and between neighbours.
 Sources: linear propagation of covariance, C = sum over pixels of v h h^T.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from etendue import require
 
 FloatArray = NDArray[np.float64]
 
@@ -41,12 +41,11 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
     number of places. Exact for a linear chain that repeats with the cell; error: rounding of the sum.
     """
     h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
-    if h.ndim != 4 or v.shape != h.shape[:1]:
-        raise ValueError(
-            f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)"
-        )
-    if not np.all(v >= 0):
-        raise ValueError(f"variance is {v.tolist()}; allowed are numbers at or above 0")
+    require.that(
+        h.ndim == 4 and v.shape == h.shape[:1],
+        f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)",
+    )
+    require.allowed(np.all(v >= 0), "variance", v.tolist(), "numbers at or above 0")
     first, second = h[_shifted(lag, 1, h.shape)], h[_shifted(lag, -1, h.shape)]
     return np.asarray(np.einsum("p,pcyx,pdyx->cd", v, first, second) / len(h))
 
@@ -71,8 +70,7 @@ def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[s
     """Where the first (sign 1) or second (sign -1) of two pixels lies so that both are inside."""
     parts = [slice(None), slice(None)]
     for step, size in zip(lag, shape[-2:], strict=True):
-        if abs(step) >= size:
-            raise ValueError(f"lag is {lag}; allowed are steps smaller than the window, {shape[-2]} x {shape[-1]}")
+        require.allowed(abs(step) < size, "lag", lag, f"steps smaller than the window, {shape[-2]} x {shape[-1]}")
         step *= sign
         parts.append(slice(max(0, -step), size - max(0, step)))
     return tuple(parts)
@@ -92,8 +90,9 @@ def found_covariance(noise: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatAr
     (channel, channel) array, unit of noise squared
     """
     noise = np.asarray(noise, np.float64)
-    if noise.ndim not in (3, 4):
-        raise ValueError(f"noise has shape {noise.shape}; allowed are (channel, y, x) and (frame, channel, y, x)")
+    require.that(
+        noise.ndim in (3, 4), f"noise has shape {noise.shape}; allowed are (channel, y, x) and (frame, channel, y, x)"
+    )
     planes = noise if noise.ndim == 4 else noise[None]
     first, second = planes[_shifted(lag, 1, planes.shape)], planes[_shifted(lag, -1, planes.shape)]
     return np.asarray(np.einsum("fcyx,fdyx->cd", first, second) / (first.size / first.shape[1]))

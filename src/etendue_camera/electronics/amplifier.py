@@ -192,8 +192,7 @@ def dn_per_electron(
     if conversion_gain > 0:
         return float(conversion_gain) * analogue_gain
     top = 2**bits - 1 - black_level
-    if top <= 0:
-        raise ValueError(f"black_level {black_level:g} leaves nothing of {bits} bits")
+    require.that(not top <= 0, f"black_level {black_level:g} leaves nothing of {bits} bits")
     return top / full_well * analogue_gain
 
 

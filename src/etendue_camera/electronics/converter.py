@@ -58,8 +58,9 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     codes = charge * gain
     codes += float(black_level) + 0.5
     codes = np.clip(np.floor(codes), 0, top)
-    if np.isnan(codes).any():
-        raise ValueError("charge holds NaN, for which there is no raw code; allowed are numbers in electrons")
+    require.that(
+        not np.isnan(codes).any(), "charge holds NaN, for which there is no raw code; allowed are numbers in electrons"
+    )
     return codes.astype(np.uint16 if bits <= 16 else np.uint32)
 
 
@@ -145,9 +146,7 @@ def linearise(
 
 
 def top_code(bits: int, black_level: float) -> int:
-    if int(bits) != bits or not 1 <= bits <= 32:
-        raise ValueError(f"bits is {bits!r}; allowed are whole numbers from 1 to 32")
+    require.allowed(int(bits) == bits and 1 <= bits <= 32, "bits", bits, "whole numbers from 1 to 32")
     top = 2 ** int(bits) - 1
-    if not 0 <= black_level < top:
-        raise ValueError(f"black_level is {black_level!r} DN; allowed is 0 to below the top code {top}")
+    require.that(0 <= black_level < top, f"black_level is {black_level!r} DN; allowed is 0 to below the top code {top}")
     return top

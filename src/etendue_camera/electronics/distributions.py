@@ -97,12 +97,11 @@ def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
     the value there, 5.1e-10, is returned as a bound, since the sum could no longer resolve it. Draws in
     float32 add its rounding: of the normal (6e-8) and of counts above 1.7e7.
     """
-    if not 0 <= mean < math.inf:
-        raise ValueError(f"mean is {mean!r} electrons; allowed are finite numbers from 0 on")
-    if not exact_below >= SMALLEST_NORMAL_MEAN:
-        raise ValueError(
-            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf"
-        )
+    require.that(0 <= mean < math.inf, f"mean is {mean!r} electrons; allowed are finite numbers from 0 on")
+    require.that(
+        exact_below >= SMALLEST_NORMAL_MEAN,
+        f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf",
+    )
     if mean < exact_below:
         return 0.0
     counts, drawn = normal_form_pmf(min(float(mean), 1e5))
@@ -132,8 +131,9 @@ def normal_form_pmf(mean: float) -> tuple[NDArray, NDArray]:
     -----
     The normal CDF at the roots of the cubic. Error: 1e-15 absolute.
     """
-    if not SMALLEST_NORMAL_MEAN <= mean <= 1e6:
-        raise ValueError(f"mean is {mean!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to 1e6")
+    require.that(
+        SMALLEST_NORMAL_MEAN <= mean <= 1e6, f"mean is {mean!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to 1e6"
+    )
     width = 12 * math.sqrt(mean) + 30
     counts = np.arange(max(math.floor(mean - width), 0), math.ceil(mean + width))
     upper = _cubic_root(mean, counts[1:].astype(np.float64))

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from etendue import require
 from etendue_camera.electronics.jackknife import BLOCKS, Estimate, Jackknife, left_out
 
 QUANTISATION = 1 / 12  # DN^2
@@ -21,7 +22,7 @@ LEAST_DARK_VARIANCE = 0.24  # DN^2: below, quantisation hides the read noise (EM
 
 
 @dataclass(frozen=True)
-class Measurement:
+class SensorFigures:
     """What `measure` finds.
 
     Attributes
@@ -83,7 +84,7 @@ def measure(
     dark: Sequence[ArrayLike],
     photons: ArrayLike | None = None,
     confidence: float = 0.95,
-) -> Measurement:
+) -> SensorFigures:
     """Gain, noise, saturation and patterns of a sensor, with confidence intervals.
 
     Parameters
@@ -102,7 +103,7 @@ def measure(
 
     Returns
     -------
-    Measurement
+    SensorFigures
 
     Raises
     ------
@@ -165,11 +166,12 @@ def measure(
     dsnu2 = d.spatial[:, half] / gain**2
     prnu2 = (y.spatial[:, half] - d.spatial[:, half]) / signal[:, half] ** 2
     exposure = time if photons is None else np.asarray(photons, dtype=float)
-    efficiency = nan if photons is None else _through_origin(exposure[used], signal[:, used]) / gain
+    x = exposure[used]  # a line through the origin
+    efficiency = nan if photons is None else (signal[:, used] * x).sum(axis=1) / (x**2).sum() / gain
     with np.errstate(invalid="ignore"):
         decibel = 20 * np.log10(capacity / threshold)
         best = 10 * np.log10(capacity)
-    return Measurement(
+    return SensorFigures(
         gain=interval.of(gain, "DN/electron"),
         read_noise=read,
         dark_current=interval.of(slope / gain, "electron/s"),
@@ -217,8 +219,10 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
     well changes nothing.
     Error: 5e-4 relative where w is above 500 electrons (a normal for Poisson counts).
     """
-    if not (full_well > 0 and 0 <= prnu <= 0.5):
-        raise ValueError(f"full_well is {full_well!r} and prnu {prnu!r}; allowed are a charge above 0 and 0 to 0.5")
+    require.that(
+        full_well > 0 and 0 <= prnu <= 0.5,
+        f"full_well is {full_well!r} and prnu {prnu!r}; allowed are a charge above 0 and 0 to 0.5",
+    )
     nodes, weights = np.polynomial.hermite_e.hermegauss(41)
     factor = np.maximum(1 + prnu * nodes, 1e-6)[:, None]
     mean = np.linspace(0.5, 1.2, 4001) * full_well * factor
@@ -236,21 +240,22 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
 def _check(time: NDArray, light: Sequence[ArrayLike], dark: Sequence[ArrayLike], confidence: float) -> None:
     if time.ndim != 1 or time.size < 4 or not np.all(time > 0) or not np.all(np.diff(time) > 0):
         raise ValueError(f"times are {time!r} s; allowed are four or more, above 0 and rising")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence is {confidence!r}; allowed is above 0 and below 1")
+    require.that(0 < confidence < 1, f"confidence is {confidence!r}; allowed is above 0 and below 1")
     shapes = {np.shape(stack)[1:] for stacks in (light, dark) for stack in stacks}
-    if len(light) != time.size or len(dark) != time.size:
-        raise ValueError(
-            f"light has {len(light)} stacks and dark {len(dark)}; allowed is one for each of the {time.size} times"
-        )
-    if len(shapes) != 1 or any(np.ndim(stack) != 3 for stacks in (light, dark) for stack in stacks):
-        raise ValueError(f"the frames are {sorted(shapes)} pixels; allowed are stacks (frame, y, x) of one size")
+    require.that(
+        len(light) == time.size and len(dark) == time.size,
+        f"light has {len(light)} stacks and dark {len(dark)}; allowed is one for each of the {time.size} times",
+    )
+    require.that(
+        len(shapes) == 1 and not any(np.ndim(stack) != 3 for stacks in (light, dark) for stack in stacks),
+        f"the frames are {sorted(shapes)} pixels; allowed are stacks (frame, y, x) of one size",
+    )
     size = shapes.pop()
-    if min(size) < BLOCKS or any(np.shape(stack)[0] < 2 for stacks in (light, dark) for stack in stacks):
-        raise ValueError(
-            f"the stacks hold frames of {size} pixels; allowed are {BLOCKS} x {BLOCKS} or more, and two frames or more "
-            f"a level"
-        )
+    require.that(
+        min(size) >= BLOCKS and not any(np.shape(stack)[0] < 2 for stacks in (light, dark) for stack in stacks),
+        f"the stacks hold frames of {size} pixels; allowed are {BLOCKS} x {BLOCKS} or more, and two frames or more "
+        f"a level",
+    )
 
 
 def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
@@ -310,10 +315,6 @@ def _line(x: NDArray, values: NDArray) -> tuple[NDArray, NDArray]:
     centred = x - x.mean()
     slope = (values * centred).sum(axis=1) / (centred**2).sum()
     return slope, values.mean(axis=1) - slope * x.mean()
-
-
-def _through_origin(x: NDArray, values: NDArray) -> NDArray:
-    return (values * x).sum(axis=1) / (x**2).sum()
 
 
 def _linearity(exposure: NDArray, signal: NDArray, top: float) -> NDArray:

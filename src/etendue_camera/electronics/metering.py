@@ -90,8 +90,7 @@ def metered_level(rate: NDArray, method: str, quantile: float = 0.99) -> float:
     ValueError
         If the method is unknown, the quantile not allowed, or the frame is empty.
     """
-    if rate.size == 0:
-        raise ValueError("the frame is empty: there is nothing to meter")
+    require.that(rate.size != 0, "the frame is empty: there is nothing to meter")
     light = np.maximum(rate, 0)
     if method == "mean":
         return float(light.mean(dtype=np.float64))
@@ -100,8 +99,7 @@ def metered_level(rate: NDArray, method: str, quantile: float = 0.99) -> float:
         weight = rows[:, None] * columns
         return float((light * weight).sum(dtype=np.float64) / (weight.sum() * (light.size / weight.size)))
     if method == "highlight":
-        if not 0 < quantile <= 1:
-            raise ValueError(f"quantile is {quantile!r}; allowed is above 0 to 1")
+        require.only(0 < quantile <= 1, "quantile", repr(quantile), "above 0 to 1")
         return float(np.quantile(light, quantile))
     raise ValueError(f"method is {method!r}; allowed are 'mean', 'centre' and 'highlight'")
 
@@ -129,15 +127,15 @@ def metered_time(level: float, target_electrons: float, ev_bias: float, shortest
     ValueError
         If an argument is outside the range named above.
     """
-    if not 0 < shortest <= longest:
-        raise ValueError(f"shortest and longest are {shortest!r} and {longest!r} s; allowed is 0 < shortest <= longest")
-    if not level >= 0 or not target_electrons > 0:
-        raise ValueError(
-            f"level and target_electrons are {level!r} and {target_electrons!r}; allowed are level >= 0, target above 0"
-        )
-    if level == 0:
-        return longest
-    return min(max(target_electrons / level * 2.0**ev_bias, shortest), longest)
+    require.that(
+        0 < shortest <= longest,
+        f"shortest and longest are {shortest!r} and {longest!r} s; allowed is 0 < shortest <= longest",
+    )
+    require.that(
+        level >= 0 and target_electrons > 0,
+        f"level and target_electrons are {level!r} and {target_electrons!r}; allowed are level >= 0, target above 0",
+    )
+    return longest if level == 0 else min(max(target_electrons / level * 2.0**ev_bias, shortest), longest)
 
 
 def charge_at_snr(snr: ArrayLike, dark_variance: ArrayLike) -> NDArray:
@@ -187,10 +185,10 @@ def grey_card_snr(white_electrons: float, dark_variance: float) -> float:
     ValueError
         If an argument is negative or NaN.
     """
-    if not white_electrons >= 0 or not dark_variance >= 0:
-        raise ValueError(
-            f"white_electrons and dark_variance are {white_electrons!r} and {dark_variance!r}; allowed are numbers "
-            f"from 0 on"
-        )
+    require.that(
+        white_electrons >= 0 and dark_variance >= 0,
+        f"white_electrons and dark_variance are {white_electrons!r} and {dark_variance!r}; allowed are numbers "
+        f"from 0 on",
+    )
     signal = GREY * white_electrons
     return 20 * math.log10(signal) - 10 * math.log10(signal + dark_variance) if signal > 0 else -math.inf

@@ -13,6 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from etendue import require
+
 LARGEST_EXACT = 9.2e18  # numpy's exact sampler counts in int64
 LARGEST_MEAN = 1e36  # a normal about it is a number of 32 bits
 LARGEST_INVERTED = 200.0  # electrons, up to which `poisson_by_inversion` searches
@@ -51,10 +53,10 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     """
     exact_below = float(exact_below)
     mean = _means(mean, LARGEST_EXACT if exact_below > LARGEST_EXACT else LARGEST_MEAN)
-    if not exact_below >= SMALLEST_NORMAL_MEAN:
-        raise ValueError(
-            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf"
-        )
+    require.that(
+        exact_below >= SMALLEST_NORMAL_MEAN,
+        f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf",
+    )
     flat = np.ascontiguousarray(mean).reshape(-1)
     blocks = [slice(start, start + BLOCK) for start in range(0, flat.size, BLOCK)]  # draws go on from block to block
     exact = sum(int(np.count_nonzero(flat[block] < exact_below)) for block in blocks)
@@ -116,10 +118,10 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     mean, uniform = np.broadcast_arrays(_means(mean), np.asarray(uniform, np.float64))
     if not np.all((uniform >= 0) & (uniform < 1)):
         raise ValueError(f"uniform goes from {uniform.min()} to {uniform.max()}; allowed is 0 <= u < 1")
-    if not SMALLEST_NORMAL_MEAN <= exact_below <= LARGEST_INVERTED:
-        raise ValueError(
-            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to {LARGEST_INVERTED}"
-        )
+    require.that(
+        SMALLEST_NORMAL_MEAN <= exact_below <= LARGEST_INVERTED,
+        f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to {LARGEST_INVERTED}",
+    )
     work = mean.astype(np.float64).reshape(-1)
     uniform = uniform.reshape(-1)
     normal = np.clip(scipy.special.ndtri(uniform), -8.3, 8.3)
@@ -194,16 +196,12 @@ def _inverse(mean: NDArray, uniform: NDArray, normal: NDArray) -> NDArray:
     guess = mean + np.sqrt(mean) * normal + 1 / 3 + normal**2 / 6
     counts = np.maximum(np.floor(guess), 0)
 
-    def too_high(k: NDArray, m: NDArray, u: NDArray) -> NDArray:
-        return (k > 0) & (u < scipy.special.pdtr(k - 1, m))
-
-    def too_low(k: NDArray, m: NDArray, u: NDArray) -> NDArray:
-        return u >= scipy.special.pdtr(k, m)
-
-    for wrong, step in ((too_high, -1), (too_low, 1)):
+    for step in (-1, 1):
         active = np.arange(counts.size)
         while active.size:
-            active = active[wrong(counts[active], mean[active], uniform[active])]
+            k, m, u = counts[active], mean[active], uniform[active]
+            wrong = (k > 0) & (u < scipy.special.pdtr(k - 1, m)) if step < 0 else u >= scipy.special.pdtr(k, m)
+            active = active[wrong]
             counts[active] += step
     return counts
 

@@ -48,7 +48,7 @@ def export(
         A kind, variable or value that there is not.
     """
     from etendue.errors import RequestError, nearest
-    from etendue_camera.export.command import SUFFIXES, Request, export
+    from etendue_camera.export.command import SUFFIXES, ExportRequest, export
 
     if kind not in SUFFIXES:
         raise RequestError(f"{kind!r} is no kind of file{nearest(kind, SUFFIXES)}")
@@ -57,8 +57,15 @@ def export(
     to = Path(output) if output is not None else None
     with places.reading(archive.place) as folder:
         done = export(
-            Request(
-                folder, **{kind: True}, variables=names, at=where, stage=stage, output=to, all=everything, force=force
+            ExportRequest(
+                folder,
+                **{kind: True},
+                variables=names,
+                at=where,
+                stage=stage,
+                output=to,
+                everything=everything,
+                force=force,
             )
         )
     return done.files

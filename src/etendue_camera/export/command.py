@@ -4,8 +4,6 @@ In:  the folder of an archive, what was asked for.
 Out: files; what was written and what could not be.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import re
@@ -19,18 +17,19 @@ from etendue.errors import Fault, RequestError
 from etendue.present.plots.places import is_called, read_at
 from etendue_camera.electronics import amplifier
 from etendue_camera.export import dng, png, tiff
-from etendue_camera.export.frames import FINISHED, Frame, Shelf, chosen, described, plain
+from etendue_camera.export.frames import FINISHED, ArchivedFrame, Shelf, chosen, described, plain
 from etendue_camera.export.masks import mask_of, note
 from etendue_camera.roles import BALANCE, FULL_WELL
 
 MANY = 64
 WELL = ("pixel_pitch", "aperture_fraction", "full_well_density")
 GAIN = ("analogue_gain", "iso", "base_iso")
+Picks = list[tuple[str, str]]  # kind of file, variable
 SUFFIXES = {"dng": (".dng",), "tiff": (".tif", ".tiff"), "png": (".png",)}
 
 
 @dataclass(frozen=True)
-class Request:
+class ExportRequest:
     """The words of the command line."""
 
     archive: Path
@@ -41,13 +40,13 @@ class Request:
     at: tuple[str, ...] = ()
     stage: str = ""
     output: Path | None = None
-    all: bool = False
+    everything: bool = False
     force: bool = False
 
 
 @dataclass
 class Exported:
-    """What became of a request."""
+    """What became of a asked."""
 
     folder: Path
     files: list[Path] = field(default_factory=list)
@@ -55,14 +54,7 @@ class Exported:
     notes: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class _Job:
-    frame: Frame
-    kind: str
-    path: Path
-
-
-def export(request: Request) -> Exported:
+def export(asked: ExportRequest) -> Exported:
     """Write every picture that was asked for.
 
     Raises
@@ -72,96 +64,110 @@ def export(request: Request) -> Exported:
     ArchiveError
         Not an archive, or damaged.
     """
-    if not request.dng and not request.tiff and not request.png:
-        raise RequestError("say what to write: --dng, --tiff, --png or several of them")
-    if request.variables and not request.tiff and not request.png:
-        raise RequestError("--variable is for --tiff and --png; a DNG file is always of raw")
-    shelf = Shelf(request.archive)
-    at = read_at(request.at)
-    wanted = [("dng", "raw")] if request.dng else []
-    wanted += [("tiff", variable) for variable in dict.fromkeys(request.variables or ("raw",))] if request.tiff else []
-    wanted += (
-        [("png", variable) for variable in dict.fromkeys(request.variables or ("rgb_display",))] if request.png else []
+    wanted = _wanted(asked)
+    shelf = Shelf(asked.archive)
+    pictures = _chosen(shelf, asked, wanted)
+    outcome = Exported(_folder(asked, pictures))
+    jobs = []
+    for kind, frame in pictures:
+        if frame.status in FINISHED:
+            jobs.append((_path(asked, outcome.folder, kind, frame, len(pictures)), kind, frame))
+        else:
+            outcome.skipped.append((frame.where() or frame.variable, frame.status.replace("_", " ")))
+    _refuse_overwriting([path for path, _, _ in jobs], asked.force)
+    raws = [frame for _, kind, frame in jobs if kind == "dng"]
+    for frame in raws:  # before the first file is written
+        _refuse_unsaid(shelf, frame)
+    for path, kind, frame in jobs:
+        _write(path, _writer(shelf, kind, frame))
+        outcome.files.append(path)
+    outcome.notes += dict.fromkeys(text for frame in raws if (text := note(mask_of(shelf, frame))))
+    return outcome
+
+
+# -- which ------------------------------------------------------------------------------------------------------
+
+
+def _wanted(asked: ExportRequest) -> Picks:
+    """Kinds of files and what they show."""
+    kinds = (
+        ("dng", asked.dng, ("raw",)),
+        ("tiff", asked.tiff, asked.variables or ("raw",)),
+        ("png", asked.png, asked.variables or ("rgb_display",)),
     )
-    stages = {variable: request.stage if len(wanted) == 1 or variable == "raw" else "" for _, variable in wanted}
+    wanted = [(kind, variable) for kind, on, shown in kinds if on for variable in dict.fromkeys(shown)]
+    if not wanted:
+        raise RequestError("say what to write: --dng, --tiff, --png or several of them")
+    if asked.variables and not asked.tiff and not asked.png:
+        raise RequestError("--variable is for --tiff and --png; a DNG file is always of raw")
+    return wanted
+
+
+def _chosen(shelf: Shelf, asked: ExportRequest, wanted: Picks) -> list[tuple[str, ArchivedFrame]]:
+    """The pictures of every kind at the axis values that are asked for."""
+    at = read_at(asked.at)
+    stages = {variable: asked.stage if len(wanted) == 1 or variable == "raw" else "" for _, variable in wanted}
     light = {variable for kind, variable in wanted if kind == "png"}  # bands of light are one picture in a PNG alone
     frames = {
-        variable: shelf.frames(variable, stages[variable], variable in light and not request.tiff)
+        variable: shelf.frames(variable, stages[variable], variable in light and not asked.tiff)
         for _, variable in wanted
     }
     own = {variable: {k: v for k, v in at.items() if _has(found, k)} for variable, found in frames.items()}
     unused = {k: v for k, v in at.items() if not any(k in taken for taken in own.values())}
+    first = frames[wanted[0][1]]
     if unused:
-        chosen(frames[wanted[0][1]], unused)  # says which axes there are
-    jobs = [(kind, frame) for kind, variable in wanted for frame in chosen(frames[variable], own[variable])]
-    if len(jobs) > MANY and not request.all:
+        chosen(first, unused)  # says which axes there are
+    found = [(kind, frame) for kind, variable in wanted for frame in chosen(frames[variable], own[variable])]
+    if len(found) > MANY and not asked.everything:
+        dim, value = next(iter(first[0].labels.items()))
         raise RequestError(
-            f"that is {len(jobs)} files; choose cells with --at, such as --at {_first_axis(frames[wanted[0][1]])}, or "
+            f"that is {len(found)} files; choose cells with --at, such as --at {dim}={plain(value)}, or "
             f"write them with --all"
         )
-    outcome = Exported(_folder(request, jobs))
-    ready = []
-    for kind, frame in jobs:
-        if frame.status in FINISHED:
-            ready.append(_Job(frame, kind, _path(request, outcome.folder, kind, frame, len(jobs))))
-        else:
-            outcome.skipped.append((frame.where() or frame.variable, frame.status.replace("_", " ")))
-    if len({job.path for job in ready}) < len(ready):
-        raise RequestError("two pictures would have the same file name; export them one by one with --at and --output")
-    there = [job.path for job in ready if job.path.exists()]
-    if there and not request.force:
-        more = f" and {len(there) - 1} more" if len(there) > 1 else ""
-        raise RequestError(f"{there[0]}{more} exists; write over it with --force, or elsewhere with --output")
-    for job in ready:
-        if job.kind == "dng":  # before the first file is written
-            _refuse_unsaid(shelf, job.frame)
-    for job in ready:
-        _write(job.path, _writer(shelf, job))
-        outcome.files.append(job.path)
-    outcome.notes += dict.fromkeys(
-        text for job in ready if job.kind == "dng" and (text := note(mask_of(shelf, job.frame)))
-    )
-    return outcome
+    return found
+
+
+def _has(frames: list[ArchivedFrame], name: str) -> bool:
+    return any(is_called(name, dim, f.group.parameters.get(dim, dim)) for f in frames for dim in f.labels)
 
 
 # -- where to ---------------------------------------------------------------------------------------------------
 
 
-def _has(frames: list[Frame], name: str) -> bool:
-    return any(is_called(name, dim, f.group.parameters.get(dim, dim)) for f in frames for dim in f.labels)
+def _refuse_overwriting(paths: list[Path], force: bool) -> None:
+    if len(set(paths)) < len(paths):
+        raise RequestError("two pictures would have the same file name; export them one by one with --at and --output")
+    there = [path for path in paths if path.exists()]
+    if there and not force:
+        more = f" and {len(there) - 1} more" if len(there) > 1 else ""
+        raise RequestError(f"{there[0]}{more} exists; write over it with --force, or elsewhere with --output")
 
 
-def _first_axis(frames: list[Frame]) -> str:
-    dim, value = next(iter(frames[0].labels.items()))
-    return f"{dim}={plain(value)}"
-
-
-def _is_file(request: Request, jobs: list[tuple[str, Frame]]) -> bool:
-    suffix = request.output.suffix.lower() if request.output else ""
+def _is_file(asked: ExportRequest, pictures: list[tuple[str, ArchivedFrame]]) -> bool:
+    suffix = asked.output.suffix.lower() if asked.output else ""
     known = suffix in [one for suffixes in SUFFIXES.values() for one in suffixes]
-    if known and request.output is not None and not request.output.is_dir():
-        if len(jobs) != 1:
+    if known and asked.output is not None and not asked.output.is_dir():
+        if len(pictures) != 1:
             raise RequestError(
-                f"--output {request.output} is one file, but {len(jobs)} would be written; name a folder"
+                f"--output {asked.output} is one file, but {len(pictures)} would be written; name a folder"
             )
-        if suffix not in SUFFIXES[jobs[0][0]]:
-            raise RequestError(
-                f"--output {request.output}: a {jobs[0][0].upper()} file ends in {' or '.join(SUFFIXES[jobs[0][0]])}"
-            )
+        if suffix not in SUFFIXES[pictures[0][0]]:
+            kind = pictures[0][0]
+            raise RequestError(f"--output {asked.output}: a {kind.upper()} file ends in {' or '.join(SUFFIXES[kind])}")
         return True
     return False
 
 
-def _folder(request: Request, jobs: list[tuple[str, Frame]]) -> Path:
-    if request.output is None:
-        return Path(f"{request.archive.resolve().name}-export")
-    return request.output.parent if _is_file(request, jobs) else request.output
+def _folder(asked: ExportRequest, pictures: list[tuple[str, ArchivedFrame]]) -> Path:
+    if asked.output is None:
+        return Path(f"{asked.archive.resolve().name}-export")
+    return asked.output.parent if _is_file(asked, pictures) else asked.output
 
 
-def _path(request: Request, folder: Path, kind: str, frame: Frame, count: int) -> Path:
-    if count == 1 and request.output is not None and folder != request.output:
-        return request.output
-    parts = [request.archive.resolve().name, *([frame.variable] if frame.variable != "raw" else [])]
+def _path(asked: ExportRequest, folder: Path, kind: str, frame: ArchivedFrame, count: int) -> Path:
+    if count == 1 and asked.output is not None and folder != asked.output:
+        return asked.output
+    parts = [asked.archive.resolve().name, *([frame.variable] if frame.variable != "raw" else [])]
     parts += [
         f"{dim}-{re.sub(r'[^A-Za-z0-9.+-]+', '-', plain(value)).strip('-')}" for dim, value in frame.labels.items()
     ]
@@ -182,7 +188,7 @@ def _write(path: Path, write: Callable[[Path], None]) -> None:
 # -- what stands in it --------------------------------------------------------------------------------------------
 
 
-def _refuse_unsaid(shelf: Shelf, frame: Frame) -> None:
+def _refuse_unsaid(shelf: Shelf, frame: ArchivedFrame) -> None:
     """What a DNG needs and the archive does not say."""
     faults = []
     mask = mask_of(shelf, frame)
@@ -209,8 +215,10 @@ def _refuse_unsaid(shelf: Shelf, frame: Frame) -> None:
         raise RequestError(faults)
 
 
-def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
+def raw_frame(shelf: Shelf, frame: ArchivedFrame) -> dng.RawFrame:
     """Everything a DNG says of a cell."""
+    speed = shelf.parameter(frame, "iso", 0.0)  # that was set, or else that of the gain
+    speed = speed or shelf.parameter(frame, "base_iso", 0.0) * shelf.parameter(frame, "analogue_gain", 1.0)
     time = shelf.beside(frame, "integration_time")  # found by the camera itself where it meters; 0.008 in any precision
     return dng.RawFrame(
         raw=frame.picture(),
@@ -225,7 +233,7 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
         else shelf.parameter(frame, "integration_time"),
         f_number=shelf.parameter(frame, "f_number"),
         focal_length=shelf.parameter(frame, "focal_length"),
-        iso=_iso(shelf, frame),
+        iso=speed or None,
         model=str(shelf.record.get("sensor") or shelf.record["pipeline"]).encode("ascii", "replace").decode(),
         serial=str(shelf.parameter(frame, "sensor_serial", "")).encode("ascii", "replace").decode(),
         description=described(shelf, frame),
@@ -234,7 +242,7 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
     )
 
 
-def white_level(shelf: Shelf, frame: Frame) -> int:
+def white_level(shelf: Shelf, frame: ArchivedFrame) -> int:
     """The code at which pixels saturate: the top code, or the full well where that comes first and a stage clips
     there.
     """
@@ -251,26 +259,16 @@ def white_level(shelf: Shelf, frame: Frame) -> int:
     return round(float(black) + amplifier.white_level(filled, step, black, bits))
 
 
-def _iso(shelf: Shelf, frame: Frame) -> float | None:
-    """The speed that was set, or that of the gain; None where no stage knows one."""
-    speed = shelf.parameter(frame, "iso", 0.0)
-    return speed or shelf.parameter(frame, "base_iso", 0.0) * shelf.parameter(frame, "analogue_gain", 1.0) or None
+def _writer(shelf: Shelf, kind: str, frame: ArchivedFrame) -> Callable[[Path], None]:
+    if kind == "dng":
+        return lambda path: dng.write(path, raw_frame(shelf, frame))
+    if kind == "png":
+        return lambda path: png.write(path, png.array_of(frame), shelf.white(frame), described(shelf, frame))
+    encoded = frame.variable == "rgb_display" and _is_srgb(shelf, frame)
+    return lambda path: tiff.write(path, frame.picture(), described(shelf, frame), _software(), _when(shelf), encoded)
 
 
-def _writer(shelf: Shelf, job: _Job) -> Callable[[Path], None]:
-    if job.kind == "dng":
-        return lambda path: dng.write(path, raw_frame(shelf, job.frame))
-    if job.kind == "png":
-        return lambda path: png.write(
-            path, png.array_of(job.frame), shelf.white(job.frame), described(shelf, job.frame)
-        )
-    encoded = job.frame.variable == "rgb_display" and _is_srgb(shelf, job.frame)
-    return lambda path: tiff.write(
-        path, job.frame.picture(), described(shelf, job.frame), _software(), _when(shelf), encoded
-    )
-
-
-def _is_srgb(shelf: Shelf, frame: Frame) -> bool:
+def _is_srgb(shelf: Shelf, frame: ArchivedFrame) -> bool:
     shown: dict[str, Any] = {
         k: v for node in shelf.record["nodes"].values() for k, v in node["shown"].items() if k == "display"
     }

@@ -5,8 +5,6 @@ Out: an uncompressed DNG 1.4 file: the digital numbers bit for bit.
 Sources: Adobe, Digital Negative Specification 1.4.0.0; EXIF 2.32 for exposure time, f-number, focal length, ISO.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from fractions import Fraction
@@ -16,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue import require
 from etendue_camera.colour import matrices
 from etendue_camera.export.container import ASCII, BYTE, LONG, RATIONAL, SHORT, SRATIONAL, UNDEFINED, Tag, write_picture
 
@@ -96,10 +95,18 @@ def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[Any, Any]:
     construction, so that a reader that derives the white from either finds the same.
     """
     white, matrix = np.asarray(camera_white, float), np.asarray(balanced_to_xyz, float)
-    if white.shape != (3,) or not np.all(white > 0) or not np.all(np.isfinite(white)):
-        raise ValueError(f"camera_white is {white.tolist()}; allowed are three numbers above 0")
-    if matrix.shape != (3, 3) or not np.linalg.cond(matrix) < 1e9:
-        raise ValueError(f"balanced_to_xyz is {matrix.tolist()}; allowed is an invertible 3 x 3 matrix")
+    require.allowed(
+        white.shape == (3,) and np.all(white > 0) and np.all(np.isfinite(white)),
+        "camera_white",
+        white.tolist(),
+        "three numbers above 0",
+    )
+    require.only(
+        matrix.shape == (3, 3) and np.linalg.cond(matrix) < 1e9,
+        "balanced_to_xyz",
+        matrix.tolist(),
+        "an invertible 3 x 3 matrix",
+    )
     to_camera = (white / white.max())[:, None] * np.linalg.inv(matrix)
     return to_camera, matrices.von_kries_matrix(matrix.sum(axis=1), D50_XYZ, matrices.TRANSFORMS["bradford"]) @ matrix
 
@@ -183,13 +190,14 @@ def write(path: Path, frame: RawFrame) -> None:
         Not (y, x) of uint16, a mask that no reader understands, colour filters without white and matrix, or levels
         that are none.
     """
-    if frame.raw.ndim != 2 or frame.raw.dtype != np.uint16 or not frame.raw.size:
-        raise ValueError(f"raw is {frame.raw.dtype} with shape {frame.raw.shape}; allowed is (y, x) of uint16")
-    if not 0 <= frame.black < frame.white_level <= 65535:
-        raise ValueError(
-            f"black is {frame.black:g} and white_level {frame.white_level}; allowed is 0 <= black < white_level <= "
-            f"65535"
-        )
+    require.that(
+        frame.raw.ndim == 2 and frame.raw.dtype == np.uint16 and frame.raw.size,
+        f"raw is {frame.raw.dtype} with shape {frame.raw.shape}; allowed is (y, x) of uint16",
+    )
+    require.that(
+        0 <= frame.black < frame.white_level <= 65535,
+        f"black is {frame.black:g} and white_level {frame.white_level}; allowed is 0 <= black < white_level <= 65535",
+    )
     why = refusal(frame.mask)
     if why:
         raise ValueError(why)

@@ -1,13 +1,11 @@
 """The pictures of an archive, one at a time, with what is known about each: camera values, white, colour matrix, key.
 
 In:  the folder of an archive.
-Out: a ``Shelf`` for a variable, its ``Frame``s by axis values; arrays are read when a frame is asked for its picture.
+Out: a ``Shelf`` for a variable, its pictures by axis values; arrays are read when one of them is asked for.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -36,7 +34,7 @@ MEND = "mend it: etendue verify --repair"
 
 
 @dataclass(frozen=True)
-class Group:
+class StageGroup:
     """One group of the store that holds a variable: a stage, or one shape of a stage."""
 
     stage: str
@@ -54,10 +52,10 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Frame:
+class ArchivedFrame:
     """One picture of one cell: where it stands, and whether it is there."""
 
-    group: Group
+    group: StageGroup
     variable: str
     labels: Mapping[str, Any]  # axis values, and the position along leading dims such as ``frame``
     status: str
@@ -79,7 +77,7 @@ class Frame:
 
 def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Mapping[str, Any]) -> Any:
     """A variable of one cell as the journal vouches for it, at the labels of its other dims."""
-    axes = [str(dim) for dim in data["status"].dims] if "status" in data else []
+    axes = _cell_axes(data)
     name = cell_label(stage, {dim: labels[dim] for dim in axes})
     if name not in stored.finished:
         raise ArchiveError(
@@ -132,7 +130,7 @@ class Shelf:
 
     # -- pictures -------------------------------------------------------------------------------------
 
-    def groups(self, variable: str, stage: str = "") -> list[Group]:
+    def groups(self, variable: str, stage: str = "") -> list[StageGroup]:
         """The groups of the last stage that wrote a variable, or of the one that is named."""
         written = self.variables.get(variable)
         if not written:
@@ -144,34 +142,31 @@ class Shelf:
         if stage and stage not in stages:
             raise RequestError(f"--stage {stage}: it wrote no {variable!r} here{nearest(stage, stages)}")
         chosen = stage or stages[-1]
-        return [Group(chosen, path, self._open(path)) for name, path in written if name == chosen]
+        return [StageGroup(chosen, path, self._open(path)) for name, path in written if name == chosen]
 
-    def frames(self, variable: str, stage: str = "", light: bool = False) -> list[Frame]:
+    def frames(self, variable: str, stage: str = "", light: bool = False) -> list[ArchivedFrame]:
         """Every picture of a variable, in the order of the axes as stored; ``light``: bands of light are one picture
         too.
         """
-        found = []
-        for group in self.groups(variable, stage):
-            array = group.data[variable]
-            if array.dims[-2:] != ("y", "x") or not (light or self._is_picture(group.path, variable)):
-                way = (
-                    "; as a plot: etendue plot"
-                    if array.dims[-2:] != ("y", "x")
-                    else "; --png shows it as an eye sees it"
-                )
-                raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture{way}")
-            axes = [str(dim) for dim in array.dims if dim not in PLANE and not (light and dim == "wavelength")]
-            values = [_values(array, dim) for dim in axes]
-            status = group.data["status"].to_numpy() if "status" in group.data else None
-            depth = status.ndim if status is not None else 0
-            for index in product(*(range(len(own)) for own in values)):
-                flag = STATUS[int(status[index[:depth]])] if status is not None else "done"
-                labels = {dim: own[i] for dim, own, i in zip(axes, values, index, strict=True)}
-                found.append(Frame(group, variable, labels, flag, self.stored))
+        found = [frame for group in self.groups(variable, stage) for frame in self._frames_of(group, variable, light)]
         there = [frame.labels for frame in found if frame.status != "not_computed"]
         return [
             f for f in found if f.status != "not_computed" or f.labels not in there
         ]  # another shape of the stage has it
+
+    def _frames_of(self, group: StageGroup, variable: str, light: bool) -> Iterator[ArchivedFrame]:
+        array = group.data[variable]
+        flat = array.dims[-2:] == ("y", "x")
+        if not flat or not (light or self._is_picture(group.path, variable)):
+            way = "; --png shows it as an eye sees it" if flat else "; as a plot: etendue plot"
+            raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture{way}")
+        axes = [str(dim) for dim in array.dims if dim not in PLANE and not (light and dim == "wavelength")]
+        values = [_values(array, dim) for dim in axes]
+        status = group.data["status"].to_numpy() if "status" in group.data else None
+        for index in product(*(range(len(own)) for own in values)):
+            flag = "done" if status is None else STATUS[int(status[index[: status.ndim]])]
+            labels = {dim: own[i] for dim, own, i in zip(axes, values, index, strict=True)}
+            yield ArchivedFrame(group, variable, labels, flag, self.stored)
 
     def _is_picture(self, path: str, variable: str) -> bool:
         array = self._open(path).get(variable)
@@ -189,14 +184,14 @@ class Shelf:
     def holdings(self) -> Holdings:
         return Holdings(opened(self.folder))
 
-    def white(self, frame: Frame) -> float:
+    def white(self, frame: ArchivedFrame) -> float:
         """The linear value that is shown as white in a picture, as plots have it."""
         held = self.holdings.find(f"{frame.group.stage}.{frame.variable}", "picture")
         return white_of(self.holdings, held, {dim: frame.labels[dim] for dim in held.axes})
 
     # -- what is known of one -------------------------------------------------------------------------
 
-    def parameter(self, frame: Frame, name: str, default: Any = None) -> Any:
+    def parameter(self, frame: ArchivedFrame, name: str, default: Any = None) -> Any:
         """The value of a parameter in the cell of a frame: its axis, its stage, the camera, any other stage."""
         for dim, key in frame.group.parameters.items():
             if dim in frame.labels and key.rpartition(".")[2] == name:
@@ -223,7 +218,7 @@ class Shelf:
             )
         return list(node["role"])
 
-    def beside(self, frame: Frame, variable: str, other_than: str = "") -> Any:
+    def beside(self, frame: ArchivedFrame, variable: str, other_than: str = "") -> Any:
         """Another variable of the same cell, or None where the archive has none: ``white`` for a ``raw``.
 
         The last that was written, but not by a stage of the role ``other_than``.
@@ -232,37 +227,35 @@ class Shelf:
             if other_than and other_than in self.roles(stage):
                 continue
             data = self._open(path)
-            axes = [str(dim) for dim in data["status"].dims] if "status" in data else []
-            labels = {dim: frame.labels[dim] for dim in axes if dim in frame.labels}
-            open_ = [dim for dim in axes if dim not in labels and data.sizes[dim] > 1]
-            if open_ or any(value not in _values(data, dim) for dim, value in labels.items()):
-                continue
-            chosen = data.sel(labels).squeeze([dim for dim in axes if dim not in labels])
-            if STATUS[int(chosen["status"])] in FINISHED:
-                whole = {dim: labels[dim] if dim in labels else _values(data, dim)[0] for dim in axes}
-                inner = {
-                    str(dim): frame.labels[str(dim)]
-                    for dim in data[variable].dims
-                    if dim in frame.labels and dim not in axes
-                }
-                return stored_array(self.stored, stage, data, variable, {**whole, **inner})
+            cell = _finished_cell(data, frame.labels)
+            if cell is not None:
+                inner = {str(dim): frame.labels[str(dim)] for dim in data[variable].dims if dim in frame.labels}
+                return stored_array(self.stored, stage, data, variable, {**inner, **cell})
         return None
 
-    def key(self, frame: Frame) -> str:
+    def key(self, frame: ArchivedFrame) -> str:
         """The key of the cell: what it was computed from, to the last bit."""
-        axes = self._axes(frame.group)
+        axes = _cell_axes(frame.group.data)
         labels = {dim: value for dim, value in frame.labels.items() if dim in axes}
         entry = self.journal.get(cell_label(frame.group.stage, labels))
         return entry.key if entry is not None else ""
 
-    @staticmethod
-    def _axes(group: Group) -> tuple[str, ...]:
-        return tuple(str(dim) for dim in group.data["status"].dims) if "status" in group.data else ()
 
-    def input_file(self, stored: str) -> Path | None:
-        """The copy of a file parameter: the record names it by content."""
-        digest = stored.removeprefix("sha256:")
-        return next(iter((self.folder / "inputs").glob(f"{digest}*")), None) if digest != stored else None
+def _cell_axes(data: xarray.Dataset) -> list[str]:
+    """The axes along which a stage was computed cell by cell."""
+    return [str(dim) for dim in data["status"].dims] if "status" in data else []
+
+
+def _finished_cell(data: xarray.Dataset, known: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The labels of the one cell at known labels; None where there are several, none, or an unfinished one."""
+    axes = _cell_axes(data)
+    labels = {dim: known[dim] for dim in axes if dim in known}
+    open_ = [dim for dim in axes if dim not in labels and data.sizes[dim] > 1]
+    if open_ or any(value not in _values(data, dim) for dim, value in labels.items()):
+        return None
+    cell = data.sel(labels).squeeze([dim for dim in axes if dim not in labels])
+    whole = {dim: labels[dim] if dim in labels else _values(data, dim)[0] for dim in axes}
+    return whole if STATUS[int(cell["status"])] in FINISHED else None
 
 
 def _values(data: Any, dim: str) -> list[Any]:
@@ -274,7 +267,7 @@ def _values(data: Any, dim: str) -> list[Any]:
 # -- choosing -------------------------------------------------------------------------------------------------
 
 
-def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
+def chosen(frames: list[ArchivedFrame], at: Mapping[str, str]) -> list[ArchivedFrame]:
     """The frames at the given axis values; an axis that is not named stays whole.
 
     Raises
@@ -284,25 +277,12 @@ def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
     """
     left, faults = frames, []
     for name, text in at.items():
-        axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
-        axes |= {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
-        dim = next((dim for dim, key in axes.items() if is_called(name, dim, key)), "")
-        if not dim:
-            why = nearest(name, axes) if axes else "; nothing was swept"
-            faults.append(Fault(f"--at {name}", f"it is no axis of {frames[0].variable}{why}"))
-            continue
-        values = list(dict.fromkeys(frame.labels[dim] for frame in frames if dim in frame.labels))
-        unit = next((str(f.group.data[dim].attrs.get("units", "1")) for f in frames if dim in f.group.data.coords), "1")
-        match = [value for value in values if is_value(value, text, unit)]
-        if not match:
-            shown = ", ".join(map(plain, values[:12])) + (", ..." if len(values) > 12 else "")
-            faults.append(
-                Fault(
-                    f"--at {name}={text}", f"that was not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}"
-                )
-            )
-            continue
-        left = [frame for frame in left if frame.labels.get(dim) in match]
+        found = _place(frames, name, text)
+        if isinstance(found, Fault):
+            faults.append(found)
+        else:
+            dim, values = found
+            left = [frame for frame in left if frame.labels.get(dim) in values]
     if faults:
         raise RequestError(faults)
     if not left:
@@ -313,7 +293,24 @@ def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
     return left
 
 
-def described(shelf: Shelf, frame: Frame) -> str:
+def _place(frames: list[ArchivedFrame], name: str, text: str) -> tuple[str, list[Any]] | Fault:
+    """The axis that is called so, and its values that a text means."""
+    axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
+    axes |= {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
+    dim = next((dim for dim, key in axes.items() if is_called(name, dim, key)), "")
+    if not dim:
+        why = nearest(name, axes) if axes else "; nothing was swept"
+        return Fault(f"--at {name}", f"it is no axis of {frames[0].variable}{why}")
+    values = list(dict.fromkeys(frame.labels[dim] for frame in frames if dim in frame.labels))
+    unit = next((str(f.group.data[dim].attrs.get("units", "1")) for f in frames if dim in f.group.data.coords), "1")
+    match = [value for value in values if is_value(value, text, unit)]
+    if match:
+        return dim, match
+    shown = ", ".join(map(plain, values[:12])) + (", ..." if len(values) > 12 else "")
+    return Fault(f"--at {name}={text}", f"that was not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}")
+
+
+def described(shelf: Shelf, frame: ArchivedFrame) -> str:
     """One line of provenance for a file: pipeline, stage, axis values, key of the cell."""
     facts = {
         "pipeline": shelf.record["pipeline"],

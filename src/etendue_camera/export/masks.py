@@ -4,16 +4,14 @@ In:  a frame of an archive.
 Out: one period of the mask as the frame's first pixel sees it, rows of letters.
 """
 
-from __future__ import annotations
-
 from etendue.errors import ArchiveError
-from etendue_camera.export.frames import Frame, Shelf
+from etendue_camera.export.frames import ArchivedFrame, Shelf
 from etendue_camera.sensor import cfa
 
 WELL_KNOWN = ((2, 2), (6, 6))  # periods that LibRaw, and what is built on it, understands
 
 
-def mask_of(shelf: Shelf, frame: Frame) -> tuple[str, ...] | None:
+def mask_of(shelf: Shelf, frame: ArchivedFrame) -> tuple[str, ...] | None:
     """One period of the mask; None where all pixels see the same, or no stage speaks of a pattern.
 
     A mask belongs to the sensor: a window that begins at an odd row has the rows of a Bayer mask the other way about.
@@ -48,7 +46,7 @@ def note(mask: tuple[str, ...] | None) -> str:
     )
 
 
-def _first(shelf: Shelf, frame: Frame, dim: str, name: str) -> int:
+def _first(shelf: Shelf, frame: ArchivedFrame, dim: str, name: str) -> int:
     """The sensor's row or column at which the frame begins."""
     coordinate = frame.group.data.coords.get(dim)
     if (
@@ -61,7 +59,7 @@ def _first(shelf: Shelf, frame: Frame, dim: str, name: str) -> int:
 
 
 def _letters(shelf: Shelf, stored: str) -> str:
-    path = shelf.input_file(stored)
+    path = next(iter((shelf.folder / "inputs").glob(f"{stored.removeprefix('sha256:')}*")), None)
     if path is None:
         raise ArchiveError(f"{shelf.folder}: the file of the pattern ({stored[:19]}...) is not in inputs/")
     return path.read_text(encoding="utf-8-sig")

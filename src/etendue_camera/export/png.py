@@ -4,18 +4,16 @@ In:  a frame of an archive.
 Out: a true-colour PNG, the first row of the array on top; encoded sRGB, with provenance as text.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import xarray
 
 from etendue.present.plots import pictures
-from etendue_camera.export.frames import Frame
+from etendue_camera.export.frames import ArchivedFrame
 
 
-def array_of(frame: Frame) -> xarray.DataArray:
+def array_of(frame: ArchivedFrame) -> xarray.DataArray:
     """The picture of a frame with what its archive says of it.
 
     Raises

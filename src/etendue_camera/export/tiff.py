@@ -4,12 +4,12 @@ In:  (y, x) or (channel, y, x) array.
 Out: an uncompressed TIFF file; encoded sRGB carries its profile.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from etendue import require
 
 TOP = 65535
 
@@ -28,11 +28,11 @@ def codes(picture: Any) -> Any:
     elif picture.ndim != 2:
         raise ValueError(f"the picture has shape {picture.shape}; allowed are (y, x), (1, y, x) and (3, y, x)")
     if picture.dtype.kind == "u":
-        if picture.dtype.itemsize > 2:
-            raise ValueError(f"the picture is {picture.dtype}; allowed are integers of at most 16 bits")
+        require.that(
+            picture.dtype.itemsize <= 2, f"the picture is {picture.dtype}; allowed are integers of at most 16 bits"
+        )
         return np.ascontiguousarray(picture, np.uint16)
-    if np.isnan(picture).any():
-        raise ValueError("the picture holds values that are not numbers")
+    require.that(not np.isnan(picture).any(), "the picture holds values that are not numbers")
     return np.rint(np.clip(picture, 0, 1) * TOP).astype(np.uint16)
 
 

@@ -24,33 +24,30 @@ field.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
+from etendue_camera.field import node_grids
 from etendue_camera.field.convolve import Weights, eigen, fast, hats_of, tiles
 from etendue_camera.field.expansion import BASIS_NODES, expansion
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.psf_kernels import Centre, Light, Sampler
 
-FloatArray = NDArray[np.floating]
 Method = Literal["auto", "eigen", "tiles"]
-Level = tuple[tuple[int, int], FloatArray, float]  # nodes, their kernels, error of mixing them
 
-_LARGEST = 512 << 20  # bytes of kernels
-_MOST = 100_000  # kernels: a minute or two
 _EIGEN_SHARE = 0.6  # of what is allowed, for mixing bilinearly where eigen-PSFs are cut off too
 _KERNEL_SHARE = 0.1  # of the tolerance, for the tails that the kernels cut off
 _HEIGHT_SHARE = 0.1  # of the tolerance, for mixing heights linearly
 _CALL = 3.5e5  # what the calls for one tile cost, as N log2 N of a transform: 40 us
-_FAIR = 0.25  # fall of the error of bilinear mixing when the grid is refined to half
 
 
 @dataclass(frozen=True)
-class Choice:
+class BlurChoice:
     """How a field-dependent blur is computed.
 
     Attributes
@@ -77,7 +74,7 @@ class Choice:
 class Prepared:
     """Everything about one window, bank and tolerance that does not depend on the light: see ``prepare``."""
 
-    choice: Choice
+    choice: BlurChoice
     shape: tuple[int, int]
     weights: Weights
     mix: FloatArray  # (planes, bank wavelengths)
@@ -141,7 +138,7 @@ def choose(
     method: Method = "auto",
     tolerance: float = 1e-3,
     **how: Any,
-) -> Choice:
+) -> BlurChoice:
     """The decision ``blur`` would take, before anything is convolved (arguments of ``blur`` and ``prepare``)."""
     return prepare(bank, y_um, x_um, wavelengths_um, method, tolerance, **how).choice
 
@@ -189,14 +186,13 @@ def prepare(
     this from 256 x 256 to 1024 x 1024 samples.
     """
     require.must(0.0 < tolerance < np.inf, "tolerance", tolerance, "finite and above 0")
-    if method not in ("auto", "eigen", "tiles"):
-        raise ValueError(f"method is {method!r}; it must be 'auto', 'eigen' or 'tiles'")
-    if weights not in ("source", "image"):
-        raise ValueError(f"weights is {weights!r}; it must be 'source' or 'image'")
-    if count < 0 or (count and method == "auto"):
-        raise ValueError(f"count is {count}; it must be 0 with method 'auto', and not below 0")
+    require.must(method in ("auto", "eigen", "tiles"), "method", repr(method), "'auto', 'eigen' or 'tiles'")
+    require.must(weights in ("source", "image"), "weights", repr(weights), "'source' or 'image'")
+    require.must(
+        count >= 0 and (not count or method != "auto"), "count", count, "0 with method 'auto', and not below 0"
+    )
     y, x = np.asarray(y_um, dtype=float), np.asarray(x_um, dtype=float)
-    spacing = _spacing(y, x, bank)
+    spacing = node_grids.spacing_of(y, x, float(bank.spacing_um[0]))
     allowed = (1 - _HEIGHT_SHARE) * tolerance if lost is not None else (1 - _HEIGHT_SHARE - _KERNEL_SHARE) * tolerance
     lost = _KERNEL_SHARE * tolerance if lost is None else lost
     size = bank.size(spacing, lost, light)
@@ -205,60 +201,91 @@ def prepare(
     mix = mix[:, used]
     sampler = Sampler(bank, spacing, size, light, centre, tuple(int(i) for i in used), _HEIGHT_SHARE * tolerance)
     extra = lost + _HEIGHT_SHARE * tolerance
+    within = extra + allowed * (1 + 1e-9)
+    offers = _offers(sampler, y, x, method, allowed, count, extra)
+    best = min(offers, key=lambda one: (not count and one.error > within, one.cost))
+    others = tuple((one.method, one.count, one.error, one.cost) for one in offers if one is not best)
+    if best.method == "eigen":  # the ends of the mixed wavelengths bounded what lies between them
+        mixed = (np.tensordot(best.level.kernels, row, axes=(2, 0)) for row in mix)
+        best = replace(_expanded(best.level, mixed, allowed, count, extra), cost=best.cost)
+    require.that(
+        count or not best.error > within,
+        f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {best.error:.2g}, not {tolerance:g}; take "
+        f"method 'tiles'",
+    )
+    return Prepared(
+        BlurChoice(best.method, best.count, best.level.grid, best.error, best.cost, size, others),
+        (y.size, x.size),
+        weights,
+        mix,
+        best.level.kernels if best.method == "tiles" else np.zeros((0, 0, used.size, size, size)),
+        tuple(basis for basis, _ in best.terms),
+        tuple(coefficients for _, coefficients in best.terms),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Offer:
+    """A way to compute the blur from the kernels of a grid: as `BlurChoice` says, with what was expanded."""
+
+    method: str
+    count: int
+    level: node_grids.Level
+    error: float
+    cost: float
+    terms: tuple[tuple[FloatArray, FloatArray], ...] = ()  # bases and coefficients
+
+
+def _offers(
+    sampler: Sampler, y: FloatArray, x: FloatArray, method: Method, allowed: float, count: int, extra: float
+) -> list[_Offer]:
+    """What the method costs that is asked for, or each that may be."""
     try:
         finest = allowed if method == "tiles" else _EIGEN_SHARE * allowed
-        levels = _refined(sampler, y, x, allowed, finest, count if method == "tiles" else 0)
+        levels = node_grids.refined(sampler, y, x, allowed, finest, count if method == "tiles" else 0)
     except ValueError:
         if method != "auto":
             raise
         method = "tiles"  # the finer grid of the eigen-PSFs does not fit; that of the tiles may
-        levels = _refined(sampler, y, x, allowed, allowed, 0)
-    offers: dict[str, tuple[int, float, float]] = {}
-    if method != "eigen":
-        (grid, _, between) = levels[0]
-        offers["tiles"] = (grid[0] * grid[1], between + extra, _cost_of_tiles(grid, y.size, x.size, size))
-    room = 0.0
-    if method != "tiles":
-        # its run time does not depend on the grid: the finer one leaves more room for truncation
-        grid, kernels, between = levels[-1]
-        room = allowed - between
-        # the ends of the mixed wavelengths bound what lies between them
-        tried = [expansion(kernels[:, :, number], room, count) for number in range(used.size)]
-        most, worst = max(len(c) for _, c, _ in tried), max(e for _, _, e in tried)
-        offers["eigen"] = (most, between + extra + worst, _cost_of_eigen(most))
-    best = min(offers, key=lambda name: (not count and offers[name][1] > extra + allowed * (1 + 1e-9), offers[name][2]))
-    grid, kernels, between = levels[0 if best == "tiles" else -1]
-    terms: list[tuple[FloatArray, FloatArray]] = []
-    if best == "eigen":
-        truncated = 0.0
-        for row in mix:
-            basis, coefficients, error = expansion(np.tensordot(kernels, row, axes=(2, 0)), room, count)
-            terms.append((basis, coefficients))
-            truncated = max(truncated, error)
-        offers["eigen"] = (max(len(c) for _, c in terms), between + extra + truncated, offers["eigen"][2])
-    number, error, cost = offers.pop(best)
-    if not count and error > extra + allowed * (1 + 1e-9):
-        raise ValueError(
-            f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {error:.2g}, not {tolerance:g}; take method "
-            f"'tiles'"
-        )
-    choice = Choice(best, number, grid, error, cost, size, tuple((name, *offer) for name, offer in offers.items()))
-    return Prepared(
-        choice,
-        (y.size, x.size),
-        weights,
-        mix,
-        kernels if best == "tiles" else np.zeros((0, 0, used.size, size, size)),
-        tuple(b for b, _ in terms),
-        tuple(c for _, c in terms),
-    )
+        levels = node_grids.refined(sampler, y, x, allowed, allowed, 0)
+    tiled = [] if method == "eigen" else [_tiled(levels[0], y.size, x.size, sampler.size, extra)]
+    if method == "tiles":
+        return tiled
+    # its run time does not depend on the grid: the finer one leaves more room for truncation
+    planes = (levels[-1].kernels[:, :, number] for number in range(sampler.wavelengths))
+    return [*tiled, _expanded(levels[-1], planes, allowed, count, extra)]
+
+
+def _tiled(level: node_grids.Level, ny: int, nx: int, size: int, extra: float) -> _Offer:
+    grid = level.grid
+    sides = [(n if g == 1 else min(2 * n / (g - 1), n)) + size for n, g in zip((ny, nx), grid, strict=True)]
+    one = 3 * _transform(int(sides[0]), int(sides[1])) + _CALL
+    cost = grid[0] * grid[1] * one / _transform(ny + size, nx + size)
+    return _Offer("tiles", grid[0] * grid[1], level, level.error + extra, cost)
+
+
+def _expanded(
+    level: node_grids.Level, planes: Iterable[FloatArray], allowed: float, count: int, extra: float
+) -> _Offer:
+    """With as many terms as the worst of some planes of kernels takes, (nodes y, nodes x, size, size) each."""
+    found = [expansion(kernels, allowed - level.error, count) for kernels in planes]
+    most, worst = max(len(terms) for _, terms, _ in found), max(error for *_, error in found)
+    terms = tuple((basis, coefficients) for basis, coefficients, _ in found)
+    return _Offer("eigen", most, level, level.error + extra + worst, 2.0 * (most + 1) + 1.0, terms)
+
+
+def _transform(*shape: int) -> float:
+    ny, nx = fast(*shape)
+    return ny * nx * math.log2(max(ny * nx, 2))
 
 
 def apply(planes: FloatArray, prepared: Prepared) -> FloatArray:
     """Blur planes with what ``prepare`` made; (L, Y, X) in and out."""
     planes = np.asarray(planes)
-    if planes.shape != (len(prepared.mix), *prepared.shape):
-        raise ValueError(f"planes have shape {planes.shape}; prepared for {(len(prepared.mix), *prepared.shape)}")
+    require.that(
+        planes.shape == (len(prepared.mix), *prepared.shape),
+        f"planes have shape {planes.shape}; prepared for {(len(prepared.mix), *prepared.shape)}",
+    )
     kind: Any = planes.dtype if planes.dtype in (np.float32, np.float64) else np.dtype(float)
     out = np.empty(planes.shape, dtype=kind)
     hats = [hats_of(n, g).astype(kind) for n, g in zip(prepared.shape, prepared.choice.grid, strict=True)]
@@ -279,139 +306,3 @@ def unevenness(bank: PsfBank) -> float:
     slope = np.gradient(radial, heights, axis=0) if heights.size > 1 else np.zeros_like(radial)
     held = heights > 0
     return float(np.abs(slope[held] + radial[held] / heights[held, None]).max(initial=0.0))
-
-
-def _spacing(y: FloatArray, x: FloatArray, bank: PsfBank) -> float:
-    steps = []
-    for name, line in (("y_um", y), ("x_um", x)):
-        if line.ndim != 1 or line.size < 1:
-            raise ValueError(f"{name} has shape {line.shape}; it must be one-dimensional")
-        if line.size > 1:
-            step = (line[-1] - line[0]) / (line.size - 1)
-            if not step > 0 or np.abs(np.diff(line) - step).max() > 1e-6 * step + 1e-9 * np.abs(line).max():
-                raise ValueError(f"{name} must grow in even steps")
-            steps.append(float(step))
-    if len(steps) == 2 and abs(steps[0] - steps[1]) > 1e-6 * steps[0]:
-        raise ValueError(
-            f"samples are {steps[0]:g} um apart along y and {steps[1]:g} um along x; kernels need the same spacing "
-            f"along both"
-        )
-    return steps[0] if steps else float(bank.spacing_um[0])
-
-
-def _positions(line: FloatArray, nodes: int) -> FloatArray:
-    return np.linspace(line[0], line[-1], nodes) if nodes > 1 else np.array([0.5 * (line[0] + line[-1])])
-
-
-def _kernels(sampler: Sampler, y: FloatArray, x: FloatArray, grid: tuple[int, int]) -> FloatArray:
-    yy, xx = np.meshgrid(_positions(y, grid[0]), _positions(x, grid[1]), indexing="ij")
-    return sampler.kernels(yy.ravel(), xx.ravel()).reshape(*grid, -1, sampler.size, sampler.size)
-
-
-def _grid_of(cells: int, ny: int, nx: int) -> tuple[int, int]:
-    """Nodes along y and x for so many cells along the longer side of a frame."""
-    longest = max(ny, nx)
-    rows, columns = (1 if n == 1 else min(n, max(1, round(cells * n / longest)) + 1) for n in (ny, nx))
-    return rows, columns
-
-
-def _too_many(grid: tuple[int, int], size: int, wavelengths: int) -> bool:
-    """Whether the next finer grid of nodes has more kernels than are held."""
-    finer = (2 * grid[0] - 1) * (2 * grid[1] - 1)
-    return finer * size**2 * wavelengths * 8 > _LARGEST or finer * wavelengths > _MOST
-
-
-def kernels_fit(size: int, wavelengths: int, ny: int, nx: int) -> bool:
-    """Whether the error of mixing kernels of this size can be looked for at all: the first grid of nodes is every
-    sample, or can be halved.
-
-    Parameters
-    ----------
-    size : int
-        Samples along a side of a kernel.
-    wavelengths : int
-        Kernels at each node.
-    ny, nx : int
-        Samples of the frame.
-    """
-    grid = _grid_of(2, ny, nx)
-    return grid == (ny, nx) or not _too_many(grid, size, wavelengths)
-
-
-def _refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_goal: float, count: int) -> list[Level]:
-    """Grids by halving: the first that is good enough for ``goal``, and the first for ``last_goal`` if that is
-    another one.
-    """
-    grid = _grid_of(max(count - 1, 1) if count else 2, y.size, x.size)
-    kernels, before = _kernels(sampler, y, x, grid), np.inf
-    good: list[Level] = []
-    while True:
-        if grid == (y.size, x.size):
-            return [*good, (grid, kernels, 0.0)]
-        finer = (2 * grid[0] - 1, 2 * grid[1] - 1)
-        too_many = _too_many(grid, sampler.size, sampler.wavelengths)
-        if too_many and count and grid[0] % 2 and grid[1] % 2:
-            return [(grid, kernels, _FAIR * _mixing_error(kernels[::2, ::2], kernels))]
-        if too_many:
-            raise ValueError(
-                f"an error of {last_goal:.2g} of full scale asks for more than {grid[0]} x {grid[1]} kernels of "
-                f"{sampler.size} x "
-                f"{sampler.size} samples, which are {before * _FAIR:.2g} from what lies between them; allow a larger "
-                f"error, or take a "
-                "smaller window"
-            )
-        fine = _between_nodes(sampler, y, x, kernels, grid)
-        error = _mixing_error(kernels, fine)
-        if count:
-            return [(grid, kernels, error)]
-        falls_to = error * (_FAIR if not np.isfinite(before) else max(_FAIR, min(1.0, error / before)))
-        if not good and error <= goal:
-            good = [(grid, kernels, error)]
-        if falls_to <= last_goal:
-            return [*good, (finer, fine, falls_to)]
-        if not all(f <= n for f, n in zip(finer, (y.size, x.size), strict=True)):  # every sample is a node
-            grid = (y.size, x.size)
-            kernels = _kernels(sampler, y, x, grid)
-            continue
-        grid, kernels, before = finer, fine, error
-
-
-def _between_nodes(
-    sampler: Sampler, y: FloatArray, x: FloatArray, kernels: FloatArray, grid: tuple[int, int]
-) -> FloatArray:
-    """Kernels of the grid refined to half; those that are known are taken over."""
-    finer = (2 * grid[0] - 1, 2 * grid[1] - 1)
-    out = np.empty((*finer, *kernels.shape[2:]))
-    out[::2, ::2] = kernels
-    yy, xx = np.meshgrid(_positions(y, finer[0]), _positions(x, finer[1]), indexing="ij")
-    new = np.ones(finer, dtype=bool)
-    new[::2, ::2] = False
-    out[new] = sampler.kernels(yy[new], xx[new])
-    return out
-
-
-def _mixing_error(kernels: FloatArray, fine: FloatArray) -> float:
-    """Largest half sum of |kernel - mix of its neighbours| at the nodes of the finer grid."""
-    worst = 0.0
-    for i in range(fine.shape[0]):
-        row: Any = kernels[i // 2] if i % 2 == 0 else 0.5 * (kernels[i // 2] + kernels[i // 2 + 1])
-        mixed = np.empty_like(fine[i])
-        mixed[::2] = row
-        mixed[1::2] = 0.5 * (row[:-1] + row[1:])
-        worst = max(worst, float(np.abs(fine[i] - mixed).sum(axis=(-2, -1)).max()))
-    return 0.5 * worst
-
-
-def _transform(*shape: int) -> float:
-    ny, nx = fast(*shape)
-    return ny * nx * math.log2(max(ny * nx, 2))
-
-
-def _cost_of_eigen(count: int) -> float:
-    return 2.0 * (count + 1) + 1.0
-
-
-def _cost_of_tiles(grid: tuple[int, int], ny: int, nx: int, size: int) -> float:
-    sides = [(n if g == 1 else min(2 * n / (g - 1), n)) + size for n, g in zip((ny, nx), grid, strict=True)]
-    one = 3 * _transform(int(sides[0]), int(sides[1])) + _CALL
-    return grid[0] * grid[1] * one / _transform(ny + size, nx + size)

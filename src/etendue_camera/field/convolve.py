@@ -5,15 +5,13 @@ Out: the blurred plane. Beyond the border stands the mirror image of the plane a
 Sources: see ``field_blur``; fast convolution by the discrete Fourier transform, on blocks (overlap-add).
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
+from etendue_camera.arrays import FloatArray
+
 Weights = Literal["source", "image"]
 
 

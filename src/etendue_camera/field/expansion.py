@@ -5,13 +5,10 @@ Out: a basis whose every truncation keeps the flux, and the coefficients of the 
 Sources: as in `blur.py`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
+from etendue_camera.arrays import FloatArray
 
 BASIS_NODES = 300  # the expansion is made from at most so many kernels, and held against all of them
 

@@ -10,12 +10,9 @@ Sources: plane geometry; conjugates of the pupils of a lens in air.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import FloatArray, Floats
 
 
 def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
@@ -102,8 +99,10 @@ def vignetting(
     a wide one weighs its parts by up to `radiometry.disc_falloff` against cos4.
     """
     require.must(rim_distance >= 0, "rim_distance", rim_distance, "0 or above")
-    if not object_distance > rim_distance:
-        raise ValueError(f"object_distance is {object_distance} mm; it must be beyond the rim, {rim_distance} mm")
+    require.that(
+        object_distance > rim_distance,
+        f"object_distance is {object_distance} mm; it must be beyond the rim, {rim_distance} mm",
+    )
     wider = 1.0 / (1.0 - rim_distance / object_distance)
     shadow = wider * rim_radius
     if shadow < pupil_radius:
@@ -130,8 +129,7 @@ def chief_ray_angle(height_mm: Floats, exit_pupil_distance_mm: float) -> Floats:
     ValueError
         For a distance of 0 or NaN.
     """
-    if not abs(exit_pupil_distance_mm) > 0:
-        raise ValueError(f"exit_pupil_distance is {exit_pupil_distance_mm}; it must not be 0")
+    require.that(abs(exit_pupil_distance_mm) > 0, f"exit_pupil_distance is {exit_pupil_distance_mm}; it must not be 0")
     return np.degrees(np.arctan(np.asarray(height_mm) / exit_pupil_distance_mm))
 
 

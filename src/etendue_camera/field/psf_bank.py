@@ -8,14 +8,7 @@ Processing Magazine 16(6), 22, 1999).
 A bank holds the picture of a point that is imaged at ``(y, x) = (height, 0)``: the radial direction is +y. For any
 other image point it is turned about the axis of the lens.
 
-File formats
-------------
-``.npz``: arrays ``heights_um`` (K,), ``wavelengths_um`` (L,), ``psf`` (K, L, n, n) and ``spacing_um`` (() or (L,));
-text ``source`` if there is one.
-
-``.csv``: for each height and wavelength a line ``height_um,<h>,wavelength_um,<w>,spacing_um,<s>`` and below it n lines
-of n numbers, first line lowest y, first number lowest x. Lines that start with ``#`` are comments. Every height has
-every wavelength, and all pictures have the same n.
+Files of banks: see `psf_files`.
 """
 
 from __future__ import annotations
@@ -25,12 +18,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from etendue import plain_files
+from etendue import require
+from etendue_camera.arrays import FloatArray
+from etendue_camera.field import psf_files
 from etendue_camera.field.psf_kernels import Centre, Light, Sampler, between, rounded
-
-FloatArray = NDArray[np.floating]
 
 _NEGATIVE_SHARE = 1e-2  # of the flux: more than measurement noise
 
@@ -81,23 +73,22 @@ class PsfBank:
         heights = _axis("heights_um", self.heights_um, lowest=0.0)
         wavelengths = _axis("wavelengths_um", self.wavelengths_um, lowest=1e-12)
         psf = np.array(self.psf, dtype=float)
-        if (
-            psf.ndim != 4
-            or psf.shape[:2] != (heights.size, wavelengths.size)
-            or psf.shape[2] != psf.shape[3]
-            or psf.shape[3] < 3
-        ):
-            raise ValueError(
-                f"psf has shape {psf.shape}; it must be (heights, wavelengths, n, n) = ({heights.size}, "
-                f"{wavelengths.size}, n, n), n >= 3"
-            )
+        require.that(
+            psf.ndim == 4
+            and psf.shape[:2] == (heights.size, wavelengths.size)
+            and psf.shape[2] == psf.shape[3]
+            and psf.shape[3] >= 3,
+            f"psf has shape {psf.shape}; it must be (heights, wavelengths, n, n) = ({heights.size}, "
+            f"{wavelengths.size}, n, n), n >= 3",
+        )
         spacing = np.asarray(self.spacing_um, dtype=float)
-        if spacing.shape not in ((), (1,), (wavelengths.size,)) or not np.all((spacing > 0) & np.isfinite(spacing)):
-            raise ValueError(
-                f"spacing_um is {self.spacing_um}; it must be one length above 0 um, or one for each of the wavelengths"
-            )
-        if not np.isfinite(psf).all():
-            raise ValueError("psf holds values that are not finite")
+        require.must(
+            spacing.shape in ((), (1,), (wavelengths.size,)) and np.all((spacing > 0) & np.isfinite(spacing)),
+            "spacing_um",
+            self.spacing_um,
+            "one length above 0 um, or one for each of the wavelengths",
+        )
+        require.that(np.isfinite(psf).all(), "psf holds values that are not finite")
         below = -np.minimum(psf, 0.0).sum(axis=(2, 3))
         psf = np.maximum(psf, 0.0)
         total = psf.sum(axis=(2, 3))
@@ -107,11 +98,11 @@ class PsfBank:
                 f"{tuple(int(i) for i in np.argwhere(~(total > 0))[0])}"
             )
         share = float((below / total).max())
-        if share > _NEGATIVE_SHARE:
-            raise ValueError(
-                f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is taken for noise: "
-                f"remove the background"
-            )
+        require.that(
+            not share > _NEGATIVE_SHARE,
+            f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is taken for noise: "
+            f"remove the background",
+        )
         psf /= total[:, :, None, None]
         for name, array in (
             ("heights_um", heights),
@@ -159,15 +150,20 @@ class PsfBank:
         On the axis of a rotationally symmetric lens there is no direction: what is not round there is noise, or a lens
         out of centre, which a bank cannot describe.
         """
-        if self.heights_um[0] > 0:
-            return 0.0
-        return max(0.5 * float(np.abs(picture - rounded(picture)).sum()) for picture in self.psf[0])
+        return (
+            0.0
+            if self.heights_um[0] > 0
+            else max(0.5 * float(np.abs(picture - rounded(picture)).sum()) for picture in self.psf[0])
+        )
 
     def rounded(self) -> PsfBank:
         """A bank with a round picture on the axis: pictures that are not the same after a quarter turn are averaged
         over directions.
         """
-        apart = max(0.5 * float(np.abs(p - quarter).sum()) for p, quarter in ((p, _quarter(p)) for p in self.psf[0]))
+        turned = np.rot90(self.psf[0], axes=(1, 2))
+        if turned.shape[1] % 2 == 0:  # about sample n // 2
+            turned = np.roll(turned, 1, axis=1)
+        apart = 0.5 * float(np.abs(self.psf[0] - turned).sum(axis=(1, 2)).max())
         if self.heights_um[0] > 0 or apart <= 1e-9:
             return self
         psf = self.psf.copy()
@@ -231,11 +227,10 @@ class PsfBank:
         x_um: float,
         spacing: float,
         size: int | None = None,
-        wavelengths_um: Any = None,
         light: Light = "bandlimited",
         centre: Centre = "reference",
     ) -> FloatArray:
-        """The point spread function of one image point on the image grid, (L, size, size).
+        """The point spread function of one image point on the image grid, (L, size, size), at the bank's wavelengths.
 
         Parameters
         ----------
@@ -245,14 +240,11 @@ class PsfBank:
             Of the image grid.
         size : int, optional
             Odd number of samples; the image point is sample (size // 2, size // 2). Default: all of the bank's circle.
-        wavelengths_um : (L,) array, um, optional
-            Default: the bank's own.
         light, centre
             As for ``Sampler``.
         """
         sampler = Sampler(self, spacing, size, light, centre)
-        own = sampler.kernels(np.array([float(y_um)]), np.array([float(x_um)]))[0]
-        return own if wavelengths_um is None else np.tensordot(self.mix(wavelengths_um), own, axes=1)
+        return sampler.kernels(np.array([float(y_um)]), np.array([float(x_um)]))[0]
 
     def mix(self, wavelengths_um: Any) -> FloatArray:
         """Weights that make pictures at other wavelengths from the bank's own, (wavelengths, L); rows sum to 1."""
@@ -265,66 +257,29 @@ class PsfBank:
         return weights
 
     def save(self, path: str | Path) -> None:
-        """Write ``.npz`` or ``.csv`` (see the head of this file)."""
-        path = Path(path)
-        if path.suffix == ".npz":
-            np.savez_compressed(
-                path,
-                heights_um=self.heights_um,
-                wavelengths_um=self.wavelengths_um,
-                psf=self.psf,
-                spacing_um=self.spacing_um,
-                source=np.array(self.source),
-            )
-            return
-        if path.suffix != ".csv":
-            raise ValueError(f"{path} ends in {path.suffix!r}; a bank is written as .npz or .csv")
-        with path.open("w", encoding="utf-8") as file:
-            file.writelines(f"# {line}\n" for line in self.source.splitlines())
-            for height, pictures in zip(self.heights_um, self.psf, strict=True):
-                for wavelength, spacing, picture in zip(self.wavelengths_um, self.spacing_um, pictures, strict=True):
-                    file.write(
-                        f"height_um,{float(height)!r},wavelength_um,{float(wavelength)!r},spacing_um,"
-                        f"{float(spacing)!r}\n"
-                    )
-                    file.writelines(",".join(repr(float(v)) for v in row) + "\n" for row in picture)
+        """Write ``.npz`` or ``.csv``, see `psf_files`."""
+        psf_files.write(
+            Path(path), self.heights_um, self.wavelengths_um, self.psf, np.asarray(self.spacing_um), self.source
+        )
 
     @classmethod
     def load(cls, path: str | Path) -> PsfBank:
-        """Read ``.npz`` or ``.csv`` (see the head of this file)."""
-        path = Path(path)
-        if path.suffix == ".csv":
-            return _read_csv(path)
-        if path.suffix != ".npz":
-            raise ValueError(f"{path} ends in {path.suffix!r}; a bank is read from .npz or .csv")
-        plain_files.check_entries(path)
-        with np.load(path, allow_pickle=False) as found:
-            missing = [name for name in ("heights_um", "wavelengths_um", "psf", "spacing_um") if name not in found]
-            if missing:
-                raise ValueError(
-                    f"{path} has no array {', '.join(missing)}; it must hold heights_um, wavelengths_um, psf and "
-                    f"spacing_um"
-                )
-            source = str(found["source"]) if "source" in found else ""
-            return cls(found["heights_um"], found["wavelengths_um"], found["psf"], found["spacing_um"], source)
-
-
-def _quarter(picture: FloatArray) -> FloatArray:
-    """Turned by a right angle about sample n // 2."""
-    turned = np.rot90(picture)
-    return np.roll(turned, 1, axis=0) if picture.shape[0] % 2 == 0 else turned
+        """Read ``.npz`` or ``.csv``, see `psf_files`."""
+        return cls(*psf_files.read(Path(path)))
 
 
 def _axis(name: str, values: Any, lowest: float) -> FloatArray:
     axis = np.array(values, dtype=float)
-    if (
-        axis.ndim != 1
-        or axis.size < 1
-        or not np.isfinite(axis).all()
-        or not np.all(np.diff(axis) > 0)
-        or axis[0] < lowest
-    ):
-        raise ValueError(f"{name} is {values}; it must be one-dimensional, finite, growing and not below {lowest:g} um")
+    require.must(
+        axis.ndim == 1
+        and axis.size >= 1
+        and np.isfinite(axis).all()
+        and np.all(np.diff(axis) > 0)
+        and (axis[0] >= lowest),
+        name,
+        values,
+        f"one-dimensional, finite, growing and not below {lowest:g} um",
+    )
     return axis
 
 
@@ -351,52 +306,4 @@ def _cubic(nodes: FloatArray, wanted: FloatArray) -> FloatArray:
         + t * (1 - t) ** 2 * step * slopes[low]
         + t**2 * (3 - 2 * t) * unit[low + 1]
         + t**2 * (t - 1) * step * slopes[low + 1]
-    )
-
-
-def _read_csv(path: Path) -> PsfBank:
-    blocks: dict[tuple[float, float], tuple[float, list[list[float]]]] = {}
-    rows: list[list[float]] | None = None
-    comments = []
-    for number, line in enumerate(
-        plain_files.table(path, 16 * plain_files.LARGEST_TABLE).decode("utf-8").splitlines(), 1
-    ):
-        if line.startswith("#"):
-            comments.append(line[1:].strip())
-            continue
-        cells = [cell.strip() for cell in line.split(",")]
-        if not any(cells):
-            continue
-        try:
-            if cells[0] == "height_um":
-                if cells[2::2] != ["wavelength_um", "spacing_um"]:
-                    raise ValueError("expected height_um,<h>,wavelength_um,<w>,spacing_um,<s>")
-                height, wavelength, spacing = (float(cell) for cell in cells[1::2])
-                if (height, wavelength) in blocks:
-                    raise ValueError(f"height {height:g} um, wavelength {wavelength:g} um stands there twice")
-                rows = []
-                blocks[height, wavelength] = (spacing, rows)
-            elif rows is None:
-                raise ValueError("numbers before the first line height_um,<h>,wavelength_um,<w>,spacing_um,<s>")
-            else:
-                rows.append([float(cell) for cell in cells])
-        except ValueError as error:
-            raise ValueError(f"{path}, line {number}: {error}") from None
-    heights, wavelengths = (sorted({key[i] for key in blocks}) for i in (0, 1))
-    if not blocks or len(blocks) != len(heights) * len(wavelengths):
-        raise ValueError(
-            f"{path} has {len(blocks)} pictures for {len(heights)} heights and {len(wavelengths)} wavelengths; it "
-            f"needs each pair"
-        )
-    spacings = [{blocks[h, w][0] for h in heights} for w in wavelengths]
-    if any(len(s) > 1 for s in spacings):
-        raise ValueError(f"{path}: pictures of one wavelength have different spacings")
-    shapes = {(len(rows), len(row)) for _, rows in blocks.values() for row in rows}
-    if len(shapes) != 1 or len({*next(iter(shapes))}) != 1:
-        raise ValueError(
-            f"{path}: pictures must all have the same number of lines and of numbers in a line, found {sorted(shapes)}"
-        )
-    psf = np.array([[blocks[h, w][1] for w in wavelengths] for h in heights])
-    return PsfBank(
-        np.array(heights), np.array(wavelengths), psf, np.array([s.pop() for s in spacings]), "\n".join(comments)
     )

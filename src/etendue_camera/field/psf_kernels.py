@@ -5,8 +5,7 @@ Out: kernels with a sum of exactly 1.
 Sources: the sampling theorem; spline interpolation (Unser, IEEE Signal Processing Magazine 16(6), 22, 1999).
 """
 
-from __future__ import annotations
-
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -14,8 +13,8 @@ import scipy
 from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 
-FloatArray = NDArray[np.floating]
 Light = Literal["bandlimited", "cells"]
 Centre = Literal["reference", "centroid"]
 
@@ -24,6 +23,7 @@ _OVERSAMPLING = 3  # of what the spline interpolates
 _POINTS = 64  # at a time
 
 
+@dataclass(eq=False)
 class Sampler:
     """A bank made ready for one image grid.
 
@@ -55,30 +55,27 @@ class Sampler:
     where the pictures have it.
     """
 
-    def __init__(
-        self,
-        bank: Any,
-        spacing: float,
-        size: int | None = None,
-        light: Light = "bandlimited",
-        centre: Centre = "reference",
-        used: tuple[int, ...] | None = None,
-        error: float = 1e-4,
-    ) -> None:
-        bank = bank.rounded().refined(error)
-        require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
-        if light not in ("bandlimited", "cells"):
-            raise ValueError(f"light is {light!r}; it must be 'bandlimited' or 'cells'")
-        if centre not in ("reference", "centroid"):
-            raise ValueError(f"centre is {centre!r}; it must be 'reference' or 'centroid'")
-        self.bank, self.spacing, self.light = bank, float(spacing), light
-        self.size = bank.size(spacing, light=light) if size is None else int(size)
-        if self.size < 3 or self.size % 2 == 0:
-            raise ValueError(f"size is {size}; it must be odd and at least 3")
+    bank: Any
+    spacing: float
+    size: Any = None
+    light: Light = "bandlimited"
+    centre: Centre = "reference"
+    used: tuple[int, ...] | None = None
+    error: float = 1e-4
+
+    def __post_init__(self) -> None:
+        self.bank = bank = self.bank.rounded().refined(self.error)
+        light, centre = self.light, self.centre
+        require.must(0.0 < self.spacing < np.inf, "spacing", self.spacing, "finite and above 0 um")
+        require.must(light in ("bandlimited", "cells"), "light", repr(light), "'bandlimited' or 'cells'")
+        require.must(centre in ("reference", "centroid"), "centre", repr(centre), "'reference' or 'centroid'")
+        self.spacing = float(self.spacing)
+        self.size = bank.size(self.spacing, light=light) if self.size is None else int(self.size)
+        require.must(self.size >= 3 and self.size % 2 != 0, "size", self.size, "odd and at least 3")
         n = bank.psf.shape[-1]
         step = np.arange(n) - n // 2
         circle = np.hypot(step[:, None], step[None, :]) <= (n - 1) // 2
-        chosen = tuple(range(bank.wavelengths_um.size)) if used is None else used
+        chosen = tuple(range(bank.wavelengths_um.size)) if self.used is None else self.used
         self.wavelengths = len(chosen)
         self.means = np.zeros((bank.heights_um.size, len(chosen), 2))
         self.tables: list[list[FloatArray]] = []  # by wavelength, then height

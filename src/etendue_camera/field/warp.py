@@ -9,8 +9,6 @@ Values are carried over without the change of area: it is radiance that is image
 under any distortion. How illumination falls off at the real image position is a matter of its own.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,19 +17,18 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import plain_files, require
-
-FloatArray = NDArray[np.floating]
+from etendue_camera.arrays import FloatArray
 
 _ROWS = 256  # of a plane at a time: coordinates are in double precision
 _NODES = 1025  # of the ratio of ideal to real height
 ORDERS = (1, 2, 3, 4, 5)
+Table = tuple[FloatArray, FloatArray, FloatArray]  # ideal heights (n,), wavelengths (L,), real heights (n, L), um
 
 
 @dataclass(frozen=True, eq=False)
-class Distortion:
+class DistortionCurve:
     """Real image height as a function of the ideal one and of the wavelength.
 
     Attributes
@@ -58,11 +55,13 @@ class Distortion:
     reference_um: float = 1000.0
     lateral_colour: float = 0.0
     reference_wavelength_um: float = 0.55
-    table: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    table: Table | None = None
 
     def __post_init__(self) -> None:
-        if len(self.coefficients) != 3 or not all(map(math.isfinite, self.coefficients)):
-            raise ValueError(f"coefficients are {self.coefficients}; they must be three finite numbers")
+        require.that(
+            len(self.coefficients) == 3 and all(map(math.isfinite, self.coefficients)),
+            f"coefficients are {self.coefficients}; they must be three finite numbers",
+        )
         for name, value in (
             ("reference_um", self.reference_um),
             ("reference_wavelength_um", self.reference_wavelength_um),
@@ -71,34 +70,10 @@ class Distortion:
         require.must(math.isfinite(self.lateral_colour), "lateral_colour", self.lateral_colour, "finite")
         if self.table is None:
             return
-        if any(self.coefficients):
-            raise ValueError("coefficients and a table are both given; distortion is one or the other")
-        ideal, wavelengths, real = (np.array(a, dtype=float) for a in self.table)
-        if (
-            ideal.ndim != 1
-            or wavelengths.ndim != 1
-            or real.shape != (ideal.size, wavelengths.size)
-            or ideal.size < 2
-            or not wavelengths.size
-        ):
-            raise ValueError(
-                f"table has {ideal.shape} ideal heights, {wavelengths.shape} wavelengths and real heights of shape "
-                f"{real.shape}"
-            )
-        if not all(np.isfinite(a).all() for a in (ideal, wavelengths, real)) or not (
-            np.all(np.diff(wavelengths) > 0) and wavelengths[0] > 0
-        ):
-            raise ValueError("table must be finite, its wavelengths above 0 and growing")
-        if ideal[0] > 0:
-            ideal, real = np.insert(ideal, 0, 0.0), np.insert(real, 0, 0.0, axis=0)
-        if (
-            ideal[0] != 0
-            or np.any(real[0] != 0)
-            or not (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0))
-        ):
-            raise ValueError(
-                "table must have ideal and real heights that grow from 0 on the axis: other images fold over"
-            )
+        require.that(
+            not any(self.coefficients), "coefficients and a table are both given; distortion is one or the other"
+        )
+        ideal, wavelengths, real = _checked_table(self.table)
         curve = scipy.interpolate.CubicSpline(np.r_[-ideal[:0:-1], ideal], np.r_[-real[:0:-1], real], axis=0)
         object.__setattr__(self, "table", (ideal, wavelengths, real))
         object.__setattr__(self, "_curve", curve)
@@ -109,8 +84,7 @@ class Distortion:
     def scale(self, wavelength_um: float) -> float:
         """Lateral colour: exactly 1 at the reference wavelength."""
         scale = 1.0 + self.lateral_colour * (wavelength_um - self.reference_wavelength_um) / 0.1
-        if not scale > 0:
-            raise ValueError(f"lateral_colour {self.lateral_colour:g} turns the image over at {wavelength_um:g} um")
+        require.that(scale > 0, f"lateral_colour {self.lateral_colour:g} turns the image over at {wavelength_um:g} um")
         return scale
 
     def distort(self, radius_um: Any, wavelength_um: float) -> Any:
@@ -220,8 +194,36 @@ class Distortion:
         return scipy.interpolate.CubicSpline(square, values)
 
 
-def read_table(path: str | Path) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The table of a ``Distortion`` from a CSV file.
+def _checked_table(table: Table) -> Table:
+    """Heights from 0 on, where they grow; ValueError where they do not."""
+    ideal, wavelengths, real = (np.array(a, dtype=float) for a in table)
+    require.that(
+        ideal.ndim == 1
+        and wavelengths.ndim == 1
+        and real.shape == (ideal.size, wavelengths.size)
+        and ideal.size >= 2
+        and wavelengths.size,
+        f"table has {ideal.shape} ideal heights, {wavelengths.shape} wavelengths and real heights of shape "
+        f"{real.shape}",
+    )
+    require.that(
+        all(np.isfinite(a).all() for a in (ideal, wavelengths, real))
+        and (np.all(np.diff(wavelengths) > 0) and wavelengths[0] > 0),
+        "table must be finite, its wavelengths above 0 and growing",
+    )
+    if ideal[0] > 0:
+        ideal, real = np.insert(ideal, 0, 0.0), np.insert(real, 0, 0.0, axis=0)
+    require.that(
+        ideal[0] == 0
+        and not np.any(real[0] != 0)
+        and (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0)),
+        "table must have ideal and real heights that grow from 0 on the axis: other images fold over",
+    )
+    return ideal, wavelengths, real
+
+
+def read_table(path: str | Path) -> Table:
+    """The table of a ``DistortionCurve`` from a CSV file.
 
     First line ``ideal_um`` (or ``ideal_mm``) and wavelengths in nm; below it an ideal height and the real heights at
     these wavelengths in each line, in the same unit. Gives um.
@@ -233,10 +235,10 @@ def read_table(path: str | Path) -> tuple[FloatArray, FloatArray, FloatArray]:
         if line.strip() and not line.startswith("#")
     ]
     head = [cell.strip() for cell in rows[0]] if rows else [""]
-    if head[0] not in ("ideal_um", "ideal_mm") or len(head) < 2 or len(rows) < 2:
-        raise ValueError(
-            f"{path}: the first line must be ideal_um (or ideal_mm) and wavelengths in nm, such as ideal_um,450,550,650"
-        )
+    require.that(
+        head[0] in ("ideal_um", "ideal_mm") and len(head) >= 2 and len(rows) >= 2,
+        f"{path}: the first line must be ideal_um (or ideal_mm) and wavelengths in nm, such as ideal_um,450,550,650",
+    )
     try:
         wavelengths = np.array([float(cell) for cell in head[1:]])
         values = np.array([[float(cell) for cell in row] for row in rows[1:]])
@@ -286,8 +288,7 @@ def radial(
     -----
     The error of a band-limited plane falls with the power order + 1 of the spacing; see ``edge_error``.
     """
-    if order not in ORDERS:
-        raise ValueError(f"order is {order}; it must be from 1 to 5")
+    require.must(order in ORDERS, "order", order, "from 1 to 5")
     require.must(1 <= oversampling <= 8, "oversampling", oversampling, "from 1 to 8")
     plane = np.asarray(plane)
     base = plane.min()
@@ -327,7 +328,7 @@ def edge_error(order: int, softness: float, oversampling: int = 1) -> float:
 
 
 def missing_um(
-    y_um: tuple[float, float], x_um: tuple[float, float], distortion: Distortion, wavelength_um: float
+    y_um: tuple[float, float], x_um: tuple[float, float], distortion: DistortionCurve, wavelength_um: float
 ) -> float:
     """How far beyond the rendered light the distorted frame looks, um; 0 where all of it is there.
 

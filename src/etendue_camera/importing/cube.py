@@ -4,8 +4,6 @@ In:  a file, its format by its name; words of the command line.
 Out: a ``Cube`` that is light: wavelengths ascend, values are finite, nowhere below 0.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,7 +18,6 @@ from etendue_camera.importing.formats import FORMATS
 
 RADIANCE = "W m-2 sr-1 nm-1"
 RELATIVE = "1"
-TOO_WHITE = 1.5  # of what is relative to white: beyond, it is hardly a reflectance
 LEVELS = {  # words of --level: unit, factor to it
     "radiance": (RADIANCE, 1.0),
     "W m-2 sr-1 um-1": (RADIANCE, 1e-3),

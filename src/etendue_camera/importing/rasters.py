@@ -4,8 +4,6 @@ In:  a path.
 Out: a ``Cube``, wavelength in front.
 """
 
-from __future__ import annotations
-
 import glob
 import math
 import re

@@ -4,13 +4,10 @@ In:  a ``Cube`` that is light, its unit, the distance between samples.
 Out: a folder, whole or not there.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import shutil
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,39 +17,6 @@ from etendue.errors import RequestError
 from etendue_camera.importing.cube import RADIANCE, Cube
 
 CHUNK = 512  # pixels along y and x
-
-
-def white_at(cube: Cube, y: int, x: int, size: int, reflectance: float) -> Any:
-    """The spectrum of white, from a patch of known reflectance: the mean over ``size`` x ``size`` pixels about (y, x).
-
-    Raises
-    ------
-    RequestError
-        The patch lies outside of the picture.
-    """
-    half = size // 2
-    top, left = y - half, x - half
-    if top < 0 or left < 0 or top + size > cube.values.shape[1] or left + size > cube.values.shape[2]:
-        raise RequestError(
-            f"--white-at {y},{x}: a patch of {size} pixels there lies outside of {cube.values.shape[1:]} (y, x)"
-        )
-    return cube.values[:, top : top + size, left : left + size].mean(axis=(1, 2), dtype=float) / reflectance
-
-
-def relative_to(cube: Cube, white: Any, name: str) -> Cube:
-    """A reflectance: values over those of white, band by band.
-
-    Raises
-    ------
-    RequestError
-        White is dark in a band.
-    """
-    if not (white > 0).all():
-        raise RequestError(
-            f"{name}: the patch of --white-at is dark at {cube.wavelength[int(np.argmin(white))]:g} nm: no white to "
-            f"divide by"
-        )
-    return replace(cube, values=(cube.values / white[:, None, None]).astype(cube.values.dtype), white=None)
 
 
 def level_told(cube: Cube, unit: str) -> str:

@@ -8,8 +8,8 @@ Source: Planck's law with the constants of the SI of 2019.
 import numpy as np
 
 from etendue import require
+from etendue_camera.arrays import Floats
 from etendue_camera.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
-from etendue_camera.light.radiometry import Floats
 
 SECOND_RADIATION_UM = 1e6 * PLANCK * SPEED_OF_LIGHT / BOLTZMANN
 """The second radiation constant hc/k, um K."""

@@ -9,16 +9,11 @@ The sign convention is the optical one: a real, inverted image has magnification
 has m = 0. The seed paper's own M = +1 would make eq. 5 independent of the f-number, so m > 0 is refused.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import Floats
 from etendue_camera.constants import ARCSECONDS_PER_RADIAN, PLANCK, SPEED_OF_LIGHT
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
 PHOTONS_PER_JOULE_UM = 1e-6 / (PLANCK * SPEED_OF_LIGHT)
 """Photons per joule of light of 1 um."""
@@ -231,26 +226,6 @@ def cos4(tan_angle: Floats) -> Floats:
     """
     tangent = np.asarray(tan_angle)
     return (1.0 / (1.0 + tangent * tangent)) ** 2
-
-
-def flat_disc_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
-    """1/(2 sin theta') of the marginal rays of a flat exit pupil, sqrt(N_w^2 + 1/4): what diffraction goes by.
-
-    Parameters
-    ----------
-    f_number, magnification, pupil_magnification : float, 1
-        As in `working_f_number`, with its errors.
-
-    Returns
-    -------
-    float, 1
-        The working f-number of the aplanatic lens that gives as much light, `flat_disc_factor`.
-
-    Notes
-    -----
-    Source: tan theta' = 1/(2 N_w) from the centre of the image to the edge of the pupil. Error: below 4e-16 relative.
-    """
-    return np.hypot(working_f_number(f_number, magnification, pupil_magnification), 0.5)
 
 
 def disc_factor(

@@ -8,13 +8,15 @@ change; both are what raw converters and sensors do, in a form of our own for an
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
-FloatArray = NDArray[np.floating]
 NEIGHBOURS = 8
 FEWEST = 4  # neighbours from which a pixel is judged at all
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
@@ -22,12 +24,18 @@ Offsets = tuple[tuple[int, int], ...]
 Lines = tuple[tuple[int, int, int, int], ...]
 
 
+class PixelNoise(NamedTuple):
+    """What is known of the noise of a pixel."""
+
+    dark_sigma: float  # in the dark, unit of the mosaic, at or above 0
+    electrons: float  # at 1 of the mosaic, above 0; inf: no shot noise
+    prnu: float = 0.0  # relative rms of the response from pixel to pixel, at or above 0
+
+
 def outliers(
     mosaic: FloatArray,
     mask: cfa.Mask,
-    dark_sigma: float,
-    electrons: float,
-    prnu: float = 0.0,
+    noise: PixelNoise,
     threshold: float = 4.0,
     contrast: float = 1.0,
     first_row: int = 0,
@@ -39,12 +47,7 @@ def outliers(
     ----------
     mosaic : (y, x) array, 1 at clipping
     mask : cfa.Mask
-    dark_sigma : float
-        Noise of a pixel in the dark, unit of mosaic, at or above 0.
-    electrons : float
-        At 1 of the mosaic, above 0; inf: no shot noise.
-    prnu : float
-        Relative rms of the response from pixel to pixel, at or above 0.
+    noise : PixelNoise
     threshold : float
         In sigma of a pixel, at or above 0.
     contrast : float
@@ -72,7 +75,7 @@ def outliers(
     neighbours, such as one in a corner, is not judged. sigma^2 = dark^2 + m/electrons + (prnu m)^2 at the middle m of
     the range.
     """
-    mosaic = _frame(mosaic)
+    mosaic, (dark_sigma, electrons, prnu) = _frame(mosaic), noise
     for name, value, fine in (
         ("dark_sigma", dark_sigma, dark_sigma >= 0),
         ("electrons", electrons, electrons > 0),
@@ -180,25 +183,25 @@ def replaced(
     Error on photographs: 13 % below that of the median of the 8 neighbours.
     """
     mosaic, defective = _frame(mosaic), np.asarray(defective)
-    if defective.shape != mosaic.shape or defective.dtype != bool:
-        raise ValueError(
-            f"defective has shape {defective.shape} and dtype {defective.dtype}; allowed is bool of shape "
-            f"{mosaic.shape}"
-        )
+    require.that(
+        defective.shape == mosaic.shape and defective.dtype == bool,
+        f"defective has shape {defective.shape} and dtype {defective.dtype}; allowed is bool of shape {mosaic.shape}",
+    )
     result, left = mosaic.copy(), 0
     every_row, every_column = np.nonzero(defective)
-    period = mask.period
+    period, (height, width) = mask.period, mosaic.shape
     phases = (every_row + first_row) % period[0] * period[1] + (every_column + first_column) % period[1]
     for phase in np.unique(phases):
         rows, columns = every_row[phases == phase], every_column[phases == phase]
         place = divmod(int(phase), period[1])
+        offsets = neighbours(mask, *place, mosaic.shape, 24)
         best, joined = _along_lines(mosaic, defective, mask, place, rows, columns)
         for number in np.flatnonzero(~joined):
-            near = _sound_near(
-                mosaic, defective, int(rows[number]), int(columns[number]), neighbours(mask, *place, mosaic.shape, 24)
-            )
-            if near.size:
-                best[number], joined[number] = np.median(near[:NEIGHBOURS]), True
+            around = [(rows[number] + dy, columns[number] + dx) for dy, dx in offsets]
+            sound = [at for at in around if 0 <= at[0] < height and 0 <= at[1] < width and not defective[at]]
+            if sound:
+                near = [float(mosaic[at]) for at in sound[:NEIGHBOURS]]
+                best[number], joined[number] = np.median(near), True
         result[rows[joined], columns[joined]] = best[joined]
         left += int(np.count_nonzero(~joined))
     return result, left
@@ -237,18 +240,12 @@ def _taken(mosaic: FloatArray, defective: NDArray, rows: NDArray, columns: NDArr
     return mosaic[rows, columns].astype(np.float64), inside & ~defective[rows, columns]
 
 
-def _sound_near(mosaic: FloatArray, defective: NDArray, row: int, column: int, offsets: Offsets) -> FloatArray:
-    places = [(row + dy, column + dx) for dy, dx in offsets]
-    near = [(y, x) for y, x in places if 0 <= y < mosaic.shape[0] and 0 <= x < mosaic.shape[1] and not defective[y, x]]
-    return np.array([mosaic[place] for place in near], dtype=np.float64)
-
-
 def _frame(mosaic: FloatArray) -> FloatArray:
     mosaic = np.asarray(mosaic)
-    if mosaic.ndim != 2 or not np.issubdtype(mosaic.dtype, np.floating) or not np.isfinite(mosaic).all():
-        raise ValueError(
-            f"mosaic has shape {mosaic.shape} and dtype {mosaic.dtype}; allowed is a finite (y, x) array of floats"
-        )
+    require.that(
+        mosaic.ndim == 2 and np.issubdtype(mosaic.dtype, np.floating) and np.isfinite(mosaic).all(),
+        f"mosaic has shape {mosaic.shape} and dtype {mosaic.dtype}; allowed is a finite (y, x) array of floats",
+    )
     return mosaic
 
 

@@ -36,8 +36,7 @@ def checked(mosaic: NDArray, pattern: str) -> NDArray:
         If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
     """
     mosaic = np.asarray(mosaic)
-    if mosaic.ndim != 2 or mosaic.size == 0:
-        raise ValueError(f"mosaic has shape {mosaic.shape}; allowed is (y, x), at least 1 x 1")
+    require.shape(mosaic.ndim == 2 and mosaic.size != 0, "mosaic", mosaic, "(y, x), at least 1 x 1")
     phase(pattern)
     return require.floating(mosaic)
 

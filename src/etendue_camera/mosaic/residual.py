@@ -94,7 +94,9 @@ def residual(mosaic: NDArray, pattern: str) -> NDArray:
     places = phase(pattern)
     kind = mosaic.dtype if mosaic.dtype.itemsize > 2 else np.dtype(np.float32)
     work = mosaic.astype(kind)
-    factor = _towards_one(work)
+    # a power of two brings the largest sample near 1, so that squares neither overflow nor vanish
+    peak, limit = np.max(np.abs(work), where=np.isfinite(work), initial=0.0), -np.finfo(kind).minexp
+    factor = float(2.0 ** -np.clip(np.frexp(peak)[1], -limit, limit)) if peak > 0 else 1.0
     work *= kind.type(factor)
 
     def method(planes: NDArray, framed: NDArray) -> None:
@@ -111,13 +113,6 @@ def residual(mosaic: NDArray, pattern: str) -> NDArray:
         for y, x in sites:
             planes[COLOURS.index(colour), y::2, x::2] = mosaic[y::2, x::2]
     return planes
-
-
-def _towards_one(mosaic: NDArray) -> float:
-    """The power of two that brings the largest sample near 1, so that squares neither overflow nor vanish."""
-    peak = np.max(np.abs(mosaic), where=np.isfinite(mosaic), initial=0.0)
-    limit = -np.finfo(mosaic.dtype).minexp
-    return float(2.0 ** -np.clip(np.frexp(peak)[1], -limit, limit)) if peak > 0 else 1.0
 
 
 def _tile(planes: NDArray, mosaic: NDArray, sign: NDArray, places: list[tuple[int, int]]) -> None:

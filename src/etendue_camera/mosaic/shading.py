@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
-FloatArray = NDArray[np.floating]
 PIECES = 16  # of the curve through a flat field, evenly spaced in the area of the frame
 
 
@@ -96,8 +96,10 @@ def read_gains(file: str | Path) -> GainTable:
             raise ValueError(f"{file}, row {number + 1}: {','.join(row)}; expected {table.shape[1]} numbers") from None
         if not (np.isfinite(table[number]).all() and table[number, 1:].min() > 0):
             raise ValueError(f"{file}, row {number + 1}: {','.join(row)}; allowed are finite numbers, gains above 0")
-    if not len(table) or table[0, 0] != 0 or np.any(np.diff(table[:, 0]) <= 0):
-        raise ValueError(f"{file}: heights start at 0, the axis, and ascend from row to row")
+    require.that(
+        len(table) and table[0, 0] == 0 and not np.any(np.diff(table[:, 0]) <= 0),
+        f"{file}: heights start at 0, the axis, and ascend from row to row",
+    )
     return GainTable(table[:, 0], table[:, 1:], tuple(rows[0][1:]))
 
 
@@ -155,20 +157,20 @@ def calibrated(
     over a sixteenth of the area.
     """
     flat = np.asarray(flat)
-    if flat.ndim != 2 or flat.shape != (np.size(y_mm), np.size(x_mm)) or not np.isfinite(flat).all():
-        raise ValueError(
-            f"flat has shape {flat.shape}; allowed is ({np.size(y_mm)}, {np.size(x_mm)}) as the positions say, all "
-            f"finite"
-        )
-    if rows < 2:
-        raise ValueError(f"rows is {rows!r}; allowed are whole numbers from 2")
-    if min(y_mm) * max(y_mm) > 0 or min(x_mm) * max(x_mm) > 0:
-        raise ValueError(
-            "the axis stands outside of the frame; gains are relative to it: calibrate with a frame that holds it"
-        )
+    require.shape(
+        flat.ndim == 2 and flat.shape == (np.size(y_mm), np.size(x_mm)) and np.isfinite(flat).all(),
+        "flat",
+        flat,
+        f"({np.size(y_mm)}, {np.size(x_mm)}) as the positions say, all finite",
+    )
+    require.allowed(rows >= 2, "rows", rows, "whole numbers from 2")
+    require.that(
+        not min(y_mm) * max(y_mm) > 0 and not min(x_mm) * max(x_mm) > 0,
+        "the axis stands outside of the frame; gains are relative to it: calibrate with a frame that holds it",
+    )
     radius = np.hypot(np.asarray(y_mm, float)[:, None], np.asarray(x_mm, float)[None, :])
     nodes = np.linspace(0.0, radius.max(), rows)
-    index = cfa.channel_index(mask, *flat.shape, first_row, first_column)
+    index = cfa.channel_index(mask, flat.shape[0], flat.shape[1], first_row, first_column)
     gains = np.empty((rows, len(mask.channels)))
     for number, channel in enumerate(mask.channels):
         here = index == number

@@ -8,12 +8,12 @@ its assumption about the scene.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import cfa
 
-FloatArray = NDArray[np.floating]
 VANISHING = 1e-9  # of the largest response: below it a gain would be noise
 
 
@@ -60,11 +60,18 @@ def cell_means(
     one, the channel that clips first would see less of what is bright, and the estimate would lean away from it.
     """
     mosaic = np.asarray(mosaic)
-    if mosaic.ndim != 2 or not mosaic.size or not np.isfinite(mosaic).all():
-        raise ValueError(f"mosaic has shape {mosaic.shape}; allowed is (y, x) with pixels, all of them finite")
-    if cell < 1:
-        raise ValueError(f"cell is {cell!r}; allowed are whole numbers from 1")
-    sides = [_side(size, period, cell) for size, period in zip(mosaic.shape, mask.period, strict=True)]
+    require.shape(
+        mosaic.ndim == 2 and mosaic.size and np.isfinite(mosaic).all(),
+        "mosaic",
+        mosaic,
+        "(y, x) with pixels, all of them finite",
+    )
+    require.allowed(cell >= 1, "cell", cell, "whole numbers from 1")
+    # whole periods, at least ``cell``, no more than the frame holds; a frame below one period is one cell
+    sides = [
+        max(min(-(-cell // period) * period, size // period * period), min(size, period))
+        for size, period in zip(mosaic.shape, mask.period, strict=True)
+    ]
     counts = [size // side for size, side in zip(mosaic.shape, sides, strict=True)]
     blocks = mosaic[: counts[0] * sides[0], : counts[1] * sides[1]].reshape(counts[0], sides[0], counts[1], sides[1])
     index = cfa.channel_index(mask, sides[0], sides[1], first_row, first_column)
@@ -79,14 +86,6 @@ def cell_means(
         means[number] = np.einsum("iajb,ab->ij", blocks, here / here.sum(), dtype=np.float64, casting="same_kind")
     usable = (blocks.max(axis=(1, 3)) < ceiling) & (blocks.mean(axis=(1, 3), dtype=np.float64) >= lowest)
     return means[:, usable], usable.size
-
-
-def _side(size: int, period: int, cell: int) -> int:
-    """Side of a cell: whole periods, at least ``cell``, no more than the frame holds; a frame below one period is
-    one cell.
-    """
-    wanted = -(-cell // period) * period
-    return max(min(wanted, size // period * period), min(size, period))
 
 
 def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
@@ -146,10 +145,12 @@ def white_patch(means: FloatArray, quantile: float = 0.99) -> FloatArray:
 
 def _some(means: FloatArray) -> FloatArray:
     means = np.asarray(means, np.float64)
-    if means.ndim != 2 or not means.shape[1]:
-        raise ValueError(
-            f"means has shape {means.shape}; allowed is (channel, n) with at least one cell: neither clipped nor dark"
-        )
+    require.shape(
+        means.ndim == 2 and means.shape[1],
+        "means",
+        means,
+        "(channel, n) with at least one cell: neither clipped nor dark",
+    )
     return means
 
 
@@ -271,8 +272,10 @@ def display_white(white: float, clipped: float, fixed: bool = False) -> float:
     ValueError
         For levels at or below 0, or without a value.
     """
-    if not (white > 0 and 0 < clipped < np.inf):
-        raise ValueError(f"white is {white!r} and clipping begins at {clipped!r}; allowed are numbers above 0")
+    require.that(
+        white > 0 and 0 < clipped < np.inf,
+        f"white is {white!r} and clipping begins at {clipped!r}; allowed are numbers above 0",
+    )
     return clipped if fixed else min(white, clipped)
 
 
@@ -308,11 +311,10 @@ def balanced(
         If there is not one gain for each channel, or the mosaic has fewer than two dims.
     """
     mosaic, gains = np.asarray(mosaic), np.asarray(gains, np.float64)
-    if mosaic.ndim < 2 or gains.shape != (len(mask.channels),):
-        raise ValueError(
-            f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and "
-            f"({len(mask.channels)},)"
-        )
+    require.that(
+        mosaic.ndim >= 2 and gains.shape == (len(mask.channels),),
+        f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and ({len(mask.channels)},)",
+    )
     found = np.empty_like(mosaic)
     for channel, gain in zip(mask.channels, gains, strict=True):
         for rows, columns in cfa.sites_of(mask, channel, first_row, first_column):

@@ -7,14 +7,11 @@ Sources: Born and Wolf, Principles of Optics, section 8.5; NIST Digital Library 
 """
 
 from math import factorial
-from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import FloatArray, Floats
 
 _SERIES_BELOW = 1.0
 _ASYMPTOTIC_ABOVE = 30.0

@@ -11,16 +11,12 @@ the light that the disc takes away, eps^2 of it, belongs to the transmittance or
 """
 
 from math import factorial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 from etendue_camera.optics import airy, diffraction
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
 _SEGMENT_SERIES = [(-1) ** k / factorial(2 * k + 3) for k in range(9)]
 

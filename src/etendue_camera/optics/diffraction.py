@@ -11,16 +11,12 @@ f-number that is not above 0 is a ValueError.
 """
 
 from math import factorial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 from etendue_camera.optics import airy
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
 AIRY_DIAMETER = 2.43933978253300891
 """Diameter of the first dark ring in lambda N: twice the first zero of J1 over pi."""
@@ -117,8 +113,7 @@ def airy_psf_stack(
     Error: that of `airy_psf_density` with tolerance 0; measured below the tolerance else.
     """
     y, x, bands = np.asarray(y), np.asarray(x), np.atleast_1d(np.asarray(wavelengths, float))
-    if y.ndim != 1 or x.ndim != 1:
-        raise ValueError(f"y has shape {y.shape} and x {x.shape}; both must be one-dimensional")
+    require.that(y.ndim == 1 and x.ndim == 1, f"y has shape {y.shape} and x {x.shape}; both must be one-dimensional")
     require.must(0.0 <= tolerance < 1.0, "tolerance", tolerance, "at least 0 and below 1")
     spots = np.atleast_1d(spot(bands, f_number))
     kind = np.result_type(y, x, np.float32)

@@ -6,16 +6,11 @@ Sources: a plate of a birefringent crystal splits a ray in two; two crossed plat
 equal spots.
 """
 
-from typing import Any
-
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import Floats
 
 
 def smooth_cut(wavelength: Floats, cut_off: float, edge: float) -> Floats:

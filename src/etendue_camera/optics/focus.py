@@ -9,15 +9,10 @@ similar triangles through the exit pupil, whose diameter is m_p f/N and which st
 Distances are counted positive in front of the lens; ``inf`` is an object at infinity.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import Floats
 
 AGREEMENT = 1e-6
 """Relative difference up to which a magnification and a focus distance, both given, say the same."""
@@ -89,12 +84,12 @@ def effective_magnification(magnification: float, focal_length_mm: float, focus_
     if np.isinf(focus_distance_mm):
         return float(magnification)
     found = float(magnification_of(focal_length_mm, focus_distance_mm))
-    if magnification != 0 and abs(magnification - found) > AGREEMENT * abs(found):
-        raise ValueError(
-            f"magnification is {magnification:g}, but a focus_distance of {focus_distance_mm:g} mm with f = "
-            f"{focal_length_mm:g} mm gives "
-            f"{found:.9g}; give one of them and leave the other at its default"
-        )
+    require.that(
+        magnification == 0 or not abs(magnification - found) > AGREEMENT * abs(found),
+        f"magnification is {magnification:g}, but a focus_distance of {focus_distance_mm:g} mm with f = "
+        f"{focal_length_mm:g} mm gives "
+        f"{found:.9g}; give one of them and leave the other at its default",
+    )
     return found
 
 

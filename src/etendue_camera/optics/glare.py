@@ -10,16 +10,12 @@ surroundings get.
 """
 
 from math import gamma
-from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import FloatArray, Floats
 
 
 def tail_psf(radius: Floats, r0: float, power: float = 3.0) -> Floats:
@@ -123,8 +119,10 @@ def glare_otf(radial: FloatArray, fraction: float, veil: float, r0: float, power
     The veil is the mean of the frame, which is the frame's component at frequency zero and at no other: on sampled
     planes it is a transfer function, exactly. Contrast falls to 1 - veil at the lowest frequency there is.
     """
-    if not (fraction >= 0 and veil >= 0 and fraction + veil <= 1):
-        raise ValueError(f"fraction is {fraction} and veil is {veil}; both must be 0 or above, together at most 1")
+    require.that(
+        fraction >= 0 and veil >= 0 and fraction + veil <= 1,
+        f"fraction is {fraction} and veil is {veil}; both must be 0 or above, together at most 1",
+    )
     tail = tail_otf(radial, r0, power) if fraction > 0 else 0.0
     return np.where(radial == 0, 1.0, (1.0 - fraction - veil) + fraction * tail)
 

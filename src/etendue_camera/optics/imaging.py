@@ -18,12 +18,11 @@ import scipy
 from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 from etendue_camera.optics.diffraction import spot
 from etendue_camera.optics.pupil import cell_centres, lagrange_weights
 
-FloatArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
 _POINTS = 6  # of the polynomial between lattice shifts
 _BLOCK = 2**18  # elements of a block of Gauss points, 2 MB
@@ -72,8 +71,10 @@ def pupil_psf(
     5e-5, 1.2e-5 and 3e-6 of the peak, falling like n^-2; with cells in or out 2e-3, 6e-4 and 3e-4.
     """
     scale = 2.0 * spot(wavelength, f_number)
-    if amplitude.ndim != 2 or amplitude.shape[0] != amplitude.shape[1]:
-        raise ValueError(f"amplitude has shape {amplitude.shape}; it must be square")
+    require.that(
+        amplitude.ndim == 2 and amplitude.shape[0] == amplitude.shape[1],
+        f"amplitude has shape {amplitude.shape}; it must be square",
+    )
     if path is not None and path.shape != amplitude.shape:
         raise ValueError(f"path has shape {path.shape}; it must be that of amplitude, {amplitude.shape}")
     samples = amplitude.shape[0]
@@ -121,8 +122,10 @@ def pupil_lattice(amplitude: FloatArray, path: FloatArray, wavelength: float) ->
     transforms. The difference is kept because what is wrong with a sampled pupil is wrong with both: the corner of the
     transfer function at zero frequency, where cells overlap themselves, and the weights of the edge cancel.
     """
-    if amplitude.ndim != 2 or amplitude.shape[0] != amplitude.shape[1] or path.shape != amplitude.shape:
-        raise ValueError(f"amplitude has shape {amplitude.shape} and path {path.shape}; both must be the same square")
+    require.that(
+        amplitude.ndim == 2 and amplitude.shape[0] == amplitude.shape[1] and path.shape == amplitude.shape,
+        f"amplitude has shape {amplitude.shape} and path {path.shape}; both must be the same square",
+    )
     samples = amplitude.shape[0]
     total = _area(amplitude, wavelength)
     wave = scipy.fft.fft2(amplitude * np.exp(2j * np.pi / wavelength * path), (2 * samples, 2 * samples), workers=1)
@@ -257,8 +260,7 @@ def radial_otf(
     """
     require.positive("wavelength", wavelength, " um")
     require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
-    if nodes < 1:
-        raise ValueError(f"nodes is {nodes}; it must be at least 1")
+    require.must(nodes >= 1, "nodes", nodes, "at least 1")
     shift = np.asarray(nu, float)
     total = 2.0 * _segment_integral(1.0, 1.0, shift, path, wavelength, nodes)
     if obstruction > 0.0:
@@ -319,8 +321,7 @@ def _waves(position: FloatArray, centres: FloatArray, even: bool) -> tuple[Any, 
 def _area(amplitude: FloatArray, wavelength: Floats) -> float:
     require.positive("wavelength", wavelength, " um")
     total = float(np.sum(amplitude))
-    if not total > 0.0:
-        raise ValueError(f"amplitude sums to {total}; it must be above 0")
+    require.that(total > 0.0, f"amplitude sums to {total}; it must be above 0")
     return total
 
 

@@ -8,16 +8,14 @@ program, or a measurement, hands over.
 """
 
 from math import log, pi, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from etendue import require
-
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import FloatArray, Floats
 
 FWHM_OF_SIGMA = 2.0 * sqrt(2.0 * log(2.0))
 """Full width at half maximum of a Gaussian of standard deviation 1."""
@@ -180,14 +178,14 @@ def psf_image_otf(
     Error: below 1e-15 absolute (float64), 1e-7 (float32), for pictures of 64 by 64 samples.
     """
     image = np.asarray(image)
-    if image.ndim != 2 or not np.all(np.isfinite(image)):
-        raise ValueError(f"image has shape {image.shape}; it must be two-dimensional with finite samples")
+    require.that(
+        image.ndim == 2 and np.all(np.isfinite(image)),
+        f"image has shape {image.shape}; it must be two-dimensional with finite samples",
+    )
     require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
-    if centre not in ("sample", "centroid"):
-        raise ValueError(f"centre is {centre!r}; it must be 'sample' or 'centroid'")
+    require.must(centre in ("sample", "centroid"), "centre", repr(centre), "'sample' or 'centroid'")
     energy = float(np.sum(image, dtype=float))
-    if not energy > 0.0:
-        raise ValueError(f"image sums to {energy}; a point spread function has a sum above 0")
+    require.that(energy > 0.0, f"image sums to {energy}; a point spread function has a sum above 0")
     precision = np.result_type(np.asarray(fy), np.asarray(fx), image, np.float32)
     kind = np.result_type(precision, np.complex64)
     rows, columns = (np.arange(n, dtype=float) - n // 2 for n in image.shape)
@@ -203,16 +201,17 @@ def psf_image_otf(
 def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights of the integral of psf r dr, fine enough for frequencies up to highest."""
     radius, psf = np.asarray(radius, float), np.asarray(psf, float)
-    if radius.ndim != 1 or radius.shape != psf.shape or radius.size < 2:
-        raise ValueError(
-            f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold "
-            f"at least two samples"
-        )
+    require.that(
+        radius.ndim == 1 and radius.shape == psf.shape and radius.size >= 2,
+        f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold "
+        f"at least two samples",
+    )
     steps = np.diff(radius)
-    if radius[0] != 0.0 or not np.all(steps > 0.0) or not np.all(np.isfinite(radius)):
-        raise ValueError("radius must start at 0 um and grow from sample to sample")
-    if not np.all(np.isfinite(psf)):
-        raise ValueError("psf must be finite at every radius")
+    require.that(
+        radius[0] == 0.0 and np.all(steps > 0.0) and np.all(np.isfinite(radius)),
+        "radius must start at 0 um and grow from sample to sample",
+    )
+    require.that(np.all(np.isfinite(psf)), "psf must be finite at every radius")
     count = 6 + int(np.ceil(np.pi * highest * steps.max()))
     x, w = scipy.special.roots_legendre(count)
     share = 0.5 * (1.0 + x)

@@ -14,12 +14,10 @@ from math import asin, ceil, cos, pi, sin, sqrt
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Shape = Literal["circular", "annular", "polygonal"]
 
 _FACETS = 256  # straight pieces that stand for the arcs of rounded blades
@@ -55,13 +53,17 @@ class Aperture:
     rounding: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.shape not in ("circular", "annular", "polygonal"):
-            raise ValueError(f"shape is {self.shape!r}; it must be 'circular', 'annular' or 'polygonal'")
+        require.must(
+            self.shape in ("circular", "annular", "polygonal"),
+            "shape",
+            repr(self.shape),
+            "'circular', 'annular' or 'polygonal'",
+        )
         require.must(0.0 <= self.obstruction < 1.0, "obstruction", self.obstruction, "at least 0 and below 1")
-        if self.shape != "annular" and self.obstruction != 0.0:
-            raise ValueError(
-                f"obstruction is {self.obstruction}; a {self.shape} aperture is clear: use shape 'annular'"
-            )
+        require.that(
+            self.shape == "annular" or self.obstruction == 0.0,
+            f"obstruction is {self.obstruction}; a {self.shape} aperture is clear: use shape 'annular'",
+        )
         if self.shape == "polygonal":
             polygon(self.blades, self.rotation, self.rounding)
 
@@ -81,8 +83,7 @@ class Aperture:
 
 def cell_edges(samples: int, reach: float = 1.0) -> FloatArray:
     """The samples + 1 lines between cells from -reach to reach, mirror images of each other to the last bit."""
-    if samples < 2:
-        raise ValueError(f"samples is {samples}; it must be at least 2")
+    require.must(samples >= 2, "samples", samples, "at least 2")
     return (reach / samples) * (2.0 * np.arange(samples + 1) - samples)
 
 
@@ -183,8 +184,7 @@ def polygon(blades: int, rotation: float = 0.0, rounding: float = 0.0) -> FloatA
     ValueError
         For values outside these ranges.
     """
-    if not 3 <= blades <= 64 or blades != int(blades):
-        raise ValueError(f"blades is {blades}; it must be a whole number from 3 to 64")
+    require.must(3 <= blades <= 64 and blades == int(blades), "blades", blades, "a whole number from 3 to 64")
     require.must(0.0 <= rounding <= 1.0, "rounding", rounding, "from 0 to 1")
     require.must(np.isfinite(rotation), "rotation", rotation, "finite")
     straight = rounding < 1e-9

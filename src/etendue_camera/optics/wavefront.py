@@ -12,16 +12,14 @@ parallel.
 
 from dataclasses import dataclass
 from math import isqrt, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Index = Literal["noll", "ansi"]
 
 
@@ -33,8 +31,7 @@ def noll_order(j: int) -> tuple[int, int]:
     ValueError
         For an index below 1.
     """
-    if j < 1 or j != int(j):
-        raise ValueError(f"j is {j}; Noll's index is a whole number from 1")
+    require.that(not j < 1 and j == int(j), f"j is {j}; Noll's index is a whole number from 1")
     n = (isqrt(8 * j - 7) - 1) // 2
     place = j - n * (n + 1) // 2 - 1  # within the order
     m = 2 * ((place + 1) // 2) if n % 2 == 0 else 2 * (place // 2) + 1
@@ -49,8 +46,7 @@ def ansi_order(j: int) -> tuple[int, int]:
     ValueError
         For an index below 0.
     """
-    if j < 0 or j != int(j):
-        raise ValueError(f"j is {j}; the ANSI index is a whole number from 0")
+    require.that(not j < 0 and j == int(j), f"j is {j}; the ANSI index is a whole number from 0")
     n = (isqrt(8 * j + 1) - 1) // 2
     return n, 2 * j - n * (n + 2)
 
@@ -80,8 +76,10 @@ def zernike(n: int, m: int, y: Floats, x: Floats) -> Floats:
     sum of factorials that books print loses all digits near order 40.
     Error: 1e-14 relative to the largest value for n <= 40 inside the disc.
     """
-    if n < 0 or abs(m) > n or (n - m) % 2:
-        raise ValueError(f"n is {n} and m is {m}; a Zernike polynomial has n >= |m| with n - m even")
+    require.that(
+        not n < 0 and not abs(m) > n and not (n - m) % 2,
+        f"n is {n} and m is {m}; a Zernike polynomial has n >= |m| with n - m even",
+    )
     square = np.asarray(y * y + x * x, float)
     norm = sqrt((n + 1.0) * (2.0 if m else 1.0))
     radial = scipy.special.eval_jacobi((n - abs(m)) // 2, 0, abs(m), 2.0 * square - 1.0)
@@ -99,8 +97,7 @@ def zernike_orders(count: int, index: Index = "noll") -> list[tuple[int, int]]:
     ValueError
         For an unknown index.
     """
-    if index not in ("noll", "ansi"):
-        raise ValueError(f"index is {index!r}; it must be 'noll' or 'ansi'")
+    require.must(index in ("noll", "ansi"), "index", repr(index), "'noll' or 'ansi'")
     return [noll_order(j + 1) if index == "noll" else ansi_order(j) for j in range(count)]
 
 
@@ -124,8 +121,7 @@ def zernike_sum(coefficients: tuple[float, ...], y: Floats, x: Floats, index: In
     ValueError
         For an unknown index and coefficients that are not finite.
     """
-    if not np.all(np.isfinite(coefficients)):
-        raise ValueError(f"coefficients are {coefficients}; they must be finite")
+    require.that(np.all(np.isfinite(coefficients)), f"coefficients are {coefficients}; they must be finite")
     total = np.zeros(np.broadcast(y, x).shape)
     for value, (n, m) in zip(coefficients, zernike_orders(len(coefficients), index), strict=True):
         if value:
@@ -229,8 +225,7 @@ def rms(amplitude: FloatArray, path: FloatArray) -> float:
         For an amplitude that sums to nothing.
     """
     total = float(np.sum(amplitude))
-    if not total > 0.0:
-        raise ValueError(f"amplitude sums to {total}; it must be above 0")
+    require.that(total > 0.0, f"amplitude sums to {total}; it must be above 0")
     mean = float(np.sum(amplitude * path)) / total
     return sqrt(float(np.sum(amplitude * (path - mean) ** 2)) / total)
 
@@ -258,7 +253,6 @@ def strehl_ratio(amplitude: FloatArray, path: FloatArray, wavelength: float) -> 
     """
     require.positive("wavelength", wavelength, " um")
     total = float(np.sum(amplitude))
-    if not total > 0.0:
-        raise ValueError(f"amplitude sums to {total}; it must be above 0")
+    require.that(total > 0.0, f"amplitude sums to {total}; it must be above 0")
     wave = np.sum(amplitude * np.exp(2j * np.pi / wavelength * path)) / total
     return float(min(wave.real**2 + wave.imag**2, 1.0))

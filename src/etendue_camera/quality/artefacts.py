@@ -46,8 +46,7 @@ def zipper(picture: ArrayLike, reference: ArrayLike, threshold: float = NOTICEAB
     so that mirroring or turning both pictures changes nothing.
     """
     picture, reference = _planes(picture, reference)
-    if not threshold >= 0:
-        raise ValueError(f"threshold is {threshold!r}; allowed is a number of at least 0")
+    require.only(threshold >= 0, "threshold", repr(threshold), "a number of at least 0")
     rows, columns = reference.shape[1:]
     nearest = np.full((rows, columns), np.inf)
     change = np.zeros((rows, columns))
@@ -107,6 +106,8 @@ def _distance(planes: NDArray[np.float64], here: tuple[slice, ...], there: tuple
 def _planes(picture: ArrayLike, reference: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     picture, reference = np.asarray(picture, np.float64), np.asarray(reference, np.float64)
     require.equal_shapes("picture", picture, "reference", reference)
-    if picture.size == 0 or not (picture.ndim == 2 or (picture.ndim == 3 and len(picture) == 3)):
-        raise ValueError(f"picture has shape {picture.shape}; allowed are (3, y, x), L*a*b*, and (y, x), L*")
+    require.that(
+        picture.size != 0 and (picture.ndim == 2 or (picture.ndim == 3 and len(picture) == 3)),
+        f"picture has shape {picture.shape}; allowed are (3, y, x), L*a*b*, and (y, x), L*",
+    )
     return (picture, reference) if picture.ndim == 3 else (picture[None], reference[None])

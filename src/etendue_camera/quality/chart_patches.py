@@ -5,22 +5,20 @@ Out: mean of every patch and its covariance; colour differences with intervals.
 Sources: the plane homography through four points (Hartley and Zisserman 2004, section 4.1); CIEDE2000.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from etendue_camera.arrays import FloatArray
 from etendue_camera.colour.difference import delta_e_2000
 
 GAP = 0.1  # between patches, of their pitch
 MIDDLE = 0.5  # side of what is averaged, of the patch
 SMALLEST = 5  # pixels along a side of what is averaged
 DRAWS = 400
-FloatArray = NDArray[np.floating]
 
 
 def homography(corners: ArrayLike) -> FloatArray:

@@ -17,7 +17,7 @@ WINDOW, SPREAD = 11, 1.5  # of SSIM, pixels: width of the window and standard de
 K1, K2 = 0.01, 0.03
 
 
-class Spread(NamedTuple):
+class MapSpread(NamedTuple):
     """Figures of a map of differences."""
 
     mean: float
@@ -61,9 +61,7 @@ def psnr(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> float:
     peak = _above_zero("peak", peak)
     error = np.subtract(picture, reference, dtype=np.float64).ravel()
     mean_square = float(error @ error) / error.size
-    if mean_square == 0:
-        return float("inf")
-    return float(20 * np.log10(peak) - 10 * np.log10(mean_square))
+    return float("inf") if mean_square == 0 else float(20 * np.log10(peak) - 10 * np.log10(mean_square))
 
 
 def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDArray[np.float64]:
@@ -93,10 +91,10 @@ def ssim_map(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDA
     sums over each window (float64), which is the cancellation in E[x^2] - E[x]^2.
     """
     picture, reference = _pair(picture, reference)
-    if picture.ndim < 2 or min(picture.shape[-2:]) < WINDOW:
-        raise ValueError(
-            f"picture has shape {picture.shape}; allowed are at least {WINDOW} x {WINDOW} pixels, the window of SSIM"
-        )
+    require.that(
+        picture.ndim >= 2 and min(picture.shape[-2:]) >= WINDOW,
+        f"picture has shape {picture.shape}; allowed are at least {WINDOW} x {WINDOW} pixels, the window of SSIM",
+    )
     peak = _above_zero("peak", peak)
     x, y = picture.astype(np.float64), reference.astype(np.float64)
     mean_x, mean_y = _windowed(x), _windowed(y)
@@ -111,7 +109,7 @@ def ssim(picture: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> float:
     return float(ssim_map(picture, reference, peak).mean())
 
 
-def spread(values: ArrayLike) -> Spread:
+def spread(values: ArrayLike) -> MapSpread:
     """Mean, median and 95 % point of a map of differences; NaN throughout where it holds NaN.
 
     Raises
@@ -120,10 +118,9 @@ def spread(values: ArrayLike) -> Spread:
         If there is no value.
     """
     values = np.asarray(values)
-    if values.size == 0:
-        raise ValueError("values is empty; allowed is a map of at least one pixel")
+    require.that(values.size != 0, "values is empty; allowed is a map of at least one pixel")
     median, p95 = np.quantile(values.astype(np.float64).ravel(), (0.5, 0.95))
-    return Spread(float(np.mean(values, dtype=np.float64)), float(median), float(p95))
+    return MapSpread(float(np.mean(values, dtype=np.float64)), float(median), float(p95))
 
 
 def _windowed(planes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -139,12 +136,10 @@ def _windowed(planes: NDArray[np.float64]) -> NDArray[np.float64]:
 def _pair(picture: ArrayLike, reference: ArrayLike) -> tuple[NDArray, NDArray]:
     picture, reference = np.asarray(picture), np.asarray(reference)
     require.equal_shapes("picture", picture, "reference", reference)
-    if picture.size == 0:
-        raise ValueError(f"picture has shape {picture.shape}; allowed is at least one pixel")
+    require.shape(picture.size != 0, "picture", picture, "at least one pixel")
     return picture, reference
 
 
 def _above_zero(name: str, value: float) -> float:
-    if not (np.ndim(value) == 0 and 0 < value < np.inf):
-        raise ValueError(f"{name} is {value!r}; allowed is a number above 0")
+    require.only(np.ndim(value) == 0 and 0 < value < np.inf, name, repr(value), "a number above 0")
     return float(value)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from etendue import require
 from etendue_camera.electronics.jackknife import BLOCKS, Estimate, Jackknife, left_out
 from etendue_camera.electronics.rounding import SHEPPARD, SHOWN, in_front
 
@@ -75,13 +76,12 @@ def patch_noise(
             f"{SMALLEST}"
         )
     used = np.ones(values.shape, bool) if sites is None else np.asarray(sites, bool)
-    if not np.isfinite(values[used]).all():
-        raise ValueError("the patch holds values that are no numbers")
+    require.that(np.isfinite(values[used]).all(), "the patch holds values that are no numbers")
     each = left_out(used.astype(float))
-    if (each[0] - each[1:]).min() < LEAST:
-        raise ValueError(
-            f"the patch holds less than {LEAST} pixels of one colour in some of its 8 x 8 blocks: take a larger one"
-        )
+    require.that(
+        not (each[0] - each[1:]).min() < LEAST,
+        f"the patch holds less than {LEAST} pixels of one colour in some of its 8 x 8 blocks: take a larger one",
+    )
     y, x = (np.linspace(-0.5, 0.5, n) for n in values.shape)
     design = np.stack(
         [

@@ -63,8 +63,7 @@ def samples_per_degree(pixels_per_length: float, distance: float) -> float:
         If one is not above 0.
     """
     for name, value in (("pixels_per_length", pixels_per_length), ("distance", distance)):
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} is {value!r}; allowed is a number above 0")
+        require.only(0 < value < np.inf, name, repr(value), "a number above 0")
     return float(2 * np.tan(np.radians(0.5)) * distance * pixels_per_length)
 
 
@@ -100,10 +99,8 @@ def seen(xyz: ArrayLike, samples: float, filters: str = "published") -> NDArray:
     Error: below 1e-14 (float64) and 3e-7 (float32) of the largest value, on waves of every frequency.
     """
     xyz = _picture("xyz", xyz)
-    if not samples > 0:
-        raise ValueError(f"samples is {samples!r}; allowed is a number above 0, pixels per degree")
-    if filters not in FILTERS:
-        raise ValueError(f"filters is {filters!r}; allowed are {', '.join(FILTERS)}")
+    require.only(samples > 0, "samples", repr(samples), "a number above 0, pixels per degree")
+    require.allowed(filters in FILTERS, "filters", filters, ", ".join(FILTERS))
     spectra = scipy.fft.dctn(apply_matrix(XYZ_TO_OPPONENT, xyz), axes=(1, 2), norm="ortho")
     for spectrum, terms in zip(spectra, FILTERS[filters], strict=True):
         spectrum *= _transfer(terms, spectrum.shape, samples).astype(spectrum.dtype)
@@ -149,8 +146,7 @@ def scielab(
     """
     picture, reference = _picture("xyz", xyz), _picture("reference_xyz", reference_xyz)
     require.equal_shapes("xyz", picture, "reference_xyz", reference)
-    if formula not in ("76", "2000"):
-        raise ValueError(f"formula is {formula!r}; allowed are '76' and '2000'")
+    require.allowed(formula in ("76", "2000"), "formula", formula, "'76' and '2000'")
     one, other = (lab(seen(planes, samples_per_degree, filters), white_xyz) for planes in (picture, reference))
     return delta_e_2000(one, other) if formula == "2000" else np.sqrt(((one - other) ** 2).sum(axis=0))
 
@@ -170,6 +166,5 @@ def _transfer(terms: tuple[tuple[float, float], ...], shape: tuple[int, ...], sa
 
 def _picture(name: str, xyz: ArrayLike) -> NDArray:
     array = np.asarray(xyz)
-    if array.ndim != 3 or len(array) != 3 or array.size == 0:
-        raise ValueError(f"{name} has shape {array.shape}; allowed is (3, y, x)")
+    require.shape(array.ndim == 3 and len(array) == 3 and (array.size != 0), name, array, "(3, y, x)")
     return require.floating(array)

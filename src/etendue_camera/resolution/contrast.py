@@ -17,19 +17,18 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
+from etendue import require
+from etendue_camera.arrays import FloatArray
+
 Response = Callable[[FloatArray], FloatArray]  # (n,) cycles/um -> (n,), 1 at zero
 FEW, ROUNDS = 32, 3  # parts of a step between nodes
 CUT_OFF = 1e-3  # contrast that is as good as none
 
 
-def polychromatic(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
-    """|weighted mean over wavelength|: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1."""
-    return np.abs(mean_otf(otf, weights))
-
-
 def mean_otf(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
-    """The same with its sign and phase: negative where contrast is reversed."""
+    """Weighted mean over wavelength: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1; negative where
+    contrast is reversed.
+    """
     share = (
         np.full(otf.shape[0], 1 / otf.shape[0])
         if weights is None
@@ -64,7 +63,7 @@ def mtf50(otf: Callable[[FloatArray], FloatArray], weights: FloatArray | None, h
     """
 
     def response(f: FloatArray) -> FloatArray:
-        return polychromatic(np.asarray(otf(f)), weights)
+        return np.abs(mean_otf(np.asarray(otf(f)), weights))
 
     grid = search_nodes(highest, nodes)
     return falls_below(response, 0.5, grid, response(grid))
@@ -72,10 +71,10 @@ def mtf50(otf: Callable[[FloatArray], FloatArray], weights: FloatArray | None, h
 
 def search_nodes(highest: float, nodes: int) -> FloatArray:
     """(nodes + 1,) frequencies from 0 to ``highest``, cycles/um, closer together towards 0: highest (k/nodes)^2."""
-    if not (0 < highest < math.inf and nodes >= 2):
-        raise ValueError(
-            f"highest is {highest} and nodes {nodes}; allowed are a finite frequency above 0 and at least 2 nodes"
-        )
+    require.that(
+        0 < highest < math.inf and nodes >= 2,
+        f"highest is {highest} and nodes {nodes}; allowed are a finite frequency above 0 and at least 2 nodes",
+    )
     return np.asarray(highest * np.linspace(0.0, 1.0, nodes + 1) ** 2)
 
 
@@ -166,7 +165,7 @@ def _narrowed(response: Response, level: float, low: float, high: float) -> floa
 
 
 @dataclass(frozen=True)
-class Curve:
+class ContrastCurve:
     """One transfer function along one direction, known at nodes: splines through its contrast, that squared, and its
     real part.
     """
@@ -208,8 +207,7 @@ class Curve:
             Contrast at frequencies (n,), on which crossings are solved as in `falls_below`; None: on the spline between
             the nodes, with its error.
         """
-        if not 0 < cut_off < 1:
-            raise ValueError(f"cut_off is {cut_off}; allowed is a contrast between 0 and 1")
+        require.only(0 < cut_off < 1, "cut_off", cut_off, "a contrast between 0 and 1")
         size = np.abs(self.values)
         brackets = [_bracket(level, self.grid, size, last=False) for level in (0.5, 0.1)]
         brackets.append(_bracket(cut_off, self.grid, size, last=True))
@@ -244,8 +242,9 @@ class Curve:
         By a cubic spline through the squared contrast at the nodes: error below 1e-6 for a pixel of 8 um and 512 nodes
         up to 4 cycles/um.
         """
-        if not nyquist > 0:
-            raise ValueError(f"nyquist is {nyquist}; allowed is a frequency above 0")
-        if nyquist >= self.grid[-1]:
-            return 0.0
-        return float(np.clip(self._splines[1].integrate(nyquist, self.grid[-1]) / self.energy, 0.0, 1.0))
+        require.only(nyquist > 0, "nyquist", nyquist, "a frequency above 0")
+        return (
+            0.0
+            if nyquist >= self.grid[-1]
+            else float(np.clip(self._splines[1].integrate(nyquist, self.grid[-1]) / self.energy, 0.0, 1.0))
+        )

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from etendue_camera.resolution.edge_line import FloatArray
+from etendue_camera.arrays import FloatArray
 
 NEAR = 0.3  # of a crossing: the frequencies that say where it is
 

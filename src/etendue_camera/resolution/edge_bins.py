@@ -6,13 +6,12 @@ Sources: ISO 12233:2014 (straight edge, Hamming window) and 2023 (polynomial up 
 for the three-point derivative is (2 pi f d)/sin(2 pi f d) for bins of d: the step between the two points is 2 d.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
-from etendue_camera.resolution.edge_line import FloatArray, lost
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import lost
 
 BINS = 4  # a pixel
 MOST = 10.0  # the factor for the derivative goes no higher

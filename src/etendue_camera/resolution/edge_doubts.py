@@ -5,16 +5,14 @@ In:  a measured edge.
 Out: names of what speaks against it.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 
 import numpy as np
 import scipy
 
-from etendue_camera.resolution.edge_line import FloatArray
-from etendue_camera.resolution.slanted_edge import Measured
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.slanted_edge import MeasuredEdge
 
 PARTS = 6  # along the edge
 CHANGES, SURE = 0.15, 4.0  # of the step along the edge; and standard errors
@@ -27,12 +25,12 @@ AGAIN, BETWEEN = 0.15, 0.7  # of the steepest slope: of a second one, and of the
 NAMES = ("bent", "changes", "pattern", "no_plateau", "line", "double")
 
 
-def doubts(found: Measured, rise: float) -> tuple[str, ...]:
+def doubts(found: MeasuredEdge, rise: float) -> tuple[str, ...]:
     """What speaks against a single straight edge.
 
     Parameters
     ----------
-    found : Measured
+    found : MeasuredEdge
     rise : float, pixels
         From 10 to 90 % of the step.
 
@@ -55,7 +53,7 @@ def doubts(found: Measured, rise: float) -> tuple[str, ...]:
     return tuple(name for name in NAMES if ({**seen, **_shape(found)})[name])
 
 
-def _bend(found: Measured) -> float:
+def _bend(found: MeasuredEdge) -> float:
     """Largest distance of the line from a straight one, pixels."""
     v = np.linspace(-1.0, 1.0, found.rows)
     own = np.polynomial.polynomial.polyval(v, found.coefficients)
@@ -65,7 +63,7 @@ def _bend(found: Measured) -> float:
     )
 
 
-def _changes(found: Measured) -> bool:
+def _changes(found: MeasuredEdge) -> bool:
     """Whether parts of the edge have steps of their own: each by least squares against the curve of all."""
     fit = found.fit
     spline = fit.value - fit.rest
@@ -79,7 +77,7 @@ def _changes(found: Measured) -> bool:
     return bool(not known.all() or (np.abs(slope - np.median(slope)) > CHANGES + SURE * error).any())
 
 
-def _pattern(found: Measured) -> bool:
+def _pattern(found: MeasuredEdge) -> bool:
     """Whether means over squares of what the fit has left are more than noise of single pixels leaves."""
     fit, step = found.fit, abs(float(found.curve.high - found.curve.low))
     across = ((fit.distance - fit.distance.min()) / SIDE).astype(np.intp)
@@ -93,7 +91,7 @@ def _pattern(found: Measured) -> bool:
     return power > (PATTERN * step) ** 2 and power > SURE * white
 
 
-def _shape(found: Measured) -> dict[str, bool]:
+def _shape(found: MeasuredEdge) -> dict[str, bool]:
     """Of the curve, noise taken off: whether it leaves the plateaus, and whether it rises more than once."""
     reach = float(np.abs(found.fit.distance).max())
     step = 0.25
@@ -109,7 +107,7 @@ def _shape(found: Measured) -> dict[str, bool]:
     return {"line": leaves > BEYOND, "double": double}
 
 
-def _noise(found: Measured) -> float:
+def _noise(found: MeasuredEdge) -> float:
     """rms of a step between neighbours of the smoothed curve, of the edge's step; about what pixels' noise makes it."""
     fit = found.fit
     each = fit.distance.size / max(float(np.ptp(fit.distance)), 1.0)  # pixels in a pixel of distance

@@ -6,20 +6,19 @@ Sources: the wild bootstrap by rows (Liu 1988; Shao 2010 where rows depend on ea
 White (2004).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.edge_doubts import doubts
-from etendue_camera.resolution.edge_line import FloatArray
 from etendue_camera.resolution.edge_region import find_edge
 from etendue_camera.resolution.edge_rewritten import Rewritten, Written, rewritten
-from etendue_camera.resolution.edge_spread import Curve, influence, redrawn
-from etendue_camera.resolution.slanted_edge import EdgeResponse, Measured, check, checked, measured, said
+from etendue_camera.resolution.edge_spread import EdgeSpread, influence, redrawn
+from etendue_camera.resolution.slanted_edge import EdgeResponse, MeasuredEdge, check, checked, measured, said
 
 DRAWS, CONFIDENCE = 400, 0.95
 NOISY = 0.10  # of the MTF50, the width of its interval beyond which it is noisy
@@ -136,15 +135,17 @@ def edge_resolution(
     noise and in 91 to 95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and its
     scatter 6 %: ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
     """
-    if not draws >= 50:
-        raise ValueError(f"draws is {draws}; allowed is at least 50")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence is {confidence}; allowed is between 0 and 1")
+    require.only(draws >= 50, "draws", draws, "at least 50")
+    require.only(0 < confidence < 1, "confidence", confidence, "between 0 and 1")
     check(order, knots_per_pixel, half_width, highest, samples)
     image, mask = checked(picture, sites)
     top, bottom, left, right = window or (0, image.shape[0], 0, image.shape[1])
-    if not (0 <= top < bottom <= image.shape[0] and 0 <= left < right <= image.shape[1]):
-        raise ValueError(f"window is {window}; allowed is (top, bottom, left, right) inside a picture of {image.shape}")
+    require.only(
+        0 <= top < bottom <= image.shape[0] and 0 <= left < right <= image.shape[1],
+        "window",
+        window,
+        f"(top, bottom, left, right) inside a picture of {image.shape}",
+    )
     cut = np.s_[top:bottom, left:right]
     image, mask = checked(image[cut], None if mask is None else mask[cut])
     if find:
@@ -193,11 +194,11 @@ def edge_resolution(
 
 
 def _written(
-    found: Measured, written: Written, tails: bool, response: EdgeResponse, generator: np.random.Generator
+    found: MeasuredEdge, written: Written, tails: bool, response: EdgeResponse, generator: np.random.Generator
 ) -> tuple[Rewritten, Rewritten]:
     frequency = response.frequency
 
-    def crossings(curves: Curve) -> FloatArray:
+    def crossings(curves: EdgeSpread) -> FloatArray:
         sfr = curves.response(frequency)
         return np.stack([lowest_crossing(frequency, sfr, share) for share in (0.5, 0.1)])
 
@@ -206,7 +207,7 @@ def _written(
     return fifty, ten
 
 
-def _block(found: Measured, rows: Curve, response: EdgeResponse) -> tuple[int, float]:
+def _block(found: MeasuredEdge, rows: EdgeSpread, response: EdgeResponse) -> tuple[int, float]:
     """Rows to smooth the draws over, 1 where contributions of neighbours to the response are not correlated, and a
     factor.
 
@@ -234,8 +235,8 @@ def _block(found: Measured, rows: Curve, response: EdgeResponse) -> tuple[int, f
 
 
 def _draws(
-    curve: Curve,
-    rows: Curve,
+    curve: EdgeSpread,
+    rows: EdgeSpread,
     response: EdgeResponse,
     generator: np.random.Generator,
     draws: int,

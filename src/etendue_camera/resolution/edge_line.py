@@ -5,13 +5,12 @@ Out: whether the edge is nearer to a column than to a row, its polynomial, the d
 Sources: moments of the squared gradient; Gauss-Newton.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
+from etendue_camera.arrays import FloatArray
+
 Sites = NDArray[np.bool_]
 CLOSER, NEAREST = (
     (0.25, 0.12, 0.06, 0.04, 0.04),

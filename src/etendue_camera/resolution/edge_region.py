@@ -5,15 +5,14 @@ Out: windows (pixels) and the pixels in them that belong to the strip.
 Sources: the structure tensor; every other threshold is stated beside its name.
 """
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from etendue_camera.resolution.edge_line import FloatArray, Sites, gradient, lost
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import Sites, gradient, lost
 
 AROUND = 15  # pixels over which the tensor is averaged
 FLATTEST, STEEPEST = 1.0, 43.8  # degrees from the raster
@@ -46,8 +45,8 @@ def find_edge(image: FloatArray, sites: Sites | None = None) -> tuple[tuple[int,
     row, column = np.unravel_index(int(survey.score.argmax()), survey.score.shape)
     if not survey.score[row, column] > 0:
         raise ValueError(lost("nothing in it stands at a slant"))
-    place, turn, start, stop = _followed(survey, int(row), int(column))
-    return _checked_strip(survey, place, turn, start, stop, SHORTEST, sites, (FLATTEST, STEEPEST))
+    ridge = _followed(survey, int(row), int(column))
+    return _checked_strip(survey, ridge, SHORTEST, sites, (FLATTEST, STEEPEST))
 
 
 @dataclass(frozen=True)
@@ -95,22 +94,37 @@ def find_edges(
             why = why or [lost("its step is lost in noise")]
             break
         score[max(row - AROUND, 0) : row + AROUND + 1, max(column - AROUND, 0) : column + AROUND + 1] = 0.0
-        place, turn, start, stop = _followed(survey, row, column)
-        middle = tuple(min(max(round(at), 0), size - 1) for at, size in zip(place, score.shape, strict=True))
+        ridge = _followed(survey, row, column)
+        middle = tuple(min(max(round(at), 0), size - 1) for at, size in zip(ridge.place, score.shape, strict=True))
         if covered[middle]:
             continue
-        covered |= _along(score.shape, place, turn, start, stop)
+        covered |= _within(score.shape, ridge, 0.5 * AROUND)
         score[covered] = 0.0
         try:
-            window, strip = _checked_strip(survey, place, turn, start, stop, shortest, sites, SLANTED)
+            window, strip = _checked_strip(survey, ridge, shortest, sites, SLANTED)
         except ValueError as error:
             why.append(str(error))
             continue
-        strength = float(np.median(_sampled(survey.energy, place, turn, np.arange(start, stop + 0.5), np.zeros(1))))
-        found.append(FoundEdge(window, strip, (stop - start) * math.sqrt(max(strength, 0.0))))
+        strength = float(np.median(_sampled(survey.energy, ridge, ridge.along, np.zeros(1))))
+        found.append(FoundEdge(window, strip, (ridge.stop - ridge.start) * math.sqrt(max(strength, 0.0))))
         if len(found) == most:
             break
     return sorted(found, key=lambda one: -one.promise), why
+
+
+@dataclass(frozen=True)
+class _Ridge:
+    """Where an edge runs: a place on it (y, x), its direction, and how far it goes to either side of there."""
+
+    place: tuple[float, float]
+    turn: float  # radians
+    start: float = 0.0
+    stop: float = 0.0
+
+    @property
+    def along(self) -> FloatArray:
+        """A place in every pixel of its length."""
+        return np.arange(self.start, self.stop + 0.5)
 
 
 @dataclass(frozen=True)
@@ -142,107 +156,104 @@ def _surveyed(image: FloatArray, sites: Sites | None) -> _Survey:
     return _Survey(gy**2 + gx**2, total, normal, score)
 
 
-def _followed(survey: _Survey, row: int, column: int) -> tuple[tuple[float, float], float, float, float]:
+def _followed(survey: _Survey, row: int, column: int) -> _Ridge:
     """The ridge from a seed on: its middle, direction, and ends along it."""
     turn = float(survey.normal[row, column])
-    place = _centre(survey.energy, float(row), float(column), turn)
+    ridge = _Ridge(_centre(survey.energy, float(row), float(column), turn), turn)
     for _ in range(ROUNDS):  # a longer strip knows the direction better
-        start, stop = _ends(survey.energy, place, turn)
-        before = turn
-        place, turn = _straightened(survey.energy, place, turn, start, stop)
-        if abs(turn - before) < STILL:
+        before = ridge.turn
+        ridge = _straightened(survey.energy, _ended(survey.energy, ridge))
+        if abs(ridge.turn - before) < STILL:
             break
-    return (place, turn, *_ends(survey.energy, place, turn))
+    return _ended(survey.energy, ridge)
 
 
 def _checked_strip(
-    survey: _Survey,
-    place: tuple[float, float],
-    turn: float,
-    start: float,
-    stop: float,
-    shortest: float,
-    sites: Sites | None,
-    slant: tuple[float, float],
+    survey: _Survey, ridge: _Ridge, shortest: float, sites: Sites | None, slant: tuple[float, float]
 ) -> tuple[tuple[int, int, int, int], Sites]:
-    tilt = abs((math.degrees(turn) + 45) % 90 - 45)
+    tilt = abs((math.degrees(ridge.turn) + 45) % 90 - 45)
     if not slant[0] < tilt:
         raise ValueError(lost("the strongest straight one stands along the raster"))
     if not tilt < slant[1]:
         raise ValueError(lost("the strongest straight one stands nearly along a diagonal"))
-    start, stop = start + ENDS, stop - ENDS
-    if stop - start < 2 * shortest:
+    inner = replace(ridge, start=ridge.start + ENDS, stop=ridge.stop - ENDS)
+    if inner.stop - inner.start < 2 * shortest:
         raise ValueError(lost(f"the longest straight one is shorter than {2 * shortest:g} pixels"))
-    half = _half_width(survey.energy, place, turn, start, stop)
-    return _strip(survey.energy.shape, place, turn, start, stop, half, sites)
+    half = _half_width(survey.energy, inner)
+    if half < NARROWEST:
+        raise ValueError(lost("something stands within 8 pixels of the strongest one"))
+    inside = _within(survey.energy.shape, inner, half)
+    if not inside.any():
+        raise ValueError(lost("what was followed is no single straight edge: it leaves the picture"))
+    rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+    window = (int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1)
+    cut = np.s_[window[0] : window[1], window[2] : window[3]]
+    return window, inside[cut] if sites is None else inside[cut] & sites[cut]
 
 
-def _along(shape: tuple[int, ...], place: tuple[float, float], turn: float, start: float, stop: float) -> Sites:
-    """The pixels about a ridge whose seeds would lead to it again."""
-    y, x = np.arange(shape[0])[:, None] - place[0], np.arange(shape[1]) - place[1]
-    s, c = math.sin(turn), math.cos(turn)
+def _within(shape: tuple[int, ...], ridge: _Ridge, half: float) -> Sites:
+    """The pixels about a ridge, up to so far to either side."""
+    y, x = np.arange(shape[0])[:, None] - ridge.place[0], np.arange(shape[1]) - ridge.place[1]
+    s, c = math.sin(ridge.turn), math.cos(ridge.turn)
     along, across = y * c - x * s, y * s + x * c
-    return np.asarray((along > start) & (along < stop) & (np.abs(across) < 0.5 * AROUND))
+    return np.asarray((along > ridge.start) & (along < ridge.stop) & (np.abs(across) < half))
 
 
-def _sampled(
-    energy: FloatArray, place: tuple[float, float], turn: float, along: FloatArray, across: FloatArray
-) -> FloatArray:
+def _sampled(energy: FloatArray, ridge: _Ridge, along: FloatArray, across: FloatArray) -> FloatArray:
     """Strength at distances along and across the edge, (along, across); 0 outside the picture."""
-    s, c = math.sin(turn), math.cos(turn)
-    y = place[0] + along[:, None] * c + across * s
-    x = place[1] - along[:, None] * s + across * c
+    s, c = math.sin(ridge.turn), math.cos(ridge.turn)
+    y = ridge.place[0] + along[:, None] * c + across * s
+    x = ridge.place[1] - along[:, None] * s + across * c
     return np.asarray(scipy.ndimage.map_coordinates(energy, [y, x], order=1, mode="constant"), np.float64)
 
 
 def _centre(energy: FloatArray, row: float, column: float, turn: float) -> tuple[float, float]:
     """The seed moved across onto the ridge."""
     across = np.arange(-AROUND, AROUND + 0.5, 0.5)
-    ridge = _sampled(energy, (row, column), turn, np.arange(-4.0, 5.0), across).sum(0)
-    move = float(across[int(ridge.argmax())])
+    strength = _sampled(energy, _Ridge((row, column), turn), np.arange(-4.0, 5.0), across).sum(0)
+    move = float(across[int(strength.argmax())])
     return row + move * math.sin(turn), column + move * math.cos(turn)
 
 
-def _ends(energy: FloatArray, place: tuple[float, float], turn: float) -> tuple[float, float]:
-    """How far the ridge goes on to either side of a place."""
+def _ended(energy: FloatArray, ridge: _Ridge) -> _Ridge:
+    """With how far it goes on to either side of its place."""
     reach = math.hypot(*energy.shape)
     along = np.arange(-math.ceil(reach), math.ceil(reach) + 1.0)
-    ridge = scipy.ndimage.uniform_filter(_sampled(energy, place, turn, along, np.arange(-6.0, 6.5)).sum(1), 5)
+    profile = scipy.ndimage.uniform_filter(_sampled(energy, ridge, along, np.arange(-6.0, 6.5)).sum(1), 5)
     middle = len(along) // 2
-    strength = float(np.median(ridge[middle - 6 : middle + 7]))
-    weak = np.flatnonzero(ridge < ALIVE * strength)
+    strength = float(np.median(profile[middle - 6 : middle + 7]))
+    weak = np.flatnonzero(profile < ALIVE * strength)
     before, after = weak[weak < middle], weak[weak > middle]
-    return float(along[before[-1]]) if before.size else float(along[0]), float(
-        along[after[0]]
-    ) if after.size else float(along[-1])
+    start = along[before[-1]] if before.size else along[0]
+    stop = along[after[0]] if after.size else along[-1]
+    return replace(ridge, start=float(start), stop=float(stop))
 
 
-def _straightened(
-    energy: FloatArray, place: tuple[float, float], turn: float, start: float, stop: float
-) -> tuple[tuple[float, float], float]:
-    """Middle and direction of the ridge, by a line through the centroids across it."""
-    along, across = np.arange(start, stop + 0.5), np.arange(-6.0, 6.5)
+def _straightened(energy: FloatArray, ridge: _Ridge) -> _Ridge:
+    """With middle and direction by a line through the centroids across it."""
+    along, across = ridge.along, np.arange(-6.0, 6.5)
     if along.size < 3:
-        return place, turn
-    ridge = _sampled(energy, place, turn, along, across)
-    weight = np.maximum(ridge.sum(1), 1e-300)
-    centroid, centre = (ridge @ across) / weight, float(weight @ along / weight.sum())
+        return ridge
+    strength = _sampled(energy, ridge, along, across)
+    weight = np.maximum(strength.sum(1), 1e-300)
+    centroid, centre = (strength @ across) / weight, float(weight @ along / weight.sum())
     spread = float(weight @ (along - centre) ** 2)
     if not spread > 0:
-        return place, turn
+        return ridge
     slope = float(weight @ ((along - centre) * centroid)) / spread
     shift = float(weight @ centroid / weight.sum()) - slope * centre
-    s, c = math.sin(turn), math.cos(turn)
-    middle = 0.5 * (start + stop)
+    s, c = math.sin(ridge.turn), math.cos(ridge.turn)
+    middle = 0.5 * (ridge.start + ridge.stop)
     away = shift + slope * middle
-    return (place[0] + middle * c + away * s, place[1] - middle * s + away * c), turn - math.atan(float(slope))
+    place = (ridge.place[0] + middle * c + away * s, ridge.place[1] - middle * s + away * c)
+    return _Ridge(place, ridge.turn - math.atan(float(slope)))
 
 
-def _half_width(energy: FloatArray, place: tuple[float, float], turn: float, start: float, stop: float) -> float:
+def _half_width(energy: FloatArray, ridge: _Ridge) -> float:
     """Up to where nothing else begins on either side, on what the picture holds."""
     reach = math.ceil(math.hypot(*energy.shape))
     across = np.arange(-reach, reach + 1.0)
-    seen = _sampled(energy, place, turn, np.arange(start, stop + 0.5), across)
+    seen = _sampled(energy, ridge, ridge.along, across)
     profile = np.sort(seen, axis=0)[-max(3, seen.shape[0] // 20)]  # what a twentieth of the length shows
     peak = float(profile.max())
     least = max(OTHER * peak, min(NOISE * float(np.median(energy)), 0.5 * peak))
@@ -253,26 +264,3 @@ def _half_width(energy: FloatArray, place: tuple[float, float], turn: float, sta
         again = np.flatnonzero(side[begin:] >= least)
         found.append(begin + int(again[0]) - 3 if again.size else len(side))
     return float(min(found))
-
-
-def _strip(
-    shape: tuple[int, ...],
-    place: tuple[float, float],
-    turn: float,
-    start: float,
-    stop: float,
-    half: float,
-    sites: Sites | None,
-) -> tuple[tuple[int, int, int, int], Sites]:
-    if half < NARROWEST:
-        raise ValueError(lost("something stands within 8 pixels of the strongest one"))
-    y, x = np.arange(shape[0])[:, None] - place[0], np.arange(shape[1]) - place[1]
-    s, c = math.sin(turn), math.cos(turn)
-    along, across = y * c - x * s, y * s + x * c
-    inside = (along > start) & (along < stop) & (np.abs(across) < half)
-    if not inside.any():
-        raise ValueError(lost("what was followed is no single straight edge: it leaves the picture"))
-    rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
-    window = (int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1)
-    cut = np.s_[window[0] : window[1], window[2] : window[3]]
-    return window, inside[cut] if sites is None else inside[cut] & sites[cut]

@@ -6,8 +6,6 @@ Out: MTF50 and MTF10 of edges that were written again.
 Source: the parametric bootstrap (Efron and Tibshirani 1993).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from etendue_camera.resolution.edge_line import FloatArray, distances
-from etendue_camera.resolution.edge_spread import Curve, refitted
-from etendue_camera.resolution.slanted_edge import Measured
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import distances
+from etendue_camera.resolution.edge_spread import EdgeSpread, refitted
+from etendue_camera.resolution.slanted_edge import MeasuredEdge
 
 Written = Callable[[FloatArray, np.random.Generator], FloatArray]
 TIMES, TRIED = 16, 3  # edges that are written, and those that say how much noise they take
@@ -58,11 +57,11 @@ class Rewritten:
 
 
 def rewritten(
-    found: Measured,
+    found: MeasuredEdge,
     written: Written,
     tails: bool,
     own: FloatArray,
-    crossings: Callable[[Curve], FloatArray],
+    crossings: Callable[[EdgeSpread], FloatArray],
     rng: np.random.Generator,
 ) -> list[Rewritten]:
     """How far each of some frequencies is moved, those that ``crossings`` finds in curves (frequency, curve); inf where
@@ -79,7 +78,7 @@ def rewritten(
     clean, fit = found.curve.at(away), found.fit
     sides = (fit.distance < 0, fit.distance >= 0)
 
-    def taken(noise: FloatArray, count: int) -> tuple[Curve, FloatArray]:
+    def taken(noise: FloatArray, count: int) -> tuple[EdgeSpread, FloatArray]:
         sigma, values = np.where(away < 0, noise[0], noise[1]), np.empty((count, fit.pixel.size))
         for own in values:
             picture = clean + sigma * rng.standard_normal(clean.shape)

@@ -5,14 +5,13 @@ Out: angle, the axis that it is nearer to, the largest distance from a straight 
 Sources: half-level crossings by row, of a mean over 3 x 3 pixels; least squares.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from etendue_camera.resolution.edge_line import FloatArray, Sites, first_line, lost, smooth
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import Sites, first_line, lost, smooth
 
 DEGREE = 5  # of the polynomial that a bend is seen by: the highest that an edge is measured with
 FAR = 4.0  # times the median distance from the line, beyond which a row says nothing of it

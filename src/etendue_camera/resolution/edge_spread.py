@@ -6,8 +6,6 @@ Out: a curve that is linear in the values, its Fourier transform in closed form,
 Sources: least squares with uniform cubic B-splines.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -15,7 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from etendue_camera.resolution.edge_line import FloatArray, Sites, lost
+from etendue_camera.arrays import FloatArray
+from etendue_camera.resolution.edge_line import Sites, lost
 
 DEGREE = 3
 ENOUGH = 4  # pixels in every interval between knots
@@ -107,7 +106,7 @@ def _filled(distance: FloatArray, limit: float, spacing: float) -> int:
 
 
 @dataclass(frozen=True)
-class Curve:
+class EdgeSpread:
     """A whole edge spread function: coefficients of a cubic spline about distance 0, plateaus with tails beyond.
 
     Or many of them: ``coefficients`` may be (n, coefficients), and the plateaus and the spread (n,).
@@ -186,7 +185,7 @@ def centred(count: int) -> FloatArray:
     return np.arange(count) - 0.5 * (count - 1)
 
 
-def whole(found: Fit, half_width: float | None, tails: bool) -> Curve:
+def whole(found: Fit, half_width: float | None, tails: bool) -> EdgeSpread:
     """Spline near the edge, plateaus with tails far from it, and a smooth passage between them.
 
     Where the picture says no more than the tails do, it only brings its noise along: the passage ends at the smallest
@@ -229,7 +228,7 @@ def _far(found: Fit, width: float, tails: bool) -> tuple[NDArray[np.bool_], Floa
     return outer, np.stack(columns, axis=1).astype(float)
 
 
-def joined(coefficients: FloatArray, knot: float, model: FloatArray, width: float) -> Curve:
+def joined(coefficients: FloatArray, knot: float, model: FloatArray, width: float) -> EdgeSpread:
     """The spline (..., coefficients) passing into the plateaus and the tail (..., 2 or 3) of ``model``."""
     places = centred(coefficients.shape[-1]) * knot
     kept = np.abs(places) <= width
@@ -238,7 +237,7 @@ def joined(coefficients: FloatArray, knot: float, model: FloatArray, width: floa
     spread = model[..., 2] if model.shape[-1] > 2 else np.zeros_like(low)
     share = 0.5 + 0.5 * np.cos(np.pi * np.clip(2 * np.abs(places) / width - 1, 0, 1))
     far = _plateau(places, model, knot)
-    return Curve(share * coefficients[..., kept] + (1 - share) * far, knot, low, high, spread, float(width))
+    return EdgeSpread(share * coefficients[..., kept] + (1 - share) * far, knot, low, high, spread, float(width))
 
 
 def _plateau(places: FloatArray, model: FloatArray, knot: float) -> FloatArray:
@@ -249,7 +248,7 @@ def _plateau(places: FloatArray, model: FloatArray, knot: float) -> FloatArray:
     return np.asarray(far, np.float64)
 
 
-def influence(found: Fit, curve: Curve, rows: int, tails: bool) -> Curve:
+def influence(found: Fit, curve: EdgeSpread, rows: int, tails: bool) -> EdgeSpread:
     """What the residuals of each row have brought into a curve: (rows, ...).
 
     The curve is linear in the values of the pixels as long as line and passage stay. Residuals are scaled up by the
@@ -265,7 +264,7 @@ def influence(found: Fit, curve: Curve, rows: int, tails: bool) -> Curve:
     )
 
 
-def refitted(found: Fit, curve: Curve, values: FloatArray, tails: bool) -> tuple[Curve, FloatArray]:
+def refitted(found: Fit, curve: EdgeSpread, values: FloatArray, tails: bool) -> tuple[EdgeSpread, FloatArray]:
     """Curves of other values (n, pixels) at the pixels of a fit, line and passage being those of the first, and what
     is left of them.
     """
@@ -280,11 +279,11 @@ def refitted(found: Fit, curve: Curve, values: FloatArray, tails: bool) -> tuple
     return joined(coefficients, found.knot, model, curve.width), rest
 
 
-def redrawn(curve: Curve, rows: Curve, weights: FloatArray) -> Curve:
+def redrawn(curve: EdgeSpread, rows: EdgeSpread, weights: FloatArray) -> EdgeSpread:
     """Curves as of new pictures, whose residuals are those of this one times a weight for each row: ``weights`` (n,
     rows).
     """
-    return Curve(
+    return EdgeSpread(
         curve.coefficients + weights @ rows.coefficients,
         curve.knot,
         curve.low + weights @ rows.low,

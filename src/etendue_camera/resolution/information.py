@@ -10,14 +10,14 @@ All three stand on one function of frequency. Detail is relative: what is seen i
 gain, or a pointwise curve that noise does not leave, changes none of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from etendue import require
 
 FloatArray = NDArray[np.float64]
 NYQUIST = 0.5  # cycles/pixel
@@ -53,8 +53,7 @@ def nyquist_square(nodes: int = 48) -> Square:
     cut-off lies inside the square; of SNRi 2e-4 for spots up to 12 pixels wide
     (``python benchmarks/information.py --frames 0``).
     """
-    if nodes < 2:
-        raise ValueError(f"nodes is {nodes}; allowed is at least 2")
+    require.only(nodes >= 2, "nodes", nodes, "at least 2")
     x, wx = np.polynomial.legendre.leggauss(nodes)
     y, wy = np.polynomial.legendre.leggauss(max(1, nodes // 2))
     return Square(0.25 * (1 + y), 0.5 * x, np.outer(wy, wx) / 4)
@@ -82,8 +81,7 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
         Noise power that is negative or not a number.
     """
     power, noise = np.abs(np.asarray(signal)) ** 2, np.asarray(noise, np.float64)
-    if not np.all(noise >= 0):
-        raise ValueError("noise power is negative or not a number; allowed are numbers at or above 0")
+    require.that(np.all(noise >= 0), "noise power is negative or not a number; allowed are numbers at or above 0")
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.where(power > 0, power / noise, 0.0)
     return np.asarray(found, np.float64)
@@ -134,8 +132,7 @@ def signal_variance(ratio: float) -> float:
     >>> signal_variance(4.0)
     0.12
     """
-    if not ratio >= 1:
-        raise ValueError(f"ratio is {ratio}; allowed is 1 and more, infinity too")
+    require.only(ratio >= 1, "ratio", ratio, "1 and more, infinity too")
     span = 2.0 if math.isinf(ratio) else 2 * (ratio - 1) / (ratio + 1)
     return span**2 / 12
 
@@ -162,8 +159,7 @@ def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
     The half is Shannon's: values are real, so that frequencies f and -f are one. Detail beyond the square, which folds
     back, is left out of signal and noise.
     """
-    if not variance >= 0:
-        raise ValueError(f"variance is {variance}; allowed are numbers at or above 0")
+    require.that(variance >= 0, f"variance is {variance}; allowed are numbers at or above 0")
     return 0.5 * square.mean(_bits(np.asarray(quanta, np.float64), variance))
 
 
@@ -173,15 +169,16 @@ def capacity_along(quanta: Callable[[FloatArray], ArrayLike], variance: float, n
     What is read from a slanted edge, where one direction is all that is known (Imatest's C of an edge). ``quanta``
     gives NEQ at (n,) frequencies, cycles/pixel.
     """
-    if not variance >= 0:
-        raise ValueError(f"variance is {variance}; allowed are numbers at or above 0")
+    require.that(variance >= 0, f"variance is {variance}; allowed are numbers at or above 0")
     x, w = np.polynomial.legendre.leggauss(nodes)
     return float(np.sum(w * _bits(np.asarray(quanta(0.25 * (1 + x)), np.float64), variance)) / 4)
 
 
 def _bits(quanta: FloatArray, variance: float) -> FloatArray:
-    if np.isnan(quanta).any() or (quanta < 0).any():
-        raise ValueError("NEQ is negative or not a number; allowed are numbers at or above 0")
+    require.that(
+        not np.isnan(quanta).any() and not (quanta < 0).any(),
+        "NEQ is negative or not a number; allowed are numbers at or above 0",
+    )
     return np.asarray(np.log2(1 + variance * quanta) if variance > 0 else np.zeros_like(quanta))
 
 

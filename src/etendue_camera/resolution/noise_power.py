@@ -5,10 +5,10 @@ Out: cross power of channels at spatial frequencies (cycles/pixel), the picture'
 Sources: linear propagation, power = sum over places of v |H|^2; Bartlett's mean of periodograms.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from etendue import require
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -27,10 +27,10 @@ def spectra(responses: ArrayLike, sites: ArrayLike, fy: ArrayLike, fx: ArrayLike
         Cycles/pixel.
     """
     h, at = np.asarray(responses, np.float64), np.asarray(sites, np.float64)
-    if h.ndim != 4 or at.shape != (h.shape[0], 2):
-        raise ValueError(
-            f"responses has shape {h.shape} and sites {at.shape}; allowed are (place, channel, y, x) and (place, 2)"
-        )
+    require.that(
+        h.ndim == 4 and at.shape == (h.shape[0], 2),
+        f"responses has shape {h.shape} and sites {at.shape}; allowed are (place, channel, y, x) and (place, 2)",
+    )
     down = np.exp(
         -2j * np.pi * np.asarray(fy, np.float64)[None, :, None] * (np.arange(h.shape[2]) - at[:, :1])[:, None, :]
     )
@@ -47,8 +47,7 @@ def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
     Its integral over the Nyquist square is the covariance of `noise_propagation.carried_covariance`.
     """
     h, v = np.asarray(answers), np.asarray(variance, np.float64)
-    if not np.all(v >= 0):
-        raise ValueError(f"variance is {v.tolist()}; allowed are numbers at or above 0")
+    require.allowed(np.all(v >= 0), "variance", v.tolist(), "numbers at or above 0")
     return np.asarray(np.einsum("p,pcmn,pdmn->cdmn", v, h, h.conj()) / len(h))
 
 
@@ -86,11 +85,11 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
         Fewer than two frames, or a block larger than the frame.
     """
     noise = np.asarray(frames, np.float64)
-    if noise.ndim != 4 or noise.shape[0] < 2:
-        raise ValueError(f"frames has shape {noise.shape}; allowed is (frame, channel, y, x) with at least two frames")
+    require.shape(
+        noise.ndim == 4 and noise.shape[0] >= 2, "frames", noise, "(frame, channel, y, x) with at least two frames"
+    )
     count, channels, rows, columns = noise.shape
-    if not 2 <= block <= min(rows, columns):
-        raise ValueError(f"block is {block}; allowed are 2 to {min(rows, columns)} pixels")
+    require.allowed(2 <= block <= min(rows, columns), "block", block, f"2 to {min(rows, columns)} pixels")
     mean = noise.mean(axis=0)
     total, down, right = np.zeros((channels, channels, block, block), np.complex128), rows // block, columns // block
     for frame in noise:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue import require
 from etendue_camera.resolution import contrast
 
 
@@ -43,10 +44,14 @@ def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) 
     if spectrum is None:
         return math.sqrt(float(power.mean()))
     spectrum = np.asarray(spectrum, dtype=float)
-    if spectrum.shape != power.shape:
-        raise ValueError(f"spectrum has shape {spectrum.shape}; allowed is that of the response, {power.shape}")
-    if not (np.all(spectrum >= 0) and spectrum.sum() > 0):
-        raise ValueError("spectrum holds negative values or nothing above 0; allowed are powers")
+    require.that(
+        spectrum.shape == power.shape,
+        f"spectrum has shape {spectrum.shape}; allowed is that of the response, {power.shape}",
+    )
+    require.that(
+        np.all(spectrum >= 0) and spectrum.sum() > 0,
+        "spectrum holds negative values or nothing above 0; allowed are powers",
+    )
     return math.sqrt(float((power * spectrum).sum() / spectrum.sum()))
 
 

@@ -5,16 +5,17 @@ Out: frequencies (cycles/pixel), response, MTF50 with flags, the refined centre.
 Sources: ISO 12233 (s-SFR), Loebich et al. (2007); the star's own transform is a Hankel transform of order ``cycles``.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.crossing import falls_to
-from etendue_camera.resolution.edge_line import FloatArray, Sites
+from etendue_camera.resolution.edge_line import Sites
 
 NYQUIST = 0.5
 RING = 0.02  # width of a ring, of its radius
@@ -22,6 +23,13 @@ NARROWEST = 1.0  # width of a ring, pixels
 FEWEST = 12  # pixels in a ring for the three numbers fitted to it
 ROUNDS, STILL = 30, 1e-6  # pixels of movement of the centre
 OUTER = 3.0  # times the lowest frequency: the rings that say what the modulation tends to
+
+
+class Star(NamedTuple):
+    """What is known of a star: periods in one turn, at least 8, and its radius, pixels."""
+
+    cycles: int
+    radius: float
 
 
 @dataclass(frozen=True)
@@ -48,8 +56,7 @@ class StarResponse:
 
 def star_response(
     picture: ArrayLike,
-    cycles: int,
-    radius: float,
+    star: Star,
     *,
     centre: tuple[float, float] | None = None,
     refine: bool = True,
@@ -62,10 +69,8 @@ def star_response(
     Parameters
     ----------
     picture : (y, x) array, any linear unit with 0 for no light
-    cycles : int
-        Periods in one turn, at least 8.
-    radius : float, pixels
-        Of the star; its outermost 5 % are left out.
+    star : Star
+        The outermost 5 % of its radius are left out.
     centre : (float, float) or None, pixels
         y and x of its centre from the first pixel; None: the middle of the picture. Must be right to about a quarter of
         a cycle at the innermost ring that shows contrast.
@@ -99,26 +104,27 @@ def star_response(
     H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the closed form
     of a Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
     """
-    image = np.asarray(picture, np.float64)
+    image, (cycles, radius) = np.asarray(picture, np.float64), star
     mask = np.ones(image.shape, np.bool_) if sites is None else np.asarray(sites, np.bool_)
     _check(image, cycles, radius, contrast, highest)
-    if mask.shape != image.shape:
-        raise ValueError(f"sites has shape {mask.shape}; allowed is the picture's shape {image.shape}")
+    require.shape(mask.shape == image.shape, "sites", mask, f"the picture's shape {image.shape}")
     place: FloatArray = np.array(
         centre if centre is not None else (0.5 * (image.shape[0] - 1), 0.5 * (image.shape[1] - 1)), np.float64
     )
     inner, outer = max(cycles / (2 * np.pi * highest), 1.0), 0.95 * radius
     edges = _edges(inner, outer)
-    if len(edges) < 5:
-        raise ValueError(
-            f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings"
-        )
+    require.that(
+        len(edges) >= 5,
+        f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings",
+    )
     if refine:
         place = _refined(image, mask, place, cycles, edges)
-    if np.any(place - outer < -0.5) or np.any(place + outer > np.array(image.shape) - 0.5):
-        raise ValueError(
-            f"radius is {radius}; allowed is a star inside the picture {image.shape} about its centre {tuple(place)}"
-        )
+    require.only(
+        not np.any(place - outer < -0.5) and (not np.any(place + outer > np.array(image.shape) - 0.5)),
+        "radius",
+        radius,
+        f"a star inside the picture {image.shape} about its centre {tuple(place)}",
+    )
     rings = _rings(image, mask, place, cycles, edges)
     amplitude = np.sqrt(np.maximum(rings.b**2 + rings.c**2 - 2 * rings.variance, 0.0))
     modulation = amplitude / rings.mean
@@ -126,10 +132,10 @@ def star_response(
     frequency = rings.frequency
     order = np.argsort(frequency)
     frequency, modulation, doubt = frequency[order], modulation[order], doubt[order]
-    if not modulation[: len(order) // 4 + 1].max() > 4 * np.median(doubt):
-        raise ValueError(
-            "picture shows no star that can be measured; allowed is a star of that many cycles about that centre"
-        )
+    require.that(
+        modulation[: len(order) // 4 + 1].max() > 4 * np.median(doubt),
+        "picture shows no star that can be measured; allowed is a star of that many cycles about that centre",
+    )
     full = contrast if contrast is not None else at_zero(frequency, modulation, doubt)
     sfr = modulation / full
     mtf50, mtf10 = (falls_to(share, frequency, sfr, doubt / full) for share in (0.5, 0.1))
@@ -149,16 +155,14 @@ def star_response(
 
 
 def _check(image: FloatArray, cycles: int, radius: float, contrast: float | None, highest: float) -> None:
-    if image.ndim != 2 or not np.isfinite(image).all():
-        raise ValueError(f"picture must be (y, x) of finite values, got shape {image.shape}")
-    if cycles != int(cycles) or cycles < 8:
-        raise ValueError(f"cycles is {cycles}; allowed is a whole number from 8")
-    if not 0 < radius < math.inf:
-        raise ValueError(f"radius is {radius}; allowed is a length above 0")
-    if contrast is not None and not 0 < contrast <= 1:
-        raise ValueError(f"contrast is {contrast}; allowed is above 0 and at most 1")
-    if not 0 < highest <= 1:
-        raise ValueError(f"highest is {highest}; allowed is above 0 and at most 1")
+    require.that(
+        image.ndim == 2 and np.isfinite(image).all(),
+        f"picture must be (y, x) of finite values, got shape {image.shape}",
+    )
+    require.only(cycles == int(cycles) and cycles >= 8, "cycles", cycles, "a whole number from 8")
+    require.only(0 < radius < math.inf, "radius", radius, "a length above 0")
+    require.only(contrast is None or 0 < contrast <= 1, "contrast", contrast, "above 0 and at most 1")
+    require.only(0 < highest <= 1, "highest", highest, "above 0 and at most 1")
 
 
 def _edges(inner: float, outer: float) -> FloatArray:
@@ -244,7 +248,8 @@ def at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) ->
     low = (frequency <= max(OUTER * float(frequency[0]), float(frequency[min(5, len(frequency) - 1)]))) & (
         modulation > 3 * doubt
     )
-    if low.sum() < 4:
-        raise ValueError("picture shows no star that can be measured without its contrast; allowed is a known contrast")
+    require.that(
+        low.sum() >= 4, "picture shows no star that can be measured without its contrast; allowed is a known contrast"
+    )
     weight = modulation[low] / np.maximum(doubt[low], 1e-6)
     return float(np.exp(np.polynomial.polynomial.polyfit(frequency[low], np.log(modulation[low]), 2, w=weight)[0]))

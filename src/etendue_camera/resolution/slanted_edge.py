@@ -6,8 +6,6 @@ Sources: ISO 12233:2023 (e-SFR); its bins of a quarter pixel are replaced by a l
 and stand beside it as ``method="iso"``.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -15,9 +13,11 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution import edge_bins
-from etendue_camera.resolution.edge_line import FloatArray, Sites, distances, first_line, lost, movement
-from etendue_camera.resolution.edge_spread import FAINTEST, Curve, Fit, fit, whole
+from etendue_camera.resolution.edge_line import Sites, distances, first_line, lost, movement
+from etendue_camera.resolution.edge_spread import FAINTEST, EdgeSpread, Fit, fit, whole
 
 METHODS = ("spline", "iso")
 ROUNDS = 30
@@ -58,11 +58,11 @@ class EdgeResponse:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredEdge:
     """What stands behind a response by the spline: enough to measure again with other noise."""
 
     fit: Fit
-    curve: Curve
+    curve: EdgeSpread
     coefficients: FloatArray  # of the edge's polynomial, see `edge_line`
     vertical: bool
     rows: int
@@ -153,7 +153,7 @@ def slanted_edge(
 
 def measured(
     image: FloatArray, sites: Sites | None, *, order: int, knots_per_pixel: float, half_width: float | None, tails: bool
-) -> Measured:
+) -> MeasuredEdge:
     """The line and the edge spread function of a picture by the spline; arguments as `slanted_edge` has checked
     them.
     """
@@ -181,10 +181,10 @@ def measured(
     else:
         raise ValueError(lost("its line could not be found"))
     final = fit(distances(coefficients, v, across, rows), u_image, knot, half_width, mask)
-    return Measured(final, whole(final, half_width, tails), coefficients, vertical, rows, columns)
+    return MeasuredEdge(final, whole(final, half_width, tails), coefficients, vertical, rows, columns)
 
 
-def said(found: Measured, highest: float, samples: int) -> EdgeResponse:
+def said(found: MeasuredEdge, highest: float, samples: int) -> EdgeResponse:
     """The figures of a measured edge."""
     return _said(
         found.curve, found.fit.noise, found.coefficients, found.vertical, (found.rows, found.columns), highest, samples
@@ -192,7 +192,7 @@ def said(found: Measured, highest: float, samples: int) -> EdgeResponse:
 
 
 def _said(
-    curve: Curve | edge_bins.Binned,
+    curve: EdgeSpread | edge_bins.Binned,
     noise: float,
     coefficients: FloatArray,
     vertical: bool,
@@ -236,7 +236,7 @@ def folded(frequency: FloatArray, sfr: FloatArray) -> float:
     return float(max(0.0, 1 - part / total))
 
 
-def _falls_to(curve: Curve | edge_bins.Binned, share: float, frequency: FloatArray, sfr: FloatArray) -> float:
+def _falls_to(curve: EdgeSpread | edge_bins.Binned, share: float, frequency: FloatArray, sfr: FloatArray) -> float:
     """Lowest frequency at which the response has fallen to a share: bracketed on the samples, then by Brent."""
     below = np.flatnonzero(sfr < share)
     if below.size == 0:
@@ -252,19 +252,21 @@ def _falls_to(curve: Curve | edge_bins.Binned, share: float, frequency: FloatArr
 def checked(picture: ArrayLike, sites: ArrayLike | None) -> tuple[FloatArray, Sites | None]:
     """The picture and its mask as arrays, or ValueError."""
     image = np.asarray(picture, np.float64)
-    if image.ndim != 2 or min(image.shape, default=0) < SMALLEST:
-        raise ValueError(f"picture has shape {image.shape}; allowed is (y, x) of at least {SMALLEST} x {SMALLEST}")
+    require.shape(
+        image.ndim == 2 and min(image.shape, default=0) >= SMALLEST,
+        "picture",
+        image,
+        f"(y, x) of at least {SMALLEST} x {SMALLEST}",
+    )
     if sites is None:
-        if not np.isfinite(image).all():
-            raise ValueError("picture holds values that are no numbers")
+        require.that(np.isfinite(image).all(), "picture holds values that are no numbers")
         return image, None
     mask = np.asarray(sites)
-    if mask.shape != image.shape or mask.dtype != np.bool_:
-        raise ValueError(
-            f"sites has shape {mask.shape} and type {mask.dtype}; allowed is bool of the picture's shape {image.shape}"
-        )
-    if not np.isfinite(image[mask]).all():
-        raise ValueError("picture holds values that are no numbers")
+    require.that(
+        mask.shape == image.shape and mask.dtype == np.bool_,
+        f"sites has shape {mask.shape} and type {mask.dtype}; allowed is bool of the picture's shape {image.shape}",
+    )
+    require.that(np.isfinite(image[mask]).all(), "picture holds values that are no numbers")
     return image, mask
 
 
@@ -272,17 +274,14 @@ def check(
     order: int, knots_per_pixel: float, half_width: float | None, highest: float, samples: int, method: str = "spline"
 ) -> None:
     """ValueError for arguments out of range."""
-    if not 1 <= order <= 5:
-        raise ValueError(f"order is {order}; allowed is 1 to 5")
-    if not 1 <= knots_per_pixel <= 16:
-        raise ValueError(f"knots_per_pixel is {knots_per_pixel}; allowed is 1 to 16")
-    if half_width is not None and not half_width >= 4:
-        raise ValueError(f"half_width is {half_width}; allowed is at least 4")
-    if not 0 < highest <= 0.5 * knots_per_pixel:
-        raise ValueError(
-            f"highest is {highest}; allowed is above 0 and at most half of knots_per_pixel, {0.5 * knots_per_pixel:g}"
-        )
-    if samples < 3:
-        raise ValueError(f"samples is {samples}; allowed is at least 3")
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}; allowed is one of {', '.join(METHODS)}")
+    require.only(1 <= order <= 5, "order", order, "1 to 5")
+    require.only(1 <= knots_per_pixel <= 16, "knots_per_pixel", knots_per_pixel, "1 to 16")
+    require.only(half_width is None or half_width >= 4, "half_width", half_width, "at least 4")
+    require.only(
+        0 < highest <= 0.5 * knots_per_pixel,
+        "highest",
+        highest,
+        f"above 0 and at most half of knots_per_pixel, {0.5 * knots_per_pixel:g}",
+    )
+    require.only(samples >= 3, "samples", samples, "at least 3")
+    require.only(method in METHODS, "method", repr(method), f"one of {', '.join(METHODS)}")

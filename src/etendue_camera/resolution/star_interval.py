@@ -5,23 +5,32 @@ Out: the star's response; frequencies of half and tenth contrast with intervals;
 Sources: as `siemens`; draws about the response with its own standard error (parametric bootstrap).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.crossing import falls_to
-from etendue_camera.resolution.edge_line import FloatArray, Sites
-from etendue_camera.resolution.siemens import StarResponse, at_zero, star_response
+from etendue_camera.resolution.edge_line import Sites
+from etendue_camera.resolution.siemens import Star, StarResponse, at_zero, star_response
 
-DRAWS, CONFIDENCE = 400, 0.95
 RINGS = (0.55, 0.62, 0.69, 0.76, 0.83, 0.9)  # of the radius: where cycles are counted
 FEWEST, MOST = 8, 400
 CLEAR = 3.0  # times the next strongest, which is no multiple, that the cycles must be
+
+
+class Bootstrap(NamedTuple):
+    """How many draws an interval is made of, and how much of them it holds."""
+
+    draws: int = 400
+    confidence: float = 0.95
+
+
+BOOTSTRAP = Bootstrap()
 
 
 @dataclass(frozen=True)
@@ -71,24 +80,19 @@ def star_resolution(
     *,
     cycles: int | None = None,
     contrast: float | None = None,
-    highest: float = 0.7,
     sites: ArrayLike | None = None,
-    rng: np.random.Generator | int = 0,
-    draws: int = DRAWS,
-    confidence: float = CONFIDENCE,
+    bootstrap: Bootstrap = BOOTSTRAP,
 ) -> StarResolution:
     """Measure a star, and say within what the answer would stay with other noise.
 
     Parameters
     ----------
     picture : (y, x) array, any linear unit with 0 for no light
-    centre, radius, contrast, highest, sites
+    centre, radius, contrast, sites
         As in `siemens.star_response`.
     cycles : int or None
         Periods in one turn; None: counted.
-    rng : Generator or int
-    draws : int
-    confidence : float
+    bootstrap : Bootstrap
 
     Raises
     ------
@@ -104,17 +108,17 @@ def star_resolution(
     """
     mask = None if sites is None else np.asarray(sites, np.bool_)
     count = count_cycles(picture, centre, radius, mask) if cycles is None else cycles
-    found = star_response(picture, count, radius, centre=centre, contrast=contrast, highest=highest, sites=mask)
-    generator = np.random.default_rng(rng)
+    found = star_response(picture, Star(count, radius), centre=centre, contrast=contrast, sites=mask)
+    generator = np.random.default_rng(0)
     doubt = found.doubt
     fifty, ten = [], []
-    for _ in range(draws):
+    for _ in range(bootstrap.draws):
         drawn = np.abs(found.sfr + doubt * generator.standard_normal(doubt.shape))
         if contrast is None:
             drawn = drawn / at_zero(found.frequency, np.maximum(drawn, 1e-12), doubt)
         fifty.append(falls_to(0.5, found.frequency, drawn, doubt))
         ten.append(falls_to(0.1, found.frequency, drawn, doubt))
-    return StarResolution(found, count, *_between(fifty, confidence), *_between(ten, confidence))
+    return StarResolution(found, count, *_between(fifty, bootstrap.confidence), *_between(ten, bootstrap.confidence))
 
 
 def _between(values: list[float], confidence: float) -> tuple[float, float]:

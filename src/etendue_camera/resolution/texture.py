@@ -6,8 +6,6 @@ Sources: Kirk et al. (2014), cross spectrum with the known chart; Cao, Guichard 
 power spectrum less that of the noise; Hann windows, means over rings.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.crossing import falls_to
-from etendue_camera.resolution.edge_line import FloatArray
 
 METHODS = ("cross", "power")
 NYQUIST = 0.5
@@ -98,8 +97,7 @@ def texture_response(
     shape = image.shape
     count = rings or min(64, min(shape) // 4)
     scale = gain if gain is not None else float(image.mean() / ideal.mean())
-    if not (math.isfinite(scale) and scale != 0):
-        raise ValueError("picture and original have no ratio at frequency 0; give a gain")
+    require.that(math.isfinite(scale) and scale != 0, "picture and original have no ratio at frequency 0; give a gain")
     seen, ideal_spectrum = _spectrum(image), _spectrum(ideal)
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     radial = np.hypot(fy, fx)
@@ -115,10 +113,10 @@ def texture_response(
     shift = _shift(cross, fy, fx, radial) if method == "cross" else (0.0, 0.0)
     cross = cross * np.exp(2j * np.pi * (fy * shift[0] + fx * shift[1]))
     power, own = total(np.abs(seen) ** 2), total(np.abs(ideal_spectrum) ** 2)
-    if not own[1:].min() > 0:
-        raise ValueError(
-            "original has rings without power; allowed is a texture of all frequencies up to 0.5 cycles/pixel"
-        )
+    require.that(
+        own[1:].min() > 0,
+        "original has rings without power; allowed is a texture of all frequencies up to 0.5 cycles/pixel",
+    )
     frequency = total(np.abs(ideal_spectrum) ** 2 * radial) / own
     together = total(cross.real)
     coherence = np.clip(together**2 / np.maximum(power * own, 1e-300), 0, 1)
@@ -143,25 +141,25 @@ def _check(
     image: FloatArray, ideal: FloatArray, method: str, noise: ArrayLike | None, gain: float | None, rings: int | None
 ) -> None:
     for name, value in (("picture", image), ("original", ideal)):
-        if value.ndim != 2 or min(value.shape, default=0) < SMALLEST or not np.isfinite(value).all():
-            raise ValueError(
-                f"{name} has shape {value.shape}; allowed is (y, x) of at least {SMALLEST} x {SMALLEST} finite values"
-            )
-    if image.shape != ideal.shape:
-        raise ValueError(f"original has shape {ideal.shape}; allowed is that of the picture, {image.shape}")
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}; allowed is one of {', '.join(METHODS)}")
-    if gain is not None and not (math.isfinite(gain) and gain != 0):
-        raise ValueError(f"gain is {gain}; allowed is a finite number other than 0")
-    if rings is not None and not 8 <= rings <= min(image.shape) // 2:
-        raise ValueError(f"rings is {rings}; allowed is 8 to {min(image.shape) // 2}")
+        require.shape(
+            value.ndim == 2 and min(value.shape, default=0) >= SMALLEST and np.isfinite(value).all(),
+            name,
+            value,
+            f"(y, x) of at least {SMALLEST} x {SMALLEST} finite values",
+        )
+    require.shape(image.shape == ideal.shape, "original", ideal, f"that of the picture, {image.shape}")
+    require.only(method in METHODS, "method", repr(method), f"one of {', '.join(METHODS)}")
+    require.only(gain is None or (math.isfinite(gain) and gain != 0), "gain", gain, "a finite number other than 0")
+    require.only(rings is None or 8 <= rings <= min(image.shape) // 2, "rings", rings, f"8 to {min(image.shape) // 2}")
     flat = None if noise is None else np.asarray(noise)
-    if flat is not None and flat.ndim not in (0, 2):
-        raise ValueError(f"noise has shape {flat.shape}; allowed is a number or (y, x)")
-    if flat is not None and flat.ndim == 0 and not flat >= 0:
-        raise ValueError(f"noise is {flat}; allowed is 0 or above")
-    if flat is not None and flat.ndim == 2 and min(flat.shape) < SMALLEST:
-        raise ValueError(f"noise has shape {flat.shape}; allowed is at least {SMALLEST} x {SMALLEST}")
+    require.shape(flat is None or flat.ndim in (0, 2), "noise", flat, "a number or (y, x)")
+    require.only(flat is None or flat.ndim != 0 or flat >= 0, "noise", flat, "0 or above")
+    require.shape(
+        flat is None or flat.ndim != 2 or min(flat.shape) >= SMALLEST,
+        "noise",
+        flat,
+        f"at least {SMALLEST} x {SMALLEST}",
+    )
 
 
 def _window(shape: tuple[int, ...]) -> FloatArray:

@@ -7,8 +7,6 @@ and where no ring is dark the same dip as two Airy discs then have. `diffraction
 disc.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,8 +17,8 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray
 
-FloatArray = NDArray[np.floating]
 Transfer = Callable[[FloatArray], NDArray]  # (n,) cycles/um -> (n,) or (wavelength, n)
 
 RAYLEIGH_SADDLE = 0.735031662423275
@@ -35,7 +33,7 @@ RINGS = 33  # distances from a dark ring to twice its radius at which the next b
 
 
 @dataclass(frozen=True)
-class Spread:
+class SpreadFunction:
     """The picture of one point, or one line, from its transfer function: value and derivatives at distances (n,) in um.
 
     The first is the integral of 2 pi f H J0(2 pi f r), the other that of 2 H cos(2 pi f r), by Gauss-Legendre nodes.
@@ -74,7 +72,7 @@ class Spread:
 
 def spread_of(
     otf: Transfer, highest: float, weights: ArrayLike | None = None, kind: str = "point", nodes: int = NODES
-) -> Spread:
+) -> SpreadFunction:
     """The spread function of a transfer function.
 
     Parameters
@@ -95,29 +93,28 @@ def spread_of(
     ValueError
         Arguments out of range, a transfer function of another shape or with values that are no numbers.
     """
-    if not 0 < highest < math.inf:
-        raise ValueError(f"highest is {highest}; allowed is a finite frequency above 0")
-    if kind not in KINDS:
-        raise ValueError(f"kind is {kind!r}; allowed is one of {', '.join(KINDS)}")
-    if nodes < 16:
-        raise ValueError(f"nodes is {nodes}; allowed is at least 16")
+    require.only(0 < highest < math.inf, "highest", highest, "a finite frequency above 0")
+    require.only(kind in KINDS, "kind", repr(kind), f"one of {', '.join(KINDS)}")
+    require.only(nodes >= 16, "nodes", nodes, "at least 16")
     places, width = _gauss(nodes)
     frequency = 0.5 * highest * (places + 1)
     found = np.real(np.asarray(otf(frequency)))
-    if found.shape[-1:] != frequency.shape or found.ndim > 2:
-        raise ValueError(f"otf gives shape {found.shape}; allowed is ({nodes},) or (wavelength, {nodes})")
+    require.that(
+        found.shape[-1:] == frequency.shape and found.ndim <= 2,
+        f"otf gives shape {found.shape}; allowed is ({nodes},) or (wavelength, {nodes})",
+    )
     if found.ndim == 2:
         share = (
             np.full(len(found), 1 / len(found))
             if weights is None
             else np.asarray(weights, np.float64) / np.sum(weights)
         )
-        if share.shape != found.shape[:1]:
-            raise ValueError(f"weights has shape {share.shape}; allowed is one for each of {len(found)} wavelengths")
+        require.shape(share.shape == found.shape[:1], "weights", share, f"one for each of {len(found)} wavelengths")
         found = share @ found
-    if not np.isfinite(found).all():
-        raise ValueError("otf gives values that are no numbers; allowed is a transfer function up to highest")
-    return Spread(frequency, 0.5 * highest * width * found, kind)
+    require.that(
+        np.isfinite(found).all(), "otf gives values that are no numbers; allowed is a transfer function up to highest"
+    )
+    return SpreadFunction(frequency, 0.5 * highest * width * found, kind)
 
 
 @lru_cache(maxsize=8)
@@ -214,7 +211,7 @@ def separations(
     return _rayleigh(spread, sparrow, DARK, within), sparrow
 
 
-def _rayleigh(spread: Spread, sparrow: float, dark: float, within: float = 0.0) -> float:
+def _rayleigh(spread: SpreadFunction, sparrow: float, dark: float, within: float = 0.0) -> float:
     peak = spread.value(np.zeros(1))[0]
     ring = _first_rise(spread, spread.slope, within)
     if ring is not None:
@@ -237,12 +234,14 @@ def _rayleigh(spread: Spread, sparrow: float, dark: float, within: float = 0.0) 
     return math.nan
 
 
-def _sparrow(spread: Spread, within: float = 0.0) -> float:
+def _sparrow(spread: SpreadFunction, within: float = 0.0) -> float:
     half = _first_rise(spread, spread.bend, within)
     return math.nan if half is None else 2 * half
 
 
-def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray], within: float = 0.0) -> float | None:
+def _first_rise(
+    spread: SpreadFunction, derivative: Callable[[FloatArray], FloatArray], within: float = 0.0
+) -> float | None:
     """First distance above 0 at which a derivative that begins below 0 rises through it."""
     step, last = STEP / spread.highest, int(0.5 * len(spread.frequency) / STEP)
     for start in range(1, last, AT_ONCE):
@@ -261,7 +260,7 @@ def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray], 
     return None
 
 
-def _saddle(spread: Spread, separation: float, within: float = 0.0) -> tuple[float, float]:
+def _saddle(spread: SpreadFunction, separation: float, within: float = 0.0) -> tuple[float, float]:
     """Ratio and offset of a peak; the ratio is stationary there, so that the root of the peak is looked for to the
     root of ``within``.
     """

@@ -10,8 +10,6 @@ Tech. 69 (2006) 260; the discrepancy principle of V. A. Morozov (1966).
 Planes are continued by their mirror image, without a seam (``sampling.pad``): neither filter sees the other border.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -22,9 +20,8 @@ from etendue import require
 from etendue.transfer import sampling
 
 OUTER_FREQUENCY = 1 / 256  # cycles/pixel, below which a picture's power spectrum is taken as flat
-FAR_ABOVE = (
-    16.0  # times the largest value: a pedestal beside which single precision would keep fewer than 20 bits of a picture
-)
+# times the largest value: a pedestal beside which single precision would keep fewer than 20 bits of a picture
+FAR_ABOVE = 16.0
 STEEPEST = 1e-3  # of the largest value: gradients well above it count by direction alone in the total variation
 
 
@@ -213,15 +210,18 @@ def richardson_lucy_periodic(
     """
     data = _floating(data)
     seen = tuple(slice(size) for size in frame or data.shape)
-    if data.ndim != 2 or transfer.shape != (data.shape[0], data.shape[1] // 2 + 1):
-        raise ValueError(
-            f"data has shape {data.shape} and transfer {transfer.shape}; allowed are (ny, nx) and (ny, nx // 2 + 1)"
-        )
+    require.that(
+        data.ndim == 2 and transfer.shape == (data.shape[0], data.shape[1] // 2 + 1),
+        f"data has shape {data.shape} and transfer {transfer.shape}; allowed are (ny, nx) and (ny, nx // 2 + 1)",
+    )
     if data.size and not data.min() >= 0:
         raise ValueError(
             f"data holds {data.min():g}; allowed are numbers at or above 0: add a pedestal, and take it away behind"
         )
-    _check_iterations(iterations, total_variation, residual, start)
+    require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
+    require.allowed(iterations >= 1 and iterations == int(iterations), "iterations", iterations, "whole numbers from 1")
+    require.allowed(0 <= total_variation <= 0.2, "total_variation", total_variation, "numbers from 0 to 0.2")
+    require.amount("residual", residual)
     kind, (rows, columns) = data.dtype.type, data.shape
     forward = transfer.astype(
         np.result_type(data.dtype, np.complex64) if np.iscomplexobj(transfer) else data.dtype, copy=False
@@ -296,8 +296,7 @@ def richardson_lucy(
         As of `richardson_lucy_periodic`, or if pedestal is not allowed.
     """
     planes = _floating(planes)
-    if planes.ndim != 3:
-        raise ValueError(f"planes has shape {planes.shape}; allowed is (channel, y, x)")
+    require.shape(planes.ndim == 3, "planes", planes, "(channel, y, x)")
     require.amount("pedestal", pedestal)
     transfer = np.broadcast_to(_on_padded(planes, transfer, "transfer"), (planes.shape[0], *transfer.shape[-2:]))
     limits = np.broadcast_to(np.asarray(residual, dtype=float), planes.shape[:1])
@@ -355,8 +354,7 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
     square = transfer.real.astype(float) ** 2 + transfer.imag.astype(float) ** 2
     if not np.all(square < 2):
         raise ValueError(f"transfer has a size of {math.sqrt(square.max()):g}; allowed are sizes below sqrt 2")
-    if start not in ("mean", "data"):
-        raise ValueError(f"start is {start!r}; allowed are 'mean' and 'data'")
+    require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
     whole = math.floor(iterations)
     share = iterations - whole
     total, left = _sum_of_powers(square, whole), (1 - square) ** whole
@@ -378,38 +376,25 @@ def _curvature(plane: NDArray) -> NDArray:
     itself.
     """
     down, right = np.roll(plane, -1, 0) - plane, np.roll(plane, -1, 1) - plane
-    size = np.sqrt(
-        down**2 + right**2 + plane.dtype.type((STEEPEST * float(plane.max())) ** 2 + np.finfo(plane.dtype).tiny)
-    )
+    least = plane.dtype.type((STEEPEST * float(plane.max())) ** 2 + np.finfo(plane.dtype).tiny)
+    size = np.sqrt(down**2 + right**2 + least)
     down /= size
     right /= size
     return down - np.roll(down, 1, 0) + right - np.roll(right, 1, 1)
 
 
-def _check_iterations(iterations: int, total_variation: float, residual: float, start: str) -> None:
-    if start not in ("mean", "data"):
-        raise ValueError(f"start is {start!r}; allowed are 'mean' and 'data'")
-    if iterations < 1 or iterations != int(iterations):
-        raise ValueError(f"iterations is {iterations!r}; allowed are whole numbers from 1")
-    require.allowed(0 <= total_variation <= 0.2, "total_variation", total_variation, "numbers from 0 to 0.2")
-    require.amount("residual", residual)
-
-
 def _floating(planes: NDArray) -> NDArray:
     planes = np.asarray(planes)
-    if planes.ndim < 2:
-        raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
+    require.shape(planes.ndim >= 2, "planes", planes, "(..., y, x)")
     return require.floating(planes)
 
 
 def _on_padded(planes: NDArray, values: NDArray, name: str) -> NDArray:
     values = np.asarray(values)
     rows, columns = (sampling.padded_size(size) for size in planes.shape[-2:])
-    if values.shape[-2:] != (rows, columns // 2 + 1):
-        raise ValueError(
-            f"{name} has shape {values.shape}; allowed is (..., {rows}, {columns // 2 + 1}), at the frequencies of the "
-            f"padded plane"
-        )
+    half = columns // 2 + 1
+    what = f"(..., {rows}, {half}), at the frequencies of the padded plane"
+    require.shape(values.shape[-2:] == (rows, half), name, values, what)
     return values.astype(
         np.result_type(planes.dtype, np.complex64) if np.iscomplexobj(values) else planes.dtype, copy=False
     )

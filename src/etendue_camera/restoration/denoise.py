@@ -11,8 +11,6 @@ nothing to tune; because it takes five box means whatever the window, is linear 
 round; and because it keeps the sum.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -54,12 +52,10 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
     are taken in double precision. Error: sum 1e-14 of the sum of sizes in float64; float32 2e-7 of the largest value.
     """
     planes = np.asarray(planes)
-    if planes.ndim < 2:
-        raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
+    require.shape(planes.ndim >= 2, "planes", planes, "(..., y, x)")
     for name, value in (("shot", shot), ("floor", floor), ("strength", strength)):
         require.amount(name, value)
-    if radius < 1 or radius != int(radius):
-        raise ValueError(f"radius is {radius!r}; allowed are whole numbers from 1")
+    require.allowed(radius >= 1 and radius == int(radius), "radius", radius, "whole numbers from 1")
     planes = require.floating(planes)
     shot, floor = shot * strength**2, floor * strength**2
     result = np.array(planes)

@@ -7,14 +7,13 @@ section 3 (weights from the expected signal, not from the noisy value, which wou
 Clipped mean: Stetson, PASP 99 (1987).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+Noise = tuple[ArrayLike, ArrayLike]  # shot noise and floor
 NEAR = 0.95  # of the level of saturation: from here on a value may be cut off
 
 
@@ -62,7 +61,7 @@ def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArra
     return np.asarray(held / np.where(total > 0, total, t[shortest]))
 
 
-def variance_of(rate: NDArray, times: ArrayLike, shot: ArrayLike, floor: ArrayLike) -> NDArray:
+def variance_of(rate: NDArray, times: ArrayLike, noise: Noise) -> NDArray:
     """Variance of each frame's light per time.
 
     Parameters
@@ -70,8 +69,8 @@ def variance_of(rate: NDArray, times: ArrayLike, shot: ArrayLike, floor: ArrayLi
     rate : (channel, y, x) array, unit per time
         Expected light per time.
     times : (frame,)
-    shot, floor : (channel,), unit and unit^2
-        Variance of a frame's value: ``shot`` times the value, plus ``floor``.
+    noise : two (channel,) arrays, unit and unit^2
+        Variance of a frame's value: the first times the value, plus the second.
 
     Returns
     -------
@@ -83,10 +82,10 @@ def variance_of(rate: NDArray, times: ArrayLike, shot: ArrayLike, floor: ArrayLi
         A variance that the precision of the light cannot hold.
     """
     t = np.asarray(times, rate.dtype)[:, None, None, None]
-    a, b = (np.asarray(x, rate.dtype)[:, None, None] for x in (shot, floor))
+    a, b = (np.asarray(x, rate.dtype)[:, None, None] for x in noise)
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise ValueError(
-            f"the noise of a frame has a variance of {np.max(floor):.3g}, beyond {rate.dtype}; take a larger "
+            f"the noise of a frame has a variance of {np.max(noise[1]):.3g}, beyond {rate.dtype}; take a larger "
             f"conversion gain"
         )
     return np.asarray((a * np.maximum(rate, 0) * t + b) / t**2)
@@ -96,8 +95,7 @@ def merged(
     frames: NDArray,
     times: ArrayLike,
     level: ArrayLike,
-    shot: ArrayLike,
-    floor: ArrayLike,
+    noise: Noise,
     method: str,
     sigmas: float,
     margin: int,
@@ -109,7 +107,7 @@ def merged(
     frames : (frame, channel, y, x) array, linear
     times : (frame,)
     level : (frame,), unit of frames
-    shot, floor : (channel,)
+    noise : two (channel,) arrays
         As in `variance_of`.
     method : 'mean', 'sigma_clipped' or 'hdr'
         All frames; those within ``sigmas`` of the median; those that are not cut off, by their known noise.
@@ -138,13 +136,13 @@ def merged(
         used: Any = np.ones((len(frames), 1, 1, 1), bool)
     elif method == "sigma_clipped":
         middle = np.median(frames / t, axis=0)
-        used = np.abs(frames / t - middle) <= sigmas * np.sqrt(variance_of(middle, times, shot, floor))
+        used = np.abs(frames / t - middle) <= sigmas * np.sqrt(variance_of(middle, times, noise))
     elif method == "hdr":
         used = usable(frames, level, margin)[:, None]
     else:
         raise ValueError(f"method is {method!r}; allowed are mean, sigma_clipped, hdr")
     rate = pooled(frames, times, used)
-    variance = variance_of(rate, times, shot, floor)
+    variance = variance_of(rate, times, noise)
     shortest = int(np.argmin(times))
     if method != "hdr":
         total = np.broadcast_to((t * used).sum(axis=0), rate.shape)

@@ -46,8 +46,7 @@ def sharpen(planes: NDArray, strength: float) -> NDArray:
     Error: below 4e-15 (1 + k) of the largest value in float64, against direct convolution.
     """
     planes = np.asarray(planes)
-    if planes.ndim < 2:
-        raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
+    require.shape(planes.ndim >= 2, "planes", planes, "(..., y, x)")
     strength = _strength(strength)
     if not np.issubdtype(planes.dtype, np.floating):
         planes = planes.astype(np.float64)
@@ -159,11 +158,9 @@ def sharpen_mosaic(mosaic: NDArray, strength: float, period: tuple[int, int] = (
     frequency, and nothing at half of it.
     """
     mosaic = np.asarray(mosaic)
-    if mosaic.ndim < 2:
-        raise ValueError(f"mosaic has shape {mosaic.shape}; allowed is (..., y, x)")
+    require.shape(mosaic.ndim >= 2, "mosaic", mosaic, "(..., y, x)")
     rows, columns = period
-    if rows < 1 or columns < 1:
-        raise ValueError(f"period is {period!r}; allowed are whole numbers from 1")
+    require.allowed(rows >= 1 and columns >= 1, "period", period, "whole numbers from 1")
     result = np.empty_like(mosaic, dtype=mosaic.dtype if np.issubdtype(mosaic.dtype, np.floating) else np.float64)
     for row in range(min(rows, mosaic.shape[-2])):
         for column in range(min(columns, mosaic.shape[-1])):
@@ -202,8 +199,7 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
     would make steps of it. Error: below 2e-15 (1 + amount) of the largest value in float64 against direct convolution.
     """
     planes = np.asarray(planes)
-    if planes.ndim < 2:
-        raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
+    require.shape(planes.ndim >= 2, "planes", planes, "(..., y, x)")
     amount, threshold = require.amount("amount", amount), require.amount("threshold", threshold)
     taps = gaussian_taps(radius)
     if not np.issubdtype(planes.dtype, np.floating):

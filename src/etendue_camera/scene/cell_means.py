@@ -6,16 +6,14 @@ Out: mean over each cell, in the dtype of the positions.
 Sources: the integrals of the normal distribution; the area of a half plane in a square; Gauss-Legendre quadrature.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import pi, sqrt
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-FloatArray = npt.NDArray[np.floating]
+from etendue_camera.arrays import FloatArray
+
 Paint = Callable[[FloatArray, FloatArray], FloatArray]  # y and x that broadcast -> value
 
 TAIL = 10.0  # rms widths after which a soft step is 0 or 1 in float64

@@ -5,7 +5,7 @@ Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the ra
 Sources: ISO 12233 (slanted edge, star, wedge), Loebich et al. (2007) (sinusoidal star); Gaussian softening
 in closed form.
 
-All charts take positions and how they are to be ``Drawn``, and raise ``ValueError`` for an argument outside its range.
+All charts take positions and a ``Rendering``, and raise ``ValueError`` for an argument outside its range.
 Softening is exact for straight edges and Gaussian spots: slanted edge, step wedge, points, patches. For
 the star and the zone plate it is the transfer at the local frequency, and the rim is softened as if it were
 straight; each docstring gives the error against the exact convolution.
@@ -17,10 +17,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.scene import cell_means
-
-FloatArray = npt.NDArray[np.floating]
-
 
 # ------------------------------------------------------------------------------------------ shared pieces
 
@@ -29,8 +28,10 @@ def require_axes(y: npt.ArrayLike, x: npt.ArrayLike) -> tuple[FloatArray, FloatA
     """y and x as floating arrays of one dtype; ValueError unless each is one axis of finite positions."""
     y, x = np.asarray(y), np.asarray(x)
     for name, axis in (("y", y), ("x", x)):
-        if axis.ndim != 1 or axis.size == 0 or not np.all(np.isfinite(axis)):
-            raise ValueError(f"{name} must be one axis of finite positions [um], got shape {axis.shape}")
+        require.that(
+            axis.ndim == 1 and axis.size != 0 and np.all(np.isfinite(axis)),
+            f"{name} must be one axis of finite positions [um], got shape {axis.shape}",
+        )
     dtype = np.result_type(y, x)
     dtype = dtype if np.issubdtype(dtype, np.floating) else np.dtype(np.float64)
     return y.astype(dtype, copy=False), x.astype(dtype, copy=False)
@@ -42,18 +43,16 @@ def require_spot_distance(spacing: float, rms_width: float) -> None:
 
 
 def require_levels(low: float, high: float) -> None:
-    if not 0 <= low <= high < np.inf:
-        raise ValueError(f"low and high must satisfy 0 <= low <= high, got low={low}, high={high}")
+    require.that(0 <= low <= high < np.inf, f"low and high must satisfy 0 <= low <= high, got low={low}, high={high}")
 
 
 def require_positive(**lengths: float) -> None:
     for name, value in lengths.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be finite and above 0, got {value}")
+        require.that(0 < value < np.inf, f"{name} must be finite and above 0, got {value}")
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Rendering:
     """How a chart is drawn: how soft, as samples or as means, and between which reflectances.
 
     Attributes
@@ -75,8 +74,7 @@ class Drawn:
     def __post_init__(self) -> None:
         require_levels(self.low, self.high)
         for name, value in (("softness", self.softness), ("cell", self.cell)):
-            if not 0 <= value < np.inf:
-                raise ValueError(f"{name} must be finite and not negative, got {value} um")
+            require.that(0 <= value < np.inf, f"{name} must be finite and not negative, got {value} um")
 
     def blend(self, fraction: FloatArray) -> FloatArray:
         """low where fraction is 0, high where it is 1; never beyond, whatever the rounding."""
@@ -104,7 +102,9 @@ def soft_box(position: FloatArray, start: float, stop: float, softness: float, c
 # ------------------------------------------------------------------------------------------------ charts
 
 
-def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Drawn, offset: float = 0.0) -> FloatArray:
+def slanted_edge(
+    y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Rendering, offset: float = 0.0
+) -> FloatArray:
     """A straight edge, dark on the left and light on the right.
 
     Parameters
@@ -112,7 +112,7 @@ def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Dr
     y, x : (ny,), (nx,) arrays, um
     angle_deg : float, degrees, between -90 and 90
         Tilt from the column direction: the edge is the line x = offset + y tan(angle).
-    drawn : Drawn
+    drawn : Rendering
     offset : float, um
         Where the edge crosses y = 0.
 
@@ -127,10 +127,8 @@ def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Dr
     in each square.
     """
     y, x = require_axes(y, x)
-    if not -90 < angle_deg < 90:
-        raise ValueError(f"angle_deg must lie between -90 and 90 degrees, got {angle_deg}")
-    if not np.isfinite(offset):
-        raise ValueError(f"offset must be finite, got {offset} um")
+    require.that(-90 < angle_deg < 90, f"angle_deg must lie between -90 and 90 degrees, got {angle_deg}")
+    require.that(np.isfinite(offset), f"offset must be finite, got {offset} um")
     angle = np.deg2rad(float(angle_deg))
     distance = (x - float(offset)) * float(np.cos(angle)) - y[:, None] * float(np.sin(angle))
     if drawn.cell > 0:
@@ -138,7 +136,7 @@ def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Dr
     return drawn.blend(soft_step(distance, drawn.softness))
 
 
-def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float, drawn: Drawn) -> FloatArray:
+def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float, drawn: Rendering) -> FloatArray:
     """A star whose reflectance is a sinusoid of the angle; mid-grey beyond its radius.
 
     Parameters
@@ -147,7 +145,7 @@ def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float,
     cycles : int, above 0
         Periods in one turn. Light along the positive x axis.
     radius : float, um, above 0
-    drawn : Drawn
+    drawn : Rendering
 
     Returns
     -------
@@ -162,8 +160,7 @@ def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float,
     """
     y, x = require_axes(y, x)
     require_positive(cycles=cycles, radius=radius)
-    if cycles != int(cycles):
-        raise ValueError(f"cycles must be a whole number, or the star has a seam; got {cycles}")
+    require.that(cycles == int(cycles), f"cycles must be a whole number, or the star has a seam; got {cycles}")
 
     def wave(v: FloatArray, u: FloatArray) -> FloatArray:
         distance, angle = np.hypot(v, u), np.arctan2(v, u)
@@ -179,7 +176,9 @@ def _painted(paint: cell_means.Paint, y: FloatArray, x: FloatArray, cell: float)
     return cell_means.averaged(paint, y, x, cell) if cell > 0 else paint(y[:, None], x[None, :])
 
 
-def zone_plate(y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, radius: float, drawn: Drawn) -> FloatArray:
+def zone_plate(
+    y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, radius: float, drawn: Rendering
+) -> FloatArray:
     """Rings whose frequency grows in proportion to the distance from the centre; mid-grey beyond the radius.
 
     Parameters
@@ -188,7 +187,7 @@ def zone_plate(y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, rad
     highest_frequency : float, cycles/um, above 0
         Local frequency at ``radius``. The plate is light in its centre.
     radius : float, um, above 0
-    drawn : Drawn
+    drawn : Rendering
 
     Returns
     -------
@@ -221,7 +220,7 @@ def zone_plate(y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, rad
 
 
 def step_wedge(
-    y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, drawn: Drawn
+    y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, drawn: Rendering
 ) -> FloatArray:
     """Vertical bars of equal width, one for each level from left to right.
 
@@ -231,7 +230,7 @@ def step_wedge(
     levels : (k,) array, reflectance, not negative
     width, height : float, um, above 0
         Of all bars together. Beyond them the reflectance is the mean of the levels.
-    drawn : Drawn
+    drawn : Rendering
         But for its low and high, which are those of the levels.
 
     Returns
@@ -245,8 +244,10 @@ def step_wedge(
     y, x = require_axes(y, x)
     require_positive(width=width, height=height)
     level = np.asarray(levels, dtype=x.dtype)
-    if level.ndim != 1 or level.size == 0 or not np.all(np.isfinite(level)) or np.any(level < 0):
-        raise ValueError(f"levels must be one row of finite reflectances, none negative, got {levels!r}")
+    require.that(
+        level.ndim == 1 and level.size != 0 and np.all(np.isfinite(level)) and not np.any(level < 0),
+        f"levels must be one row of finite reflectances, none negative, got {levels!r}",
+    )
     borders = width * (np.arange(level.size + 1) / level.size - 0.5)
     mean = level.mean(dtype=np.float64).astype(x.dtype)
     profile = np.zeros_like(x)
@@ -256,7 +257,7 @@ def step_wedge(
     return np.clip(mean + across[:, None] * profile, level.min(), level.max())
 
 
-def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float, drawn: Drawn) -> FloatArray:
+def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float, drawn: Rendering) -> FloatArray:
     """A square grid of light Gaussian spots, one of them in the centre.
 
     Parameters
@@ -266,7 +267,7 @@ def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float
         Between neighbours; at least six times the softened rms width, so that spots stay apart.
     spot_sigma : float, um, above 0
         Rms width of a spot before softening.
-    drawn : Drawn
+    drawn : Rendering
         low around the spots, high in their centres; cells up to ``spacing``.
 
     Returns
@@ -284,8 +285,7 @@ def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float
     require_positive(spacing=spacing, spot_sigma=spot_sigma)
     spacing, rms_width = float(spacing), float(np.hypot(spot_sigma, drawn.softness))
     require_spot_distance(spacing, rms_width)
-    if drawn.cell > spacing:
-        raise ValueError(f"cell must be at most the spacing, {spacing} um, got {drawn.cell} um")
+    require.that(not drawn.cell > spacing, f"cell must be at most the spacing, {spacing} um, got {drawn.cell} um")
     fraction = _row_of_spots(y, spacing, rms_width, drawn.cell)[:, None] * _row_of_spots(
         x, spacing, rms_width, drawn.cell
     )

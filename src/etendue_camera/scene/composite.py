@@ -7,7 +7,7 @@ Sources: X-Rite ColorChecker Classic (4 x 6 patches), ISO 12233 (tilted square);
 form.
 
 Coverages and grey add up to at most 1 everywhere, so spectra within [0, 1] give a scene within [0, 1].
-Charts are ``Drawn`` as in ``charts``.
+Charts are drawn by a ``Rendering``, see ``charts``.
 """
 
 from collections.abc import Callable
@@ -16,9 +16,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.scene.cell_means import closely, half_plane_mean
 from etendue_camera.scene.charts import (
-    Drawn,
+    Rendering,
     require_axes,
     require_positive,
     siemens_star,
@@ -26,8 +28,6 @@ from etendue_camera.scene.charts import (
     step_wedge,
     zone_plate,
 )
-
-FloatArray = npt.NDArray[np.floating]
 
 PATCH_ROWS, PATCH_COLUMNS = 4, 6
 FILL = 0.9  # part of its region that a panel fills; the rest is the grey that keeps panels apart
@@ -46,6 +46,29 @@ class Region(NamedTuple):
     right: float
 
 
+class PatchGrid(NamedTuple):
+    """Rectangular patches side by side.
+
+    ``width`` and ``height``, um, above 0, are those of the whole grid, from the first patch's outer border to the
+    last's; ``gap``, um, between neighbours in both directions leaves room for patches.
+    """
+
+    rows: int  # above 0
+    columns: int
+    width: float
+    height: float
+    gap: float
+
+
+class Panels(NamedTuple):
+    """What the composite chart shows beside its patches."""
+
+    highest_frequency: float  # cycles/um, above 0: of the zone plate, at its rim
+    angle_deg: float = 5.0  # -10 to 10: of the squares, a dark one inside a light one, for the slanted-edge method
+    cycles: int = 36  # of the star, above 0
+    steps: int = 8  # of the wedge, above 1, evenly spaced from low to high
+
+
 class Composite(NamedTuple):
     """The composite chart: grey reflectance, and the factors of its 24 patches.
 
@@ -61,19 +84,15 @@ class Composite(NamedTuple):
 
 
 def patches_factors(
-    y: npt.ArrayLike, x: npt.ArrayLike, rows: int, columns: int, width: float, height: float, gap: float, drawn: Drawn
+    y: npt.ArrayLike, x: npt.ArrayLike, grid: PatchGrid, drawn: Rendering
 ) -> tuple[FloatArray, FloatArray]:
     """Coverage of a grid of rectangular patches, as factors along y and x.
 
     Parameters
     ----------
     y, x : (ny,), (nx,) arrays, um
-    rows, columns : int, above 0
-    width, height : float, um, above 0
-        Of the whole grid, from the first patch's outer border to the last's.
-    gap : float, um
-        Between neighbours, in both directions; the gaps leave room for patches.
-    drawn : Drawn
+    grid : PatchGrid
+    drawn : Rendering
 
     Returns
     -------
@@ -90,17 +109,17 @@ def patches_factors(
     Exact: patch (i, j) covers rows_profile[i] (x) columns_profile[j], a soft rectangle.
     """
     y, x = require_axes(y, x)
-    require_positive(width=width, height=height)
-    return _profile(y, "rows", rows, "height", height, gap, drawn), _profile(
-        x, "columns", columns, "width", width, gap, drawn
+    require_positive(width=grid.width, height=grid.height)
+    return (
+        _profile(y, "rows", grid.rows, "height", grid.height, grid.gap, drawn),
+        _profile(x, "columns", grid.columns, "width", grid.width, grid.gap, drawn),
     )
 
 
 def _profile(
-    position: FloatArray, what: str, count: int, along: str, length: float, gap: float, drawn: Drawn
+    position: FloatArray, what: str, count: int, along: str, length: float, gap: float, drawn: Rendering
 ) -> FloatArray:
-    if count != int(count) or count < 1:
-        raise ValueError(f"{what} must be a whole number above 0, got {count}")
+    require.that(count == int(count) and count >= 1, f"{what} must be a whole number above 0, got {count}")
     count = int(count)
     size = (length - (count - 1) * gap) / count
     if not (gap >= 0 and size > 0):
@@ -110,9 +129,7 @@ def _profile(
     return np.stack([soft_box(position, start, start + size, drawn.softness, drawn.cell) for start in starts])
 
 
-def patches(
-    y: npt.ArrayLike, x: npt.ArrayLike, rows: int, columns: int, width: float, height: float, gap: float, drawn: Drawn
-) -> FloatArray:
+def patches(y: npt.ArrayLike, x: npt.ArrayLike, grid: PatchGrid, drawn: Rendering) -> FloatArray:
     """Coverage of a grid of rectangular patches, one plane for each.
 
     Parameters and errors are those of ``patches_factors``.
@@ -123,7 +140,7 @@ def patches(
         Row by row from the smallest y and x. The sum over patches is at most 1; ``background_weight`` is the
         rest.
     """
-    rows_profile, columns_profile = patches_factors(y, x, rows, columns, width, height, gap, drawn)
+    rows_profile, columns_profile = patches_factors(y, x, grid, drawn)
     planes = rows_profile[:, None, :, None] * columns_profile[None, :, None, :]
     return planes.reshape(-1, *planes.shape[2:])
 
@@ -211,12 +228,8 @@ def composite(
     x: npt.ArrayLike,
     width: float,
     height: float,
-    drawn: Drawn,
-    *,
-    highest_frequency: float,
-    angle_deg: float = 5.0,
-    cycles: int = 36,
-    steps: int = 8,
+    drawn: Rendering,
+    panels: Panels,
 ) -> Composite:
     """Colour patches, slanted edges, star, zone plate and grey steps in one frame.
 
@@ -225,16 +238,9 @@ def composite(
     y, x : (ny,), (nx,) arrays, um
     width, height : float, um, above 0
         Of the whole chart; ``composite_regions`` gives its parts. Beyond them all is (low + high) / 2.
-    drawn : Drawn
+    drawn : Rendering
         high at most 1.
-    highest_frequency : float, cycles/um, above 0
-        Of the zone plate, at its rim.
-    angle_deg : float, degrees, from -10 to 10
-        Tilt of the squares: a dark one inside a light one, each edge straight for the slanted-edge method.
-    cycles : int, above 0
-        Of the star.
-    steps : int, above 1
-        Of the wedge, evenly spaced from low to high.
+    panels : Panels
 
     Returns
     -------
@@ -255,12 +261,10 @@ def composite(
     """
     y, x = require_axes(y, x)
     low, high = drawn.low, drawn.high
-    if high > 1:
-        raise ValueError(f"high must be at most 1, got {high}")
-    if not -10 <= angle_deg <= 10:
-        raise ValueError(f"angle_deg must lie between -10 and 10 degrees, got {angle_deg}")
-    if steps != int(steps) or steps < 2:
-        raise ValueError(f"steps must be a whole number above 1, got {steps}")
+    highest_frequency, angle_deg, cycles, steps = panels
+    require.that(not high > 1, f"high must be at most 1, got {high}")
+    require.that(-10 <= angle_deg <= 10, f"angle_deg must lie between -10 and 10 degrees, got {angle_deg}")
+    require.that(steps == int(steps) and steps >= 2, f"steps must be a whole number above 1, got {steps}")
     width, height = float(width), float(height)
     regions = composite_regions(width, height)
     panel = min(width / 3, height / 2)
@@ -294,7 +298,7 @@ def _centre(region: Region) -> tuple[float, float]:
     return 0.5 * (region.top + region.bottom), 0.5 * (region.left + region.right)
 
 
-def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, drawn: Drawn) -> FloatArray:
+def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, drawn: Rendering) -> FloatArray:
     """A dark square in a light one in grey. The Gaussian is round, so tilted squares stay separable."""
     angle = np.deg2rad(float(angle_deg))
     outer, inner = (
@@ -330,8 +334,8 @@ def _square(y: FloatArray, x: FloatArray, angle: float, side: float, softness: f
     return covered
 
 
-def _patch_profiles(y: FloatArray, x: FloatArray, region: Region, drawn: Drawn) -> tuple[FloatArray, FloatArray]:
+def _patch_profiles(y: FloatArray, x: FloatArray, region: Region, drawn: Rendering) -> tuple[FloatArray, FloatArray]:
     width, height = region.right - region.left, region.bottom - region.top
     gap = GAP * min(width / PATCH_COLUMNS, height / PATCH_ROWS)
     y_centre, x_centre = _centre(region)
-    return patches_factors(y - y_centre, x - x_centre, PATCH_ROWS, PATCH_COLUMNS, width, height, gap, drawn)
+    return patches_factors(y - y_centre, x - x_centre, PatchGrid(PATCH_ROWS, PATCH_COLUMNS, width, height, gap), drawn)

@@ -5,11 +5,9 @@ In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), the
 Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the range of the levels asked for.
 Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with density r^-3 as a target of texture.
 
-``softness`` and ``cell`` are those of ``charts.Drawn``. The discs belong to the chart, not to the grid: a finer grid,
-or another softness, shows the same leaves.
+``softness`` and ``cell`` are those of ``charts.Rendering``. The discs belong to the chart, not to the grid: a finer
+grid, or another softness, shows the same leaves.
 """
-
-from __future__ import annotations
 
 import math
 from functools import lru_cache
@@ -18,8 +16,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from etendue import require
+from etendue_camera.arrays import FloatArray
 from etendue_camera.scene.cell_means import step_mean
-from etendue_camera.scene.charts import Drawn, FloatArray, require_axes, require_levels, require_positive, soft_step
+from etendue_camera.scene.charts import Rendering, require_axes, require_levels, require_positive, soft_step
 
 LAYERS = 9.0  # mean number of discs above a point: exp(-9) of the plane is left to the mean grey
 TILE = 96  # positions painted at once along each axis
@@ -38,31 +38,28 @@ class Leaves(NamedTuple):
     high: float
 
 
-@lru_cache(maxsize=4)
-def leaves(
-    width: float,
-    height: float,
-    smallest: float,
-    largest: float,
-    low: float,
-    high: float,
-    seed: int,
-    exponent: float = 3.0,
-) -> Leaves:
-    """The discs of a chart.
+class LeafChart(NamedTuple):
+    """What a chart of dead leaves is drawn from.
 
-    Parameters
-    ----------
-    width, height : float, um, above 0
-        Of the area that they cover, about 0.
-    smallest, largest : float, um, 0 < smallest < largest
-        Range of the radii; their density is r^-exponent.
-    low, high : float, reflectance, 0 <= low <= high
-        Levels are uniform between them.
-    seed : int, 0 or above
-        Of the chart: the same chart for the same seed and geometry, whatever noise a camera adds.
-    exponent : float
-        3 makes the chart look alike at every scale.
+    ``width`` and ``height``, um, above 0: of the area that they cover, about 0. ``smallest`` and ``largest``, um, 0 <
+    smallest < largest: range of the radii, whose density is r^-exponent; 3 makes the chart look alike at every scale.
+    Levels are uniform from ``low`` to ``high``, reflectances. ``seed``, 0 or above, is of the chart: the same chart for
+    the same seed and geometry, whatever noise a camera adds.
+    """
+
+    width: float
+    height: float
+    smallest: float
+    largest: float
+    low: float
+    high: float
+    seed: int
+    exponent: float = 3.0
+
+
+@lru_cache(maxsize=4)
+def leaves(chart: LeafChart) -> Leaves:
+    """The discs of a chart.
 
     Returns
     -------
@@ -73,18 +70,17 @@ def leaves(
     ValueError
         An argument outside its range; more than four million discs.
     """
+    width, height, smallest, largest, low, high, seed, exponent = chart
     require_positive(width=width, height=height, smallest=smallest, largest=largest)
     require_levels(low, high)
-    if not smallest < largest:
-        raise ValueError(f"smallest must be below largest, got {smallest} and {largest} um")
-    if not (seed == int(seed) and seed >= 0):
-        raise ValueError(f"seed must be a whole number from 0, got {seed}")
-    if not -10 <= exponent <= 10:
-        raise ValueError(f"exponent must lie between -10 and 10, got {exponent}")
+    require.that(smallest < largest, f"smallest must be below largest, got {smallest} and {largest} um")
+    require.that(seed == int(seed) and seed >= 0, f"seed must be a whole number from 0, got {seed}")
+    require.that(-10 <= exponent <= 10, f"exponent must lie between -10 and 10, got {exponent}")
     area = (width + 2 * largest) * (height + 2 * largest)
     count = math.ceil(LAYERS * area / (math.pi * _mean_power(smallest, largest, exponent, 2)))
-    if count > MOST:
-        raise ValueError(f"smallest is {smallest} um, for which the chart needs {count} discs; allowed are {MOST}")
+    require.that(
+        count <= MOST, f"smallest is {smallest} um, for which the chart needs {count} discs; allowed are {MOST}"
+    )
     rng = np.random.default_rng(int(seed))
     radius = _radii(rng.random(count), smallest, largest, exponent)
     y = (rng.random(count) - 0.5) * (height + 2 * largest)
@@ -95,9 +91,7 @@ def leaves(
 def _radii(share: FloatArray, smallest: float, largest: float, exponent: float) -> FloatArray:
     """Radii at shares of the distribution."""
     ratio, power = largest / smallest, 1 - exponent
-    if abs(power) < 1e-6:
-        return smallest * ratio**share
-    return smallest * (1 + share * (ratio**power - 1)) ** (1 / power)
+    return smallest * ratio**share if abs(power) < 1e-6 else smallest * (1 + share * (ratio**power - 1)) ** (1 / power)
 
 
 def _mean_power(smallest: float, largest: float, exponent: float, power: int) -> float:
@@ -142,9 +136,11 @@ def dead_leaves(
     4e-2, 1.5e-2, 4e-3, 2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
     """
     y, x = require_axes(y, x)
-    Drawn(softness, cell)  # their ranges
-    if not (oversampling == int(oversampling) and 1 <= oversampling <= 32):
-        raise ValueError(f"oversampling must be a whole number from 1 to 32, got {oversampling}")
+    Rendering(softness, cell)  # their ranges
+    require.that(
+        oversampling == int(oversampling) and 1 <= oversampling <= 32,
+        f"oversampling must be a whole number from 1 to 32, got {oversampling}",
+    )
     steps = np.concatenate([np.abs(np.diff(axis)) for axis in (y, x)])
     step = float(steps.min()) if steps.size else max(float(cell), float(softness), 1e-3 * float(chart.radius.min()))
     fine = step / int(oversampling)

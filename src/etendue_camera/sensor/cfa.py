@@ -11,15 +11,13 @@ A letter is a name, and the column of a sensitivity table: R, G, B, W or C for c
 periodic and belong to the sensor: pixel (i, j) has the letter at (i mod rows, j mod columns), whatever window is read.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue import plain_files
+from etendue import plain_files, require
 
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 COLOURS = "RGB"
@@ -101,11 +99,12 @@ def parse(text: str) -> Mask:
     """
     by_name = {name.casefold(): name for name in NAMES}
     name = by_name.get(text.strip().casefold())
-    if name is None and "/" not in text and not (len(text.strip()) == 1 and text.strip().isalpha()):
-        raise ValueError(
-            f"pattern is {text!r}; allowed are {', '.join(BAYER)}, these with quad- before, {', '.join(_OTHERS)}, "
-            "rows such as 'RG/GB', or a .csv file"
-        )
+    require.allowed(
+        name is not None or "/" in text or (len(text.strip()) == 1 and text.strip().isalpha()),
+        "pattern",
+        text,
+        f"{', '.join(BAYER)}, these with quad- before, {', '.join(_OTHERS)}, rows such as 'RG/GB', or a .csv file",
+    )
     if name in _OTHERS:
         rows = _OTHERS[name]
     elif name is not None:
@@ -114,10 +113,12 @@ def parse(text: str) -> Mask:
         rows = tuple("".join(letter * each for letter in order[i : i + 2]) for i in (0, 2) for _ in range(each))
     else:
         rows = tuple(row.strip().upper() for row in text.strip().strip("/").split("/"))
-    if len({len(row) for row in rows}) != 1 or not all(row.isascii() and row.isalpha() for row in rows):
-        raise ValueError(
-            f"pattern is {text!r}; allowed are rows of letters of one length, separated by '/', such as 'RG/GB'"
-        )
+    require.allowed(
+        len({len(row) for row in rows}) == 1 and all(row.isascii() and row.isalpha() for row in rows),
+        "pattern",
+        text,
+        "rows of letters of one length, separated by '/', such as 'RG/GB'",
+    )
     if max(len(rows), len(rows[0])) > LARGEST_PERIOD:
         raise ValueError(
             f"the pattern repeats after {len(rows)} x {len(rows[0])} pixels; allowed are at most {LARGEST_PERIOD}"
@@ -138,8 +139,7 @@ def parse_rows(text: str) -> Mask:
     """
     stripped = (line.partition("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = ["".join(cells) for cells in stripped if cells]
-    if not rows:
-        raise ValueError("there are no letters; expected rows such as R,G and G,B")
+    require.that(rows, "there are no letters; expected rows such as R,G and G,B")
     return parse("/".join(rows) + "/")
 
 
@@ -184,8 +184,7 @@ def phase(pattern: str) -> dict[str, list[tuple[int, int]]]:
     ValueError
         If the pattern is not one of the four.
     """
-    if pattern not in BAYER:
-        raise ValueError(f"pattern is {pattern!r}; allowed are {', '.join(BAYER)}")
+    require.allowed(pattern in BAYER, "pattern", pattern, ", ".join(BAYER))
     return {c: [divmod(i, 2) for i in range(4) if pattern[i] == c] for c in COLOURS}
 
 
@@ -263,10 +262,12 @@ def pick(planes: NDArray, mask: Mask | str, first_row: int = 0, first_column: in
         If there is not one plane for each channel.
     """
     planes, mask = np.asarray(planes), parse(mask) if isinstance(mask, str) else mask
-    if planes.ndim != 3 or planes.shape[0] != len(mask.channels):
-        raise ValueError(
-            f"planes has shape {planes.shape}; allowed is ({len(mask.channels)}, y, x): {', '.join(mask.channels)}"
-        )
+    require.shape(
+        planes.ndim == 3 and planes.shape[0] == len(mask.channels),
+        "planes",
+        planes,
+        f"({len(mask.channels)}, y, x): {', '.join(mask.channels)}",
+    )
     mosaic = np.empty(planes.shape[1:], planes.dtype)
     for plane, channel in zip(planes, mask.channels, strict=True):
         for where in sites_of(mask, channel, first_row, first_column):

@@ -14,18 +14,16 @@ kept being the charge of the depletion layer. Each Gaussian is separable and its
 functions, so that kernels are never negative, symmetric, and sum to 1.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import photodiode
 from etendue_camera.sensor.cfa import Mask, channel_index, continued
 
-FloatArray = NDArray[np.floating]
 STEP = 0.3  # of ln t; the trapezoidal rule then errs by exp(-2 pi (pi/2) / 0.3) = 5e-15
 SHORTEST = 1e-16  # um2; a charge that moves less than 1.4e-8 um stays where it is
 LONGEST = 1e12  # um2, where neither depth nor recombination ends the wandering

@@ -10,9 +10,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor.cfa import Mask, channel_index, continued
-
-FloatArray = NDArray[np.floating]
 
 
 def neighbours(mask: Mask, count: int) -> FloatArray:

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue import require
+
 GOOD, HOT, DEAD, STUCK = 0, 1, 2, 3
 KINDS = {"hot": HOT, "dead": DEAD, "stuck": STUCK}
 
@@ -37,11 +39,11 @@ def drawn_map(uniform: NDArray, hot: float, dead: float, stuck: float) -> NDArra
         If a share is negative or the sum is above 1.
     """
     shares = np.array([hot, dead, stuck], dtype=float)
-    if not np.all(shares >= 0) or not shares.sum() <= 1:
-        raise ValueError(
-            f"hot, dead and stuck are {hot!r}, {dead!r} and {stuck!r}; allowed are shares at or above 0, together at "
-            f"most 1"
-        )
+    require.that(
+        np.all(shares >= 0) and shares.sum() <= 1,
+        f"hot, dead and stuck are {hot!r}, {dead!r} and {stuck!r}; allowed are shares at or above 0, together at "
+        f"most 1",
+    )
     found = np.zeros(uniform.shape, dtype=np.uint8)
     low = 0.0
     for kind, share in zip((HOT, DEAD, STUCK), shares, strict=True):
@@ -129,6 +131,5 @@ def hot_rates(uniform: NDArray, mean_rate: float) -> NDArray:
     -----
     Source: -mean ln(1 - u), the tail of dark current over the pixels of a sensor.
     """
-    if not mean_rate >= 0:
-        raise ValueError(f"mean_rate is {mean_rate!r} electron/s; allowed are numbers at or above 0")
+    require.that(mean_rate >= 0, f"mean_rate is {mean_rate!r} electron/s; allowed are numbers at or above 0")
     return -uniform.dtype.type(mean_rate) * np.log1p(-uniform)

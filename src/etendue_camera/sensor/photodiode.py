@@ -12,15 +12,13 @@ recombine (diffusion length Ln), or meet the back contact. A pattern of frequenc
 """
 
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from etendue import require
+from etendue_camera.arrays import FloatArray, Floats
 
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Back = Literal["absorbing", "reflecting"]
 FEW = 8192  # frequencies up to which all bands are evaluated at once; more would leave the processor's cache
 
@@ -292,10 +290,10 @@ def _diode(
     for name, value in (("depletion", depletion), ("diffusion_depth", depth)):
         require.must(value >= 0.0, name, value, "0 or above, in um")
     require.positive("diffusion_length", length, " um")
-    if depletion + depth == 0.0:
-        raise ValueError("depletion and diffusion_depth are both 0; a photodiode needs some thickness")
-    if back not in ("absorbing", "reflecting"):
-        raise ValueError(f"back is {back!r}; it must be 'absorbing' or 'reflecting'")
+    require.that(
+        depletion + depth != 0.0, "depletion and diffusion_depth are both 0; a photodiode needs some thickness"
+    )
+    require.must(back in ("absorbing", "reflecting"), "back", repr(back), "'absorbing' or 'reflecting'")
     return float(absorption), float(depletion), float(depth), float(length), back
 
 

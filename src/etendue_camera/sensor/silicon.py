@@ -8,13 +8,10 @@ Sources: M. A. Green, Solar Energy Materials and Solar Cells 92, 1305-1310 (2008
 
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+from etendue_camera.arrays import FloatArray, Floats
 
 
 def absorption(wavelength: Floats) -> Floats:

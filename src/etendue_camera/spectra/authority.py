@@ -77,17 +77,13 @@ def smooth_rows(table: Any) -> FloatArray:
     return np.column_stack([fine, curves])
 
 
-def _patches() -> Mapping[str, Any]:
-    return colour_science().SDS_COLOURCHECKERS[COLORCHECKER]
-
-
 TABLES: dict[str, tuple[Callable[[], Mapping[str, Any]], Callable[[Any], FloatArray]]] = {
     "illuminant": (lambda: colour_science().SDS_ILLUMINANTS, rows_of),
     "camera": (lambda: colour_science().MSDS_CAMERA_SENSITIVITIES, rows_of),
     "smooth camera": (lambda: colour_science().MSDS_CAMERA_SENSITIVITIES, smooth_rows),
     "display": (lambda: colour_science().MSDS_DISPLAY_PRIMARIES, rows_of),
     "observer": (lambda: colour_science().MSDS_CMFS, smooth_rows),
-    "patch": (_patches, smooth_rows),
+    "patch": (lambda: colour_science().SDS_COLOURCHECKERS[COLORCHECKER], smooth_rows),
     "basis": (lambda: {BASIS: colour_science().recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019}, smooth_rows),
 }
 

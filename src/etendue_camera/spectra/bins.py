@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from etendue import plain_files
+from etendue import plain_files, require
 from etendue_camera.spectra.ends import beyond, reach_of
 from etendue_camera.spectra.named import spectrum
 from etendue_camera.spectra.spdx import ENDING, read_spdx
@@ -30,8 +30,10 @@ Outside = Literal["zero", "hold"]
 
 def checked_edges(edges: Edges) -> tuple[float, ...]:
     array = np.asarray(edges, dtype=np.float64)
-    if array.ndim != 1 or array.size < 2:
-        raise ValueError(f"edges must be one axis of at least two wavelengths [nm], got shape {array.shape}")
+    require.that(
+        array.ndim == 1 and array.size >= 2,
+        f"edges must be one axis of at least two wavelengths [nm], got shape {array.shape}",
+    )
     if not (np.all(np.isfinite(array)) and array[0] > 0 and np.all(np.diff(array) > 0)):
         raise ValueError(f"edges must be finite, positive and strictly ascending [nm], got {array}")
     return tuple(array.tolist())
@@ -138,17 +140,15 @@ def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     numbered = enumerate(text.splitlines(), start=1)
     stripped = ((number, line.partition("#")[0].strip()) for number, line in numbered)
     lines = [(number, [cell.strip() for cell in line.split(",")]) for number, line in stripped if line]
-    if not lines:
-        raise ValueError(f"{path}: no header; expected 'wavelength_nm,a,b,...'")
+    require.that(lines, f"{path}: no header; expected 'wavelength_nm,a,b,...'")
     first, header = lines[0]
     names = header[1:]
-    if header[0] != "wavelength_nm" or not names or not all(names) or len(set(names)) < len(names):
-        raise ValueError(
-            f"{path}, line {first}: header {','.join(header)!r}; expected 'wavelength_nm,a,b,...' with distinct names"
-        )
+    require.that(
+        header[0] == "wavelength_nm" and names and all(names) and len(set(names)) >= len(names),
+        f"{path}, line {first}: header {','.join(header)!r}; expected 'wavelength_nm,a,b,...' with distinct names",
+    )
     rows = [_csv_row(path, number, cells, header) for number, cells in lines[1:]]
-    if len(rows) < 2:
-        raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")
+    require.that(len(rows) >= 2, f"{path}: {len(rows)} rows of numbers; at least two are needed")
     table = np.array(rows)
     for (number, _), before, after in zip(lines[2:], table[:-1, 0], table[1:, 0], strict=True):
         if not after > before:

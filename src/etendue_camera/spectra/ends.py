@@ -48,9 +48,11 @@ def held_in_the_infrared(name: str, lowest: float, highest: float) -> list[str]:
     hardly seen.
     """
     first, last, step = HELD_TABLES[name]
-    if highest <= SEEN and lowest >= first - step:
-        return []
-    return held_note(f"the {name}", np.arange(first, last + 0.5 * step, step), lowest, highest)
+    return (
+        []
+        if highest <= SEEN and lowest >= first - step
+        else held_note(f"the {name}", np.arange(first, last + 0.5 * step, step), lowest, highest)
+    )
 
 
 def cut_off_note(what: str, names: Any, rows: Any, values: Any, lowest: float, highest: float) -> list[str]:

@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from etendue import require
 from etendue_camera.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
 from etendue_camera.spectra import shipped
 from etendue_camera.spectra.bins import (
@@ -89,16 +90,17 @@ def illuminant_rows(name: str) -> tuple[FloatArray, FloatArray]:
     """Wavelengths (nm) and relative powers of a tabulated illuminant."""
     if spectrum(name):
         columns, nodes, values = csv_rows(name)
-        if len(columns) > 1:
-            raise ValueError(f"the illuminant {name!r} has columns {', '.join(columns)}; a light has one")
+        require.that(len(columns) <= 1, f"the illuminant {name!r} has columns {', '.join(columns)}; a light has one")
         return nodes, values[:, 0]
     return shipped.curve("illuminant", name, COMPUTED_ILLUMINANTS)
 
 
 def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
     """Gauss-Legendre, five points in each panel of at most 1 nm, or of 1/400 of longer wavelengths."""
-    if not LOWEST_TEMPERATURE <= temperature < np.inf:
-        raise ValueError(f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {temperature:g} K")
+    require.that(
+        LOWEST_TEMPERATURE <= temperature < np.inf,
+        f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {temperature:g} K",
+    )
     bounds = np.asarray(edges)
     widths = np.diff(bounds)
     panels = int(np.ceil(np.max(widths / np.maximum(1.0, bounds[:-1] / 400.0))))

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from etendue import require
 from etendue_camera.constants import LUMINOUS_EFFICACY
 from etendue_camera.spectra import shipped
 from etendue_camera.spectra.authority import OBSERVERS
@@ -125,8 +126,7 @@ def light_of_luminance(name: str, edges: Edges, luminance: float) -> FloatArray:
     ValueError
         As `illuminant` and `luminance_of`; a light that no eye sees; a luminance not above 0.
     """
-    if not 0 < luminance < np.inf:
-        raise ValueError(f"luminance must be finite and above 0 cd m-2, got {luminance}")
+    require.that(0 < luminance < np.inf, f"luminance must be finite and above 0 cd m-2, got {luminance}")
     whole = luminance_of(name)
     if not whole > 0:
         raise ValueError(_unseen(name))
@@ -147,8 +147,7 @@ def light_of_radiance(name: str, edges: Edges, radiance: float) -> FloatArray:
     -------
     (n,) array, W m-2 sr-1 nm-1
     """
-    if not 0 < radiance < np.inf:
-        raise ValueError(f"radiance must be finite and above 0 W m-2 sr-1, got {radiance}")
+    require.that(0 < radiance < np.inf, f"radiance must be finite and above 0 W m-2 sr-1, got {radiance}")
     relative = illuminant(name, edges)
     return relative * (radiance / float(relative @ np.diff(checked_edges(edges))))
 

@@ -14,6 +14,7 @@ from collections.abc import Collection
 from functools import cache
 from importlib.resources import files
 
+from etendue import require
 from etendue.plugins import discovery
 from etendue_camera.spectra.bins import csv_rows, require_name
 from etendue_camera.spectra.named import LIBRARY, spectrum
@@ -42,21 +43,25 @@ def check_illuminant(name: str, lowest: float, highest: float) -> None:
     computed = COMPUTED.fullmatch(name)
     if computed:
         number = float(computed[1])
-        if computed[2] == "K" and not LOWEST_TEMPERATURE <= number:
-            raise ValueError(f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {number:g} K")
-        if computed[2] == "nm" and not lowest <= number <= highest:
-            raise ValueError(f"spectral line at {number:g} nm lies outside the bins, {lowest:g} to {highest:g} nm")
+        require.that(
+            computed[2] != "K" or LOWEST_TEMPERATURE <= number,
+            f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {number:g} K",
+        )
+        require.that(
+            computed[2] != "nm" or lowest <= number <= highest,
+            f"spectral line at {number:g} nm lies outside the bins, {lowest:g} to {highest:g} nm",
+        )
         return
     if name == "E":
         return
     if not spectrum(name):
         require_name(name, [*tables("illuminant"), *brought()], "illuminant", COMPUTED_ILLUMINANTS)
     first, last = range_of(name)
-    if lowest < first or highest > last:
-        raise ValueError(
-            f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm, but the bins span "
-            f"{lowest:g} to {highest:g} nm; narrow the wavelength axis, or use 'E' or '<T> K'"
-        )
+    require.that(
+        not lowest < first and not highest > last,
+        f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm, but the bins span "
+        f"{lowest:g} to {highest:g} nm; narrow the wavelength axis, or use 'E' or '<T> K'",
+    )
 
 
 def line_of(name: str) -> float | None:
@@ -67,9 +72,7 @@ def line_of(name: str) -> float | None:
 
 def range_of(name: str) -> tuple[float, float]:
     """Lowest and highest wavelength (nm) of an illuminant's table; those of the eye where it is computed."""
-    if name == "E" or COMPUTED.fullmatch(name):
-        return EYE
-    return _rows_from(name) or tables("illuminant")[name]
+    return EYE if name == "E" or COMPUTED.fullmatch(name) else _rows_from(name) or tables("illuminant")[name]
 
 
 def camera_range(name: str) -> tuple[float, float]:

@@ -44,9 +44,7 @@ def white_chromaticity(name: str) -> tuple[float, float] | None:
     """xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None of a light
     that has none.
     """
-    if name in list(shipped.names("space")):
-        return rgb_space_primaries(name)[1]
-    return _published_white(name)
+    return rgb_space_primaries(name)[1] if name in list(shipped.names("space")) else _published_white(name)
 
 
 def _published_white(name: str) -> tuple[float, float] | None:

@@ -86,7 +86,7 @@ class SensorChannel:
 
     at: Mapping[str, Any]
     channel: str
-    measurement: emva.Measurement | None
+    measurement: emva.SensorFigures | None
     times: tuple[float, ...]
     expected: Mapping[str, float]
     why: str = ""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
-from etendue_camera.resolution.star_interval import count_cycles, star_resolution
+from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, star_resolution
 from etendue_lab.measure.photograph import Photograph
 from etendue_lab.measure.regions import Circle, circle
 
@@ -36,7 +36,12 @@ def measured_star(
     image, sites = photograph.linear(channel, cut)
     try:
         found = star_resolution(
-            image, (place.y - top, place.x - left), place.radius, cycles=cycles, sites=sites, confidence=confidence
+            image,
+            (place.y - top, place.x - left),
+            place.radius,
+            cycles=cycles,
+            sites=sites,
+            bootstrap=Bootstrap(confidence=confidence),
         )
     except ValueError as error:
         reason = str(error).partition("; allowed is")[0].removeprefix("picture ")

@@ -4,8 +4,6 @@ In:  ``xyz_scene``.
 Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; a variable's name says its colour state.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -42,11 +40,6 @@ def primaries_to_xyz(display: str) -> Any:
         return space_to_xyz(display)
     found = spectra.colour_matching(TABLE_EDGES).T @ spectra.display_primaries(display, TABLE_EDGES)
     return found / found[1].sum()
-
-
-def is_display(name: Any) -> bool:
-    """Whether a name is that of a measured display or of an RGB space."""
-    return name in (*MEASURED, *OWN) or name in spectra.rgb_space_names()
 
 
 def primaries_to_cones(display: str) -> Any:

@@ -4,14 +4,13 @@ In:  ``rgb_camera`` and what is known of the light (``white_radiance``, ``white_
 Out: ``xyz_scene``; what becomes of it on a display is in ``display.py``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
 
+from etendue import require
 from etendue.api import XYZ, Grid, Haloed, Labels, Viewed, fitted, measured, param, quantity
 from etendue_camera import spectra
 from etendue_camera.colour import matrices
@@ -65,10 +64,10 @@ class ColourFit(Collecting):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.reflectances != "ColorChecker" and not self.reflectances.endswith(spectra.ENDINGS):
-            raise ValueError(
-                f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv or .spdx table"
-            )
+        require.that(
+            self.reflectances == "ColorChecker" or self.reflectances.endswith(spectra.ENDINGS),
+            f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv or .spdx table",
+        )
         if not min(self.peak_qe) > 0:
             raise ValueError(
                 f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give "
@@ -115,10 +114,10 @@ class ColourFit(Collecting):
         samples = (reflectance * light) @ response.T / camera_white
         scene = np.asarray(white_radiance, dtype=float) * np.diff(edges)
         white = cmf.T @ scene
-        if not white[1] > 0:
-            raise ValueError(
-                f"the scene's white has no luminance (X, Y, Z = {white}): look at the illuminant and the wavelengths"
-            )
+        require.that(
+            white[1] > 0,
+            f"the scene's white has no luminance (X, Y, Z = {white}): look at the illuminant and the wavelengths",
+        )
         targets = (reflectance * scene) @ cmf / white[1]
         kept = self.white == "kept"
         fit = matrices.fit_matrix(
@@ -185,8 +184,9 @@ class CameraToXyz(Haloed):
         return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
 
     def run(self, rgb_camera: Any, white: Any, clipping_level: Any, colour_matrix: Any) -> dict[str, Any]:
-        if not np.all(white > 0):
-            raise ValueError(f"the white has a dead channel: {white}; look at the filter, the illuminant and peak_qe")
+        require.that(
+            np.all(white > 0), f"the white has a dead channel: {white}; look at the filter, the illuminant and peak_qe"
+        )
         level, clipped = np.asarray(white, dtype=float), float(clipping_level)
         shown = level * (white_balance.display_white(level.max(), clipped, self.brightness == "camera") / level.max())
         matrix = np.asarray(colour_matrix, dtype=float) / shown

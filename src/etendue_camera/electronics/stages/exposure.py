@@ -4,8 +4,6 @@ In:  ``photocurrent`` (y, x), electron/s.
 Out: ``expected_charge`` and ``charge``, electron, (y, x).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -14,6 +12,7 @@ import numpy as np
 
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, ends, param, proved, quantity
 from etendue_camera.electronics import amplifier, distributions, dynamic_range, noise
+from etendue_camera.electronics.stages.gain_chain import Well
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +192,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FullWell(Bounded, Datasheet):
+class FullWell(Well, Bounded, Datasheet):
     """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
 
     role: ClassVar = "full well"
@@ -207,29 +206,22 @@ class FullWell(Bounded, Datasheet):
     working: ClassVar = 0.0
     error: ClassVar = proved(6e-8, 1e-16)
 
-    pixel_pitch: float = quantity("pixel_pitch")
-    aperture_fraction: float = quantity("aperture_fraction")
-    full_well_density: float = quantity("full_well_density")
-
-    def capacity(self) -> float:
-        return amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
-
     def datasheet(self) -> dict[str, float]:
-        return {"full_well": self.capacity()}
+        return {"full_well": self.well()}
 
     def run(self, charge: Any) -> dict[str, Any]:
-        return {"charge": np.minimum(charge, charge.dtype.type(self.capacity()))}
+        return {"charge": np.minimum(charge, charge.dtype.type(self.well()))}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         """What clipping takes from the mean of a Poisson count, as a share of the full well."""
-        if facts.high is None or facts.high >= self.capacity():
+        if facts.high is None or facts.high >= self.well():
             return None
         sigma = math.sqrt(max(facts.high, 1.0))
-        away = (self.capacity() - facts.high) / sigma
-        return sigma * math.exp(-0.5 * away**2) / self.capacity(), "the light stays below the full well"
+        away = (self.well() - facts.high) / sigma
+        return sigma * math.exp(-0.5 * away**2) / self.well(), "the light stays below the full well"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        known, capacity = facts["charge"], self.capacity()
+        known, capacity = facts["charge"], self.well()
         return Facts(
             uniform=known.uniform,
             low=None if known.low is None else min(known.low, capacity),

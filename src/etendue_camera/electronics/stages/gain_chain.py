@@ -4,8 +4,6 @@ In:  camera quantities of pixel, amplifier and converter.
 Out: full well and saturation (electrons), analogue gain, DN per electron.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,12 +28,33 @@ class Amplifier(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GainChain(Amplifier):
-    """A stage that knows pixel, amplifier and converter."""
+class ReadOut(Amplifier):
+    """A stage that knows the noise in front of the amplifier and behind it."""
+
+    read_noise: float = quantity("read_noise")
+    read_noise_after: float = quantity("read_noise_after")
+
+    def read_sigma(self) -> float:
+        """Read noise at the gain, referred to the pixel, electron."""
+        return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Well(Stage):
+    """A stage that knows how much charge a pixel holds."""
 
     pixel_pitch: float = quantity("pixel_pitch")
     aperture_fraction: float = quantity("aperture_fraction")
     full_well_density: float = quantity("full_well_density")
+
+    def well(self) -> float:
+        return amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GainChain(Well, Amplifier):
+    """A stage that knows pixel, amplifier and converter."""
+
     conversion_gain: float = quantity("conversion_gain")
     black_level: float = quantity("black_level")
     bits: int = quantity("bits")
@@ -44,9 +63,6 @@ class GainChain(Amplifier):
         return amplifier.dn_per_electron(
             self.conversion_gain, analogue_gain(self), self.well(), self.black_level, self.bits
         )
-
-    def well(self) -> float:
-        return amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
 
     def saturation(self) -> float:
         """Charge at which the well is full or the top code is reached."""

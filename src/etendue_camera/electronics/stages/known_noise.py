@@ -4,16 +4,13 @@ Figures of a sensor look at datasheets for the rest: what stages add whose noise
 rows and columns.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from etendue.api import quantity
 from etendue.contract.capabilities import Sheet
-from etendue_camera.electronics import amplifier
-from etendue_camera.electronics.stages.gain_chain import GainChain, analogue_gain
+from etendue_camera.electronics.stages.gain_chain import GainChain, ReadOut
 from etendue_camera.roles import READ_NOISE
 
 Sheets = Sequence[tuple[str, Sheet]]
@@ -27,24 +24,18 @@ def elsewhere(sheets: Sheets, figure: str) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class KnownNoise(GainChain):
+class KnownNoise(ReadOut, GainChain):
     """A stage that knows the noise of the numbers it is given: variance = shot x value + floor, 1 = clipping.
 
     Shot noise of the light, read noise, offsets from pixel to pixel and quantisation. Dark current's shot noise hangs
     on the time, which metering may set, and is left aside: 1.3 electrons rms after 10 ms at 1e-10 A/cm2 and 5.4 um.
     """
 
-    read_noise: float = quantity("read_noise")
-    read_noise_after: float = quantity("read_noise_after")
     dsnu: float = quantity("dsnu")
 
     def electrons(self) -> float:
         """At 1 of ``mosaic_linear``."""
         return self.white() / self.dn_per_electron()
-
-    def read_sigma(self) -> float:
-        """Read noise at the gain, referred to the pixel, electron."""
-        return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
 
     def noise_model(self) -> tuple[float, float]:
         """Variance per value, and in the dark."""

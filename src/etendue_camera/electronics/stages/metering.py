@@ -4,13 +4,12 @@ In:  ``photocurrent`` (y, x), electron/s; a time.
 Out: ``integration_time``, s, of one exposure or of each frame. Stages behind take it from here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from etendue import require
 from etendue.api import Facts, Grid, Labels, Stage, ends, measured, param, proved, quantity
 from etendue_camera.electronics import metering
 from etendue_camera.electronics.stages.gain_chain import GainChain
@@ -55,8 +54,9 @@ class Meter(GainChain):
     longest: float = param(30.0, units="s", above=0, doc="longest time")
 
     def __post_init__(self) -> None:
-        if self.shortest > self.longest:
-            raise ValueError(f"shortest = {self.shortest:g} s is above longest = {self.longest:g} s")
+        require.that(
+            not self.shortest > self.longest, f"shortest = {self.shortest:g} s is above longest = {self.longest:g} s"
+        )
 
     def time(self, photocurrent: Any) -> float:
         if self.metering == "exposure_value":
@@ -97,8 +97,7 @@ class Bracket(Stage):
     )
 
     def __post_init__(self) -> None:
-        if not self.brackets:
-            raise ValueError("brackets = [] leaves no exposure; [0] is the integration time itself")
+        require.that(self.brackets, "brackets = [] leaves no exposure; [0] is the integration time itself")
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"integration_time": Grid.of({"frame": Labels(tuple(range(len(self.brackets) * self.repeats)))})}

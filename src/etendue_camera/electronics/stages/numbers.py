@@ -4,8 +4,6 @@ In:  camera quantities; ``raw`` and ``expected_charge``; the light of a white di
 Out: scalars, each at the axes that reach it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -17,7 +15,7 @@ from etendue_camera import spectra
 from etendue_camera.constants import LUMINOUS_EFFICACY
 from etendue_camera.electronics import amplifier, dynamic_range, metering
 from etendue_camera.electronics.stages.gain_chain import GainChain, analogue_gain
-from etendue_camera.electronics.stages.known_noise import Sheets, elsewhere
+from etendue_camera.electronics.stages.known_noise import KnownNoise, Sheets, elsewhere
 from etendue_camera.roles import DEFECTIVE, PROCESSING
 from etendue_camera.sensor.stages.crosstalk import mixing_of
 from etendue_camera.sensor.stages.sensitivity import Collecting, electrons_per_irradiance
@@ -103,7 +101,7 @@ class DynamicRange(NoiseFloor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExposureReport(GainChain):
+class ExposureReport(KnownNoise):
     """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected
     charge, 0 where clipped.
 
@@ -122,13 +120,8 @@ class ExposureReport(GainChain):
     working: ClassVar = 1.5
     error: ClassVar = measured(1e-6, 1e-14)
 
-    read_noise: float = quantity("read_noise")
-    read_noise_after: float = quantity("read_noise_after")
-    dsnu: float = quantity("dsnu")
-
     def run(self, raw: Any, expected_charge: Any, sheets: Sheets = ()) -> dict[str, Any]:
-        sigma = float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
-        floor = sigma**2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
+        floor = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
         floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
         held = np.result_type(
             expected_charge, np.min_scalar_type(floor)

@@ -4,8 +4,6 @@ In:  ``photocurrent`` (y, x), electron/s; ``rgb_camera`` (channel, y, x), 1 at t
 Out: ``mosaic_linear`` and ``rgb_camera``, 1 at the full well.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -14,10 +12,11 @@ import numpy as np
 
 from etendue.api import Haloed, param, proved, quantity
 from etendue_camera.electronics import amplifier, dynamic_range
+from etendue_camera.electronics.stages.gain_chain import Well
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChargeFraction(Haloed):
+class ChargeFraction(Well, Haloed):
     """Photocurrent as a share of the full well after a reference time: the noise-free mosaic of the paper's order."""
 
     role: ClassVar = "linearisation"
@@ -30,15 +29,11 @@ class ChargeFraction(Haloed):
     working: ClassVar = 0.0
     error: ClassVar = proved(1.3e-7, 3e-16)  # the factor and the product are rounded
 
-    pixel_pitch: float = quantity("pixel_pitch")
-    aperture_fraction: float = quantity("aperture_fraction")
-    full_well_density: float = quantity("full_well_density")
     reference_time: float = param(0.01, units="s", above=0)
 
     def run(self, photocurrent: Any) -> dict[str, Any]:
-        capacity = amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
         return {
-            "mosaic_linear": photocurrent * photocurrent.dtype.type(self.reference_time / capacity),
+            "mosaic_linear": photocurrent * photocurrent.dtype.type(self.reference_time / self.well()),
             "clipping_level": np.array(1.0),  # where paper_exposure clips
         }
 

@@ -4,8 +4,6 @@ In:  ``raw`` (frame, y, x), DN, of a uniform light; the time of each frame.
 Out: signal and variance by channel and level, the line through them, figures with 95 % intervals.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -122,7 +120,7 @@ class PhotonTransfer(Stage):
         return {"transfer_time": time, **{f"transfer_{name}": values for name, values in curve.items()}, **found}
 
 
-def _measured(times: Any, stacks: Any) -> emva.Measurement | None:
+def _measured(times: Any, stacks: Any) -> emva.SensorFigures | None:
     """Of levels (level, frame, y, x) whose first is the dark; None where they are no photon transfer curve."""
     if len(times) < 5 or not 0 <= times[0] < DARK * times[1:].min():
         return None

@@ -4,8 +4,6 @@ In:  ``charge`` (y, x) or (frame, y, x), electron.
 Out: ``raw``, DN, and ``mosaic_linear``, 1 where pixels saturate.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -14,13 +12,13 @@ import numpy as np
 
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, param, proved, quantity
 from etendue_camera.electronics import amplifier, converter
-from etendue_camera.electronics.stages.gain_chain import Amplifier, GainChain, analogue_gain
+from etendue_camera.electronics.stages.gain_chain import GainChain, ReadOut, analogue_gain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.roles import Scaled
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Datasheet, Haloed):
+class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
     """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
 
     What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after /
@@ -35,8 +33,6 @@ class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Datasheet, Haloed):
     libraries: ClassVar = ("numpy",)
     error: ClassVar = proved(6e-8, 2e-16)
 
-    read_noise: float = quantity("read_noise")
-    read_noise_after: float = quantity("read_noise_after")
     dsnu: float = quantity("dsnu")
     sensor_serial: str = quantity("sensor_serial")
     noise: str = quantity("noise")
@@ -45,18 +41,14 @@ class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Datasheet, Haloed):
     def common_draws(self) -> bool:
         return self.noise == "common"
 
-    def sigma(self) -> float:
-        """Temporal noise, referred to the pixel, electron."""
-        return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
-
     def variance(self, charge: float) -> float:
-        return self.sigma() ** 2 + self.dsnu**2
+        return self.read_sigma() ** 2 + self.dsnu**2
 
     def datasheet(self) -> dict[str, float]:
-        return {"read_noise": self.sigma(), "dsnu": self.dsnu}
+        return {"read_noise": self.read_sigma(), "dsnu": self.dsnu}
 
     def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
-        kind, sigma = charge.dtype.type, self.sigma()
+        kind, sigma = charge.dtype.type, self.read_sigma()
         if sigma > 0:
             noise = rng.standard_normal(charge.shape, dtype=charge.dtype)
             noise *= kind(sigma)
@@ -151,7 +143,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Adc(GainChain, Sampled, Noisy, Datasheet):
+class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
     """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well
     is full.
     """
@@ -165,9 +157,6 @@ class Adc(GainChain, Sampled, Noisy, Datasheet):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
     working: ClassVar = 2.6
-
-    read_noise: float = quantity("read_noise")
-    read_noise_after: float = quantity("read_noise_after")
 
     def __post_init__(self) -> None:
         analogue_gain(
@@ -189,7 +178,7 @@ class Adc(GainChain, Sampled, Noisy, Datasheet):
         return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
     def warn(self, facts: Facts, grid: Any) -> list[str]:
-        sigma = float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
+        sigma = self.read_sigma()
         wide = sigma * self.dn_per_electron()
         if self.black_level >= 4 * wide:
             return []

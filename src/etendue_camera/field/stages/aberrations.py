@@ -4,8 +4,6 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
 Out: ``irradiance``, blurred. It holds diffraction already: in a pipeline it takes the place of ``diffraction``.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, cast
@@ -13,7 +11,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from etendue.api import Banded, Facts, Grid, param
-from etendue_camera.field import blur
+from etendue_camera.field import blur, node_grids
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.stages.illumination import farthest, nearest
 from etendue_camera.optics import imaging, pupil
@@ -189,7 +187,7 @@ class Aberrations(Blur, Aberrated, Banded):
         longest = float(bands[-1] if min(self.bands, len(bands)) > 1 else sum(bands) / len(bands)) * 1e-3
         step = max(abs(light.line(dim).step) for dim in ("y", "x"))
         reach = NEARLY * half * PER_SPOT * longest * self.cone_f_number() / step
-        if not blur.kernels_fit(
+        if not node_grids.kernels_fit(
             2 * math.ceil(reach) + 1, min(self.bands, len(bands)), light["y"].size, light["x"].size
         ):
             raise ValueError(

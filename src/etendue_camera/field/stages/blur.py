@@ -4,8 +4,6 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, positions from the axis of t
 Out: ``irradiance``, blurred or moved.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -14,11 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bounded, Facts, Grid, Line, param
+from etendue.api import Banded, Bounded, Facts, Grid, param
 from etendue.contract.stage import file_state
 from etendue.transfer import rings as scene_rings
 from etendue_camera.field import blur, warp
 from etendue_camera.field.psf_bank import PsfBank
+from etendue_camera.field.stages.illumination import ends_of, farthest
 
 
 @lru_cache(maxsize=8)
@@ -29,15 +28,6 @@ def _bank(path: str, state: tuple[int, int]) -> PsfBank:
 @lru_cache(maxsize=8)
 def _table(path: str, state: tuple[int, int]) -> Any:
     return warp.read_table(path)
-
-
-def _ends(line: Line) -> tuple[float, float]:
-    start, step = line.um()
-    return start, start + step * (line.size - 1)
-
-
-def _corner(grid: Grid) -> float:
-    return math.hypot(*(max(map(abs, _ends(grid.line(dim)))) for dim in ("y", "x")))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,10 +103,10 @@ class LensPsfField(Banded, Bounded):
             coordinates["y_um"],
             coordinates["x_um"],
             coordinates["wavelength"] * 1e-3,
-            self.method,
+            self.method,  # type: ignore[arg-type]
             self.tolerance,
-            weights=self.weights,
-            light=self.light,
+            weights=self.weights,  # type: ignore[arg-type]
+            light=self.light,  # type: ignore[arg-type]
             centre=self.centre,  # type: ignore[arg-type]
         )
 
@@ -145,7 +135,7 @@ class LensPsfField(Banded, Bounded):
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         grid, bank, notes = grids["irradiance"], self.bank(), []
-        corner, last = _corner(grid), float(bank.heights_um[-1])
+        corner, last = farthest(grid), float(bank.heights_um[-1])
         if corner > 1.001 * last:
             notes.append(
                 f"{self.file} ends {last:g} um from the axis, the light reaches {corner:g} um: its last picture holds "
@@ -233,8 +223,8 @@ class Distortion(Banded, Bounded):
         if self.table and (self.k1 or self.k2 or self.k3):
             raise ValueError("table and coefficients are both given; distortion is one or the other")
 
-    def map(self) -> warp.Distortion:
-        return warp.Distortion(
+    def map(self) -> warp.DistortionCurve:
+        return warp.DistortionCurve(
             (self.k1, self.k2, self.k3),
             1e3 * self.reference_radius,
             self.lateral_colour,
@@ -268,18 +258,20 @@ class Distortion(Banded, Bounded):
             return 0.0, "the scene is uniform: moving it changes nothing"
         if facts.content is None:
             return None
-        radius, lens = np.linspace(0.0, _corner(grid), 65), self.map()
-        farthest = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
+        radius, lens = np.linspace(0.0, farthest(grid), 65), self.map()
+        most = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
         content = facts.content
-        lost = scene_rings.rms_of(scene_rings.moved(farthest, np.array(content.edges)), np.array(content.power))
-        return lost, f"it moves light by {farthest:.2g} um at most, and the scene holds little that is as fine"
+        lost = scene_rings.rms_of(scene_rings.moved(most, np.array(content.edges)), np.array(content.power))
+        return lost, f"it moves light by {most:.2g} um at most, and the scene holds little that is as fine"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         """A uniform plane stays as it is; a spline may leave the range of another a little."""
         own = facts["irradiance"]
-        if own.uniform or self.does_nothing():
-            return own
-        return dataclasses.replace(own, low=None, high=None, contrast=None, band_limit=None)
+        return (
+            own
+            if own.uniform or self.does_nothing()
+            else dataclasses.replace(own, low=None, high=None, contrast=None, band_limit=None)
+        )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the interpolation: a Gaussian edge with the scene's band limit, of 1 sample rms where that is not
@@ -299,7 +291,7 @@ class Distortion(Banded, Bounded):
             return []
         grid, lens, notes = grids["irradiance"], self.map(), []
         wavelengths = [w * 1e-3 for w in (grid.bands().values()[0], grid.bands().values()[-1])]
-        corner = _corner(grid)
+        corner = farthest(grid)
         if lens.table is not None:
             ideal, own = lens.table[0], lens.table[1]
             if float(lens.undistort(corner, wavelengths[0])) > 1.001 * ideal[-1]:
@@ -308,7 +300,7 @@ class Distortion(Banded, Bounded):
                 notes.append(
                     f"{self.table} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; beyond them the nearest column holds"
                 )
-        missing = max(warp.missing_um(_ends(grid.line("y")), _ends(grid.line("x")), lens, w) for w in wavelengths)
+        missing = max(warp.missing_um(ends_of(grid.line("y")), ends_of(grid.line("x")), lens, w) for w in wavelengths)
         if missing > 0.5 * grid.line("x").step and not facts.uniform:
             notes.append(
                 f"the distorted frame looks {missing:.3g} um beyond the rendered light, where it sees its mirror "

@@ -4,39 +4,33 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, and its positions relative t
 Out: ``irradiance``, weaker away from the axis.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bounded, Facts, Grid, measured, param
+from etendue.api import Banded, Bounded, Facts, Grid, Line, measured, param
 from etendue_camera.field import illumination
 from etendue_camera.field.stages.tables import FieldTable, field_table
 from etendue_camera.optics.stages.conjugates import Conjugates
 
 
+def ends_of(line: Line) -> tuple[float, float]:
+    """Positions (um) of the first and the last sample."""
+    start, step = line.um()
+    return start, start + step * (line.size - 1)
+
+
 def farthest(grid: Grid) -> float:
     """Distance (um) of the farthest sample of a grid from the axis."""
-    far = []
-    for dim in ("y", "x"):
-        line = grid.line(dim)
-        start, step = line.um()
-        far.append(max(abs(start), abs(start + step * (line.size - 1))))
-    return math.hypot(*far)
+    return math.hypot(*(max(map(abs, ends_of(grid.line(dim)))) for dim in ("y", "x")))
 
 
 def nearest(grid: Grid) -> float:
     """Distance (um) of the nearest point of a grid from the axis, or less."""
-    near = []
-    for dim in ("y", "x"):
-        line = grid.line(dim)
-        start, step = line.um()
-        ends = start, start + step * (line.size - 1)
-        near.append(0.0 if min(ends) <= 0 <= max(ends) else min(abs(ends[0]), abs(ends[1])))
-    return math.hypot(*near)
+    sides = [ends_of(grid.line(dim)) for dim in ("y", "x")]
+    return math.hypot(*(0.0 if min(ends) <= 0 <= max(ends) else min(map(abs, ends)) for ends in sides))
 
 
 def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
@@ -202,9 +196,11 @@ class AngularResponse(Dimming, Banded, Bounded):
         return max(1.0 - low, high - 1.0), "the response stays this close to that on the axis"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        if self.does_nothing():
-            return facts["irradiance"]
-        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.table)
+        return (
+            facts["irradiance"]
+            if self.does_nothing()
+            else facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.table)
+        )
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if not self.table:

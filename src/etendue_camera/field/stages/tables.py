@@ -4,8 +4,7 @@ In:  the path of a CSV file, what its first column may be.
 Out: the curve, remembered until the file changes.
 """
 
-from __future__ import annotations
-
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue import require
 from etendue.contract.stage import file_state
 from etendue_camera.field.illumination import table_at
 
@@ -34,9 +34,11 @@ class FieldTable:
     def curves(self, wavelength_nm: Any) -> Any:
         """(wavelength or 1, rows): each column over its value at 0, straight between columns, held beyond them."""
         relative = self.values / self.centre()
-        if not self.wavelengths:
-            return relative.T
-        return np.stack([np.interp(wavelength_nm, self.wavelengths, row) for row in relative], axis=1)
+        return (
+            np.stack([np.interp(wavelength_nm, self.wavelengths, row) for row in relative], axis=1)
+            if self.wavelengths
+            else relative.T
+        )
 
     def range(self, low: float, high: float) -> tuple[float, float]:
         """Smallest and largest relative value of any column between two places."""
@@ -87,35 +89,11 @@ def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTabl
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
     lines = [(n, [cell.strip() for cell in text.split(",")]) for n, text in numbered if text]
     expected = " or ".join(f"'{axis},ratio'" for axis in axes) + ", or wavelengths in nm in place of 'ratio'"
-    if not lines or lines[0][1][0] not in axes or len(lines[0][1]) < 2:
-        raise ValueError(f"{path}: expected a header {expected}")
+    require.that(lines and lines[0][1][0] in axes and len(lines[0][1]) >= 2, f"{path}: expected a header {expected}")
     header = lines[0][1]
-    rows: list[list[float]] = []
-    for number, cells in lines[1:]:
-        try:
-            row = [float(cell) for cell in cells]
-        except ValueError:
-            row = []
-        if len(row) != len(header) or not np.all(np.isfinite(row)):
-            raise ValueError(f"{path}, line {number}: expected {len(header)} finite numbers, got {','.join(cells)!r}")
-        if rows and row[0] <= rows[-1][0]:
-            raise ValueError(f"{path}, line {number}: {header[0]} {row[0]:g} does not ascend from {rows[-1][0]:g}")
-        if min(row[1:]) < 0:
-            raise ValueError(f"{path}, line {number}: a ratio below 0")
-        rows.append(row)
-    if len(rows) < 2:
-        raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")
-    wavelengths: tuple[float, ...] = ()
-    if len(header) > 2 or _number(header[1]) is not None:
-        found = [_number(name) for name in header[1:]]
-        if None in found or any(b <= a for a, b in pairwise(found)):  # type: ignore[operator]
-            raise ValueError(
-                f"{path}: columns {', '.join(header[1:])}; several columns are wavelengths in nm, ascending"
-            )
-        wavelengths = tuple(found)  # type: ignore[arg-type]
-    table = np.array(rows)
+    table = np.array(_rows(path, header, lines[1:]))
     table.flags.writeable = False
-    read = FieldTable(path, header[0], table[:, 0], table[:, 1:], wavelengths)
+    read = FieldTable(path, header[0], table[:, 0], table[:, 1:], _wavelengths(path, header[1:]))
     if not (read.nodes[0] <= 0 <= read.nodes[-1]) or np.any(read.centre() <= 0):
         raise ValueError(
             f"{path}: needs a row at {header[0]} 0 with ratios above 0: everything is relative to the axis"
@@ -123,8 +101,37 @@ def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTabl
     return read
 
 
-def _number(text: str) -> float | None:
+def _rows(path: str, header: list[str], lines: list[tuple[int, list[str]]]) -> list[list[float]]:
+    """Numbers whose first column ascends."""
+    rows: list[list[float]] = []
+    for number, cells in lines:
+        row = [_number(cell) for cell in cells]
+        if len(row) != len(header) or not np.all(np.isfinite(row)):
+            raise ValueError(f"{path}, line {number}: expected {len(header)} finite numbers, got {','.join(cells)!r}")
+        if rows and row[0] <= rows[-1][0]:
+            raise ValueError(f"{path}, line {number}: {header[0]} {row[0]:g} does not ascend from {rows[-1][0]:g}")
+        if min(row[1:]) < 0:
+            raise ValueError(f"{path}, line {number}: a ratio below 0")
+        rows.append(row)
+    require.that(len(rows) >= 2, f"{path}: {len(rows)} rows of numbers; at least two are needed")
+    return rows
+
+
+def _wavelengths(path: str, names: list[str]) -> tuple[float, ...]:
+    """Those that columns are named by; none of one column of another name."""
+    found = tuple(_number(name) for name in names)
+    if len(names) == 1 and math.isnan(found[0]):
+        return ()
+    require.that(
+        all(a < b for a, b in pairwise(found)) and not any(map(math.isnan, found)),
+        f"{path}: columns {', '.join(names)}; several columns are wavelengths in nm, ascending",
+    )
+    return found
+
+
+def _number(text: str) -> float:
+    """NaN of what is none."""
     try:
         return float(text)
     except ValueError:
-        return None
+        return math.nan

@@ -4,14 +4,12 @@ In:  ``mosaic_linear`` (y, x), 1 at clipping; ``defect_map``, where the sensor h
 Out: ``mosaic_linear``, and how many pixels were replaced, missed, and replaced for nothing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, param, proved, quantity
+from etendue.api import Stage, measured, param, proved, quantity
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.mosaic import defect_correction
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
@@ -20,6 +18,8 @@ from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 @dataclass(frozen=True, kw_only=True)
 class DefectDetection(KnownNoise):
     """What the search for defects needs to know of the camera, and what it finds."""
+
+    error: ClassVar[Any] = measured(2e-7, 1e-15)  # of the arithmetic; what stood where a defect is, nobody knows
 
     pattern: str = quantity("pattern")
     threshold: float = param(
@@ -40,17 +40,11 @@ class DefectDetection(KnownNoise):
         return defect_correction.outliers(
             frame,
             mask_of(self.pattern),
-            self.dark_sigma(),
-            self.electrons(),
-            self.prnu,
+            defect_correction.PixelNoise(self.dark_sigma(), self.electrons(), self.prnu),
             self.threshold,
             self.contrast,
             *first,
         )
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic; what stood where a defect is, nobody knows."""
-        return (2e-7 if precision == "float32" else 1e-15), "measured"
 
 
 FIGURES = {"defects_corrected": "[1]", "defects_left": "[1]", "defects_missed": "[1] nan", "false_alarms": "[1] nan"}

@@ -4,12 +4,10 @@ In:  ``mosaic_linear`` (y, x), 1 at clipping.
 Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Grid, Haloed, Labels, Stage, param, quantity
+from etendue.api import RGB, Grid, Haloed, Labels, Stage, measured, param, quantity
 from etendue_camera.mosaic import any_mask, bilinear, directional
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import bayer_order, first_pixel, mask_of
@@ -24,6 +22,8 @@ class _Demosaic(Stage):
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}
     negative: ClassVar = "keep"
+    # Of the arithmetic; what the method invents between samples is not an error of its arithmetic.
+    error: ClassVar[Any] = measured(4e-7, 1e-15)
 
     pattern: str = quantity(
         "pattern", "colour filter array, of Bayer orders alone: RGGB, BGGR, GRBG, GBRG; others: demosaic_any"
@@ -35,10 +35,6 @@ class _Demosaic(Stage):
     def seen(self, y: Any, x: Any) -> str:
         """The Bayer order as the window sees it, which may start on odd rows and columns."""
         return cfa.shifted_bayer(bayer_order(self.pattern, "this demosaicer"), *first_pixel(y, x))
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""
-        return (4e-7 if precision == "float32" else 1e-15), "measured"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +125,8 @@ class DemosaicAny(Haloed):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 10.0
     working: ClassVar = 0.6
+    # Of the arithmetic; what the method invents between samples is not an error of its arithmetic.
+    error: ClassVar[Any] = measured(1e-6, 3e-15)
 
     pattern: str = quantity("pattern")
 
@@ -144,7 +142,3 @@ class DemosaicAny(Haloed):
     def halo(self) -> int:
         """At least a period: a frame of fewer rows is filled otherwise."""
         return any_mask.reach_of(mask_of(self.pattern))
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""
-        return (1e-6 if precision == "float32" else 3e-15), "measured"

@@ -4,8 +4,6 @@ In:  ``mosaic_linear`` (y, x), 1 at clipping, positions from the axis.
 Out: ``mosaic_linear``, as a lens without fall-off would give it, noisier away from the axis.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Haloed, param, quantity
+from etendue.api import Bounded, Facts, Grid, Haloed, measured, param, quantity
 from etendue.contract.stage import file_state
 from etendue_camera.field import illumination
 from etendue_camera.field.stages.falloff import Falloff
@@ -56,6 +54,8 @@ class LensShading(Conjugates, Bounded, Haloed):
     once: ClassVar = ("the correction of shading",)
     nanoseconds: ClassVar = 8.0
     working: ClassVar = 7.0
+    # Of the arithmetic; how well model or table fit the lens is no error of it.
+    error: ClassVar[Any] = measured(1e-6, 2e-14)
 
     pattern: str = quantity("pattern")
     map: str = param("model", choices=("model", "table"), doc="where the gains come from")
@@ -164,10 +164,6 @@ class LensShading(Conjugates, Bounded, Haloed):
         if self.strength == 0:
             return 0.0, "strength is 0"
         return (self.largest(grid) - 1, "the largest gain is this close to 1") if self.map == "model" else None
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic; how well model or table fit the lens is no error of it."""
-        return (1e-6 if precision == "float32" else 2e-14), "measured"
 
     def assumes(self) -> dict[str, Any]:
         """What the model takes the lens for; a table is of no model."""

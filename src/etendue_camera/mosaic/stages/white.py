@@ -6,15 +6,14 @@ Out: ``white`` (channel), the camera's linear signal that is shown as display wh
      channels for it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Grid, Haloed, Labels, param, proved, quantity
+from etendue import require
+from etendue.api import Grid, Haloed, Labels, measured, param, proved, quantity
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.mosaic import white_balance
@@ -79,6 +78,8 @@ class WhiteEstimate(KnownNoise):
     writes: ClassVar = {"white": "channel [1]", "white_error": "[deg]", "white_used": "[1]", "channels_floored": "[1]"}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 6.0
+    # Of the arithmetic; how far the estimate is from the truth is ``white_error``.
+    error: ClassVar[Any] = measured(2e-7, 1e-12)
 
     pattern: str = quantity("pattern")
     method: str = param(
@@ -105,15 +106,15 @@ class WhiteEstimate(KnownNoise):
 
     def __post_init__(self) -> None:
         channels = mask_of(self.pattern).channels
-        if (self.method == "preset") != bool(self.gains):
-            raise ValueError(
-                f"method is {self.method!r} and gains {self.gains}; gains go with method = 'preset', and only with it"
-            )
-        if self.gains and len(self.gains) != len(channels):
-            raise ValueError(
-                f"gains has {len(self.gains)} values, but the pattern {self.pattern!r} has {len(channels)} channels: "
-                f"{', '.join(channels)}"
-            )
+        require.that(
+            (self.method == "preset") == bool(self.gains),
+            f"method is {self.method!r} and gains {self.gains}; gains go with method = 'preset', and only with it",
+        )
+        require.that(
+            not self.gains or len(self.gains) == len(channels),
+            f"gains has {len(self.gains)} values, but the pattern {self.pattern!r} has {len(channels)} channels: "
+            f"{', '.join(channels)}",
+        )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"white": _same_channels(inputs["true_white"], self.pattern, "white")}
@@ -138,21 +139,17 @@ class WhiteEstimate(KnownNoise):
         """White by channel, and the share of the cells that it was found from."""
         lowest = DARK_SIGMAS * self.dark_sigma()
         means, cells = white_balance.cell_means(mosaic, mask_of(self.pattern), self.cell, CLIPPED, lowest, *first)
-        if not means.shape[1]:
-            raise ValueError(
-                f"none of {cells} cells of the mosaic lies between {lowest:.2g} (3 sigma of the dark noise) and "
-                f"{CLIPPED:g}: there is no "
-                "white to be found; look at the exposure, or take method = 'illuminant' or 'preset'"
-            )
+        require.that(
+            means.shape[1],
+            f"none of {cells} cells of the mosaic lies between {lowest:.2g} (3 sigma of the dark noise) and "
+            f"{CLIPPED:g}: there is no "
+            "white to be found; look at the exposure, or take method = 'illuminant' or 'preset'",
+        )
         if self.method == "white_patch":
             found = white_balance.white_patch(means, self.quantile)
         else:
             found = white_balance.grey_world(means, 1.0 if self.method == "grey_world" else self.power)
         return found, means.shape[1] / cells
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic; how far the estimate is from the truth is ``white_error``."""
-        return (2e-7 if precision == "float32" else 1e-12), "measured"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,8 +203,8 @@ class BalanceMosaic(Haloed):
 def _same_channels(grid: Grid, pattern: str, variable: str) -> Grid:
     """The grid of a variable by channel, where its channels are those of the pattern."""
     found, wanted = tuple(grid["channel"].values()), mask_of(pattern).channels
-    if found != wanted:
-        raise ValueError(
-            f"the pattern {pattern!r} has channels {' '.join(wanted)}, but {variable} has {' '.join(map(str, found))}"
-        )
+    require.that(
+        found == wanted,
+        f"the pattern {pattern!r} has channels {' '.join(wanted)}, but {variable} has {' '.join(map(str, found))}",
+    )
     return grid.take(("channel",))

@@ -4,9 +4,9 @@ In:  camera quantities.
 Out: the magnification in force, the working f-number, the place of the exit pupil.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+
+import numpy as np
 
 from etendue.api import Stage, quantity
 from etendue_camera.light import radiometry
@@ -51,7 +51,9 @@ class Cone(Conjugates):
     aperture_model: str = quantity("aperture_model")
 
     def cone_f_number(self) -> float:
-        """1/(2 sin) of the half angle of the cone: the cut-off is 1/(lambda times this)."""
-        if self.aperture_model == "aplanatic":
-            return self.working_f_number()
-        return float(radiometry.flat_disc_f_number(self.f_number, self.image_magnification(), self.pupil_magnification))
+        """1/(2 sin) of the half angle of the cone: the cut-off is 1/(lambda times this).
+
+        Of a flat exit pupil sqrt(N_w^2 + 1/4): tan = 1/(2 N_w) from the centre of the image to the edge of the pupil.
+        """
+        working = self.working_f_number()
+        return working if self.aperture_model == "aplanatic" else float(np.hypot(working, 0.5))

@@ -4,31 +4,27 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
 Out: ``irradiance``, every point of it split into four, or two.
 """
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Transfer, param
+from etendue.api import Facts, Grid, Transfer, measured, param
 from etendue_camera import spectra
 from etendue_camera.optics import filters
+from etendue_camera.optics.stages.lens import Blur
 
 
 @dataclass(frozen=True, kw_only=True)
-class Birefringent(Transfer, Bounded):
+class Birefringent(Blur, Transfer):
     """An optical low-pass filter: light split into four equal spots, or two where one separation is 0."""
 
     role: ClassVar = "low-pass filter"
-    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = (
         41.0  # shifts by parts of a sample on a grid that cuts the light's spectrum off, 10000 x 10000; else 1
     )
-    negative: ClassVar = "keep"
-    nanoseconds: ClassVar = 25.0
+    error: ClassVar[Any] = measured(1e-6, 5e-15)  # of the transform pair, as for every transfer function
 
     separation_y: float = param(
         0.0, units="um", at_least=0, held=(0, 1e4), doc="distance of the spots along the filter's y; 0: not split"
@@ -46,9 +42,6 @@ class Birefringent(Transfer, Bounded):
         "wavelength",
     )
 
-    def splits(self) -> bool:
-        return self.separation_y > 0 or self.separation_x > 0
-
     def prepare(self, coordinates: Any) -> Any:
         if not self.dispersion:
             return np.ones(1), np.ones(1)
@@ -64,7 +57,7 @@ class Birefringent(Transfer, Bounded):
         return filters.four_spot_otf(fy, fx, self.separation_y * scale, self.separation_x * scale, rotation)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        if not self.splits():
+        if self.separation_y == 0 == self.separation_x:
             return 0.0, "nothing is split"
         return (0.0, "the scene is uniform: splitting changes nothing") if facts.uniform else None
 
@@ -72,11 +65,3 @@ class Birefringent(Transfer, Bounded):
         if self.dispersion:
             spectra.require_rows(self.dispersion, grids["irradiance"].bands().edges)
         return []
-
-    def carry(self, facts: Any, grid: Any) -> Facts:
-        own = facts["irradiance"]
-        return own if own.uniform else replace(own, low=None, high=None, contrast=None)
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the transform pair, as for every transfer function."""
-        return (1e-6 if precision == "float32" else 5e-15), "measured"

@@ -4,29 +4,24 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
 Out: ``irradiance``: the same light, some of it elsewhere.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Transfer, param
+from etendue.api import Facts, Grid, Transfer, param
 from etendue_camera.optics import glare
+from etendue_camera.optics.stages.lens import Blur
 
 
 @dataclass(frozen=True, kw_only=True)
-class Glare(Transfer, Bounded):
+class Glare(Blur, Transfer):
     """Scattered light: a tail around every point, and a veil over all of the frame. Nothing is lost on the padded
     frame.
     """
 
     role: ClassVar = "glare"
-    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 1.3  # 1.23 at worst, where the grid cuts a narrow tail's transfer function off
-    negative: ClassVar = "keep"
-    nanoseconds: ClassVar = 25.0
 
     fraction: float = param(0.0, at_least=0, at_most=1, doc="share of the light in the tail; 0: no tail")
     radius: float = param(50.0, units="um", above=0, doc="width r0 of the tail (1 + (r/r0)^2)^(-power/2)")
@@ -49,14 +44,6 @@ class Glare(Transfer, Bounded):
         if facts.uniform:
             return 0.0, "the scene is uniform: scatter changes nothing"
         return (1 + self.gain) * (self.fraction + self.veil), "no more of the light than this is moved"
-
-    def carry(self, facts: Any, grid: Any) -> Facts:
-        own = facts["irradiance"]
-        return own if own.uniform else replace(own, low=None, high=None, contrast=None)
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the transform pair, as for every transfer function."""
-        return (1e-6 if precision == "float32" else 2e-15), "measured"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         grid = grids["irradiance"]

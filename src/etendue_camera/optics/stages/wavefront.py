@@ -4,8 +4,6 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
 Out: ``irradiance``, blurred. It holds diffraction already: in a pipeline it takes the place of ``diffraction``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -70,13 +68,6 @@ class Aberrated(Cone):
 
     def seidel(self) -> wavefront.Seidel:
         return wavefront.Seidel(self.spherical, self.coma, self.astigmatism, self.field_curvature)
-
-    def round_path(self, square: Any, height: float = 0.0) -> Any:
-        """The terms that depend on the distance from the pupil's centre alone, um, at an image height (of the full
-        one).
-        """
-        own = self.spherical * square * square + self.field_curvature * height * height * square
-        return own + wavefront.defocus(self.shift(), self.cone_f_number(), 0.0, np.sqrt(square))
 
     def path_at(self, y: Any, x: Any, height_y: float, height_x: float) -> Any:
         """Optical path over the pupil (um) for an image point at these heights, in units of the full height."""

@@ -87,7 +87,7 @@ def half_contrast(
     """
     own = signed(otf, observed, towards, rendering=False)
     grid = resolution.search_nodes(highest, nodes)
-    return resolution.Curve(grid, own(grid)).half((lambda f: np.abs(own(f))) if solved else None)
+    return resolution.ContrastCurve(grid, own(grid)).half((lambda f: np.abs(own(f))) if solved else None)
 
 
 def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> Any:
@@ -261,7 +261,7 @@ class Resolution(Probe):
         ]
         return np.array(found).reshape(-1, curves.SAMPLES)
 
-    def seen(self, otf: Any, observed: Observed, towards: tuple[float, float]) -> Seen | None:
+    def seen(self, otf: Any, observed: Observed, towards: tuple[float, float]) -> CurveFigures | None:
         """What does not depend on the pitch of the pixels behind, remembered for them; None where no product is all
         of the camera.
         """
@@ -269,18 +269,18 @@ class Resolution(Probe):
             return None
         own = signed(otf, observed, towards, self.rendering)
 
-        def make() -> Seen:
+        def make() -> CurveFigures:
             grid = resolution.search_nodes(self.highest, self.places())
-            curve = resolution.Curve(grid, own(grid))
+            curve = resolution.ContrastCurve(grid, own(grid))
             crossings = curve.crossings(self.cut_off_contrast, (lambda f: np.abs(own(f))) if self.solved else None)
             ends = self.highest if math.isnan(crossings[2]) else crossings[2]
             within = 0.0 if self.solved else NEARLY
-            return Seen(
+            return CurveFigures(
                 curve, *crossings, *two_points.separations(curve.real, ends, nodes=self.point_nodes, within=within)
             )
 
         how = (self.rendering, self.highest, self.nodes, self.solved, self.cut_off_contrast, self.point_nodes)
-        return cast(Seen, otf.once(("resolution", *observed.key, towards, how), make))
+        return cast(CurveFigures, otf.once(("resolution", *observed.key, towards, how), make))
 
     def half(self, otf: Any, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
         """MTF50 of a camera, remembered where it may come again."""
@@ -292,7 +292,7 @@ class Resolution(Probe):
         )
 
     def figures(
-        self, otf: Any, seen: Seen | None, observed: Observed, towards: tuple[float, float], nyquist: float
+        self, otf: Any, seen: CurveFigures | None, observed: Observed, towards: tuple[float, float], nyquist: float
     ) -> dict[str, float]:
         if seen is None:
             return dict.fromkeys(_FIGURES, math.nan)
@@ -327,10 +327,10 @@ class Resolution(Probe):
 
 
 @dataclass(frozen=True)
-class Seen:
+class CurveFigures:
     """What is read from one curve, whatever the pitch."""
 
-    curve: resolution.Curve
+    curve: resolution.ContrastCurve
     mtf50: float
     mtf10: float
     cut_off: float

@@ -5,8 +5,6 @@ Out: measured MTF50 with its interval, the analytic one along the same normal, t
      what limits.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,9 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Labels, Probe, param, quantity
-from etendue_camera.colour import encoding as transfer
-from etendue_camera.resolution import contrast, slanted_edge
+from etendue.api import Labels, param
+from etendue_camera.resolution import contrast
 from etendue_camera.resolution.stages import curves
 from etendue_camera.resolution.stages.analytic import (
     FACTORS,
@@ -24,24 +21,31 @@ from etendue_camera.resolution.stages.analytic import (
     first_largest,
     gains,
     half_contrast,
-    one_channel,
     picture_height,
     response,
 )
-from etendue_camera.resolution.stages.edge_pictures import Edge, Picture, Window, known_edge, once_for
+from etendue_camera.resolution.stages.edge_figures import COLUMNS, carry_clipped, doubt, effective, normal, row
+from etendue_camera.resolution.stages.edge_pictures import Edge, KnownPicture, Window, known_edge, once_for
+from etendue_camera.resolution.stages.luminance import (
+    NOISE_FREE,
+    SATURATED,
+    PictureProbe,
+    channels_of,
+    check_encoding,
+    decoded,
+    first_exposure,
+    second_of,
+    weighed,
+)
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import mask_of
 
 EVERY_FACTOR = (*FACTORS, "demosaic", "noise")
-FLAGS = {"above_nyquist": 1, "not_reached": 2, "clipped": 4, "noisy": 8, "no_edge": 16}
-NOISE_FREE = ("irradiance", "photon_rate")
-NYQUIST, NOISY = 0.5, 0.1  # cycles/pixel of the camera; width of an interval from which on noise limits
-SATURATED = 1e-3  # share of pixels at clipping from which on a mosaic says nothing of its edge
-LUMINANCE = (0.2126390058715104, 0.7151686787677559, 0.0721923153607337)  # of sRGB primaries
+NOISY = 0.1  # width of an interval from which on noise limits
 
 
 @dataclass(frozen=True, kw_only=True)
-class EdgeProbe(Probe):
+class EdgeProbe(PictureProbe):
     """The slanted edge of the pipeline's own scene, measured at every stage that has a picture.
 
     One edge between even fields is looked for in every picture (2 to 43 degrees from rows and columns), or in a region
@@ -71,22 +75,6 @@ class EdgeProbe(Probe):
     pixels' own picture, free of noise, shows no edge.
     """
 
-    role: ClassVar = "resolution"
-    with_grids: ClassVar = True
-    reads: ClassVar = {
-        "transfers": "*.transfer [1]",
-        "lights": "*.white_irradiance wavelength [W m-2 nm-1]",
-        "matrices": "*.colour_matrix component channel [1]",
-        "whites": "*.white channel [1]",
-        "irradiance": "*.irradiance wavelength y x [W m-2 nm-1]",
-        "photon_rate": "*.photon_rate channel y x [electron/s]",
-        "mosaic_linear": "*.mosaic_linear y x [1]",
-        "rgb_camera": "*.rgb_camera channel y x [1]",
-        "xyz_scene": "*.xyz_scene channel y x [1]",
-        "rgb_linear": "*.rgb_linear channel y x [1]",
-        "rgb_display": "*.rgb_display channel y x [1]",
-    }
-    beside: ClassVar = ("transfers", "lights", "matrices", "whites")
     writes: ClassVar = {
         "edge_mtf50": "stage [cycles/um] nan",
         "edge_mtf50_low": "stage [cycles/um] nan",
@@ -111,8 +99,6 @@ class EdgeProbe(Probe):
     creates: ClassVar = {"factor": Labels(EVERY_FACTOR), "frequency": curves.FREQUENCY}
     nanoseconds: ClassVar = 9e5
 
-    pixel_pitch: float = quantity("pixel_pitch")
-    pattern: str = quantity("pattern")
     centre_y: float = param(0.0, units="um", doc="middle of the region on the image plane, where it has a size")
     centre_x: float = param(0.0, units="um", doc="the same along x")
     region_height: float = param(
@@ -169,22 +155,12 @@ class EdgeProbe(Probe):
         stage: Any,
     ) -> dict[str, Any]:
         light = lights[-1][1].astype(float) if lights else None
-        channels = next((otf.weights for _, otf in transfers if otf.weights is not None), None)
-        green = _second(channels)
+        channels, green = channels_of(transfers), second_of(transfers)
         observed = Observed(
             green if light is None or green is None else green * light, channels, light
         )  # of a grey chart
-        y_row = _luminance(matrices, whites)
-        display = np.array(LUMINANCE)
-        taken: dict[str, Callable[[Any], Any]] = {
-            "irradiance": lambda a: np.tensordot(np.ones(len(a)) if green is None else green, a, 1),
-            "photon_rate": lambda a: a[min(1, len(a) - 1)],
-            "mosaic_linear": lambda a: a,
-            "rgb_camera": lambda a: _mixed(y_row, a),
-            "xyz_scene": lambda a: a[1],
-            "rgb_linear": lambda a: _mixed(display, a),
-            "rgb_display": lambda a: _mixed(display, self.decoded(a)),
-        }
+        taken = weighed(transfers, matrices, whites, lambda a: decoded(a, self.encoding, self.exponent))
+        check_encoding(rgb_linear, rgb_display, self.encoding, self.exponent)
         given = {
             "irradiance": irradiance,
             "photon_rate": photon_rate,
@@ -194,51 +170,35 @@ class EdgeProbe(Probe):
             "rgb_linear": rgb_linear,
             "rgb_display": rgb_display,
         }
-        if rgb_display and rgb_linear:
-            self.check_encoding(rgb_linear[-1][1], rgb_display[-1][1])
         found: dict[str, tuple[str, Edge | None, float]] = {}
         for variable, pictures in given.items():
             for name, array, grid in pictures:
                 found[name] = (variable, self.measured(variable, array, taken[variable], grid), grid.line("x").um()[1])
         clipped = any(self.clips(array, grid) for _, array, grid in mosaic_linear[:1])
-        rows = {name: _row(*found[name][1:], self.pixel_pitch) for name in stage}
-        _carry(rows, [name for name, *_ in mosaic_linear[:1]], stage, clipped)
+        rows = {name: row(*found[name][1:], self.pixel_pitch) for name in stage}
+        carry_clipped(rows, [name for name, *_ in mosaic_linear[:1]], stage, clipped)
         analytic = self.analytic(transfers, observed, [(name, *found[name][:2]) for name in stage])
-        edge = {key: np.array([rows[name][key] for name in stage]) for key in _COLUMNS}
-        edge["edge_flags"] = edge["edge_flags"].astype(np.uint8)
+        esfr = [
+            curves.undefined() if edge is None else curves.of_edge(edge.frequency, edge.sfr, self.pixel_pitch / step)
+            for edge, step in (found[name][1:] for name in stage)
+        ]
+        columns = {key: np.array([rows[name][key] for name in stage]) for key in COLUMNS}
+        columns["edge_flags"] = columns["edge_flags"].astype(np.uint8)
         known = np.array([analytic[name][0] for name in stage])
-        effective = edge["edge_effective_cycles"] / self.pixel_pitch
+        limited = columns["edge_effective_cycles"] / self.pixel_pitch
         gain, limiting = self.limits(transfers, observed, [(name, *found[name]) for name in stage], clipped)
         return {
-            **edge,
-            "edge_effective_lp_mm": effective * 1e3,
-            "edge_effective_line_widths": 2 * effective * picture_height(transfers),
+            **columns,
+            "edge_effective_lp_mm": limited * 1e3,
+            "edge_effective_line_widths": 2 * limited * picture_height(transfers),
             "edge_analytic": known,
-            "edge_difference": edge["edge_mtf50"] - known,
+            "edge_difference": columns["edge_mtf50"] - known,
             "resolution_gain": gain,
             "limiting_factor": np.array(limiting),
-            "esfr": np.array([self.measured_curve(*found[name][1:]) for name in stage]).reshape(-1, curves.SAMPLES),
+            "esfr": np.array(esfr).reshape(-1, curves.SAMPLES),
             "esfr_analytic": np.array([analytic[name][1] for name in stage]).reshape(-1, curves.SAMPLES),
             **curves.beside(self.pixel_pitch),
         }
-
-    def measured_curve(self, edge: Edge | None, step: float) -> Any:
-        """(frequency,): of an edge in samples of ``step`` um."""
-        return curves.undefined() if edge is None else curves.of_edge(edge.frequency, edge.sfr, self.pixel_pitch / step)
-
-    def decoded(self, picture: Any) -> Any:
-        if self.encoding == "power":
-            return transfer.gamma_signed(picture, 1 / self.exponent)
-        return (transfer.srgb_decode if self.encoding == "sRGB" else transfer.bt709_decode)(picture)
-
-    def check_encoding(self, linear: Any, encoded: Any) -> None:
-        apart = float(np.abs(np.clip(linear, 0, 1) - self.decoded(encoded)).max(initial=0.0))
-        if apart > 0.01:
-            raise ValueError(
-                f"rgb_display decoded as {self.encoding} is {apart:.2g} from rgb_linear: give this stage the encoding "
-                f"and the exponent of "
-                "the stage encode"
-            )
 
     def measured(self, variable: str, array: Any, taken: Callable[[Any], Any], grid: Any) -> Edge | None:
         """The edge of a picture, None where there is none."""
@@ -253,7 +213,7 @@ class EdgeProbe(Probe):
         limits = {"mosaic_linear": (-math.inf, 1.0), "rgb_display": (0.0, 1.0)}.get(variable)
 
         def make() -> Edge | None:
-            picture = Picture(np.ascontiguousarray(taken(_first(array, variable)), dtype=float), sites)
+            picture = KnownPicture(np.ascontiguousarray(taken(first_exposure(array, variable)), dtype=float), sites)
             return known_edge(
                 picture,
                 window,
@@ -281,7 +241,7 @@ class EdgeProbe(Probe):
     def clips(self, mosaic: Any, grid: Any) -> bool:
         """Whether pixels of any colour are clipped where the edge is looked for, in the exposure that is measured."""
         top, bottom, left, right = self.window(grid) or (0, grid.line("y").size, 0, grid.line("x").size)
-        seen = _first(mosaic, "mosaic_linear")[top:bottom, left:right]
+        seen = first_exposure(mosaic, "mosaic_linear")[top:bottom, left:right]
         return bool(np.count_nonzero(seen >= 1) > SATURATED * seen.size)
 
     # -- what the transfer functions say --------------------------------------------------------------------------
@@ -307,44 +267,48 @@ class EdgeProbe(Probe):
             if ended or edge is None or current is None:
                 values[name] = (math.nan, curves.undefined())
                 continue
-            own = response(current, observed, _normal(edge), rendering=True)
+            own = response(current, observed, normal(edge), rendering=True)
             grid = contrast.search_nodes(self.highest, self.nodes)
             values[name] = (contrast.falls_below(own, 0.5, grid, own(grid)), own(curves.PER_PIXEL / self.pixel_pitch))
         return values
 
     def limits(self, transfers: Any, observed: Observed, found: Any, clipped: bool) -> tuple[Any, float]:
         """(factor,) gains, and the index of what limits, NaN where that is not known."""
-        nyquist = 0.5 / self.pixel_pitch
-        pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
         gain = np.full(len(EVERY_FACTOR), math.nan)
-        edges, spread = [edge for *_, edge, _ in found if edge is not None], 1.0
-        if pixel is not None and pixel.whole and edges:
-            normal = _normal(edges[0])
-
-            def half(otf: Any) -> float:
-                return half_contrast(otf, observed, normal, self.highest, self.nodes)
-
-            gain[: len(FACTORS)] = gains(pixel, half, nyquist, self.highest)
-            spread = half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
+        edges = [edge for *_, edge, _ in found if edge is not None]
+        gain[: len(FACTORS)], spread = self.known_gains(transfers, observed, edges)
+        if clipped:
+            return gain, math.nan
         first = {
             variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)
         }  # picture of each kind
-        if clipped:
-            return gain, math.nan
         (before, pixels), (after, behind) = (
             first.get(variable, (None, 1.0)) for variable in ("photon_rate", "rgb_camera")
         )
         if before is not None and after is not None:
-            gain[EVERY_FACTOR.index("demosaic")] = _effective(before, pixels, spread) / _effective(after, behind)
-        read_out = [seen for variable, seen in first.items() if variable not in NOISE_FREE]
-        two = [first[variable] for variable in ("mosaic_linear", "rgb_camera") if variable in first] or read_out[:1]
-        doubt = min((_doubt(edge, per_pixel) for edge, per_pixel in two if edge is not None), default=math.inf)
-        gain[EVERY_FACTOR.index("noise")] = 1.0 + doubt if two and math.isfinite(doubt) else math.nan
-        if np.isnan(gain[: len(FACTORS)]).any() or (two and before is None):
+            gain[EVERY_FACTOR.index("demosaic")] = effective(before, pixels, spread) / effective(after, behind)
+        noise = _noise(first)
+        gain[EVERY_FACTOR.index("noise")] = 1.0 + noise if math.isfinite(noise) else math.nan
+        if np.isnan(gain[: len(FACTORS)]).any() or (before is None and not math.isnan(noise)):
             return gain, math.nan
-        if two and doubt > NOISY:  # or noise hides an edge that is there
+        if noise > NOISY:  # or noise hides an edge that is there
             return gain, float(EVERY_FACTOR.index("noise"))
         return gain, first_largest(np.where(np.isnan(gain), 0.0, gain)[:-1])
+
+    def known_gains(self, transfers: Any, observed: Observed, edges: list[Edge]) -> tuple[Any, float]:
+        """Gains of what the transfer functions know, along the first edge, NaN where they do not say all; and what
+        charge that moves between pixels leaves of MTF50.
+        """
+        pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
+        if pixel is None or not pixel.whole or not edges:
+            return np.full(len(FACTORS), math.nan), 1.0
+        across = normal(edges[0])
+
+        def half(otf: Any) -> float:
+            return half_contrast(otf, observed, across, self.highest, self.nodes)
+
+        gain = gains(pixel, half, 0.5 / self.pixel_pitch, self.highest)
+        return gain, half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of a noise-free edge before the mosaic; with noise the interval says more. Of what the transfer functions
@@ -353,99 +317,14 @@ class EdgeProbe(Probe):
         return 5e-3 + 1e-6 * (64 / self.nodes) ** 3, "measured"
 
 
-_COLUMNS = (
-    "edge_mtf50",
-    "edge_mtf50_low",
-    "edge_mtf50_high",
-    "edge_mtf50_cycles",
-    "edge_effective_cycles",
-    "edge_mtf10",
-    "edge_aliasing",
-    "edge_angle",
-    "edge_flags",
-)
-
-
-def _row(edge: Edge | None, step: float, pitch: float) -> dict[str, float]:
-    """Of an edge in samples of ``step`` um, with pixels of ``pitch`` um."""
-    if edge is None:
-        return {**dict.fromkeys(_COLUMNS, math.nan), "edge_flags": FLAGS["no_edge"]}
-    per_pixel = pitch / step
-    cycles = edge.mtf50 * per_pixel
-    flags = sum(FLAGS[name] for name in FLAGS if getattr(edge, name, False)) + (
-        FLAGS["above_nyquist"] if cycles > NYQUIST else 0
-    )
-    seen = edge.frequency * per_pixel
-    return {
-        "edge_mtf50": edge.mtf50 / step,
-        "edge_mtf50_low": edge.mtf50_low / step,
-        "edge_mtf50_high": edge.mtf50_high / step,
-        "edge_mtf50_cycles": cycles,
-        "edge_effective_cycles": _effective(edge, per_pixel),
-        "edge_mtf10": edge.mtf10 / step,
-        "edge_aliasing": slanted_edge.folded(seen, edge.sfr) if seen[-1] > NYQUIST else math.nan,
-        "edge_angle": edge.angle,
-        "edge_flags": flags,
-    }
-
-
-def _carry(rows: dict[str, dict[str, float]], mosaic: list[str], stage: Any, clipped: bool) -> None:
-    """What is clipped in the mosaic is so in all that is made of it."""
-    names = [str(name) for name in stage]
-    if not mosaic or not (clipped or int(rows[mosaic[0]]["edge_flags"]) & FLAGS["clipped"]):
-        return
-    for name in names[names.index(mosaic[0]) :]:
-        rows[name]["edge_flags"] = int(rows[name]["edge_flags"]) | FLAGS["clipped"]
-
-
-def _effective(edge: Edge, per_pixel: float, spread: float = 1.0) -> float:
-    """MTF50 in cycles/pixel, but at most Nyquist; NaN where a coarse grid does not see so far.
-
-    ``spread``: what charge that moves between pixels behind the picture leaves of it.
+def _noise(first: dict[str, tuple[Edge | None, float]]) -> float:
+    """The least doubt of the mosaic and of the first picture in camera channels; inf where noise hides their edges,
+    NaN where no picture has noise.
     """
-    if edge.not_reached:
-        return NYQUIST if edge.frequency[-1] * per_pixel >= NYQUIST else math.nan
-    return min(edge.mtf50 * per_pixel * spread, NYQUIST)
-
-
-def _normal(edge: Edge) -> tuple[float, float]:
-    """(y, x) across a measured edge."""
-    turn = math.radians(edge.angle)
-    return (-math.sin(turn), math.cos(turn)) if edge.vertical else (math.cos(turn), -math.sin(turn))
-
-
-def _first(array: Any, variable: str) -> Any:
-    """Of several exposures the first."""
-    dims = 2 if variable == "mosaic_linear" else 3
-    array = np.asarray(array)
-    return array.reshape(-1, *array.shape[-dims:])[0]
-
-
-def _doubt(edge: Edge, per_pixel: float) -> float:
-    """Width of the interval of the effective MTF50, at most Nyquist as it is itself, over it; 0 without noise."""
-    if math.isnan(edge.mtf50_high):
-        return 0.0
-    low, high = (min(end * per_pixel, NYQUIST) for end in (edge.mtf50_low, edge.mtf50_high))
-    return (high - low) / _effective(edge, per_pixel)
-
-
-def _second(weights: Any) -> Any:
-    """Of the weights of channels that of the second, or of the only one."""
-    return None if weights is None else np.asarray(one_channel(weights), dtype=float)
-
-
-def _mixed(weights: Any, planes: Any) -> Any:
-    own = (
-        weights if weights is not None and len(weights) == len(planes) else np.eye(len(planes))[min(1, len(planes) - 1)]
-    )
-    return np.tensordot(own.astype(planes.dtype), planes, 1)
-
-
-def _luminance(matrices: Any, whites: Any) -> Any:
-    """(channel,): Y of camera primaries through the fitted matrix; None without one."""
-    if not matrices or not whites or len(whites[-1][1]) != matrices[-1][1].shape[1] or not np.all(whites[-1][1] > 0):
-        return None
-    return np.asarray(matrices[-1][1], dtype=float)[1] / np.asarray(whites[-1][1], dtype=float)
+    read_out = [seen for variable, seen in first.items() if variable not in NOISE_FREE]
+    two = [first[variable] for variable in ("mosaic_linear", "rgb_camera") if variable in first] or read_out[:1]
+    known = (doubt(edge, per_pixel) for edge, per_pixel in two if edge is not None)
+    return min(known, default=math.inf) if two else math.nan
 
 
 def _span(centre: float, size: float, start: float, step: float, count: int) -> tuple[int, int]:

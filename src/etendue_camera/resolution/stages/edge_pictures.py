@@ -4,8 +4,6 @@ In:  a linear plane (y, x), with or without noise; a window (pixels) or none.
 Out: an ``Edge``, or None where there is none that can be measured.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import threading
@@ -48,7 +46,7 @@ class Edge:
     sfr: Any = field(repr=False, compare=False)
 
 
-class Picture:
+class KnownPicture:
     """A picture known by what it holds: an edge that many cells of a sweep look at is measured once."""
 
     def __init__(self, plane: Any, sites: Any = None) -> None:
@@ -79,7 +77,7 @@ def once_for(array: Any, asked: Any, make: Callable[[], Edge | None]) -> Edge | 
 
 
 def known_edge(
-    picture: Picture,
+    picture: KnownPicture,
     window: Window | None,
     limits: tuple[float, float] | None,
     draws: int,

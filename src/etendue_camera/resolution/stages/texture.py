@@ -4,8 +4,6 @@ In:  the pictures and white of all stages.
 Out: MTF50 and MTF10 of the star, MTF50 of the texture, by ``stage``; NaN where there is nothing to be measured.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,19 +12,18 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from etendue.api import Probe, param, quantity
-from etendue_camera.resolution.siemens import StarResponse, star_response
-from etendue_camera.resolution.stages.edge import (
-    LUMINANCE,
+from etendue.api import measured, param
+from etendue_camera.resolution.siemens import Star, StarResponse, star_response
+from etendue_camera.resolution.stages.edge_pictures import FAINTEST
+from etendue_camera.resolution.stages.luminance import (
     NOISE_FREE,
     SATURATED,
-    EdgeProbe,
-    _first,
-    _luminance,
-    _mixed,
-    _second,
+    PictureProbe,
+    check_encoding,
+    decoded,
+    first_exposure,
+    weighed,
 )
-from etendue_camera.resolution.stages.edge_pictures import FAINTEST
 from etendue_camera.resolution.texture import SMALLEST, TextureResponse, texture_response
 from etendue_camera.sensor.stages.masks import mask_of
 
@@ -39,18 +36,11 @@ DOUBTFUL = 0.05  # standard error of the response at half contrast from which on
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Pictures(Probe):
+class _Pictures(PictureProbe):
     """The luminance of every picture of a run, as `edge_resolution` has it. Cycles per pixel count camera pixels at
     every stage.
     """
 
-    role: ClassVar = "resolution"
-    with_grids: ClassVar = True
-    reads: ClassVar = dict(EdgeProbe.reads)
-    beside: ClassVar = EdgeProbe.beside
-
-    pixel_pitch: float = quantity("pixel_pitch")
-    pattern: str = quantity("pattern")
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"), doc="of rgb_display, as the stage encode has it")
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
 
@@ -60,27 +50,20 @@ class _Pictures(Probe):
         """(stage, variable, plane, grid); the plane is None where it is clipped or shows one colour here and another
         there.
         """
-        green = _second(next((otf.weights for _, otf in transfers if otf.weights is not None), None))
-        y_row, display = _luminance(matrices, whites), np.array(LUMINANCE)
-        edge = EdgeProbe(encoding=self.encoding, exponent=self.exponent)  # decodes
-        if given["rgb_display"] and given["rgb_linear"]:
-            edge.check_encoding(given["rgb_linear"][-1][1], given["rgb_display"][-1][1])
-        taken = {
-            "irradiance": lambda a: np.tensordot(np.ones(len(a)) if green is None else green, a, 1),
-            "photon_rate": lambda a: a[min(1, len(a) - 1)],
-            "mosaic_linear": lambda a: a if len(mask_of(self.pattern).channels) == 1 else None,
-            "rgb_camera": lambda a: _mixed(y_row, a),
-            "xyz_scene": lambda a: a[1],
-            "rgb_linear": lambda a: _mixed(display, a),
-            "rgb_display": lambda a: (
-                None if _clipped(a) or _clipped(1 - np.asarray(a)) else _mixed(display, edge.decoded(a))
-            ),
-        }
+        check_encoding(given["rgb_linear"], given["rgb_display"], self.encoding, self.exponent)
+        taken = weighed(transfers, matrices, whites, lambda a: decoded(a, self.encoding, self.exponent))
+        one_colour = len(mask_of(self.pattern).channels) == 1
         clipped = any(_clipped(array) for _, array, _ in given["mosaic_linear"][:1])
         for variable, pictures in given.items():
             for name, array, grid in pictures:
-                plane = None if clipped and variable not in NOISE_FREE else taken[variable](_first(array, variable))
-                yield name, variable, None if plane is None else np.asarray(plane, dtype=float), grid
+                shown = first_exposure(array, variable)
+                lost = (
+                    (clipped and variable not in NOISE_FREE)
+                    or (variable == "mosaic_linear" and not one_colour)
+                    or (variable == "rgb_display" and (_clipped(shown) or _clipped(1 - np.asarray(shown))))
+                )
+                plane = None if lost else np.asarray(taken[variable](shown), dtype=float)
+                yield name, variable, plane, grid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +88,7 @@ class StarProbe(_Pictures):
         "star_mtf10": "stage [cycles/um] nan",
     }
     nanoseconds: ClassVar = 1e8
+    error: ClassVar[Any] = measured(2e-3)  # of a noise-free star of 36 cycles
 
     cycles: int = param(36, at_least=8, doc="of the star, as the scene has it")
     radius: float = param(400.0, units="um", above=0, doc="of the star on the image plane, as the scene has it")
@@ -170,24 +154,20 @@ class StarProbe(_Pictures):
         try:
             with np.errstate(all="ignore"):
                 star = star_response(
-                    part, self.cycles, radius, centre=centre, contrast=contrast or None, highest=self.highest
+                    part, Star(self.cycles, radius), centre=centre, contrast=contrast or None, highest=self.highest
                 )
         except (ValueError, np.linalg.LinAlgError):  # what the kernel says of pictures without a star
             return None
         moved = math.hypot(star.centre[0] - centre[0], star.centre[1] - centre[1])
         outermost = 0.0 if contrast else OUTERMOST
-        if not (
-            star.contrast >= FAINTEST
+        return (
+            star
+            if star.contrast >= FAINTEST
             and star.residual <= star.contrast
             and star.sfr[0] >= outermost
             and moved < 0.1 * radius
-        ):
-            return None
-        return star
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of a noise-free star of 36 cycles."""
-        return 2e-3, "measured"
+            else None
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,6 +187,8 @@ class LeavesProbe(_Pictures):
 
     writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}
     nanoseconds: ClassVar = 1e8
+    # Of a noise-free picture of 144 x 144 pixels at 0.49 cycles/pixel, where aliases are near; 4e-3 up to 0.38.
+    error: ClassVar[Any] = measured(4e-2)
 
     def run(
         self,
@@ -246,10 +228,6 @@ class LeavesProbe(_Pictures):
             found[name] = (half, half * self.pixel_pitch)
         rows = np.array([found[name] for name in stage], dtype=float).reshape(-1, 2)
         return {"leaves_mtf50": rows[:, 0], "leaves_mtf50_cycles": rows[:, 1]}
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of a noise-free picture of 144 x 144 pixels at 0.49 cycles/pixel, where aliases are near; 4e-3 up to 0.38."""
-        return 4e-2, "measured"
 
 
 def _clipped(array: Any) -> bool:

@@ -4,8 +4,6 @@ In:  ``rgb_camera`` of every frame, its ``integration_time``, ``white`` and ``cl
 Out: the same of one picture, and the variance that is left.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -66,9 +64,7 @@ class MergeFrames(KnownNoise):
         gains = np.ones(rgb_camera.shape[1]) if balance_gains is None else balance_gains[0]
         times = integration_time / np.min(integration_time)
         noise = (shot * gains, floor * gains**2)
-        rate, variance = merging.merged(
-            rgb_camera, times, clipping_level, *noise, self.method, self.sigmas, self.around
-        )
+        rate, variance = merging.merged(rgb_camera, times, clipping_level, noise, self.method, self.sigmas, self.around)
         shortest = int(np.argmin(integration_time))
         return {
             "rgb_camera": rate,

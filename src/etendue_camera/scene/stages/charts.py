@@ -4,14 +4,13 @@ In:  a chart's geometry (um on the image plane), an illuminant, the luminance of
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
+from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
 from etendue.contract.bounds import MOST_BANDS, MOST_POINTS, beyond
 from etendue_camera import spectra
@@ -84,12 +83,12 @@ class Scene(Source, Banded):
 
     def __post_init__(self) -> None:
         spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
-        if (self.white_luminance > 0) == (self.radiance > 0):
-            raise ValueError(
-                f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of "
-                f"them gives the "
-                "level of the light, and the other is 0"
-            )
+        require.that(
+            (self.white_luminance > 0) != (self.radiance > 0),
+            f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of "
+            f"them gives the "
+            "level of the light, and the other is 0",
+        )
         if self.white_luminance > 0:
             spectra.check_luminance(self.illuminant)
 
@@ -99,11 +98,11 @@ class Scene(Source, Banded):
         if too_many:
             raise ValueError(too_many)
         count = round(quotient)
-        if count < 1 or abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) > 1e-6:
-            raise ValueError(
-                f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm "
-                f"into whole bins"
-            )
+        require.that(
+            count >= 1 and abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) <= 1e-6,
+            f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm "
+            f"into whole bins",
+        )
         return tuple(self.wavelength_from + i * self.bin_width for i in range(count + 1))
 
     def plane(self) -> Grid:
@@ -131,10 +130,10 @@ class Scene(Source, Banded):
 
     def describe(self) -> tuple[Facts, dict[str, Grid]]:
         grid = self.plane()
-        if self.white_luminance and not DIMMEST <= self.white_luminance <= BRIGHTEST:
-            raise ValueError(
-                f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}"
-            )
+        require.that(
+            not self.white_luminance or DIMMEST <= self.white_luminance <= BRIGHTEST,
+            f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}",
+        )
         limit = self.band_limit() if self.light == "bandlimited" else None
         facts = replace(self.known(), band_limit=limit, rendered=self.rendered())
         return facts, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
@@ -173,8 +172,8 @@ class Scene(Source, Banded):
     def softness_um(self, softness: float) -> float:
         return softness * self.spacing
 
-    def drawn(self, softness: float, low: float = 0.0, high: float = 1.0) -> charts.Drawn:
-        return charts.Drawn(self.softness_um(softness), self.cell, low, high)
+    def drawn(self, softness: float, low: float = 0.0, high: float = 1.0) -> charts.Rendering:
+        return charts.Rendering(self.softness_um(softness), self.cell, low, high)
 
     @property
     def cell(self) -> float:
@@ -227,7 +226,7 @@ class _TwoLevels(Scene):
         charts.require_levels(self.low, self.high)  # refused before anything is drawn if they stand the wrong way round
         return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
         """(y, x): its reflectance, about the middle of the window."""
         raise TypeError(f"{type(self).__name__} must say how it is drawn")
 
@@ -243,7 +242,7 @@ class SlantedEdge(_TwoLevels, EdgeScene):
 
     angle: float = param(5.0, units="deg", above=-90, below=90)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
         return charts.slanted_edge(y, x, self.angle, drawn)
 
 
@@ -254,7 +253,7 @@ class SiemensStar(_TwoLevels):
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
         return charts.siemens_star(y, x, self.cycles, self.radius, drawn)
 
 
@@ -265,7 +264,7 @@ class ZonePlate(_TwoLevels):
     highest_frequency: float = param(0.25, units="cycles/um", above=0, doc="local frequency at the radius")
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
         return charts.zone_plate(y, x, self.highest_frequency, self.radius, drawn)
 
 
@@ -348,7 +347,10 @@ class ColorChecker(_Coloured):
         y, x = self.centred(out_y, out_x)
         size = min(self.width / 6, self.height / 4)
         rows, columns = composite.patches_factors(
-            y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.drawn(self.softness)
+            y,
+            x,
+            composite.PatchGrid(4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size),
+            self.drawn(self.softness),
         )
         cube = composite.patch_contribution(rows, columns, reflectance)
         cube = cube + self.background * composite.background_weight(rows, columns)
@@ -382,9 +384,7 @@ class CompositeChart(_Coloured):
             self.width - 2 * self.margin,
             self.height - 2 * self.margin,
             self.drawn(self.softness, self.low, self.high),
-            highest_frequency=self.highest_frequency,
-            angle_deg=self.angle,
-            cycles=self.cycles,
+            composite.Panels(self.highest_frequency, self.angle, self.cycles),
         )
         cube = composite.patch_contribution(chart.rows, chart.columns, reflectance)
         cube += chart.grey

@@ -5,14 +5,13 @@ In:  a Zarr store with a variable (wavelength, y, x), as xarray writes it: anoth
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, proved, quantity
 from etendue_camera import spectra
 from etendue_camera.scene.stages import cube_store
@@ -80,12 +79,12 @@ class RadianceCube(Source, Banded):
         if self.white_luminance:
             spectra.check_illuminant(self.illuminant, bands.edges[0], bands.edges[-1])
             spectra.check_luminance(self.illuminant)
-        if "white_radiance" not in group and not self.white_luminance:
-            raise ValueError(
-                f"{self.file} holds no white_radiance, so nobody knows what is white; give white_luminance: the cube "
-                f"is then "
-                "relative to a white diffuser under the illuminant"
-            )
+        require.that(
+            "white_radiance" in group or self.white_luminance,
+            f"{self.file} holds no white_radiance, so nobody knows what is white; give white_luminance: the cube "
+            f"is then "
+            "relative to a white diffuser under the illuminant",
+        )
         if not self.white_luminance:
             self._white(array, group)
         low, high = _range(array.attrs.get("actual_range"))
@@ -93,9 +92,11 @@ class RadianceCube(Source, Banded):
         return known, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
 
     def white_light(self, edges: tuple[float, ...]) -> Any:
-        if self.white_luminance:
-            return spectra.light_of_radiance(self.illuminant, edges, 1.0)
-        return self._white(*self._open())
+        return (
+            spectra.light_of_radiance(self.illuminant, edges, 1.0)
+            if self.white_luminance
+            else self._white(*self._open())
+        )
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if not self.white_luminance:
@@ -117,14 +118,13 @@ class RadianceCube(Source, Banded):
     def _line(self, group: Any, dim: str, size: int) -> Line:
         if self.spacing:
             return Line(size, -0.5 * (size - 1) * self.spacing, self.spacing)
-        if dim not in group or size < 2:
-            raise ValueError(f"{self.file} has no coordinate {dim!r}; give the spacing in um")
+        require.that(dim in group and size >= 2, f"{self.file} has no coordinate {dim!r}; give the spacing in um")
         values = cube_store.values_of(self.file, group, dim, (size,), "um")
         step = (values[-1] - values[0]) / (size - 1)
-        if not step > 0 or np.abs(np.diff(values) - step).max() > 1e-6 * step:
-            raise ValueError(
-                f"{dim} in {self.file} is not evenly spaced and ascending; resample the cube, or give the spacing in um"
-            )
+        require.that(
+            step > 0 and not np.abs(np.diff(values) - step).max() > 1e-6 * step,
+            f"{dim} in {self.file} is not evenly spaced and ascending; resample the cube, or give the spacing in um",
+        )
         return Line(size, float(values[0]), float(step))
 
     def prepare(self, coordinates: Any) -> Any:

@@ -8,8 +8,6 @@ A chunk that is not there reads as the fill value without an error, so every chu
 array's folder (0.1 s for 10,000 chunks) and 16 bytes a chunk of every shard's index.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import os
@@ -20,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue import plain_files
+from etendue import plain_files, require
 from etendue.contract.bounds import MOST_POINTS, MOST_VALUES, beyond
 from etendue.contract.units import UnitError, parse_unit
 
@@ -43,30 +41,28 @@ def refuse_links(path: str) -> None:
 def check_array(path: str, variable: str, array: Any, unit: str) -> None:
     """Dims, size, dtype, packing and, where one is given, unit."""
     shape = getattr(array, "shape", ())
-    if len(shape) != 3:
-        raise ValueError(f"{variable} in {path} must have the dims wavelength, y, x; it has the shape {shape}")
+    require.that(len(shape) == 3, f"{variable} in {path} must have the dims wavelength, y, x; it has the shape {shape}")
     attributes = dict(array.attrs)
     names = tuple(getattr(array.metadata, "dimension_names", None) or attributes.get("_ARRAY_DIMENSIONS") or DIMS)
-    if names != DIMS:
-        raise ValueError(
-            f"{variable} in {path} must have the dims wavelength, y, x in this order; it has "
-            f"{', '.join(map(str, names))}"
-        )
+    require.that(
+        names == DIMS,
+        f"{variable} in {path} must have the dims wavelength, y, x in this order; it has {', '.join(map(str, names))}",
+    )
     for dim, size in zip(DIMS, shape, strict=True):
         text = beyond(size, f"points along {dim}", MOST_POINTS, "cut it") or ("" if size else f"no points along {dim}")
-        if text:
-            raise ValueError(f"{variable} in {path} has {text}")
+        require.that(not text, f"{variable} in {path} has {text}")
     too_many = beyond(math.prod(shape), "values", MOST_VALUES, "cut it")
-    if too_many:
-        raise ValueError(f"{variable} in {path} has {too_many}")
-    if getattr(array.dtype, "kind", "?") not in "fiu":
-        raise ValueError(f"{variable} in {path} holds {array.dtype}; allowed are floats and integers")
+    require.that(not too_many, f"{variable} in {path} has {too_many}")
+    require.that(
+        getattr(array.dtype, "kind", "?") in "fiu",
+        f"{variable} in {path} holds {array.dtype}; allowed are floats and integers",
+    )
     packed = [name for name in ("scale_factor", "add_offset") if name in attributes]
-    if packed:
-        raise ValueError(
-            f"{variable} in {path} is packed ({', '.join(packed)}), and its packed numbers would be read; store it as "
-            f"floats"
-        )
+    require.that(
+        not packed,
+        f"{variable} in {path} is packed ({', '.join(packed)}), and its packed numbers would be read; store it as "
+        f"floats",
+    )
     _check_unit(variable, path, attributes, unit)
 
 
@@ -78,8 +74,7 @@ def _check_unit(name: str, path: str, attributes: Any, unit: str) -> None:
         same = parse_unit(str(written)) == parse_unit(unit)
     except UnitError:
         same = False
-    if not same:
-        raise ValueError(f"{name} in {path} is in {str(written)!r}; allowed is {unit!r}: convert it")
+    require.that(same, f"{name} in {path} is in {str(written)!r}; allowed is {unit!r}: convert it")
 
 
 def values_of(path: str, group: Any, name: str, shape: tuple[int, ...], unit: str) -> Any:
@@ -104,8 +99,7 @@ def check_chunks(path: str, variable: str, array: Any) -> None:
     counts = [-(-size // chunk) for size, chunk in zip(array.shape, outer, strict=True)]
     inner = [-(-size // chunk) for size, chunk in zip(array.shape, array.chunks, strict=True)]
     too_many = beyond(math.prod(inner), "chunks", MOST_CHUNKS, "make them larger")
-    if too_many:
-        raise ValueError(f"{variable} in {path} has {too_many}")
+    require.that(not too_many, f"{variable} in {path} has {too_many}")
     there = _names(Path(path) / str(array.path))
     folder = str(array.path).strip("/")
     for place in itertools.product(*map(range, counts)):

@@ -5,8 +5,6 @@ In:  a table of reflectances, a column a patch; the chart's geometry (um on the 
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -82,7 +80,10 @@ class PatchChart(Scene):
         across, down = self.layout(len(reflectance))[::-1]
         gap = self.gap * min(self.width / across, self.height / down)
         rows, columns = composite.patches_factors(
-            y, x, down, across, self.width - gap, self.height - gap, gap, self.drawn(self.softness)
+            y,
+            x,
+            composite.PatchGrid(down, across, self.width - gap, self.height - gap, gap),
+            self.drawn(self.softness),
         )
         empty = np.full((down * across - len(reflectance), reflectance.shape[1]), self.background)
         cube = composite.patch_contribution(rows, columns, np.concatenate([reflectance, empty]))

@@ -4,8 +4,6 @@ In:  a chart's geometry (um on the image plane), an illuminant, the luminance of
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -56,7 +54,9 @@ class DeadLeaves(Scene):
 
     def chart(self) -> dead_leaves.Leaves:
         return dead_leaves.leaves(
-            self.width, self.height, self.smallest, self.largest, self.low, self.high, self.seed, self.exponent
+            dead_leaves.LeafChart(
+                self.width, self.height, self.smallest, self.largest, self.low, self.high, self.seed, self.exponent
+            )
         )
 
     def known(self) -> Facts:

@@ -5,8 +5,6 @@ In:  camera quantities of filters and photodiode; the colour filter array; bin e
 Out: electrons per photon and per irradiance, (channel, wavelength), in the order of the mask's channels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any
@@ -150,14 +148,13 @@ def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: Any) -> Any:
     """
     efficiency = relative * np.broadcast_to(np.array(stage.peak_qe), relative.shape[0])[:, None]
     if stage.sensitivity_kind == "filter_transmittance":
-        centres = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
-        efficiency = efficiency * collection_at_zero(stage, centres) * stage.surface_transmission
+        efficiency = efficiency * collection_at_zero(stage, _centres(edges)) * stage.surface_transmission
     return efficiency
 
 
 def _relative(stage: Any, columns: list[int | None], table: Any, edges: tuple[float, ...]) -> Any:
     """(channel, wavelength): the columns of the channels, per photon up to a factor."""
-    centres = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
+    centres = _centres(edges)
     found = np.stack([np.ones(centres.size) if column is None else table[:, column] for column in columns])
     if stage.sensitivity_per == "energy":
         measured = np.array([column is not None for column in columns])
@@ -246,10 +243,17 @@ def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
 
     The area is that of the light-sensitive square, times the gain of its microlens.
     """
-    bounds = np.array(edges)
-    centres, widths = 0.5 * (bounds[:-1] + bounds[1:]), np.diff(bounds)
     area = (stage.pixel_pitch * stage.aperture_fraction * 1e-6) ** 2 * stage.microlens_gain
-    return quantum_efficiency(stage, edges) * (widths * photons_from_energy(1.0, centres * 1e-3) * area)
+    return quantum_efficiency(stage, edges) * (_photons(edges) * area)
+
+
+def _photons(edges: tuple[float, ...]) -> Any:
+    """(wavelength,): photons of one W m-2 nm-1 in each bin, per second and m2."""
+    return np.diff(np.array(edges)) * photons_from_energy(1.0, _centres(edges) * 1e-3)
+
+
+def _centres(edges: tuple[float, ...]) -> Any:
+    return 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
 
 
 SEEN_BY = tuple(
@@ -264,10 +268,8 @@ def shares(seen_by: tuple[Any, ...], files: Any, edges: tuple[float, ...]) -> tu
 
     ``seen_by`` are the values of ``SEEN_BY``, ``files`` the state of the files that they name.
     """
-    bounds = np.array(edges)
-    centres, widths = 0.5 * (bounds[:-1] + bounds[1:]), np.diff(bounds)
     weights = quantum_efficiency(Sensitive(**dict(zip(SEEN_BY, seen_by, strict=True))), edges)
-    weights = weights * (widths * photons_from_energy(1.0, centres * 1e-3))
+    weights = weights * _photons(edges)
     sums = weights.sum(axis=1, keepdims=True)
     found = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0)
     return tuple(tuple(map(float, row)) for row in found)

@@ -1,0 +1,93 @@
+"""A cube of another program as light: what is said of it beside its file, and what is white in it.
+
+In:  a file, and the words of the command.
+Out: a ``Cube`` of spectral radiance or of reflectance, and its unit.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import RequestError
+from etendue_camera.importing.cube import RADIANCE, Cube, as_light, in_order, read_cube, wavelengths_of
+
+TOO_WHITE = 1.5  # of what is relative to white: beyond, it is hardly a reflectance
+PATCH = 5  # pixels along a side of the white patch, where none are said
+
+
+@dataclass(frozen=True)
+class Said:
+    """The words of the command on what a file holds."""
+
+    variable: str
+    axes: str
+    wavelengths: str | None
+    level: str
+    scale: float | None
+    white_at: str | None
+    white_reflectance: float
+    clip: bool
+
+
+def light_of(file: Path, said: Said) -> tuple[Cube, str]:
+    """What a file holds as light, and its unit: ``RADIANCE``, or that of a reflectance.
+
+    Raises
+    ------
+    RequestError
+        As the reading of cubes; a white patch that is no place, or lies outside.
+    """
+    cube = in_order(read_cube(file, said.variable), said.axes)
+    if said.wavelengths is not None:
+        cube = replace(cube, wavelength=wavelengths_of(said.wavelengths))
+    if said.clip:
+        cube = replace(cube, values=np.maximum(cube.values, 0))
+    if said.scale is not None:
+        kind = np.result_type(cube.values.dtype, np.float32)
+        cube = replace(cube, values=cube.values * np.asarray(said.scale, kind))
+    cube, unit = as_light(replace(cube, level=said.level or cube.level), str(file))
+    if said.white_at is not None:
+        try:
+            y, x, *size = (int(one) for one in said.white_at.split(","))
+        except ValueError:
+            raise RequestError(
+                f"--white-at {said.white_at}: expected a row, a column and, if you like, a size, in pixels"
+            ) from None
+        white = white_at(cube, y, x, size[0] if size else PATCH, said.white_reflectance)
+        cube = replace(cube, white=white) if unit == RADIANCE else relative_to(cube, white, str(file))
+    return cube, unit
+
+
+def white_at(cube: Cube, y: int, x: int, size: int, reflectance: float) -> Any:
+    """The spectrum of white, from a patch of known reflectance: the mean over ``size`` x ``size`` pixels about (y, x).
+
+    Raises
+    ------
+    RequestError
+        The patch lies outside of the picture.
+    """
+    half = size // 2
+    top, left = y - half, x - half
+    if top < 0 or left < 0 or top + size > cube.values.shape[1] or left + size > cube.values.shape[2]:
+        raise RequestError(
+            f"--white-at {y},{x}: a patch of {size} pixels there lies outside of {cube.values.shape[1:]} (y, x)"
+        )
+    return cube.values[:, top : top + size, left : left + size].mean(axis=(1, 2), dtype=float) / reflectance
+
+
+def relative_to(cube: Cube, white: Any, name: str) -> Cube:
+    """A reflectance: values over those of white, band by band.
+
+    Raises
+    ------
+    RequestError
+        White is dark in a band.
+    """
+    if not (white > 0).all():
+        raise RequestError(
+            f"{name}: the patch of --white-at is dark at {cube.wavelength[int(np.argmin(white))]:g} nm: no white to "
+            f"divide by"
+        )
+    return replace(cube, values=(cube.values / white[:, None, None]).astype(cube.values.dtype), white=None)

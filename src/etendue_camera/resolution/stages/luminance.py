@@ -1,0 +1,113 @@
+"""The luminance of every picture of a run: which weights make one plane of bands, channels and display values.
+
+In:  transfer functions, matrices and white of all stages, pictures.
+Out: planes (y, x), linear in light.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Probe, quantity
+from etendue_camera.colour import encoding as transfer
+from etendue_camera.resolution.stages.analytic import one_channel
+
+NOISE_FREE = ("irradiance", "photon_rate")
+SATURATED = 1e-3  # share of pixels at clipping from which on a mosaic says nothing of its edge
+LUMINANCE = (0.2126390058715104, 0.7151686787677559, 0.0721923153607337)  # of sRGB primaries
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureProbe(Probe):
+    """A probe of the pictures of all stages, beside what the camera says of them."""
+
+    role: ClassVar = "resolution"
+    with_grids: ClassVar = True
+    reads: ClassVar = {
+        "transfers": "*.transfer [1]",
+        "lights": "*.white_irradiance wavelength [W m-2 nm-1]",
+        "matrices": "*.colour_matrix component channel [1]",
+        "whites": "*.white channel [1]",
+        "irradiance": "*.irradiance wavelength y x [W m-2 nm-1]",
+        "photon_rate": "*.photon_rate channel y x [electron/s]",
+        "mosaic_linear": "*.mosaic_linear y x [1]",
+        "rgb_camera": "*.rgb_camera channel y x [1]",
+        "xyz_scene": "*.xyz_scene channel y x [1]",
+        "rgb_linear": "*.rgb_linear channel y x [1]",
+        "rgb_display": "*.rgb_display channel y x [1]",
+    }
+    beside: ClassVar = ("transfers", "lights", "matrices", "whites")
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    pattern: str = quantity("pattern")
+
+
+def weighed(
+    transfers: Any, matrices: Any, whites: Any, decode: Callable[[Any], Any]
+) -> dict[str, Callable[[Any], Any]]:
+    """What makes the luminance of each variable; ``decode``: of encoded display values."""
+    green = second_of(transfers)
+    y_row, display = _luminance(matrices, whites), np.array(LUMINANCE)
+    return {
+        "irradiance": lambda a: np.tensordot(np.ones(len(a)) if green is None else green, a, 1),
+        "photon_rate": lambda a: a[min(1, len(a) - 1)],
+        "mosaic_linear": lambda a: a,
+        "rgb_camera": lambda a: _mixed(y_row, a),
+        "xyz_scene": lambda a: a[1],
+        "rgb_linear": lambda a: _mixed(display, a),
+        "rgb_display": lambda a: _mixed(display, decode(a)),
+    }
+
+
+def decoded(picture: Any, encoding: str, exponent: float) -> Any:
+    """Linear values of display values."""
+    if encoding == "power":
+        return transfer.gamma_signed(picture, 1 / exponent)
+    return (transfer.srgb_decode if encoding == "sRGB" else transfer.bt709_decode)(picture)
+
+
+def check_encoding(linear: Any, encoded: Any, encoding: str, exponent: float) -> None:
+    """Refuse an encoding that is not the one between the last linear and the last encoded picture."""
+    if not linear or not encoded:
+        return
+    apart = float(np.abs(np.clip(linear[-1][1], 0, 1) - decoded(encoded[-1][1], encoding, exponent)).max(initial=0.0))
+    if apart > 0.01:
+        raise ValueError(
+            f"rgb_display decoded as {encoding} is {apart:.2g} from rgb_linear: give this stage the encoding "
+            f"and the exponent of "
+            "the stage encode"
+        )
+
+
+def channels_of(transfers: Any) -> Any:
+    """(channel, wavelength): weights of the pixel; None without one."""
+    return next((otf.weights for _, otf in transfers if otf.weights is not None), None)
+
+
+def second_of(transfers: Any) -> Any:
+    """(wavelength,): of the weights of channels those of the second, or of the only one."""
+    weights = channels_of(transfers)
+    return None if weights is None else np.asarray(one_channel(weights), dtype=float)
+
+
+def first_exposure(array: Any, variable: str) -> Any:
+    """Of several exposures the first."""
+    dims = 2 if variable == "mosaic_linear" else 3
+    array = np.asarray(array)
+    return array.reshape(-1, *array.shape[-dims:])[0]
+
+
+def _mixed(weights: Any, planes: Any) -> Any:
+    own = (
+        weights if weights is not None and len(weights) == len(planes) else np.eye(len(planes))[min(1, len(planes) - 1)]
+    )
+    return np.tensordot(own.astype(planes.dtype), planes, 1)
+
+
+def _luminance(matrices: Any, whites: Any) -> Any:
+    """(channel,): Y of camera primaries through the fitted matrix; None without one."""
+    if not matrices or not whites or len(whites[-1][1]) != matrices[-1][1].shape[1] or not np.all(whites[-1][1] > 0):
+        return None
+    return np.asarray(matrices[-1][1], dtype=float)[1] / np.asarray(whites[-1][1], dtype=float)
