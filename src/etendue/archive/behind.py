@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Protocol
 
 
-class Behind(Protocol):
-    """Told by the owner of a run.
+class Behind:
+    """Told by the owner of a run; as it stands, behind a folder that is only read.
 
     Attributes
     ----------
     running : whether a run writes to the store now, of whom only the store knows
     """
 
-    running: bool
+    def __init__(self, running: bool = False) -> None:
+        self.running = running
 
     def own(self) -> None:
         """In front of the first change: from now on nobody else writes. May refuse."""
@@ -31,20 +31,7 @@ class Behind(Protocol):
         """These shards stand in their places. May raise what has gone wrong since."""
 
 
-class Reader:
-    """Behind a folder that is only read."""
-
-    def __init__(self, running: bool = False) -> None:
-        self.running = running
-
-    def own(self) -> None: ...
-
-    def begun(self) -> None: ...
-
-    def sealed(self, paths: Iterable[str]) -> None: ...
-
-
-NOBODY: Behind = Reader()
+NOBODY = Behind()
 _known: dict[Path, Behind] = {}
 
 

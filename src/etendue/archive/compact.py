@@ -27,7 +27,7 @@ import numpy as np
 from etendue import interrupts
 from etendue.archive import disk
 from etendue.archive.clearing import nodes_on_disk
-from etendue.archive.cutting import blocks_of, chunk_shapes
+from etendue.archive.cutting import blocks_of
 from etendue.archive.entries import Entry
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import Journal
@@ -369,31 +369,22 @@ class Anew:
         dims, order = document.get("dimension_names") or [], self.order.get(group, {})
         attrs = dict(document.get("attributes", {}))
         if (group, name) in self.forms:
-            form = self.forms[group, name]
-            chunks = chunk_shapes(form.shape, form.block, form.chunk)
-            self.tree.put_cells(
-                group, name, tuple(document["shape"]), chunks, form.dtype, form.codec, tuple(dims), attrs
-            )
+            self.tree.put_cells(node, tuple(document["shape"]), self.forms[group, name], tuple(dims), attrs)
         elif set(dims) & {dim for dim, own in order.items() if own != list(range(len(own)))}:
-            values = self._values(node)
+            import zarr
+
+            values = np.asarray(zarr.open_array(str(self.old / DATA / node), mode="r")[...])
             for number, dim in enumerate(dims):
                 values = np.take(values, order[dim], axis=number) if dim in order else values
             if dims == [name]:
                 attrs.pop("order", None)
             self.tree.put_array(group, name, values, tuple(dims), attrs)
         else:
-            own_files = [path for path in self.listing.below(f"{DATA}/{node}") if self._belongs(path, node)]
-            self.tree.take({path.removeprefix(f"{DATA}/"): (self.old / path).read_bytes() for path in own_files})
-
-    def _belongs(self, path: str, node: str) -> bool:
-        """Whether a file is of a node itself: its metadata, its chunks, what somebody has put beside them."""
-        folder = path.rpartition("/")[0].removeprefix(f"{DATA}/")
-        return folder == node or folder.startswith(f"{node}/c/") or folder == f"{node}/c"
-
-    def _values(self, node: str) -> Any:
-        import zarr
-
-        return np.asarray(zarr.open_array(str(self.old / DATA / node), mode="r")[...])
+            # Its metadata, its chunks, what somebody has put beside them; other nodes below it are copied as such.
+            place = f"{DATA}/{node}"
+            chunks = (path for path in self.listing.below(place) if path.startswith(f"{place}/c/"))
+            own = (*(f"{place}/{file}" for file in self.listing.files.get(place, ())), *chunks)
+            self.tree.take({path.removeprefix(f"{DATA}/"): (self.old / path).read_bytes() for path in own})
 
     def _journal(self, placed: Mapping[str, list[Written]], shards: Mapping[str, Shard]) -> None:
         before, journal = self.archive.journal, Journal(self.target, self.shares)

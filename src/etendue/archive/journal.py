@@ -380,21 +380,24 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
     elif event == "outdated":
         found.outdated = {of_kind(str, name) for name in of_kind(list, value["cells"])}
     else:
-        files, a_cell = files_of(value.get("files", ()))
-        status = value.get("status", "done")
-        if status not in STATUS:
-            raise ValueError(f"unknown status {status!r}")
-        words = ("seconds", "clipped", "clipped_flux", "floored")
-        numbers = {name: float(of_kind((int, float), value.get(name, 0.0))) for name in words}
-        cell = of_kind(str, value["cell"])
-        platform = of_kind(str, value.get("platform", ""))
-        found.entries[cell] = Entry(
-            event, of_kind(str, value["key"]), files, status, **numbers, platform=platform, fresh=True
-        )
-        found.files_a_cell += a_cell
-        found.outdated.discard(cell)
-        if found.run is not None and event in ("done", "failed"):
-            found.run.ended.add(cell)
+        _take_of_a_cell(found, value)
+
+
+def _take_of_a_cell(found: Read, value: Mapping[str, Any]) -> None:
+    """A line that says something of a cell, in whatever form an earlier version has written it."""
+    files, a_cell = files_of(value.get("files", ()))
+    event, status = value["event"], value.get("status", "done")
+    if status not in STATUS:
+        raise ValueError(f"unknown status {status!r}")
+    words = ("seconds", "clipped", "clipped_flux", "floored")
+    numbers = {name: float(of_kind((int, float), value.get(name, 0.0))) for name in words}
+    cell, key = of_kind(str, value["cell"]), of_kind(str, value["key"])
+    platform = of_kind(str, value.get("platform", ""))
+    found.entries[cell] = Entry(event, key, files, status, **numbers, platform=platform, fresh=True)
+    found.files_a_cell += a_cell
+    found.outdated.discard(cell)
+    if found.run is not None and event in ("done", "failed"):
+        found.run.ended.add(cell)
 
 
 def is_done(entry: Entry | None, key: str) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,7 @@ class ArchiveKeeper:
         plan, stay, pruned = keeping.with_stored(asked, store, self.prune)
         cells = keeping.same_cells(asked, plan)
         store.use(plan)
-        old, entries = store.record, store.journal.entries
+        old = store.record
         if not (self.accept_platform or self.recompute):
             self._check_platform(old, provenance.platform_record())
         elsewhere = old is not None and old["platform"] != provenance.platform_record()
@@ -75,23 +75,15 @@ class ArchiveKeeper:
             moving.move(store, store.layout.moves)
             store.use(plan)
         finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
-        asked_for = set(cells.values()) | {
-            ref for ref in plan.cells if self.restore and store.names[ref] in self.restore
-        }
-        todo = select(plan, finished, asked_for)
+        restored = {ref for ref in plan.cells if store.names[ref] in self.restore} if self.restore else set()
+        todo = select(plan, finished, {*cells.values(), *restored})
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
-        known = entries.any_done()
-        again = {ref[0] for ref in todo}
-        reasons = {name: why for name, why in (provenance.reasons(old, plan) if known else {}).items() if name in again}
-        for name, count in store.damaged.items():
-            reasons.setdefault(
-                name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk"
-            )
+        reasons = self._reasons(plan, {name for name, _ in todo})  # before the journal forgets what was done
         store.begin(todo, finished, outdated)
         if self.restore is not None:
             store.change()  # also where nothing is left to do: what vouches for the rest is written anew
-        store.begin_run(_by_stage(cells.values()), _by_stage(todo))
+        store.begin_run(*(dict(Counter(name for name, _ in refs)) for refs in (cells.values(), todo)))
         resolved = inputs.resolve_pipeline(asked)
         store.mended += inputs.copy_inputs(store.folder, resolved.inputs, store.durable)
         if todo or not store.recorded or elsewhere:
@@ -103,6 +95,15 @@ class ArchiveKeeper:
         return Work(
             plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended, store.blocks.moved
         )
+
+    def _reasons(self, plan: Plan, again: Collection[str]) -> dict[str, str]:
+        """Why stages are computed again: what of them has changed, else what is damaged."""
+        changed = provenance.reasons(self.store.record, plan) if self.store.journal.entries.any_done() else {}
+        found = {name: why for name, why in changed.items() if name in again}
+        for name, count in self.store.damaged.items():
+            cells = f"{count} stored {'cell is' if count == 1 else 'cells are'}"
+            found.setdefault(name, f"{cells} missing or damaged on disk")
+        return found
 
     def _check_platform(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
         folder = self.store.folder
@@ -189,13 +190,8 @@ class ArchiveKeeper:
         store = self.store
         place = store.folder / "contact_sheet.png"
         if sheet and sheet.table:
-            tables = {
-                **tables,
-                "frames": {
-                    **sheet.table,
-                    "attrs": {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at},
-                },
-            }
+            attrs = {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at}
+            tables = {**tables, "frames": {**sheet.table, "attrs": attrs}}
         if sheet:
             drawn = place.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed
             drawn.unlink(missing_ok=True)
@@ -208,7 +204,3 @@ class ArchiveKeeper:
             crate.write_crate(store.folder, store.plan, store.manifest, self.recorded, store.durable)
         store.write_manifest()
         return None, [place] if place.exists() else []
-
-
-def _by_stage(refs: Iterable[CellRef]) -> dict[str, int]:
-    return dict(Counter(name for name, _ in refs))

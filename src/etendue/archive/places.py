@@ -74,7 +74,7 @@ def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iter
 
 def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
     from etendue.archive import standins
-    from etendue.archive.behind import Reader, stand
+    from etendue.archive.behind import Behind, stand
     from etendue.archive.fetching import Here, fetch
     from etendue.archive.lease import look
     from etendue.archive.objects import Objects
@@ -87,7 +87,7 @@ def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
     fetch(objects, here, seen, found, exact, inputs)
     here.save()
     (here.folder / "lock").touch()
-    stand(here.folder, Reader(seen.held() > 0))
+    stand(here.folder, Behind(seen.held() > 0))
     try:
         with _said(objects.url, here.folder):
             yield here.folder

@@ -115,16 +115,8 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
             [Damage("missing", JOURNAL, "missing: what it named is computed again")] if JOURNAL not in odd else []
         )
     look = _Look(folder, listing, found, told, set(odd), journal)
-    for part in (
-        look.manifest,
-        look.journal,
-        look.metadata,
-        look.chunks,
-        look.inputs,
-        look.records,
-        look.small_files,
-        look.added,
-    ):
+    parts = (look.manifest, look.journal, look.metadata, look.chunks)
+    for part in (*parts, look.inputs, look.records, look.small_files, look.added, look.beside):
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))
     if found.damages and is_written(folder, before):
@@ -210,13 +202,11 @@ class _Look:
 
     def _held(self, path: str, known: str, array: str = "") -> Iterator[Damage]:
         """A file against its digest."""
-        if self.stored.archive.finder.behind_link(path):
+        size = self.sizes[path]
+        if size is None or self.stored.archive.finder.behind_link(path):
             yield Damage("missing", path, "missing", array)
             return
-        if self.sizes[path] is None:
-            yield Damage("missing", path, "missing", array)
-            return
-        self._read(self.sizes[path] or 0)
+        self._read(size)
         if digest_of(self.folder / path) == known:
             return
         if (self.folder / path).is_dir():
@@ -238,19 +228,15 @@ class _Look:
                 shards.setdefault(chunk.written.path, {})[chunk.written.slot] = chunk
         for damage in archive.check(archive.held.values()):
             array = _array(damage.path)
-            if not self.stored.keeps(*_split(array)):
+            group, _, variable = array.rpartition("/")
+            if not self.stored.keeps(group, variable):
                 continue
             if damage.cell and damage.what == ELSEWHERE:
                 yield Damage("changed", damage.path, f"{damage.what} for {damage.cell}, whose bytes are right", array)
             elif damage.cell:
                 named.add(damage.path)
-                kind = (
-                    "odd"
-                    if (self.folder / damage.path).is_dir()
-                    else "missing"
-                    if damage.what == "missing"
-                    else "changed"
-                )
+                known = "missing" if damage.what == "missing" else "changed"
+                kind = "odd" if (self.folder / damage.path).is_dir() else known
                 yield Damage(kind, damage.path, damage.what, array, damage.cell)
             elif damage.path not in named:
                 yield Damage("changed", damage.path, damage.what, array)
@@ -315,7 +301,7 @@ class _Look:
             {f"runs/{path.name}" for path in place.iterdir()} if place.is_dir() and "runs" not in self.odd else set()
         )
         for path, text in kept.items():
-            if path not in files and not _same(self.folder / path, text):
+            if path not in files and _content(self.folder / path) != text.encode():
                 yield Damage("changed" if path in there else "missing", path, "not as the journal has it")
         if self.known:
             for path in sorted(there - files.keys() - self.odd):
@@ -341,7 +327,7 @@ class _Look:
         }
         ours |= set(TABLES)
         unfinished = self.stored.archive.files
-        foreign: dict[str, None] = {}
+        foreign: dict[str, None] = {}  # each folder once, whatever is in it
         for path in sorted(self.listing.below(DATA)):
             top = path.split("/")[1]
             if path in self.expected or path in unfinished or path in self.odd:
@@ -352,15 +338,18 @@ class _Look:
                 foreign[f"{DATA}/{top}"] = None
             elif self.known or not path.endswith("zarr.json"):
                 yield from self._stranger(path)
+        self.found.beside += foreign
+
+    def beside(self) -> Iterator[Damage]:
+        """What stands beside the store."""
         for entry in sorted(self.folder.iterdir()):
-            if entry.name.endswith(disk.PARTIAL) or entry.name.endswith(".partial.png"):
+            if entry.name.endswith((disk.PARTIAL, ".partial.png")):
                 yield Damage("unfinished", entry.name, "left by a run that was broken off")
             elif entry.name not in (*disk.FILES, *disk.FOLDERS) and entry.name not in self.odd:
-                foreign[entry.name] = None
+                self.found.beside.append(entry.name)
         for name in ("contact_sheet.png", "CITATION.cff", "ro-crate-metadata.json"):
             if self.known and name not in self.known.files and (self.folder / name).is_file():
                 yield Damage("added", name, "no run has written it")
-        self.found.beside = list(foreign)
 
     def _stranger(self, path: str) -> Iterator[Damage]:
         """A file in the place of ours that no run has written: or one whose lines in the journal are lost."""
@@ -393,11 +382,6 @@ def sha256_of(folder: Path) -> str:
     return found.hexdigest()
 
 
-def _split(array: str) -> tuple[str, str]:
-    group, _, name = array.rpartition("/")
-    return group, name
-
-
 def _array(path: str) -> str:
     """The array, or group, of a file of the store."""
     return re.sub(r"/(zarr\.json|c([/.][\d./]*)?|\.c\..*)$", "", path.removeprefix(f"{DATA}/"))
@@ -417,10 +401,6 @@ def _content(path: Path) -> bytes | None:
         return plain_files.content(path, links=False)
     except OSError:
         return None
-
-
-def _same(path: Path, text: str) -> bool:
-    return _content(path) == text.encode()
 
 
 def document(found: Verified) -> dict[str, Any]:
