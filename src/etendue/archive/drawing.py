@@ -50,7 +50,7 @@ def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[t
     found = {}
     for cell in cells:
         start = starts.get(cell.index, (0, 0))
-        alike = (tuple(cell.index[n] for n in axes), id(cell.stage) if viewed else 0, start)
+        alike = (tuple(cell.index[n] for n in axes), cell.stage if viewed else None, start)
         if alike not in known and (own := drawn_of(plan, cell, name)) is not None:
             known[alike] = replace(own, pattern=_rows(own.pattern, start)).attributes()
         found[cell.index] = known[alike]

@@ -69,10 +69,10 @@ def _softened(
     node: Node, own: Sequence[tuple[_Field, Cell]], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]
 ) -> list[str]:
     left: list[tuple[float, Cell]] = []
-    known: dict[tuple[int, float], float] = {}
+    known: dict[tuple[tuple[float, float] | None, float], float] = {}
     for field, cell in own:
         scene = scene_of(cells, cell)
-        place = (id(scene.stage), min(field.pitch))
+        place = (scene.facts.rendered, min(field.pitch))
         if place not in known:
             known[place] = _contrast_left(scene.facts.rendered, min(field.pitch))
         left.append((known[place], cell))
