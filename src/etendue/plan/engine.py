@@ -94,6 +94,7 @@ MOVES = {
 HELD = (
     "etendue.pipeline.about",
     "etendue.pipeline.file",
+    "etendue.pipeline.form",
     "etendue.pipeline.overrides",
     "etendue.pipeline.presets",
     "etendue.plan.cost",
