@@ -11,7 +11,7 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.archive import crate, frames, inputs, keeping, moving, provenance
 from etendue.archive.accepting import former_of
@@ -22,26 +22,21 @@ from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
 
+if TYPE_CHECKING:
+    from etendue.session import Options
+
 
 class ArchiveKeeper:
     """Use as a context manager: the archive is owned until it is closed."""
 
     keeps_arrays, draws = False, True
 
-    def __init__(
-        self,
-        folder: Path,
-        scheduler: str,
-        durable: bool,
-        recompute: bool,
-        accept_platform: bool,
-        prune: bool,
-        restore: frozenset[str] | None = None,
-    ) -> None:
-        self.store = Archive(folder, durable)
+    def __init__(self, folder: Path, options: Options) -> None:
+        self.store = Archive(folder, options.durable)
         self.folder: Path | None = self.store.folder
-        self.scheduler, self.recompute, self.accept_platform, self.prune = scheduler, recompute, accept_platform, prune
-        self.restore = restore  # of a repair: names of cells of earlier runs that are to be there as well
+        self.scheduler, self.recompute, self.prune = options.scheduler, options.recompute, options.prune
+        self.accept_platform = options.accept_platform
+        self.restore = options.restore  # of a repair: names of cells of earlier runs that are to be there as well
         self.recorded = False  # whether this run has a record of its own
         self.lock = threading.Lock()
         self.mark: tuple[str, bytes] | None = (str(self.store.folder / "run.id"), self.store.run_id.encode())

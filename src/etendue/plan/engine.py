@@ -82,6 +82,7 @@ MOVES = {
     "etendue.process": "puts back what foreign code changes of the process",
     "etendue.result_files": _AFTER,
     "etendue.run.*": "starts, orders and hands on cells",
+    "etendue.running": "hands results to their keeper",
     "etendue.session": "joins plan, run and archive",
     "etendue.streams": "what is printed where",
     "etendue.telling": _WORDS,
