@@ -71,7 +71,7 @@ def _folder(root: str, parts: tuple[str, ...], make: bool = False, durable: bool
         os.close(handle)
 
 
-def _write_all(handle: int, data: bytes) -> None:
+def write_all(handle: int, data: bytes) -> None:
     view = memoryview(data)
     while view:
         view = view[os.write(handle, view) :]
@@ -91,7 +91,7 @@ def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: b
         try:
             try:
                 for part in [data] if isinstance(data, bytes) else data:
-                    _write_all(handle, part)
+                    write_all(handle, part)
                 if durable:
                     os.fsync(handle)
             finally:

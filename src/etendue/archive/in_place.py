@@ -20,7 +20,8 @@ from pathlib import Path
 
 from etendue import interrupts
 from etendue.archive import disk
-from etendue.archive.compact import Anew, Compacted, aside_of, check_in_order, locked
+from etendue.archive.anew import Anew, Compacted
+from etendue.archive.compact import aside_of, check_in_order, locked
 from etendue.archive.manifest import DATA
 from etendue.archive.reading import open_archive
 from etendue.errors import ArchiveError, MachineError

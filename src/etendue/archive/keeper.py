@@ -60,12 +60,9 @@ class ArchiveKeeper:
         plan, stay, pruned = keeping.with_stored(asked, store, self.prune)
         cells = keeping.same_cells(asked, plan)
         store.use(plan)
-        old = store.record
-        if not (self.accept_platform or self.recompute):
-            self._check_platform(old, provenance.platform_record())
-        elsewhere = old is not None and old["platform"] != provenance.platform_record()
-        if self.accept_platform and old is not None and elsewhere:
-            store.former = former_of(plan, old)
+        elsewhere = self._is_elsewhere(store.record, provenance.platform_record())
+        if self.accept_platform and store.record is not None and elsewhere:
+            store.former = former_of(plan, store.record)
         if store.layout.moves:
             moving.move(store, store.layout.moves)
             store.use(plan)
@@ -100,19 +97,21 @@ class ArchiveKeeper:
             found.setdefault(name, f"{cells} missing or damaged on disk")
         return found
 
-    def _check_platform(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
-        folder = self.store.folder
+    def _is_elsewhere(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> bool:
+        """Whether the archive was begun on another platform, which is refused where it may mix bits."""
+        folder, mixed = self.store.folder, not (self.accept_platform or self.recompute)
         way_out = "Go on with its finished cells: --accept-platform; compute all again: --recompute"
         if old is None:
-            if self.store.journal.entries.any_done():
+            if mixed and self.store.journal.entries.any_done():
                 raise ArchiveError(
                     f"no record in {folder / 'runs'} can be read, which say on what its cells were computed. {way_out}"
                 )
-        elif old["platform"] != dict(now):
-            changed = ", ".join(
-                f"{k} {old['platform'].get(k)} -> {now[k]}" for k in now if old["platform"].get(k) != now[k]
-            )
+            return False
+        then = old["platform"]
+        if mixed and then != dict(now):
+            changed = ", ".join(f"{k} {then.get(k)} -> {now[k]}" for k in now if then.get(k) != now[k])
             raise ArchiveError(f"{folder} was begun on another platform ({changed}), where bits may differ. {way_out}")
+        return bool(then != dict(now))
 
     def target(self, cell: Cell) -> CellFiles:
         with self.lock:  # in a thread of the run, while another tells what it has written
