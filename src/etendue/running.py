@@ -13,7 +13,7 @@ from etendue import interrupts
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import Keeper, Progress, Sheet
 from etendue.plan.model import CellRef
-from etendue.plan.reports import Reports
+from etendue.plan.reports import DONE, LEFT_OUT, Reports
 from etendue.plan.resume import Work
 from etendue.present.pictures import pictures, small_maps, thumbnails
 from etendue.present.terminal import tables
@@ -136,4 +136,4 @@ class Running:
     def restored(self) -> int:
         """How many cells of earlier runs, which nobody has asked for now, were computed again."""
         asked = set(self.work.cells.values())
-        return sum((r.stage, r.index) not in asked for r in self.reports.having("done", "left_out"))
+        return sum((r.stage, r.index) not in asked for r in self.reports.having(DONE, LEFT_OUT))

@@ -43,10 +43,10 @@ def compact_in_place(folder: Path) -> Compacted:
     """
     open_archive(folder)
     with interrupts.held():
-        return _compact_in_place(folder.resolve())
+        return _exchanged(folder.resolve())
 
 
-def _compact_in_place(folder: Path) -> Compacted:
+def _exchanged(folder: Path) -> Compacted:
     aside = aside_of(folder)
     locks = [locked(folder, fcntl.LOCK_EX)]
     try:
@@ -69,16 +69,13 @@ def _compact_in_place(folder: Path) -> Compacted:
                 )
             done = anew.write()
             locks.append(locked(aside, fcntl.LOCK_EX))  # whoever comes between finds it in use
-            _sync(aside)
+            for place, _, _ in os.walk(aside):  # the names in all folders survive the loss of power
+                disk.sync_folder(Path(place))
             interrupts.check()
             exchange(folder, aside)
             disk.sync_folder(folder.parent)
-        except (
-            BaseException
-        ):  # also where somebody interrupts it; what stands aside is the new one not yet, or the old one no more
+        finally:  # also where somebody interrupts it: what stands aside is not yet the new one, or no more the old one
             shutil.rmtree(aside, ignore_errors=True)
-            raise
-        shutil.rmtree(aside, ignore_errors=True)
     finally:
         for lock in locks:
             os.close(lock)
@@ -99,12 +96,6 @@ def _clear(aside: Path, shards: set[str]) -> None:
             shutil.rmtree(entry)
         else:
             entry.unlink()
-
-
-def _sync(folder: Path) -> None:
-    """The names in all folders survive the loss of power."""
-    for place, _, _ in os.walk(folder):
-        disk.sync_folder(Path(place))
 
 
 def exchange(one: Path, other: Path) -> None:

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from etendue.archive import disk
-from etendue.archive.clearing import half_written
 from etendue.archive.manifest import DATA
 from etendue.archive.tree import ROOT
 from etendue.contract.names import TABLES
@@ -26,7 +25,10 @@ def in_order(store: Archive) -> bool:
     known = store.manifest
     if known is None or store.mended or store.journal.torn or not store.recorded or known.changed(store.folder):
         return False
-    if half_written(store.listing) or not _laid_out_alike(store):
+    half_written = (disk.PARTIAL, disk.PART)
+    if any(name.endswith(half_written) for names in store.listing.files.values() for name in names):
+        return False
+    if not _laid_out_alike(store):
         return False
     held = {f"{DATA}/{path}": data for path, data in store.tree.held.items() if path != ROOT}
     own = {path: hashlib.sha256(data).hexdigest() for path, data in held.items()}

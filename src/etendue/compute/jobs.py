@@ -40,7 +40,9 @@ def make_jobs(
     to be put that is made strip by strip.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
-    if not jobs.any_large():
+    cells = (plan.cells[ref] for ref in jobs)
+    every = {(id(cell.grids), id(cell.input_grids)): cell for cell in cells}  # most cells of a sweep share theirs
+    if not any(is_large(cell.grids, cell.input_grids) for cell in every.values()):
         return jobs
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
 
@@ -220,12 +222,6 @@ class Jobs(Mapping[CellRef, Job]):
     def seconds(self, ref: CellRef) -> float:
         """What a job is expected to take."""
         return self._cost(self.nodes[ref[0]], self.plan.cells[ref])[0]
-
-    def any_large(self) -> bool:
-        """Whether the frame of any is not to be whole."""
-        cells = (self.plan.cells[ref] for ref in self)
-        every = {(id(cell.grids), id(cell.input_grids)): cell for cell in cells}  # most cells of a sweep share theirs
-        return any(is_large(cell.grids, cell.input_grids) for cell in every.values())
 
     def _grids(self, cell: Cell) -> tuple[Mapping[str, Grid], Mapping[str, Grid]]:
         """The grids of a cell; those of the one before it where they are equal: what is the same thing is found

@@ -21,7 +21,7 @@ from etendue.compute.cell import check, kept, undefined
 from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
 from etendue.compute.given import Clipped, beside, clipped_figures, looked_through
-from etendue.compute.job import Job, Walk
+from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed, undisturbed
 from etendue.compute.rows import has_rows
@@ -162,7 +162,10 @@ class _Member:
             if has_rows(o.declaration.dims) and name in (*walk.whole, *walk.seen):
                 flow = self.flows[name]
                 flow.seen = planned.look.gathering(name, o.shape) if name in walk.seen and planned.look else None
-                flow.whole = _room(walk, o) if flow.seen is None else None
+                if flow.seen is None:
+                    place = walk.places.get(name)
+                    fits = place is not None and (place.shape, place.dtype) == (o.shape, o.dtype)
+                    flow.whole = place if fits else np.empty(o.shape, o.dtype)
         self.figures: dict[str, list[Any]] = {
             name: [] for name, o in self.outputs.items() if not has_rows(o.declaration.dims)
         }
@@ -340,13 +343,6 @@ class _Member:
             raise _Unfit
         found = {name: np.asarray(value) for name, value in stage.joined(parts, self.sizes).items()}
         return check(self.job, found, tuple(self.outputs[name] for name in self.figures))
-
-
-def _room(walk: Walk, output: Output) -> Any:
-    """Where all rows of a variable go."""
-    place = walk.places.get(output.variable)
-    fits = place is not None and place.shape == output.shape and place.dtype == output.dtype
-    return place if fits else np.empty(output.shape, output.dtype)
 
 
 def _read_only(array: Any) -> Any:

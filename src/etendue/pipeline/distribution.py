@@ -192,6 +192,8 @@ class Test{one.name}(StageConformance):
 
 
 def _stage(one: Beginning) -> str:
+    package = one.kind.__module__.partition(".")[0]
+    public = f"{package}.models" if package in discovery.own_packages() - {OWN} else one.kind.__module__
     first = cleandoc(one.kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
     taken = "\n".join(f"    #     {name}" for name in parameters_of(one.kind)) or "    #     none"
     return f'''\
@@ -206,7 +208,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from {_public(one.kind)} import {one.kind.__name__}
+from {public} import {one.kind.__name__}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,12 +236,6 @@ def _free(kind: Any) -> str:
         for name in ("strength", "amount", "extent", "own_strength")
         if not hasattr(kind, name) and name not in parameters_of(kind)
     )
-
-
-def _public(kind: Any) -> str:
-    """Where a class may be imported from."""
-    package = kind.__module__.partition(".")[0]
-    return f"{package}.models" if package in discovery.own_packages() - {OWN} else str(kind.__module__)
 
 
 def _listed(word: str, ports: Mapping[str, Any]) -> str:

@@ -198,7 +198,7 @@ def _of_own(name: str, above: tuple[str, ...]) -> _Step:
     found = {name: source.digest}
     if source.beside:
         text = file.read_text(encoding="utf-8")
-        data = _top_folder(name) / "data"
+        data = sources.PACKAGE.parent / top / "data"
         tables = (path for path in (data.iterdir() if data.is_dir() else ()) if path.is_file() and path.name in text)
         found |= {f"{data.parent.name}/data/{path.name}": sources.known(path).digest for path in tables}
     return _Step(found, behind=(*above, *_behind(name, file, source)))
@@ -216,10 +216,6 @@ def _through_the_door(door: str, name: str) -> Iterator[str]:
 def manifests() -> frozenset[str]:
     """The manifests of this distribution."""
     return frozenset(point.module for point in discovery.installed().points if point.dist and point.dist.name == OWN)
-
-
-def _top_folder(module: str) -> Path:
-    return sources.PACKAGE.parent / module.partition(".")[0]
 
 
 @cache

@@ -19,7 +19,7 @@ from etendue.contract.stage import Stage, parameters_of
 from etendue.errors import Fault, PluginError, RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan import asking, cost, omissions
-from etendue.plan.agreement import notes_on_agreement
+from etendue.plan.agreement import met_twice, taken_differently
 from etendue.plan.cells import Told, expand
 from etendue.plan.fields import notes_on_the_scene
 from etendue.plan.graph import build_graph, resolve_keep
@@ -106,12 +106,10 @@ def make_plan(
 
 def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
     """What stages have to say about their own cells: each text once."""
-    texts: dict[str, None] = {}
     places = {node.name: node.place for node in nodes}
     uses = {one.use: one.kind for node in nodes for one in node.alternatives}
-    texts |= dict.fromkeys(_rewritten_in_vain(nodes))
-    texts |= dict.fromkeys(notes_on_agreement(nodes, cells))
-    texts |= dict.fromkeys(_beyond_tolerance(cells, tolerance))
+    notes = (_rewritten_in_vain(nodes), met_twice(nodes), taken_differently(cells), _beyond_tolerance(cells, tolerance))
+    texts = dict.fromkeys(itertools.chain(*notes))
     among: dict[Stage, list[str]] = {}  # it serves many cells
     for cell in cells.values():
         kind = type(cell.stage)

@@ -16,7 +16,7 @@ from etendue.plan import asking, words
 from etendue.plan.code import code_digest, libraries_of
 from etendue.plan.cost import too_large
 from etendue.plan.forms import Draft, Form
-from etendue.plan.keys import digest, parameters_digest, plain_text, version_of
+from etendue.plan.keys import digest, key_of, parameters_for_key, plain_text, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, light_of, pixel_of, scene_of
 
 NONE: Mapping[str, str] = {}  # never written to; a mapping proxy could not be pickled
@@ -55,7 +55,7 @@ class Recipes:
         """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
         known = self.digests.get(id(stage))
         if known is None:
-            known = self.digests[id(stage)] = parameters_digest(stage)
+            known = self.digests[id(stage)] = key_of(parameters_for_key(stage))
         return known
 
     def key(
