@@ -197,7 +197,7 @@ def record_again(
     given = _given(text, overrides, asked, run.text) if isinstance(text, str) and isinstance(overrides, dict) else None
     if resolved.text != run.text:
         made["resolved"] = resolved.text
-    if given is None or not _same_words(resolve_pipeline(given).text, run.text):
+    if given is None or _words(resolve_pipeline(given).text) != _words(run.text):
         made["text"] = "what makes the resolved pipeline, with the overrides"
     elif asked.pipeline.preset_swept:  # what was named beside it is not resolved: none of it counts
         made["preset"] = given.pipeline.preset_name
@@ -228,12 +228,9 @@ def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) 
         return None
 
 
-def _same_words(one: str, other: str) -> bool:
-    """Whether two texts are one document, in whatever order its keys stand; a name that stands in the file's own is
-    no difference.
-    """
-    first, second = (tomllib.loads(text, parse_float=Decimal) for text in (one, other))
-    return {**first, "name": ""} == {**second, "name": ""}
+def _words(text: str) -> dict[str, Any]:
+    """A text as a document, in whatever order its keys stand; a name that stands in the file's own is no difference."""
+    return {**tomllib.loads(text, parse_float=Decimal), "name": ""}
 
 
 def _placed(value: Any, other: Any) -> Any:
