@@ -164,9 +164,8 @@ class Jobs(Mapping[CellRef, Job]):
         if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            segment = Segment(
-                None, tuple(c.stage for c in before), _found_of(before), transform, plan.cells[source].key
-            )  # type: ignore[misc]
+            stages: Any = tuple(c.stage for c in before)  # transfer functions, as all in front of the end of a segment
+            segment = Segment(None, stages, _found_of(before), transform, plan.cells[source].key)
         elif node.segment:
             segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=transform)
         grids, input_grids = self._grids(cell)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from decimal import Decimal
-from typing import Any
+from typing import Any, TypeVar
 
 from etendue.contract.names import LONGEST
 from etendue.contract.units import as_written
 from etendue.errors import Fault, unprintable
+
+T = TypeVar("T")
 
 
 class Words:
@@ -21,14 +23,15 @@ class Words:
     def __init__(self, document: Mapping[str, Any], faults: list[Fault]) -> None:
         self.document, self.faults = document, faults
 
-    def refused(self, key: str, value: Any, expected: str, default: Any) -> Any:
+    def refused(self, key: str, value: Any, expected: str, default: T) -> T:
         self.faults.append(Fault(key, f"expected {expected}, got {as_written(value)}"))
         return default
 
     def text(self, key: str, default: str) -> str:
         value = self.document.get(key, default)
-        fits = isinstance(value, str) and (key == "description" or not unprintable(value))
-        return value if fits else self.refused(key, value, "text", default)
+        if isinstance(value, str) and (key == "description" or not unprintable(value)):
+            return value
+        return self.refused(key, value, "text", default)
 
     def name(self, default: str) -> str:
         """That of the pipeline, and of a folder, on any system."""
@@ -51,8 +54,9 @@ class Words:
 
     def whole(self, key: str, default: int, least: int) -> int:
         value = self.document.get(key, default)
-        fits = isinstance(value, int) and not isinstance(value, bool) and value >= least
-        return value if fits else self.refused(key, value, f"a whole number of at least {least}", default)
+        if isinstance(value, int) and not isinstance(value, bool) and value >= least:
+            return value
+        return self.refused(key, value, f"a whole number of at least {least}", default)
 
     def share(self, key: str, default: float) -> float:
         value = self.document.get(key, default)

@@ -37,7 +37,7 @@ def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternat
     if not isinstance(values, list | tuple) or not values:
         request.fault(place, f"expected a list of stages, got {as_written(values)}")
         return (), None
-    made, labels = [], []
+    made, labels = list[Alternative](), list[str]()
     for value in values:
         table = {"use": value} if isinstance(value, str) else value
         if not isinstance(table, dict) or not isinstance(table.get("use"), str):

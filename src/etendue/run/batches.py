@@ -234,7 +234,8 @@ def run_batch(
             if job.walk is not None and job.ref not in ahead:
                 ahead |= _ahead(jobs, number, results, doomed, at)
                 began = time.thread_time()
-            result, report = ahead.pop(job.ref, None) or _alone(job, number, results, began, doomed, at)
+            walked_before = ahead.pop(job.ref, None)
+            result, report = walked_before or _alone(job, number, results, began, doomed, at)
             clock = None if job.walk or (job.store and job.target) or elsewhere.seconds else began + report.seconds
             results[job.ref] = result
             reports.append(report)
