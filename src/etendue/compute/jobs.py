@@ -21,7 +21,7 @@ from etendue.contract.grid import Grid
 from etendue.contract.ports import Target
 from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
-from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of, told_by
 
 
 def make_jobs(
@@ -41,7 +41,7 @@ def make_jobs(
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
     cells = (plan.cells[ref] for ref in jobs)
-    every = {(id(cell.grids), id(cell.input_grids)): cell for cell in cells}  # most cells of a sweep share theirs
+    every = {told_by(cell.grids, cell.input_grids): cell for cell in cells}  # most cells of a sweep share theirs
     if not any(is_large(cell.grids, cell.input_grids) for cell in every.values()):
         return jobs
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
@@ -244,7 +244,7 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _cost(self, node: Node, cell: Cell) -> tuple[float, tuple[str, ...]]:
         """Seconds, and the variables made by band: found out once for cells of one class and grids."""
-        place = (node.name, type(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None)
+        place = (node.name, type(cell.stage), told_by(cell.grids, cell.input_grids), cell.left_out is None)
         known = self.costs.get(place)
         if known is None:
             known = self.costs[place] = (

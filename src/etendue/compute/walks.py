@@ -18,7 +18,7 @@ from etendue.compute.job import Job, Walk
 from etendue.compute.rows import Walker, has_rows, is_large, rows_of
 from etendue.contract.capabilities import Haloed
 from etendue.contract.stage import looks_at_stages
-from etendue.plan.model import CellRef
+from etendue.plan.model import CellRef, told_by
 
 
 def with_walks(
@@ -48,10 +48,12 @@ def with_walks(
 
 def _walkers(jobs: Mapping[CellRef, Job], can: Callable[[CellRef], Walker | None]) -> dict[CellRef, Walker]:
     """The cells that may be computed in strips."""
-    small: set[tuple[str, int, int]] = set()  # stages and grids of small frames: most cells of a sweep share them
+    small: set[tuple[str, tuple[int, int]]] = (
+        set()
+    )  # stages and grids of small frames: most cells of a sweep share them
     found: dict[CellRef, Walker] = {}
     for ref, job in jobs.items():
-        alike = ref[0], id(job.grids), id(job.input_grids)
+        alike = ref[0], told_by(job.grids, job.input_grids)
         if alike in small:
             continue
         if not is_large(job.grids, job.input_grids):

@@ -94,21 +94,17 @@ def _facts(stage: Stage, method: str, found: Any) -> Facts:
     return facts
 
 
-def _asked(stage: Any, method: str, *given: Any, unknown: Any) -> Any:
+RUN = object()  # what depends on what a run finds is refused
+
+
+def _asked(stage: Any, method: str, *given: Any, unknown: Any = RUN) -> Any:
     """What a method gives; ``unknown`` where it depends on a value that only a run finds."""
     with foreign(_name(stage, method)):
         try:
             return getattr(stage, method)(*given)
-        except NotKnown:
-            return unknown
-
-
-def _known(stage: Any, method: str, *given: Any) -> Any:
-    """The same of what is known before a run, or never."""
-    with foreign(_name(stage, method)):
-        try:
-            return getattr(stage, method)(*given)
         except NotKnown as error:
+            if unknown is not RUN:
+                return unknown
             raise PluginError(
                 f"{_name(stage, method)} depends on {error}, which an earlier stage finds while the run goes on: what "
                 f"a grid depends on is known before; give {error} as a value, behind no stage that writes it"
@@ -116,7 +112,7 @@ def _known(stage: Any, method: str, *given: Any) -> Any:
 
 
 def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
-    found = _known(stage, "describe")
+    found = _asked(stage, "describe")
     if not isinstance(found, tuple) or len(found) != 2:
         raise _nonsense(stage, "describe", found, "(Facts, {variable: Grid})")
     return _facts(stage, "describe", found[0]), _grids(stage, "describe", found[1])
@@ -126,7 +122,7 @@ def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
     """What ``grid`` says of what a stage writes; nothing where it has none."""
     if type(stage).grid is Stage.grid:
         return {}
-    return _grids(stage, "grid", _known(stage, "grid", dict(inputs)))
+    return _grids(stage, "grid", _asked(stage, "grid", dict(inputs)))
 
 
 def carried(stage: Any, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:

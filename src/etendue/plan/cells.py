@@ -10,14 +10,15 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 from etendue.contract.bounds import MOST_CELLS, beyond, number
-from etendue.contract.capabilities import Probe, Source
+from etendue.contract.capabilities import Noisy, Probe, Source
 from etendue.contract.facts import UNKNOWN, Facts
 from etendue.contract.found import Found
 from etendue.contract.grid import Grid
-from etendue.contract.stage import Stage, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
+from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
 from etendue.errors import Fault, MachineError, PluginError, RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan import asking, scenes
@@ -27,7 +28,6 @@ from etendue.plan.graph import Graph
 from etendue.plan.machine import available_memory
 from etendue.plan.model import Alternative, Cell, CellRef, Node
 from etendue.plan.quantities import to_be_found
-from etendue.plan.readings import Reading, reading_of
 from etendue.plan.recipes import Recipes
 from etendue.plan.request import Choice
 from etendue.telling import human_bytes, plain
@@ -36,6 +36,7 @@ BYTES_OF_A_CELL = 1300  # of a plan, in memory: benchmarks/scale.py
 
 
 Told = Callable[[int, int], None]  # how many cells are planned, of how many
+Place = Callable[[tuple[int, ...]], tuple[int, ...]]  # the position of one cell from that of another
 
 
 def expand(
@@ -57,7 +58,8 @@ class _Expansion:
         self.cells: dict[CellRef, Cell] = {}
         self.stages: dict[tuple[str, tuple[Any, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
-        self.readings: dict[tuple[str, int], Reading] = {}
+        numbered = [(node, number) for node in graph.nodes for number in range(len(node.alternatives))]
+        self.readings = {(node.name, number): reading_of(node, number, self.nodes) for node, number in numbered}
         self.forms: dict[tuple[Any, ...], Form] = {}
         # of cells of one stage and form that read what nothing is known of
         self.decisions: dict[tuple[Any, ...], Decisions] = {}
@@ -65,12 +67,6 @@ class _Expansion:
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
         self.faults: dict[str, Fault] = {}
         self.looked = 0.0  # seconds of looking at scenes that were never seen before
-
-    def reading(self, node: Node, number: int) -> Reading:
-        known = self.readings.get((node.name, number))
-        if known is None:
-            known = self.readings[node.name, number] = reading_of(node, number, self.nodes)
-        return known
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[Found, ...] = ()) -> Stage:
         """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
@@ -192,7 +188,7 @@ class _Expansion:
     def add(self, node: Node, index: tuple[int, ...]) -> None:
         cells, by_dim = self.cells, dict(zip(node.axes, index, strict=True))
         number = by_dim[node.use_axis] if node.use_axis else 0
-        one, reading = node.alternatives[number], self.reading(node, number)
+        one, reading = node.alternatives[number], self.readings[node.name, number]
         inputs = tuple(
             [(port, cells[source, at(index)].ref, variable) for port, source, variable, at in reading.inputs]
         )
@@ -290,3 +286,41 @@ class _Expansion:
             if not looks_at_stages(what) or (what == "transfer" and self.nodes[name].is_transfer)
         }
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
+
+
+# -- where a cell finds what it reads ----------------------------------------------------------------------------------
+
+
+class Reading(NamedTuple):
+    """Where an alternative of a node finds what it reads."""
+
+    inputs: tuple[tuple[str, str, str, Place], ...]  # port or shared quantity, node, variable, where
+    looks_at: tuple[tuple[str, tuple[tuple[str, Place], ...]], ...]
+    ports: frozenset[str]
+    quantities: frozenset[str]
+    alike: bool  # whether what is decided of a cell follows from its stage, and the grids and facts of what it reads
+
+
+def reading_of(node: Node, number: int, nodes: Mapping[str, Node]) -> Reading:
+    """What the alternative at this place of a node reads and looks at."""
+    kind = node.alternatives[number].kind
+    ports = reads_of(kind)
+    seen = [one for one in node.looks_at if one[0] in ports and looks(ports[one[0]]) == one[1]]
+    return Reading(
+        tuple((port, source, variable, places(node, nodes[source])) for port, source, variable in node.inputs[number]),
+        tuple((port, tuple((name, places(node, nodes[name])) for name in names)) for port, _, names in seen),
+        frozenset(ports),
+        frozenset(quantities_of(kind)),
+        not (node.is_source or node.segment or issubclass(kind, Noisy)),
+    )
+
+
+def places(node: Node, source: Node) -> Place:
+    """Where a cell stands that is read; what a probe of transfer functions does not depend on is at its first value."""
+    where = {dim: place for place, dim in enumerate(node.axes)}
+    if source.axes == node.axes:
+        return lambda index: index
+    if len(source.axes) > 1 and all(dim in where for dim in source.axes):
+        return itemgetter(*(where[dim] for dim in source.axes))
+    found = [where.get(dim, -1) for dim in source.axes]
+    return lambda index: tuple([index[place] if place >= 0 else 0 for place in found])

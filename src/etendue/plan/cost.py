@@ -15,7 +15,7 @@ from etendue.contract.grid import Grid
 from etendue.contract.parameter import Parameter
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.variables import Declaration
-from etendue.plan.model import Cell, Node
+from etendue.plan.model import Cell, Node, told_by
 
 LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
@@ -37,7 +37,7 @@ def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
     """
     found: dict[tuple[Any, ...], list[Any]] = {}
     for cell in cells:
-        place = id(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None
+        place = id(cell.stage), told_by(cell.grids, cell.input_grids), cell.left_out is None
         known = found.get(place)
         if known is None:
             found[place] = [cell, 1]

@@ -101,7 +101,6 @@ HELD = (
     "etendue.plan.cost",
     "etendue.plan.keys",
     "etendue.plan.model",
-    "etendue.plan.numbers",
     "etendue.plugins.discovery",
     "etendue.plugins.guests",
     "etendue.plugins.hookspecs",
