@@ -6,10 +6,11 @@ Out: reports, arrays of what is shown, the pictures. ``session`` begins and ends
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from etendue import interrupts
+from etendue.compute.job import Job
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import Keeper, Progress, Sheet
 from etendue.plan.model import CellRef
@@ -17,12 +18,14 @@ from etendue.plan.reports import DONE, LEFT_OUT, Reports
 from etendue.plan.resume import Work
 from etendue.present.pictures import pictures, small_maps, thumbnails
 from etendue.present.terminal import tables
-from etendue.run.batches import Batch, BatchResult, partition
+from etendue.run.batches import Batch, BatchResult
 from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
 
 if TYPE_CHECKING:
     from etendue.session import Options
+
+Cut = Callable[[Mapping[CellRef, Job], float], list[Batch]]  # jobs into batches of about so many seconds
 
 
 class Running:
@@ -44,8 +47,8 @@ class Running:
         self.small: dict[CellRef, dict[str, Any]] = {}
         self.earlier: list[CellRef] = []
 
-    def compute(self, options: Options) -> None:
-        """All that is left to do. Interrupted, it leaves what is finished to the keeper."""
+    def compute(self, options: Options, cut: Cut) -> None:
+        """All that is left to do, cut into batches. Interrupted, it leaves what is finished to the keeper."""
         work, keeper = self.work, self.keeper
         show = frozenset(ref for ref in self.shown.values() if keeper.draws and ref in work.todo)
         jobs = make_jobs(
@@ -61,7 +64,7 @@ class Running:
         stop = Stop()
         try:
             interrupts.check()
-            batches, deliver = partition(jobs, options.batch_seconds), work.todo if keeper.keeps_arrays else show
+            batches, deliver = cut(jobs, options.batch_seconds), work.todo if keeper.keeps_arrays else show
             run_batches(batches, deliver, self._before, self._after, options.how(stop, keeper.mark))
         except KeyboardInterrupt:
             self._take_earlier()

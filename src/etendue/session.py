@@ -194,7 +194,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
         work = keeper.begin(plan)
         shown = dict(work.shown) or {name: work.cells[ref] for name, ref in shown_cells(plan).items()}
         run = running(work, shown, keeper, progress)
-        run.compute(options)
+        run.compute(options, partition)
         sheet, reports, standing = run.sheet(at), run.reports, run.standing()
         if work.plan is not plan:
             standing = {ref: standing[own] for ref, own in work.cells.items() if own in standing}

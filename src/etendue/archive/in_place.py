@@ -69,8 +69,7 @@ def _exchanged(folder: Path) -> Compacted:
                 )
             done = anew.write()
             locks.append(locked(aside, fcntl.LOCK_EX))  # whoever comes between finds it in use
-            for place, _, _ in os.walk(aside):  # the names in all folders survive the loss of power
-                disk.sync_folder(Path(place))
+            _sync(aside)
             interrupts.check()
             exchange(folder, aside)
             disk.sync_folder(folder.parent)
@@ -96,6 +95,12 @@ def _clear(aside: Path, shards: set[str]) -> None:
             shutil.rmtree(entry)
         else:
             entry.unlink()
+
+
+def _sync(folder: Path) -> None:
+    """The names in all folders survive the loss of power."""
+    for place, _, _ in os.walk(folder):
+        disk.sync_folder(Path(place))
 
 
 def exchange(one: Path, other: Path) -> None:

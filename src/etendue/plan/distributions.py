@@ -86,13 +86,6 @@ def _spec_of(module: str) -> ModuleSpec | None:
     return None
 
 
-def top_of(module: str, file: Path) -> Path:
-    """The folder or file by which a module is imported first: what stands in a folder of the path."""
-    package = file.name.startswith("__init__.")
-    depth = module.count(".") - (not package)
-    return file.parents[depth] if depth >= 0 else file
-
-
 # ------------------------------------------------------------------------------------------- what is installed
 
 

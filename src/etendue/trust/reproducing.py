@@ -76,7 +76,10 @@ def reproduce(
     was, now = run.record["platform"], platform_record()
     platform = {name: (was.get(name), value) for name, value in now.items() if was.get(name) != value}
     found = Reproduction(folder, run.record, platform, software(run, plan), [node.name for node in plan.nodes])
-    again = Again(plan, dict(Names(plan)), _keys_of_then(plan, run, bool(platform)), {})
+    keys = {ref: cell.key for ref, cell in plan.cells.items()}
+    if platform or any(version_of(name) != version for name, version in run.record["libraries"].items()):
+        keys |= former_of(plan, run.record).keys  # those that cells had then
+    again = Again(plan, dict(Names(plan)), keys, {})
     asked = _asked(stored, again)
     told = progress(plan) if progress else None
     if into is None:
@@ -94,13 +97,6 @@ def reproduce(
     if is_running(folder) or _state(folder) != state:
         raise ArchiveInUse(f"{folder}: a run has begun to write to it meanwhile; reproduce it when it has ended")
     return found
-
-
-def _keys_of_then(plan: Plan, run: Recorded, elsewhere: bool) -> dict[CellRef, str]:
-    """The keys that cells had in a run: those of now, where neither the platform nor a library in them is another."""
-    keys = {ref: cell.key for ref, cell in plan.cells.items()}
-    other = elsewhere or any(version_of(name) != version for name, version in run.record["libraries"].items())
-    return keys | dict(former_of(plan, run.record).keys if other else {})
 
 
 def _asked(stored: Stored, again: Again) -> list[str]:
