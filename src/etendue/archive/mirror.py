@@ -25,13 +25,13 @@ from pathlib import Path
 
 from etendue import cache
 from etendue.archive import disk, standins
-from etendue.archive.behind import Behind, stand
 from etendue.archive.fetching import PACK, TABLE, Here, at_once, fetch, is_shard, packed
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.lease import CLOSED, LEFT, OWNER, RUNNING, Lease, in_use, look
 from etendue.archive.manifest import DATA
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.objects import Objects, endpoint_of, plain_url
+from etendue.archive.owner import Behind, stand
 from etendue.archive.reading import StoredArchive
 from etendue.archive.shards import index_size
 from etendue.errors import ArchiveError, ArchiveInUse, EtendueError, MachineError, StoreLost

@@ -15,7 +15,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -166,10 +166,8 @@ class Objects:
         with self._asked("removing objects"):
             self.counts["delete"] += len(gone)
             for path in gone if self.url.startswith("file:") else ():
-                try:
+                with suppress(FileNotFoundError):
                     self.api.delete(self.store, path)
-                except FileNotFoundError:
-                    pass
             if gone and not self.url.startswith("file:"):
                 self.api.delete(self.store, gone)
 

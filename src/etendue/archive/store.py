@@ -23,7 +23,6 @@ from typing import Any
 
 from etendue.archive import disk, frames, left
 from etendue.archive.accepting import Former, accepted
-from etendue.archive.behind import behind
 from etendue.archive.blocks import Blocks, Slots, Stored
 from etendue.archive.chunks import CellFiles
 from etendue.archive.clearing import CHUNK, dims_on_disk, nodes_on_disk, remove_node, sweep
@@ -34,7 +33,7 @@ from etendue.archive.journal import Journal, is_done
 from etendue.archive.laid import Laid
 from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA, read_manifest, write_manifest
-from etendue.archive.owner import ABANDONED, fresh_id, take
+from etendue.archive.owner import ABANDONED, behind, fresh_id, take
 from etendue.archive.parts import PARTS
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.shards import Place, part_path
@@ -244,16 +243,17 @@ class Archive:
             for group in self.laid.axes
         }
         self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
-        self.journal.set_outdated(
-            self.journal.entries.done_otherwise((self.names[ref], self.plan.cells[ref].key) for ref in self.todo)
-        )
+        keys = ((self.names[ref], self.plan.cells[ref].key) for ref in self.todo)
+        self.journal.set_outdated(self.journal.entries.done_otherwise(keys))
         self.journal.give_up(gone)
         self.mended += left.damaged(self)
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
+        entries = self.journal.entries
         shards = self.journal.shards  # of a copy also those that it has not yet: their chunks lie in parts still
         of_done = {
             part_path(file)
-            for file in self.journal.entries.files_of_done()
+            for name in entries.done()
+            for file in entries.written(entries.rows[name])
             if file.path not in shards or shards[file.path].at(file) is None
         }
         sweep(self.folder, self.listing, of_done | self.blocks.parts())

@@ -16,7 +16,7 @@ from typing import Any
 from etendue.compute.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
 from etendue.compute.rows import by_band, is_large, walker
 from etendue.compute.walks import with_walks
-from etendue.contract.capabilities import Sheet, Summed
+from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.contract.grid import Grid
 from etendue.contract.ports import Target
 from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
@@ -164,7 +164,7 @@ class Jobs(Mapping[CellRef, Job]):
         if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            stages: Any = tuple(c.stage for c in before)  # transfer functions, as all in front of the end of a segment
+            stages = tuple(c.stage for c in before if isinstance(c.stage, Transfer))  # all of them: so are segments
             segment = Segment(None, stages, _found_of(before), transform, plan.cells[source].key)
         elif node.segment:
             segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=transform)
