@@ -306,8 +306,3 @@ def _entities(document: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
         name = str(one.get("@id")) if isinstance(one, dict) else str(number)
         found[name if name not in found else f"{name} again"] = dict(one) if isinstance(one, dict) else {"": one}
     return found
-
-
-def both(ones: Iterator[Difference]) -> list[Difference]:
-    """Each difference once, in order."""
-    return list(dict.fromkeys(ones))
