@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue import interrupts
 from etendue.calls import called
 from etendue.compute.jobs import make_jobs
-from etendue.compute.tables import TABLES
 from etendue.contract.ports import CellReport, Keeper, Progress
 from etendue.contract.registry import installed_stages
 from etendue.contract.tables import SHARED
@@ -35,16 +34,17 @@ from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
-from etendue.plan.resume import Work
 from etendue.plan.shown import shown_cells, where_shown
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.machine import check_machine
-from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT, keep_freed_memory
-from etendue.run.one_thread import ONE_THREAD
+from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT
 from etendue.run.peak_memory import workers_of
 from etendue.run.schedulers import How, check_scheduler, far
 from etendue.run.schedulers import scheduler as scheduler_of
-from etendue.run.watch import Stop, watched
+from etendue.run.watch import Stop, run_batches
+
+if TYPE_CHECKING:
+    from etendue.running import Running
 
 
 @dataclass
@@ -62,12 +62,16 @@ class Options:
     cell_timeout: float | None = (
         None  # seconds after which a cell is stopped and has failed; processes and clusters only
     )
-    most_cells: int | None = (
-        None  # of a pipeline that an archive has recorded: more than its own reader allows are refused
-    )
-    restore: frozenset[str] | None = (
-        None  # of a repair: the names of cells of earlier runs that an archive must have too
-    )
+    # of a pipeline that an archive has recorded: more than its own reader allows are refused
+    most_cells: int | None = None
+    restore: frozenset[str] | None = None  # of a repair: names of cells of earlier runs that an archive must have too
+
+    def how(self, stop: Stop, mark: tuple[str, bytes] | None = None) -> How:
+        """How the scheduler is to run batches; ``mark``: a file that all workers must see."""
+        from etendue.archive.provenance import platform_record
+
+        workers = workers_of(self.scheduler, self.workers)
+        return How(self.scheduler, workers, stop, self.cell_timeout, platform_record, mark)
 
 
 @dataclass
@@ -87,12 +91,8 @@ class Outcome:
     removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
     pruned: int = 0  # finished cells removed because it was asked for
     stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
-    mended: list[str] = field(
-        default_factory=list
-    )  # files of the archive that were missing or damaged, and are written again
-    moved: dict[str, int] = field(
-        default_factory=dict
-    )  # shards made anew, bytes copied for them, bytes of what was computed
+    mended: list[str] = field(default_factory=list)  # files that were missing or damaged, and are written again
+    moved: dict[str, int] = field(default_factory=dict)  # shards made anew, bytes copied for them, and computed
     restored: int = 0  # cells of earlier runs that were computed again because they were damaged
 
     @property
@@ -175,8 +175,7 @@ def execute(
             outcome = execute(plan, folder, options, progress)
         placed: Outcome = places.placed(outcome, folder, archive)
         return placed
-    from etendue.present.pictures import pictures, thumbnails  # noqa: F401
-    from etendue.present.terminal import tables  # noqa: F401  # seconds of imports, while a signal may still end everything
+    from etendue.running import Running  # seconds of imports, while a signal may still end everything
 
     if archive is not None:
         from etendue.archive import keeper  # noqa: F401
@@ -186,89 +185,21 @@ def execute(
         check_machine(
             plan, Path(archive) if archive is not None else None, workers_of(options.scheduler, options.workers), drawn
         )
-        return _execute(plan, into or _keeper(archive, options), options, progress)
+        return _execute(plan, into or _keeper(archive, options), options, progress, Running)
 
 
-def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) -> Outcome:
-    from etendue.present.pictures import pictures, small_maps, thumbnails
-    from etendue.present.terminal import tables
-
+def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, running: type[Running]) -> Outcome:
     began, at = time.perf_counter(), where_shown(plan)
     with keeping as keeper:
         work = keeper.begin(plan)
         shown = dict(work.shown) or {name: work.cells[ref] for name, ref in shown_cells(plan).items()}
-        show = frozenset(ref for ref in shown.values() if keeper.draws and ref in work.todo)
-        place = keeper.place if scheduler_of(options.scheduler).here else None
-        looks = thumbnails.looks(work.plan, shown.values()) if keeper.draws else {}
-        jobs = make_jobs(
-            work.plan,
-            work.todo,
-            keeper.target,
-            deliver_all=keeper.keeps_arrays,
-            show=show,
-            place=place,
-            looks={ref: look.beside(keeper.keeps_arrays, work.plan.kept, ref[0]) for ref, look in looks.items()},
-        )
-        reports = Reports(work.plan)
-        arrays: dict[CellRef, dict[str, Any]] = {}
-        small: dict[CellRef, dict[str, Any]] = {}
-        kept = work.plan.kept
-
-        def before(batch: Batch) -> None:
-            keeper.starting(ref for ref in batch.refs if ref in work.todo)
-            progress.starting(batch.stages)
-
-        def after(batch: Batch, result: BatchResult) -> None:
-            fresh = tuple(r for r in result.reports if r.status != "loaded")
-            for ref, found in keeper.finished(fresh, result.kept).items():
-                look = looks.get(ref)
-                if look:
-                    small[ref] = thumbnails.only(look(found))
-                own = {v for v in found if (ref[0], v) in kept} if keeper.keeps_arrays else set[str]()
-                if not keeper.keeps_arrays or len(own) < len(found):  # else all of it stands where it is kept
-                    arrays[ref] = {v: a for v, a in found.items() if v in own or v not in small.get(ref, {})}
-            result.kept, result.reports = (
-                {},
-                (),
-            )  # the scheduler holds on to its results; what is kept of them stands in its place now
-            reports.take(fresh)
-            progress.finished(fresh)
-
-        def tabled() -> dict[str, Any]:
-            return {"ledger": tables.ledger(work.plan, reports), "summary": tables.summary(work.plan, reports)}
-
-        progress.begin(len(work.todo))
-        stop = Stop()
-        try:
-            interrupts.check()
-            deliver = work.todo if keeper.keeps_arrays else show
-            _run(partition(jobs, options.batch_seconds), deliver, before, after, options, stop, keeper.mark)
-        except KeyboardInterrupt:
-            reports.take(keeper.earlier([ref for ref in work.reused if ref not in reports]))
-            keeper.interrupted(tabled(), stop.abandoned)
-            raise
-        finally:
-            progress.end()
-        earlier = [ref for ref in work.reused if ref not in reports]
-        reports.take(keeper.earlier(earlier))
-        there = [ref for ref in shown.values() if ref not in work.todo]
-        sheet = None
-        if keeper.draws and (arrays or keeper.lacks_pictures(shown.values())):
-            small |= {
-                ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()
-            }
-            sheet = pictures.sheet(work.plan, shown, small, at, lambda: _maps(work, keeper, reports))
-        elif keeper.folder and any(
-            ref in reports and ref in work.todo for one in small_maps.small_maps(work.plan) for ref in one.cells
-        ):
-            sheet = pictures.same_pictures(keeper.folder, lambda: _maps(work, keeper, reports))
-        arrays.update(keeper.stored(there, figures_only=True))
-        standing = keeper.standing(arrays)
+        run = running(work, shown, keeper, progress)
+        run.compute(options, partition)
+        sheet, reports, standing = run.sheet(at), run.reports, run.standing()
         if work.plan is not plan:
             standing = {ref: standing[own] for ref, own in work.cells.items() if own in standing}
-        tree, files = keeper.close(tabled(), sheet, reports.count(FAILED) > 0)
-    reports.reuse(ref for ref in earlier if ref in reports)
-    restored = _restored(work, reports) if options.restore else 0
+        tree, files = keeper.close(run.tables(), sheet, reports.count(FAILED) > 0)
+    reports.reuse(ref for ref in run.earlier if ref in reports)
     if tree is not None:
         TREES_OUT.hand_out(tree, tree.nbytes)
     return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
@@ -287,24 +218,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         work.stay,
         work.mended,
         work.moved,
-        restored,
-    )
-
-
-def _maps(work: Work, keeper: Keeper, reports: Reports) -> list[Any]:
-    """Maps of figures over the sweep, as they stand on the contact sheet."""
-    from etendue.present.pictures import small_maps
-
-    chosen = small_maps.small_maps(work.plan) if keeper.folder else []
-    refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
-    states = {ref: reports[ref].status for ref in refs if ref in reports}
-    figures = keeper.stored(
-        [ref for ref, state in states.items() if state in ("done", "left_out")],
-        True,
-        frozenset(one.variable for one in chosen),
-    )
-    return small_maps.all_drawn(
-        chosen, figures, [ref for ref, state in states.items() if state in ("failed", "skipped")]
+        run.restored() if options.restore else 0,
     )
 
 
@@ -321,11 +235,8 @@ def collect(
     MachineError
         Before anything is computed.
     """
-    options, progress, chosen = (
-        options or Options(),
-        progress or _Silent(),
-        {ref: frozenset(names) for ref, names in wanted.items()},
-    )
+    options, progress = options or Options(), progress or _Silent()
+    chosen = {ref: frozenset(names) for ref, names in wanted.items()}
     check_timeout(options)
     found = Collected()
 
@@ -346,16 +257,11 @@ def collect(
         progress.begin(len(jobs))
         try:
             interrupts.check()
-            _run(partition(jobs, options.batch_seconds), frozenset(chosen), before, after, options, Stop())
+            batches = partition(jobs, options.batch_seconds)
+            run_batches(batches, frozenset(chosen), before, after, options.how(Stop()))
         finally:
             progress.end()
     return found
-
-
-def _restored(work: Work, reports: Reports) -> int:
-    """How many cells of earlier runs, which nobody has asked for now, were computed again."""
-    asked = set(work.cells.values())
-    return sum((r.stage, r.index) not in asked for r in reports.having(DONE, LEFT_OUT))
 
 
 def _keeper(archive: str | Path | None, options: Options) -> Keeper:
@@ -365,29 +271,7 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
         return MemoryKeeper(options.pictures)
     from etendue.archive.keeper import ArchiveKeeper
 
-    return ArchiveKeeper(
-        Path(archive),
-        options.scheduler,
-        options.durable,
-        options.recompute,
-        options.accept_platform,
-        options.prune,
-        options.restore,
-    )
-
-
-def _run(
-    batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None
-) -> None:
-    if not batches:
-        return
-    keep_freed_memory()
-    with ONE_THREAD, TABLES.run():
-        from etendue.archive.provenance import platform_record
-
-        workers, run = workers_of(options.scheduler, options.workers), scheduler_of(options.scheduler).run()
-        how = How(options.scheduler, workers, stop, options.cell_timeout, platform_record, mark)
-        watched(lambda: run(batches, deliver, before, after, how), stop)
+    return ArchiveKeeper(Path(archive), options)
 
 
 def check_timeout(options: Options) -> None:

@@ -10,7 +10,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 from etendue.telling import plain, shown_path
@@ -78,18 +78,14 @@ def _flush_c() -> None:
         return
     import ctypes
 
-    try:
+    with suppress(OSError, AttributeError):
         ctypes.CDLL(None).fflush(None)
-    except (OSError, AttributeError):
-        pass
 
 
 def show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
     """A warning of a plugin or a library in one line, without folders of this machine."""
     text = " ".join(plain(str(message)).split())
-    try:
+    with suppress(OSError):  # nobody listens
         (file or sys.stderr).write(
             f"note: {shown_path(os.path.abspath(filename))}:{lineno}: {category.__name__}: {text}\n"
         )
-    except OSError:  # nobody listens
-        pass

@@ -28,16 +28,13 @@ _BIDI = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\
 _PATH = re.compile(r"(?<![\w.:/~\-])/[^\s/'\":;,()<>|\[\]]+(?:/[^\s/'\":;,()<>|\[\]]+)+/?")
 
 
-def _harmless(character: str) -> bool:
-    return character == "\n" or (unicodedata.category(character) not in ("Cc", "Cs") and character not in _BIDI)
-
-
 def printable(text: str) -> str:
     """Text without characters that a terminal obeys or that turn its order round; line ends stay."""
     if text.isascii() and text.isprintable():
         return text
     text = text.replace("\r\n", "\n").replace("\t", "    ")
-    return "".join(c for c in text if _harmless(c))
+    obeyed = {c for c in set(text) - {"\n"} if unicodedata.category(c) in ("Cc", "Cs") or c in _BIDI}
+    return "".join(c for c in text if c not in obeyed)
 
 
 def plain(text: str) -> str:

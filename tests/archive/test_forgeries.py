@@ -13,7 +13,7 @@ import pytest
 
 from etendue.archive.verify import sha256_of
 from etendue.session import Options, execute
-from etendue.trust.checked import NOT_CHECKED
+from etendue.trust.comparing import NOT_CHECKED
 from etendue.trust.reproducing import reproduce
 from tests.archive.tiny import tiny_plan
 

@@ -16,7 +16,7 @@ import pytest
 import xarray
 
 from etendue.archive import disk
-from etendue.archive.forgetting import forget
+from etendue.archive.journal import Journal
 from etendue.archive.reading import open_archive
 from etendue.errors import EtendueError
 from etendue.session import Options, execute
@@ -136,6 +136,16 @@ def test_more_shards_than_files_may_be_open(whole, plan, tmp_path, monkeypatch):
     monkeypatch.setattr(rooms, "HANDLES", 2)
     run(plan, tmp_path / "a")
     assert store_of(tmp_path / "a") == store_of(whole)
+
+
+def forget(folder, cells):
+    """Say of cells that they may be overwritten, as a repair does of damaged ones; gives how many were called done."""
+    journal = Journal(folder)
+    done = [(cell, one.key) for cell in cells if (one := journal.entries.get(cell)) and one.event == "done"]
+    journal.open()
+    journal.start(done)
+    journal.close()
+    return len(done)
 
 
 def test_what_is_forgotten_is_computed_again_and_nothing_else(whole, plan, tmp_path):

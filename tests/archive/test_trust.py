@@ -28,9 +28,9 @@ from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import parse_pipeline, read_pipeline
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
-from etendue.trust import reproducing
 from etendue.trust.repairing import repair
 from etendue.trust.reproducing import reproduce
+from etendue.trust.verdict import judged
 from tests.archive.tiny import TEXT, tiny_file, tiny_plan
 
 SERIAL = Options("serial")
@@ -180,7 +180,7 @@ def test_other_code_and_another_platform_are_named(archive):
 def test_bits_count_on_the_same_platform_and_stated_errors_on_another(elsewhere, off, allowed, verdict):
     one = np.linspace(0, 1, 100)
     compared = Compared.of("v", between(one, one + off))
-    assert reproducing.judged("s", "s", compared, allowed, elsewhere).found == verdict
+    assert judged("s", "s", compared, allowed, elsewhere).found == verdict
 
 
 # -- compared ------------------------------------------------------------------------------------------------------

@@ -33,11 +33,6 @@ def sweep(folder: Path, listing: disk.Listing, kept: Collection[str]) -> None:
         disk.remove(folder, name)
 
 
-def half_written(listing: disk.Listing) -> bool:
-    """Whether anything of the kind is there."""
-    return any(name.endswith((disk.PARTIAL, disk.PART)) for names in listing.files.values() for name in names)
-
-
 def remove_node(folder: Path, listing: disk.Listing, node: str) -> None:
     """Remove a group or array: metadata, shards and chunks, by name; what somebody else put beside them stays."""
     place = f"{DATA}/{node}"

@@ -17,7 +17,7 @@ from etendue.archive.differing import Difference, between, together
 from etendue.archive.naming import cell_name
 from etendue.archive.pieces import Cutter
 from etendue.archive.stored import Stored, StoredArrays
-from etendue.contract.ports import CellReport, Sheet, Written
+from etendue.contract.ports import CellReport, Passing, Sheet, Written
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
@@ -73,13 +73,11 @@ class Comparing:
     def settle(self) -> None: ...
 
 
-class ComparingKeeper:
+class ComparingKeeper(Passing):
     """Use as a context manager. ``reports``: what became of each cell; ``sheet``: pictures of the cells ``shown``, one
     of each stage, of the variables ``drawn``."""
 
-    folder: Path | None = None
-    keeps_arrays, draws = False, True
-    mark: tuple[str, bytes] | None = None
+    keeps_arrays = False
 
     def __init__(
         self,
@@ -93,11 +91,6 @@ class ComparingKeeper:
         self.sheet: Sheet | None = None
         self.reports: dict[str, CellReport] = {}
         self.damaged: dict[str, str] = {}
-
-    def __enter__(self) -> ComparingKeeper:
-        return self
-
-    def __exit__(self, *error: object) -> None: ...
 
     def begin(self, asked: Plan) -> Work:
         self.names = {ref: cell_name(asked, ref) for ref in asked.cells}
@@ -117,29 +110,17 @@ class ComparingKeeper:
 
     def place(self, ref: CellRef, variable: str) -> None: ...
 
-    def starting(self, refs: Iterable[CellRef]) -> None: ...
-
     def finished(
         self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
     ) -> Mapping[CellRef, dict[str, Any]]:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
         return {ref: {v: one for v, one in own.items() if (ref[0], v) in self.drawn} for ref, own in arrays.items()}
 
-    def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
-        return ()
-
-    def stored(
-        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
-    ) -> dict[CellRef, dict[str, Any]]:
-        return {}
-
     def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
         return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
         return False
-
-    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
 
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         self.sheet = sheet

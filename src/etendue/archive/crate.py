@@ -12,6 +12,7 @@ No user, host or path of the machine is named; persons are those that the pipeli
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -93,11 +94,6 @@ def _ids(names: Any) -> Any:
     return found[0] if len(found) == 1 else found
 
 
-def _utc(text: Any) -> str:
-    """A time of ours, which ends in Z, as the profile has it."""
-    return str(text).replace("Z", "+00:00")
-
-
 def _graph(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, str]) -> Iterator[Entity]:
     about, pipeline = plan.pipeline.about, plan.pipeline
     inputs = list(_inputs(folder))
@@ -153,7 +149,7 @@ def _graph(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, s
         "name": "all variables of all stages",
         "description": "one Zarr v3 store; open it with xarray.open_datatree",
         "encodingFormat": "application/vnd+zarr",
-        "hasPart": _ids(_results(stages)),
+        "hasPart": _ids(f"{DATA}/{node.name}/" for node in stages),
     }
     yield from (_result(node, plan) for node in stages)
     yield from inputs
@@ -198,7 +194,7 @@ def _run(
         "instrument": {"@id": name},
         "object": _ids(used),
         "result": {"@id": f"{DATA}/"},
-        "startTime": _utc(run.record["began"]),
+        "startTime": str(run.record["began"]).replace("Z", "+00:00"),  # as the profile has it
         **(
             {"endTime": ended[_action(run)], "actionStatus": "http://schema.org/CompletedActionStatus"}
             if _action(run) in ended
@@ -266,10 +262,6 @@ def _words(kind: type) -> str:
     return " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())
 
 
-def _results(stages: list[Node]) -> list[str]:
-    return [f"{DATA}/{node.name}/" for node in stages]
-
-
 def _result(node: Node, plan: Plan) -> Entity:
     kept = [f"{v} [{node.writes[v].unit}]" for v in node.writes if (node.name, v) in plan.kept]
     return {
@@ -288,13 +280,9 @@ def _inputs(folder: Path) -> Iterator[Entity]:
             continue
         if path.is_dir():
             yield {"@id": f"inputs/{path.name}/", "@type": "Dataset", "name": "a scene", "sha256": path.name[:64]}
-        elif path.suffix == ".json" and not _is_digest(path.stem):
-            yield {
-                "@id": f"inputs/{path.name}",
-                "@type": "File",
-                "name": "what a large input is",
-                "encodingFormat": "application/json",
-            }
+        elif path.suffix == ".json" and not re.fullmatch("[0-9a-f]{64}", path.stem):
+            said = {"name": "what a large input is", "encodingFormat": "application/json"}
+            yield {"@id": f"inputs/{path.name}", "@type": "File", **said}
         else:
             size = str(path.stat().st_size)
             yield {
@@ -304,10 +292,6 @@ def _inputs(folder: Path) -> Iterator[Entity]:
                 "contentSize": size,
                 "sha256": path.name[:64],
             }
-
-
-def _is_digest(stem: str) -> bool:
-    return len(stem) == 64 and all(c in "0123456789abcdef" for c in stem)
 
 
 def _beside(folder: Path, about: About) -> Iterator[Entity]:

@@ -29,11 +29,6 @@ SMALL = 4096  # bytes of a chunk below which compressing takes longer than all e
 Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces, chunk
 
 
-def own_chunk(variable: VariableLayout) -> tuple[int, ...]:
-    """The shape of the chunks of one cell of a variable that is stored for the first time."""
-    return chunk_of(variable.dims, variable.shape, int(np.dtype(variable.dtype).itemsize))
-
-
 def bytes_of(variable: VariableLayout) -> int:
     """Of one cell, as in memory."""
     return int(np.prod(variable.shape)) * int(np.dtype(variable.dtype).itemsize)
@@ -54,7 +49,7 @@ def cut(
                 found[path][variable.name] = dict(old)
             else:
                 fresh.append((path, variable))
-    chunks = [own_chunk(one) for _, one in fresh]
+    chunks = [chunk_of(one.dims, one.shape, int(np.dtype(one.dtype).itemsize)) for _, one in fresh]
     pieces = [pieces_of(one.shape, chunk) for (_, one), chunk in zip(fresh, chunks, strict=True)]
     blocks = blocks_of([(sizes[path], bytes_of(one), count) for (path, one), count in zip(fresh, pieces, strict=True)])
     for (path, variable), block, chunk, count in zip(fresh, blocks, chunks, pieces, strict=True):

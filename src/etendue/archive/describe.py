@@ -64,26 +64,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
         raise damaged(folder, [JOURNAL])
     if not running and (odd := Stored(folder, journal=journal).odd()):
         raise damaged(folder, odd)
-    counts: dict[str, dict[str, int]] = {}
-    for (stage, status), count in journal.said.counts(journal.outdated).items():
-        counts.setdefault(stage, {})[status] = count
-    ended = _ended(journal)
-    stages = [
-        {
-            "name": str(name),
-            "variables": _variables(folder, listing, str(name)),
-            "cells": dict(sorted(counts.get(name, {}).items())),
-            **_progress(journal, ended, [name]),
-        }
-        for name in order_of(root, record)
-    ]
-    size = sum(
-        (folder / path).lstat().st_size
-        for top in disk.FOLDERS
-        for path in listing.below(top)
-        if (folder / path).exists()
-    )
-    size += sum((folder / name).lstat().st_size for name in disk.FILES if (folder / name).exists())
+    files = (*(path for top in disk.FOLDERS for path in listing.below(top)), *disk.FILES)
     return {
         "archive": str(folder),
         "store": str(root),
@@ -92,12 +73,29 @@ def describe_archive(folder: Path) -> dict[str, Any]:
         "running": running,
         "began": record["began"],
         "runs": len(records),
-        "bytes": size,
-        "stages": stages,
+        "bytes": sum((folder / path).lstat().st_size for path in files if (folder / path).exists()),
+        "stages": _stages(folder, listing, journal, order_of(root, record)),
         "libraries": record["libraries"],
         "partial": left_by_compact(folder) or None,
         **progress(journal, str(record["began"]) if running else ""),
     }
+
+
+def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[str]) -> list[dict[str, Any]]:
+    """Every stage: its variables, what became of its cells, and how far the last run is with them."""
+    counts: dict[str, dict[str, int]] = {}
+    for (stage, status), count in journal.said.counts(journal.outdated).items():
+        counts.setdefault(stage, {})[status] = count
+    ended = _ended(journal)
+    return [
+        {
+            "name": name,
+            "variables": _variables(folder, listing, name),
+            "cells": dict(sorted(counts.get(name, {}).items())),
+            **_progress(journal, ended, [name]),
+        }
+        for name in order
+    ]
 
 
 def order_of(root: Path, record: dict[str, Any]) -> list[str]:

@@ -42,10 +42,11 @@ _LINKED = (errno.ELOOP, errno.ENOTDIR)  # what the system says of a link, or a f
 
 
 @contextmanager
-def _folder(root: str, parts: tuple[str, ...], make: bool = False, durable: bool = False) -> Iterator[int]:
-    """The folder below ``root`` as an open handle, made if need be; ``durable``: so that it is found after a power
-    cut.
+def _place(root: str | Path, path: str, make: bool = False, durable: bool = False) -> Iterator[tuple[int, str]]:
+    """The folder of a file as an open handle, and the name of the file in it. The folder is made if need be;
+    ``durable``: so that it is found after a power cut.
     """
+    *parts, name = path.split("/")
     handle = os.open(root, _DIRECTORY)
     try:
         for number, part in enumerate(parts):
@@ -66,23 +67,27 @@ def _folder(root: str, parts: tuple[str, ...], make: bool = False, durable: bool
                 raise
             os.close(handle)
             handle = below
-        yield handle
+        yield handle, name
     finally:
         os.close(handle)
 
 
-def _write_all(handle: int, data: bytes) -> None:
+def write_all(handle: int, data: bytes) -> None:
     view = memoryview(data)
     while view:
         view = view[os.write(handle, view) :]
 
 
+def _aside(name: str) -> str:
+    """Under which a file is written until it is whole."""
+    return f".{name[:200]}.{os.getpid()}.{threading.get_ident()}{PARTIAL}"
+
+
 def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: bool = False) -> None:
     """Put a file in its place, whole: written aside and renamed."""
-    *parts, name = path.split("/")
-    temporary = f".{name[:200]}.{os.getpid()}.{threading.get_ident()}{PARTIAL}"
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-    with _folder(str(root), tuple(parts), make=True, durable=durable) as folder:
+    with _place(root, path, make=True, durable=durable) as (folder, name):
+        temporary = _aside(name)
         try:
             handle = os.open(temporary, flags, 0o644, dir_fd=folder)
         except FileExistsError:  # of a killed run whose process had the same number
@@ -91,7 +96,7 @@ def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: b
         try:
             try:
                 for part in [data] if isinstance(data, bytes) else data:
-                    _write_all(handle, part)
+                    write_all(handle, part)
                 if durable:
                     os.fsync(handle)
             finally:
@@ -109,12 +114,10 @@ def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: b
 
 def write_stand_in(root: str | Path, path: str, size: int, tail: bytes) -> None:
     """Put a file of this size in its place that holds its last bytes alone; ``ELSEWHERE`` says so."""
-    *parts, name = path.split("/")
-    temporary = f".{name[:200]}.{os.getpid()}.{threading.get_ident()}{PARTIAL}"
-    with _folder(str(root), tuple(parts), make=True) as folder:
-        handle = os.open(
-            temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644, dir_fd=folder
-        )
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    with _place(root, path, make=True) as (folder, name):
+        temporary = _aside(name)
+        handle = os.open(temporary, flags, 0o644, dir_fd=folder)
         try:
             os.ftruncate(handle, size)
             write_at(handle, [tail], size - len(tail))
@@ -135,9 +138,8 @@ def sync_folder(path: Path) -> None:
 
 def create(root: str | Path, path: str, durable: bool = False) -> int:
     """A handle to a new file, to write and read."""
-    *parts, name = path.split("/")
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-    with _folder(str(root), tuple(parts), make=True, durable=durable) as folder:
+    with _place(root, path, make=True, durable=durable) as (folder, name):
         handle = os.open(name, flags, 0o644, dir_fd=folder)
         if durable:
             os.fsync(folder)
@@ -146,8 +148,7 @@ def create(root: str | Path, path: str, durable: bool = False) -> int:
 
 def open_own(root: str | Path, path: str) -> int:
     """A handle to a file that is there, to write and read; never through a link."""
-    *parts, name = path.split("/")
-    with _folder(str(root), tuple(parts)) as folder:
+    with _place(root, path) as (folder, name):
         try:
             return os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
         except OSError as error:
@@ -158,8 +159,7 @@ def open_own(root: str | Path, path: str) -> int:
 
 def rename(root: str | Path, path: str, new: str, durable: bool = False) -> None:
     """Put a file that is whole in a place in the same folder."""
-    *parts, name = path.split("/")
-    with _folder(str(root), tuple(parts)) as folder:
+    with _place(root, path) as (folder, name):
         try:
             os.replace(name, new.rpartition("/")[2], src_dir_fd=folder, dst_dir_fd=folder)
         except IsADirectoryError:
@@ -170,11 +170,7 @@ def rename(root: str | Path, path: str, new: str, durable: bool = False) -> None
 
 def link(root: str | Path, path: str, new: str, durable: bool = False) -> None:
     """Give a file a second name in another folder; its bytes a second place where the disk knows no hard links."""
-    (*parts, name), (*others, second) = path.split("/"), new.split("/")
-    with (
-        _folder(str(root), tuple(parts)) as here,
-        _folder(str(root), tuple(others), make=True, durable=durable) as there,
-    ):
+    with _place(root, path) as (here, name), _place(root, new, make=True, durable=durable) as (there, second):
         try:
             os.link(name, second, src_dir_fd=here, dst_dir_fd=there, follow_symlinks=False)
         except FileExistsError:  # a killed run has done it
@@ -218,9 +214,8 @@ def copy_range(source: int, start: int, target: int, at: int, length: int) -> No
 
 def remove(root: str | Path, path: str) -> bool:
     """Remove one file by its name; whether it was there."""
-    *parts, name = path.split("/")
     try:
-        with _folder(str(root), tuple(parts)) as folder:
+        with _place(root, path) as (folder, name):
             os.unlink(name, dir_fd=folder)
     except FileNotFoundError:
         return False
@@ -229,9 +224,8 @@ def remove(root: str | Path, path: str) -> bool:
 
 def remove_folder(root: str | Path, path: str) -> None:
     """Remove a folder that is empty; one that is not stays, and so does what is in it."""
-    *parts, name = path.split("/")
     try:
-        with _folder(str(root), tuple(parts)) as folder:
+        with _place(root, path) as (folder, name):
             os.rmdir(name, dir_fd=folder)
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT):
@@ -242,8 +236,7 @@ def set_aside(root: str | Path, path: str, folder: str) -> str:
     """Move a file, a link or a folder, whatever it is, into a folder of the archive for what does not belong to it;
     gives where to.
     """
-    *parts, name = path.split("/")
-    with _folder(str(root), tuple(parts)) as here, _folder(str(root), (folder,), make=True) as there:
+    with _place(root, path) as (here, name), _place(root, f"{folder}/", make=True) as (there, _):
         number, taken = 1, set(os.listdir(there))
         while (new := name if number == 1 else f"{name}.{number}") in taken:
             number += 1
@@ -253,9 +246,8 @@ def set_aside(root: str | Path, path: str, folder: str) -> str:
 
 def append_to(root: str | Path, path: str) -> int:
     """A handle to append to a file that is there under this name alone."""
-    *parts, name = path.split("/")
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-    with _folder(str(root), tuple(parts)) as folder:
+    with _place(root, path) as (folder, name):
         try:
             handle = os.open(name, flags, 0o644, dir_fd=folder)
         except OSError as error:

@@ -16,7 +16,7 @@ from etendue.contract import seen
 from etendue.contract.capabilities import Viewed
 from etendue.contract.drawn import BY
 from etendue.contract.variables import variable
-from etendue.plan.drawn import drawn_of, quantity_axes
+from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, Node, Plan
 
 
@@ -41,7 +41,10 @@ def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str)
 
 def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], dict[str, Any]]:
     """Attributes by position on the axes; cells that are drawn alike share them."""
-    axes, viewed = quantity_axes(plan, node, name), any(issubclass(one.kind, Viewed) for one in node.alternatives)
+    names = {variable(name).pattern, variable(name).black} - {""}  # quantities on which it depends how it is drawn
+    swept = [plan.axis(dim) for dim in node.axes]
+    axes = [number for number, axis in enumerate(swept) if axis.key in names or names & axis.gives.keys()]
+    viewed = any(issubclass(one.kind, Viewed) for one in node.alternatives)
     drawn = drawn_of(plan, cells[0], name)
     starts = _starts(cells, name) if drawn is not None and drawn.pattern else {}
     if not axes and not viewed and len(set(starts.values())) < 2:
@@ -50,7 +53,7 @@ def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[t
     found = {}
     for cell in cells:
         start = starts.get(cell.index, (0, 0))
-        alike = (tuple(cell.index[n] for n in axes), id(cell.stage) if viewed else 0, start)
+        alike = (tuple(cell.index[n] for n in axes), cell.stage if viewed else None, start)
         if alike not in known and (own := drawn_of(plan, cell, name)) is not None:
             known[alike] = replace(own, pattern=_rows(own.pattern, start)).attributes()
         found[cell.index] = known[alike]

@@ -221,9 +221,6 @@ class Entries(MutableMapping[str, Entry]):
         known = set(names.values()) if self.rows else set()
         return [name for name in self.done() if name not in known]
 
-    def files_of_done(self) -> Iterator[Written]:
-        return (file for name in self.done() for file in self.written(self.rows[name]))
-
     def counts(self, outdated: Collection[str] = ()) -> Counter[tuple[str, str]]:
         """How many cells of each stage have come to what: a status, ``unfinished``, or ``outdated``."""
         words = [

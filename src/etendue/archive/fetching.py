@@ -130,22 +130,13 @@ def fetch(
     wanted = {path: one for path, one in found.items() if is_ours(path) and (inputs or not path.startswith("inputs/"))}
     if not ours:
         here.run = ""
-    for path, state in (here.files() if ours else here.files(every=True)).items():
-        if path not in wanted and (not ours or state[1] == disk.ELSEWHERE):
-            disk.remove(here.folder, path)
-            here.there.pop(path, None)
-    for top, _, _ in os.walk(here.folder, topdown=False):
-        with suppress(OSError):  # only where it is empty
-            os.rmdir(top)
-    (here.folder / DATA).mkdir(parents=True, exist_ok=True)
+    _clear(here, wanted, ours)
     todo = [path for path, one in wanted.items() if _lacks(here, path, one, ours)]
     vouched = _vouched(objects) if TABLE in found and todo else {}
-    if JOURNAL in todo:
+    if JOURNAL in todo:  # first: it says of shards what their indexes are
         todo.remove(JOURNAL)
         data, one = objects.get(JOURNAL)
-        if seen.state != CLOSED:
-            data = _backed(data, wanted)
-        disk.write(here.folder, JOURNAL, data)
+        disk.write(here.folder, JOURNAL, data if seen.state == CLOSED else _backed(data, wanted))
         here.equal(JOURNAL, one.tag if seen.state == CLOSED else "")
     archive = StoredArchive(here.folder)
     indexes, pack = _Indexes(archive), _pack(objects, found, vouched, todo) if not exact else {}
@@ -168,6 +159,18 @@ def fetch(
 
     for path, tag in at_once(bring, todo):
         here.equal(path, tag)
+
+
+def _clear(here: Here, wanted: Collection[str], ours: bool) -> None:
+    """Remove what is not on the store, but not what a run of this folder has yet to put there."""
+    for path, state in here.files(every=not ours).items():
+        if path not in wanted and (not ours or state[1] == disk.ELSEWHERE):
+            disk.remove(here.folder, path)
+            here.there.pop(path, None)
+    for top, _, _ in os.walk(here.folder, topdown=False):
+        with suppress(OSError):  # only where it is empty
+            os.rmdir(top)
+    (here.folder / DATA).mkdir(parents=True, exist_ok=True)
 
 
 def _lacks(here: Here, path: str, one: Found, ours: bool) -> bool:

@@ -32,9 +32,6 @@ class Before:
     blocks: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
     shard: Callable[[CellRef], str] = lambda ref: ""
 
-    def has_children(self, stage: str) -> bool:
-        return any(group.startswith(f"{stage}/") for group in self.groups)
-
     def of(self, cells: Sequence[Cell], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
         """The groups in which some cells are stored, in the shapes that their variables have, the one with most of
         them first.
@@ -57,7 +54,7 @@ def groups_of(
     stays.
     """
     same = alike(cells)
-    if same and not before.has_children(node.name):
+    if same and not any(group.startswith(f"{node.name}/") for group in before.groups):
         return node.name, ""
     shapes, becomes, home = dict[str, list[Cell]](), "", dict[str, str]()
     names = shape_names(cells)

@@ -20,7 +20,8 @@ from pathlib import Path
 
 from etendue import interrupts
 from etendue.archive import disk
-from etendue.archive.compact import Anew, Compacted, aside_of, check_in_order, locked
+from etendue.archive.anew import Anew, Compacted
+from etendue.archive.compact import aside_of, check_in_order, locked
 from etendue.archive.manifest import DATA
 from etendue.archive.reading import open_archive
 from etendue.errors import ArchiveError, MachineError
@@ -42,10 +43,10 @@ def compact_in_place(folder: Path) -> Compacted:
     """
     open_archive(folder)
     with interrupts.held():
-        return _compact_in_place(folder.resolve())
+        return _exchanged(folder.resolve())
 
 
-def _compact_in_place(folder: Path) -> Compacted:
+def _exchanged(folder: Path) -> Compacted:
     aside = aside_of(folder)
     locks = [locked(folder, fcntl.LOCK_EX)]
     try:
@@ -72,12 +73,8 @@ def _compact_in_place(folder: Path) -> Compacted:
             interrupts.check()
             exchange(folder, aside)
             disk.sync_folder(folder.parent)
-        except (
-            BaseException
-        ):  # also where somebody interrupts it; what stands aside is the new one not yet, or the old one no more
+        finally:  # also where somebody interrupts it: what stands aside is not yet the new one, or no more the old one
             shutil.rmtree(aside, ignore_errors=True)
-            raise
-        shutil.rmtree(aside, ignore_errors=True)
     finally:
         for lock in locks:
             os.close(lock)

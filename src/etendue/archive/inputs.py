@@ -174,7 +174,8 @@ def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) 
     for name, path in inputs.items():
         digest, source = file_digest(path), Path(path)
         state = file_state(path)
-        if state[1] > LARGEST_COPY or (source.is_dir() and _leads_out(source)):
+        links = (p for p in source.rglob("*") if p.is_symlink()) if source.is_dir() else ()
+        if state[1] > LARGEST_COPY or any(not p.resolve().is_relative_to(source.resolve()) for p in links):
             why = {"why": "a link in it leads out of it"} if state[1] <= LARGEST_COPY else {}
             known = {"name": source.name, "sha256": digest, "bytes": state[1], "copied": False, **why}
             disk.write(folder, f"inputs/{name}.json", json.dumps(known).encode(), durable)
@@ -213,12 +214,6 @@ def _read(path: Path) -> Iterator[bytes]:
 def _parts(folder: Path) -> list[str]:
     """The files of a folder, links to files among them: by path below it."""
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
-
-
-def _leads_out(folder: Path) -> bool:
-    """Whether a link in a folder leads to something outside it."""
-    whole = folder.resolve()
-    return any(p.is_symlink() and not p.resolve().is_relative_to(whole) for p in folder.rglob("*"))
 
 
 def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:

@@ -28,19 +28,22 @@ from etendue import plain_files
 from etendue.archive import disk
 from etendue.archive.entries import Entries, Entry
 from etendue.archive.layout import STATUS
-from etendue.archive.line_forms import FIELDS, axis_of, block_of, decode_of_a_cell, files_of, inside, leads_out, of_kind
+from etendue.archive.line_forms import (
+    FIELDS,
+    axis_of,
+    block_of,
+    decode_of_a_cell,
+    files_of,
+    inside,
+    kept_of,
+    leads_out,
+    of_kind,
+)
 from etendue.archive.shards import Shard
 
 LONGEST_LINE = 32 << 20  # bytes; the longest, that of a record, has some megabytes where axes have 100,000 values
-UNFIT = (
-    msgspec.DecodeError,
-    KeyError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    RecursionError,
-    OverflowError,
-)  # of a damaged line
+# Of a damaged line; older versions of msgspec have errors of decoding that are no ``ValueError``.
+UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 SUM = 18  # characters of ',"sum":"01234567"}'
 
 
@@ -62,22 +65,17 @@ class Read:
     entries: MutableMapping[str, Entry] = field(default_factory=Entries)
     axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
-    blocks: dict[str, dict[str, dict[str, Any]]] = field(
-        default_factory=dict
-    )  # by group and variable: how it is cut and encoded
+    # by group and variable: how it is cut and encoded
+    blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
     shards: dict[str, Shard] = field(
         default_factory=dict
     )  # by path below the archive, as they were put in their places
-    records: dict[str, str] = field(
-        default_factory=dict
-    )  # by path below the archive: the text of the record of each run
+    records: dict[str, str] = field(default_factory=dict)  # by path below the archive: the text of each run's record
     run: Going | None = None
     damaged: int = 0  # lines that say nothing
     torn: bool = False  # behind the last whole line stands a piece of one
     files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
-    outdated: set[str] = field(
-        default_factory=set
-    )  # cells called done that the last run was to compute otherwise, and has not yet
+    outdated: set[str] = field(default_factory=set)  # cells called done that the last run was to compute otherwise
 
     @property
     def said(self) -> Entries:
@@ -97,20 +95,14 @@ class Journal:
         self.root, self.durable = root, durable
         self.encoder = msgspec.json.Encoder()
         found = read(root / NAME)
-        self.entries, self.axes, self.arrays, self.run, self.damaged = (
-            found.said,
-            found.axes,
-            found.arrays,
-            found.run,
-            found.damaged,
-        )
-        self.blocks, self.shards, self.files_a_cell, self.torn = (
+        self.entries, self.axes, self.arrays, self.run = found.said, found.axes, found.arrays, found.run
+        self.blocks, self.shards, self.records, self.outdated = (
             found.blocks,
             found.shards,
-            found.files_a_cell,
-            found.torn,
+            found.records,
+            found.outdated,
         )
-        self.records, self.outdated = found.records, found.outdated
+        self.damaged, self.torn, self.files_a_cell = found.damaged, found.torn, found.files_a_cell
         self.handle: int | None = None
 
     def open(self) -> None:
@@ -130,9 +122,7 @@ class Journal:
             assert self.handle is not None
             before = os.fstat(self.handle).st_size
             try:
-                view = memoryview(data)
-                while view:
-                    view = view[os.write(self.handle, view) :]
+                disk.write_all(self.handle, data)
             except OSError:
                 os.ftruncate(self.handle, before)
                 raise
@@ -337,10 +327,7 @@ def _checked(line: bytes) -> dict[str, Any]:
         raise ValueError("no document")
     checksum = value.pop("sum", None)
     if checksum is not None:
-        fresh = (
-            line[:-SUM] + b"}",
-            msgspec.json.encode(value),
-        )  # as it was written; or as somebody wrote it again, with blanks
+        fresh = line[:-SUM] + b"}", msgspec.json.encode(value)  # as written; or as somebody wrote it again, with blanks
         if all(checksum != f"{zlib.crc32(one):08x}" for one in fresh):
             raise ValueError("the line does not fit its checksum")
     return value
@@ -369,10 +356,7 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
     elif event == "blocks":
         found.blocks[inside(value["group"])] = {inside(name): block_of(one) for name, one in value["blocks"].items()}
     elif event == "shard":
-        kept = tuple((inside(part), *(of_kind(int, n) for n in rest)) for part, *rest in value["kept"])
-        if any(len(one) != 4 for one in kept):
-            raise ValueError("a run of bytes is a part and three numbers")
-        found.shards[inside(value["path"])] = Shard(of_kind(int, value["size"]), kept, True)
+        found.shards[inside(value["path"])] = Shard(of_kind(int, value["size"]), kept_of(value["kept"]), True)
     elif event == "record":
         found.records[inside(value["path"])] = of_kind(str, value["text"])
     elif event == "closed":
@@ -380,21 +364,24 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
     elif event == "outdated":
         found.outdated = {of_kind(str, name) for name in of_kind(list, value["cells"])}
     else:
-        files, a_cell = files_of(value.get("files", ()))
-        status = value.get("status", "done")
-        if status not in STATUS:
-            raise ValueError(f"unknown status {status!r}")
-        words = ("seconds", "clipped", "clipped_flux", "floored")
-        numbers = {name: float(of_kind((int, float), value.get(name, 0.0))) for name in words}
-        cell = of_kind(str, value["cell"])
-        platform = of_kind(str, value.get("platform", ""))
-        found.entries[cell] = Entry(
-            event, of_kind(str, value["key"]), files, status, **numbers, platform=platform, fresh=True
-        )
-        found.files_a_cell += a_cell
-        found.outdated.discard(cell)
-        if found.run is not None and event in ("done", "failed"):
-            found.run.ended.add(cell)
+        _take_of_a_cell(found, value)
+
+
+def _take_of_a_cell(found: Read, value: Mapping[str, Any]) -> None:
+    """A line that says something of a cell, in whatever form an earlier version has written it."""
+    files, a_cell = files_of(value.get("files", ()))
+    event, status = value["event"], value.get("status", "done")
+    if status not in STATUS:
+        raise ValueError(f"unknown status {status!r}")
+    words = ("seconds", "clipped", "clipped_flux", "floored")
+    numbers = {name: float(of_kind((int, float), value.get(name, 0.0))) for name in words}
+    cell, key = of_kind(str, value["cell"]), of_kind(str, value["key"])
+    platform = of_kind(str, value.get("platform", ""))
+    found.entries[cell] = Entry(event, key, files, status, **numbers, platform=platform, fresh=True)
+    found.files_a_cell += a_cell
+    found.outdated.discard(cell)
+    if found.run is not None and event in ("done", "failed"):
+        found.run.ended.add(cell)
 
 
 def is_done(entry: Entry | None, key: str) -> bool:

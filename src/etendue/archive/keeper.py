@@ -9,9 +9,9 @@ from __future__ import annotations
 import os
 import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.archive import crate, frames, inputs, keeping, moving, provenance
 from etendue.archive.accepting import former_of
@@ -22,26 +22,21 @@ from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
 
+if TYPE_CHECKING:
+    from etendue.session import Options
+
 
 class ArchiveKeeper:
     """Use as a context manager: the archive is owned until it is closed."""
 
     keeps_arrays, draws = False, True
 
-    def __init__(
-        self,
-        folder: Path,
-        scheduler: str,
-        durable: bool,
-        recompute: bool,
-        accept_platform: bool,
-        prune: bool,
-        restore: frozenset[str] | None = None,
-    ) -> None:
-        self.store = Archive(folder, durable)
+    def __init__(self, folder: Path, options: Options) -> None:
+        self.store = Archive(folder, options.durable)
         self.folder: Path | None = self.store.folder
-        self.scheduler, self.recompute, self.accept_platform, self.prune = scheduler, recompute, accept_platform, prune
-        self.restore = restore  # of a repair: names of cells of earlier runs that are to be there as well
+        self.scheduler, self.recompute, self.prune = options.scheduler, options.recompute, options.prune
+        self.accept_platform = options.accept_platform
+        self.restore = options.restore  # of a repair: names of cells of earlier runs that are to be there as well
         self.recorded = False  # whether this run has a record of its own
         self.lock = threading.Lock()
         self.mark: tuple[str, bytes] | None = (str(self.store.folder / "run.id"), self.store.run_id.encode())
@@ -65,33 +60,22 @@ class ArchiveKeeper:
         plan, stay, pruned = keeping.with_stored(asked, store, self.prune)
         cells = keeping.same_cells(asked, plan)
         store.use(plan)
-        old, entries = store.record, store.journal.entries
-        if not (self.accept_platform or self.recompute):
-            self._check_platform(old, provenance.platform_record())
-        elsewhere = old is not None and old["platform"] != provenance.platform_record()
-        if self.accept_platform and old is not None and elsewhere:
-            store.former = former_of(plan, old)
+        elsewhere = self._is_elsewhere(store.record, provenance.platform_record())
+        if self.accept_platform and store.record is not None and elsewhere:
+            store.former = former_of(plan, store.record)
         if store.layout.moves:
             moving.move(store, store.layout.moves)
             store.use(plan)
         finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
-        asked_for = set(cells.values()) | {
-            ref for ref in plan.cells if self.restore and store.names[ref] in self.restore
-        }
-        todo = select(plan, finished, asked_for)
+        restored = {ref for ref in plan.cells if store.names[ref] in self.restore} if self.restore else set()
+        todo = select(plan, finished, {*cells.values(), *restored})
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
-        known = entries.any_done()
-        again = {ref[0] for ref in todo}
-        reasons = {name: why for name, why in (provenance.reasons(old, plan) if known else {}).items() if name in again}
-        for name, count in store.damaged.items():
-            reasons.setdefault(
-                name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk"
-            )
+        reasons = self._reasons(plan, {name for name, _ in todo})  # before the journal forgets what was done
         store.begin(todo, finished, outdated)
         if self.restore is not None:
             store.change()  # also where nothing is left to do: what vouches for the rest is written anew
-        store.begin_run(_by_stage(cells.values()), _by_stage(todo))
+        store.begin_run(*(dict(Counter(name for name, _ in refs)) for refs in (cells.values(), todo)))
         resolved = inputs.resolve_pipeline(asked)
         store.mended += inputs.copy_inputs(store.folder, resolved.inputs, store.durable)
         if todo or not store.recorded or elsewhere:
@@ -104,19 +88,30 @@ class ArchiveKeeper:
             plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended, store.blocks.moved
         )
 
-    def _check_platform(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
-        folder = self.store.folder
+    def _reasons(self, plan: Plan, again: Collection[str]) -> dict[str, str]:
+        """Why stages are computed again: what of them has changed, else what is damaged."""
+        changed = provenance.reasons(self.store.record, plan) if self.store.journal.entries.any_done() else {}
+        found = {name: why for name, why in changed.items() if name in again}
+        for name, count in self.store.damaged.items():
+            cells = f"{count} stored {'cell is' if count == 1 else 'cells are'}"
+            found.setdefault(name, f"{cells} missing or damaged on disk")
+        return found
+
+    def _is_elsewhere(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> bool:
+        """Whether the archive was begun on another platform, which is refused where it may mix bits."""
+        folder, mixed = self.store.folder, not (self.accept_platform or self.recompute)
         way_out = "Go on with its finished cells: --accept-platform; compute all again: --recompute"
         if old is None:
-            if self.store.journal.entries.any_done():
+            if mixed and self.store.journal.entries.any_done():
                 raise ArchiveError(
                     f"no record in {folder / 'runs'} can be read, which say on what its cells were computed. {way_out}"
                 )
-        elif old["platform"] != dict(now):
-            changed = ", ".join(
-                f"{k} {old['platform'].get(k)} -> {now[k]}" for k in now if old["platform"].get(k) != now[k]
-            )
+            return False
+        then = old["platform"]
+        if mixed and then != dict(now):
+            changed = ", ".join(f"{k} {then.get(k)} -> {now[k]}" for k in now if then.get(k) != now[k])
             raise ArchiveError(f"{folder} was begun on another platform ({changed}), where bits may differ. {way_out}")
+        return bool(then != dict(now))
 
     def target(self, cell: Cell) -> CellFiles:
         with self.lock:  # in a thread of the run, while another tells what it has written
@@ -189,13 +184,8 @@ class ArchiveKeeper:
         store = self.store
         place = store.folder / "contact_sheet.png"
         if sheet and sheet.table:
-            tables = {
-                **tables,
-                "frames": {
-                    **sheet.table,
-                    "attrs": {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at},
-                },
-            }
+            attrs = {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at}
+            tables = {**tables, "frames": {**sheet.table, "attrs": attrs}}
         if sheet:
             drawn = place.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed
             drawn.unlink(missing_ok=True)
@@ -208,7 +198,3 @@ class ArchiveKeeper:
             crate.write_crate(store.folder, store.plan, store.manifest, self.recorded, store.durable)
         store.write_manifest()
         return None, [place] if place.exists() else []
-
-
-def _by_stage(refs: Iterable[CellRef]) -> dict[str, int]:
-    return dict(Counter(name for name, _ in refs))

@@ -14,12 +14,13 @@ import numpy as np
 
 from etendue.archive import layout as layouts
 from etendue.archive.chunks import Chunk
-from etendue.archive.cutting import Blocks, Whereabouts, chunk_shapes, cut
+from etendue.archive.cutting import Blocks, Whereabouts, cut
 from etendue.archive.entries import Entries
 from etendue.archive.groups import Before
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, layout_of
 from etendue.archive.naming import Names
 from etendue.archive.pieces import known_chunk
+from etendue.archive.reading import Form
 from etendue.archive.tree import Tree
 from etendue.plan.model import Cell, CellRef, Plan
 
@@ -146,8 +147,9 @@ class Laid:
         beside += layouts.coordinates_of(layout, variable)
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
         one = self.blocks[path][variable.name]
-        chunks = chunk_shapes(variable.shape, one["block"], known_chunk(variable.shape, one))
-        tree.put_cells(path, variable.name, shape, chunks, variable.dtype, one["codec"], dims, attrs)
+        chunk = known_chunk(variable.shape, one)
+        form = Form(variable.dtype, variable.shape, one["codec"], tuple(one["block"]), chunk)
+        tree.put_cells(f"{path}/{variable.name}", shape, form, dims, attrs)
 
     def place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
         """Position of a cell in the stored arrays of its group, from its position among the plan's values."""

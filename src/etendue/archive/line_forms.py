@@ -72,6 +72,15 @@ def files_of(written: Any) -> tuple[tuple[Written, ...], int]:
     return tuple(files), a_cell
 
 
+def kept_of(written: Any) -> tuple[tuple[str, int, int, int], ...]:
+    """The runs of bytes of a shard: a part, and three numbers."""
+    kept = []
+    for part, *numbers in written:
+        start, to, length = (of_kind(int, n) for n in numbers)
+        kept.append((inside(part), start, to, length))
+    return tuple(kept)
+
+
 def block_of(written: Any) -> dict[str, Any]:
     words = {name: of_kind(str, written[name]) for name in ("codec", "form")}
     block = {"block": [of_kind(int, n) for n in written["block"]], **words, "pieces": of_kind(int, written["pieces"])}
@@ -99,12 +108,8 @@ def leads_out(path: str) -> bool:
     return path[:1] == "/" or (".." in path and ".." in path.split("/"))
 
 
-def value_of(written: Any) -> Any:
-    return float(written["float"]) if isinstance(written, dict) else written
-
-
 def axis_of(written: list[Any]) -> list[Any]:
-    values = [value_of(one) for one in written]
+    values = [float(one["float"]) if isinstance(one, dict) else one for one in written]
     if len({isinstance(one, str) for one in values}) > 1 or not all(
         isinstance(one, str | int | float) for one in values
     ):

@@ -14,7 +14,7 @@ import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
-from etendue.contract.ports import CellReport, Sheet
+from etendue.contract.ports import CellReport, Passing, Sheet
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
 
@@ -44,30 +44,20 @@ class Standing(Mapping[CellRef, dict[str, Any]]):
         return len(self.keeper.status) - self.keeper.status.count(0)
 
 
-class MemoryKeeper:
+class MemoryKeeper(Passing):
     """Arrays of a whole sweep, filled cell by cell as they are computed. Nothing is there from an earlier run."""
 
-    folder: Path | None = None
     keeps_arrays = True
-    mark: tuple[str, bytes] | None = None
 
     def __init__(self, pictures: bool = True) -> None:
         self.draws = pictures
         self.whole: dict[tuple[str, str], Any] = {}
         self.missing: dict[tuple[str, str], Any] = {}
 
-    def __enter__(self) -> MemoryKeeper:
-        return self
-
-    def __exit__(self, *error: object) -> None: ...
-
     def begin(self, asked: Plan) -> Work:
         """Make room for all that is kept."""
-        self.plan, self.layout = asked, layout_of(asked)
-        self.number, self.status = (
-            asked.numbers.of,
-            bytearray(asked.numbers.count),
-        )  # 1 above that of a cell that has ended
+        self.plan, self.layout, self.number = asked, layout_of(asked), asked.numbers.of
+        self.status = bytearray(asked.numbers.count)  # 1 above that of a cell that has ended
         for path, group in self.layout.groups.items():
             sizes = tuple(len(values) for values in group.axes.values())
             for variable in group.variables.values():
@@ -82,8 +72,6 @@ class MemoryKeeper:
         whole = self.whole.get((path, variable)) if path else None
         return None if path is None or whole is None else whole[self.layout.groups[path].cells[ref]]
 
-    def starting(self, refs: Iterable[CellRef]) -> None: ...
-
     def finished(
         self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
     ) -> Mapping[CellRef, dict[str, Any]]:
@@ -91,21 +79,11 @@ class MemoryKeeper:
             self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
         return {ref: self._put(ref, found) for ref, found in arrays.items()}
 
-    def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
-        return ()
-
-    def stored(
-        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
-    ) -> dict[CellRef, dict[str, Any]]:
-        return {}
-
     def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
         return Standing(self, others)
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
         return True
-
-    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
 
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []

@@ -35,10 +35,6 @@ def document(node: Mapping[str, Any]) -> bytes:
         return json.dumps(node, indent=2).encode()
 
 
-def group_node(attrs: Mapping[str, Any]) -> dict[str, Any]:
-    return {"attributes": dict(attrs), "zarr_format": 3, "node_type": "group"}
-
-
 def array_node(
     dtype: str,
     shape: Sequence[int],

@@ -25,13 +25,13 @@ from pathlib import Path
 
 from etendue import cache
 from etendue.archive import disk, standins
-from etendue.archive.behind import stand
 from etendue.archive.fetching import PACK, TABLE, Here, at_once, fetch, is_shard, packed
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.lease import CLOSED, LEFT, OWNER, RUNNING, Lease, in_use, look
 from etendue.archive.manifest import DATA
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.objects import Objects, endpoint_of, plain_url
+from etendue.archive.owner import Behind, stand
 from etendue.archive.reading import StoredArchive
 from etendue.archive.shards import index_size
 from etendue.errors import ArchiveError, ArchiveInUse, EtendueError, MachineError, StoreLost
@@ -59,18 +59,16 @@ def working_folder(url: str) -> Path:
     )
 
 
-class Mirror:
+class Mirror(Behind):
     """Use as a context manager: gives the working folder. What has changed in it is on the store when it ends in order.
 
     Attributes
     ----------
-    running : a reader is not told of other runs here
     notes : what the user is to be told
     """
 
-    running = False
-
     def __init__(self, url: str, exact: bool = False) -> None:
+        super().__init__()  # not running: a reader is not told of other runs here
         self.objects, self.exact = Objects(url), exact
         self.here = Here(working_folder(url), self.objects.url)
         self.folder = self.here.folder

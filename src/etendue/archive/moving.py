@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 def move(store: Archive, moves: Mapping[str, str]) -> None:
     """Give groups their new names: shards, parts of them, axes and lines of the journal."""
     store.change()
-    _forget_consolidated(store)
+    root = disk.read_document(store.folder / DATA / ROOT) or {}
+    if root.pop("consolidated_metadata", None):  # its readers would be given fill values under the old names
+        disk.write(store.folder, f"{DATA}/{ROOT}", json.dumps(root).encode(), store.durable)
     for old, new in moves.items():
         variables = list(store.journal.blocks[old])
         if not _name_twice(store, old, new, variables):
@@ -42,13 +44,6 @@ def move(store: Archive, moves: Mapping[str, str]) -> None:
     store.listing = disk.Listing(store.folder)
 
 
-def _forget_consolidated(store: Archive) -> None:
-    """Readers of consolidated metadata would be given fill values under the old names."""
-    root = disk.read_document(store.folder / DATA / ROOT) or {}
-    if root.pop("consolidated_metadata", None):
-        disk.write(store.folder, f"{DATA}/{ROOT}", json.dumps(root).encode(), store.durable)
-
-
 def _name_twice(store: Archive, old: str, new: str, variables: Iterable[str]) -> bool:
     """Give every file of cells a second name; whether that could be: other bytes may stand there already."""
     places = [(f"{DATA}/{old}/{variable}", f"{DATA}/{new}/{variable}") for variable in variables]
@@ -56,7 +51,7 @@ def _name_twice(store: Archive, old: str, new: str, variables: Iterable[str]) ->
         (f"{a}/{name}", f"{b}/{name}")
         for a, b in places
         for name in store.listing.files.get(a, ())
-        if _is_of_cells(name)
+        if CHUNK.fullmatch(name) or PART.fullmatch(name)
     ]
     if any(
         os.path.lexists(store.folder / b) and not os.path.samefile(store.folder / a, store.folder / b) for a, b in files
@@ -69,10 +64,6 @@ def _name_twice(store: Archive, old: str, new: str, variables: Iterable[str]) ->
         disk.link(store.folder, first, second, store.durable)
     store.behind.sealed(second for _, second in files if second in _shards(store, old, new).values())
     return True
-
-
-def _is_of_cells(name: str) -> bool:
-    return bool(CHUNK.fullmatch(name) or PART.fullmatch(name))
 
 
 def _shards(store: Archive, old: str, new: str) -> dict[str, str]:

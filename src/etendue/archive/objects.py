@@ -15,7 +15,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -166,10 +166,8 @@ class Objects:
         with self._asked("removing objects"):
             self.counts["delete"] += len(gone)
             for path in gone if self.url.startswith("file:") else ():
-                try:
+                with suppress(FileNotFoundError):
                     self.api.delete(self.store, path)
-                except FileNotFoundError:
-                    pass
             if gone and not self.url.startswith("file:"):
                 self.api.delete(self.store, gone)
 
@@ -212,23 +210,12 @@ def _store(url: str) -> Any:
         return _memory.setdefault(url, MemoryStore())
     if scheme == "file":
         return LocalStore(url.removeprefix("file://"), mkdir=True)
-    config: Any = {}
-    endpoint = (
-        os.environ.get("AWS_ENDPOINT_URL_S3")
-        or os.environ.get("AWS_ENDPOINT_URL")
-        or os.environ.get("AWS_ENDPOINT", "")
-    )
-    if endpoint:
-        config["endpoint"] = endpoint
-    client: Any = {
-        "timeout": "300s",
-        "connect_timeout": "5s",
-        **({"allow_http": True} if endpoint.startswith("http://") else {}),
-    }
+    endpoint = endpoint_of(url)
+    config: Any = {"endpoint": endpoint} if endpoint else {}
+    client: Any = {"timeout": "300s", "connect_timeout": "5s"}
+    client |= {"allow_http": True} if endpoint.startswith("http://") else {}
     anonymous = os.environ.get("AWS_SKIP_SIGNATURE", "").lower() in ("1", "true", "yes", "on")
-    if not anonymous and not any(
-        os.environ.get(name) for name in ROLES
-    ):  # a machine of the cloud may have a role: asked once
+    if not anonymous and not any(map(os.environ.get, ROLES)):  # a machine of the cloud may have a role: asked once
         import obstore
 
         once: Any = {"max_retries": 0, "retry_timeout": timedelta(seconds=2)}

@@ -1,7 +1,8 @@
 """Who owns an archive: its lock, and what stands in ``run.id``, so that the workers of a run that is over stop.
 
 In:  the folder of an archive; nothing, or what is in the file.
-Out: whether a run owns it; a name for a run, which tells whether it was changed since.
+Out: whether a run owns it; a name for a run, which tells whether it was changed since. Who stands behind the folder and
+     is told what becomes of it: nobody, or an object store.
 """
 
 from __future__ import annotations
@@ -11,15 +12,51 @@ import os
 import time
 import uuid
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from etendue import plain_files
-from etendue.archive.behind import behind
 from etendue.errors import ArchiveError, ArchiveInUse
 
 ABANDONED = "abandoned"  # in place of the owner's name: a stage did not end when the run was interrupted
+
+
+class Behind:
+    """Told by the owner of a run; as it stands, behind a folder that is only read.
+
+    Attributes
+    ----------
+    running : whether a run writes to the store now, of whom only the store knows
+    """
+
+    def __init__(self, running: bool = False) -> None:
+        self.running = running
+
+    def own(self) -> None:
+        """In front of the first change: from now on nobody else writes. May refuse."""
+
+    def begun(self) -> None:
+        """What is known before anything is computed stands in its place."""
+
+    def sealed(self, paths: Iterable[str]) -> None:
+        """These shards stand in their places. May raise what has gone wrong since."""
+
+
+NOBODY = Behind()
+_known: dict[Path, Behind] = {}
+
+
+def behind(folder: Path) -> Behind:
+    return _known.get(folder, NOBODY)
+
+
+def stand(folder: Path, who: Behind | None) -> None:
+    """Say who stands behind a folder; None: nobody any more."""
+    if who is None:
+        _known.pop(folder, None)
+    else:
+        _known[folder] = who
 
 
 def fresh_id() -> str:

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from etendue.archive.owner import unless_written
+from etendue.archive.owner import Behind, stand, unless_written
 from etendue.calls import called
 from etendue.errors import ArchiveError, EtendueError, RequestError
 
@@ -74,7 +74,6 @@ def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iter
 
 def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
     from etendue.archive import standins
-    from etendue.archive.behind import Reader, stand
     from etendue.archive.fetching import Here, fetch
     from etendue.archive.lease import look
     from etendue.archive.objects import Objects
@@ -87,7 +86,7 @@ def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
     fetch(objects, here, seen, found, exact, inputs)
     here.save()
     (here.folder / "lock").touch()
-    stand(here.folder, Reader(seen.held() > 0))
+    stand(here.folder, Behind(seen.held() > 0))
     try:
         with _said(objects.url, here.folder):
             yield here.folder

@@ -18,11 +18,12 @@ from typing import Any
 from etendue.archive import disk, provenance, remembered
 from etendue.archive.chunks import CODEC, RAW
 from etendue.archive.inputs import digest_now
+from etendue.archive.looking import Verified
 from etendue.archive.manifest import DATA, DIGITS, Manifest, digest_of
 from etendue.archive.pieces import pieces_of
 from etendue.archive.store import Archive
 from etendue.archive.stored import Stored
-from etendue.archive.verify import STRAYS, Verified
+from etendue.archive.verify import STRAYS
 
 RECORD = ".json"
 

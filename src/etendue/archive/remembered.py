@@ -39,11 +39,11 @@ def whole(folder: Path) -> bool:
     return not (path.exists() or path.is_symlink()) or (found is not None and (not found or bool(documents(folder))))
 
 
-def remember(folder: Path, key: str, document: Mapping[str, Any], durable: bool = False) -> None:
+def remember(folder: Path, key: str, document: Mapping[str, Any]) -> None:
     """Keep a document of plain values under its key."""
     known = {k: v for k, v in documents(folder).items() if k != key}
     kept = dict(list(known.items())[-(MOST - 1) :]) | {key: dict(document)}
-    disk.write(folder, NAME, json.dumps({**kept, SUM: _sum(kept)}, indent=1).encode(), durable)
+    disk.write(folder, NAME, json.dumps({**kept, SUM: _sum(kept)}, indent=1).encode())
 
 
 def _sum(known: Mapping[str, Any]) -> str:

@@ -15,21 +15,17 @@ by its name, and nothing is written where nothing has changed.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import re
-import shutil
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from etendue.archive import disk, frames
+from etendue.archive import disk, frames, left
 from etendue.archive.accepting import Former, accepted
-from etendue.archive.behind import behind
 from etendue.archive.blocks import Blocks, Slots, Stored
 from etendue.archive.chunks import CellFiles
-from etendue.archive.clearing import CHUNK, dims_on_disk, half_written, nodes_on_disk, remove_node, sweep
+from etendue.archive.clearing import CHUNK, dims_on_disk, nodes_on_disk, remove_node, sweep
 from etendue.archive.entries import Entry
 from etendue.archive.finding import Finder
 from etendue.archive.frames import FRAMES
@@ -37,7 +33,7 @@ from etendue.archive.journal import Journal, is_done
 from etendue.archive.laid import Laid
 from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA, read_manifest, write_manifest
-from etendue.archive.owner import ABANDONED, fresh_id, take
+from etendue.archive.owner import ABANDONED, behind, fresh_id, take
 from etendue.archive.parts import PARTS
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.shards import Place, part_path
@@ -64,9 +60,8 @@ class Archive:
         if self.folder.is_symlink():  # Python 3.13 gives a circle of links back as it is
             raise ArchiveError(f"{folder} leads nowhere: it is a link to itself")
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
-        self.held: dict[
-            CellRef, tuple[Written, ...]
-        ] = {}  # of cells of which more is asked for than is stored: what stays
+        # of cells of which more is asked for than is stored: what stays
+        self.held: dict[CellRef, tuple[Written, ...]] = {}
         self.touched = False  # whether anything has been changed
         self.mended: list[str] = []  # what was missing or changed and has been written again
         self.former = Former()  # of the platform of the last run, where that is accepted
@@ -228,41 +223,16 @@ class Archive:
             blocks.expect(self.laid.slots(ref), self.held.get(ref, ()))
         for ref in outdated:
             blocks.drop(self.laid.slots(ref))
-        self.todo, self.ended = (
-            todo,
-            bytearray(self.plan.numbers.count),
-        )  # of cells that have ended: their status, from 1
-        left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
-        left += self.journal.entries.done_beside(self.names)
+        self.todo = todo
+        self.ended = bytearray(self.plan.numbers.count)  # of cells that have ended: their status, from 1
+        gone = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
+        gone += self.journal.entries.done_beside(self.names)
         self.tree = self.laid.tree(self.journal.entries, todo)
-        if todo or left or blocks.unsettled() or not self._is_as_it_was_left():
-            self._change(set(finished), outdated, left)
+        if todo or gone or blocks.unsettled() or not left.in_order(self):
+            self._change(gone)
 
-    def _is_as_it_was_left(self) -> bool:
-        """Whether a run that has nothing to compute would change nothing of what the last one has left."""
-        journal, known = self.journal, self.manifest
-        if known is None or self.mended or journal.torn or not self.recorded or known.changed(self.folder):
-            return False
-        others = {
-            node
-            for node in self.ours - self.nodes
-            if node.split("/")[0] not in TABLES and self.listing.has(f"{DATA}/{node}/{ROOT}")
-        }
-        if (
-            journal.axes != self.laid.axes
-            or {group: journal.blocks.get(group) for group in journal.axes} != self.laid.blocks
-            or others
-        ):
-            return False
-        if half_written(self.listing):
-            return False
-        own = {
-            f"{DATA}/{path}": hashlib.sha256(data).hexdigest() for path, data in self.tree.held.items() if path != ROOT
-        }
-        others = {path for path in known.metadata if path not in own and path != f"{DATA}/{ROOT}"}
-        return own.items() <= known.metadata.items() and all(path.split("/")[1] in TABLES for path in others)
-
-    def _change(self, finished: set[CellRef], outdated: Collection[CellRef], left: Iterable[str]) -> None:
+    def _change(self, gone: Iterable[str]) -> None:
+        """Make the store that of the plan; ``gone``: cells that are not to be there any more."""
         self.change()
         names = {
             path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path]
@@ -273,15 +243,20 @@ class Archive:
             for group in self.laid.axes
         }
         self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
-        self.journal.set_outdated(
-            self.journal.entries.done_otherwise((self.names[ref], self.plan.cells[ref].key) for ref in self.todo)
-        )
-        self.journal.give_up(left)
-        self._say_what_was_damaged()
+        keys = ((self.names[ref], self.plan.cells[ref].key) for ref in self.todo)
+        self.journal.set_outdated(self.journal.entries.done_otherwise(keys))
+        self.journal.give_up(gone)
+        self.mended += left.damaged(self)
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
-        sweep(
-            self.folder, self.listing, self._parts_of_done_cells() | self.blocks.parts()
-        )  # of a copy: shards that it has not yet
+        entries = self.journal.entries
+        shards = self.journal.shards  # of a copy also those that it has not yet: their chunks lie in parts still
+        of_done = {
+            part_path(file)
+            for name in entries.done()
+            for file in entries.written(entries.rows[name])
+            if file.path not in shards or shards[file.path].at(file) is None
+        }
+        sweep(self.folder, self.listing, of_done | self.blocks.parts())
         self._drop_unplanned()
         self.journal.forget_axes([path for path in self.journal.axes if path not in self.layout.groups])
         self.journal.set_axes(self.laid.axes)
@@ -294,23 +269,6 @@ class Archive:
         if self.journal.begins(planned, todo):
             self.change()
             self.journal.begin_run(planned, todo)
-
-    def _say_what_was_damaged(self) -> None:
-        """What differs from the manifest, or is no document: nobody who knows the archive has written it so."""
-        known = self.manifest.metadata if self.manifest else {}
-        found: dict[str, None] = {}
-        for path in known or [f"{DATA}/{path}" for path in self.tree.held if path.endswith(ROOT)]:
-            own = path.removeprefix(f"{DATA}/")
-            if own in self.tree.held or own.split("/")[0] in TABLES:
-                data = disk.content_of(self.folder / path)
-                if (known and hashlib.sha256(data or b"").hexdigest() != known[path]) or (
-                    data is not None and own.endswith(ROOT) and disk.read_document(self.folder / path) is None
-                ):
-                    found[re.sub(r"(/zarr\.json|/c(/\d+)*)$", "", path)] = None
-        self.mended += found
-        if self.manifest:
-            self.mended += [path for path in self.manifest.changed(self.folder) if path in self.manifest.files]
-        self.mended += [f"{path} (its size or index)" for path in self.blocks.odd()]
 
     def abandon(self) -> None:
         """Whatever is still under way is refused from now on."""
@@ -330,11 +288,6 @@ class Archive:
         self.listing = disk.Listing(self.folder)
         sweep(self.folder, self.listing, self.blocks.parts())
 
-    def _parts_of_done_cells(self) -> set[str]:
-        """The parts in which something may lie that the journal calls done."""
-        named, shards = self.journal.entries.files_of_done(), self.journal.shards
-        return {part_path(file) for file in named if file.path not in shards or shards[file.path].at(file) is None}
-
     def _drop_unplanned(self) -> None:
         """Groups, variables and shards that the plan no longer has: they must not read as results of it."""
         for node in sorted(self.ours - self.nodes, key=lambda node: -node.count("/")):
@@ -343,20 +296,16 @@ class Archive:
         files = self.tree.files()
         for path, group in self.layout.groups.items():
             for name, coordinate in group.coordinates.items():
-                if dims_on_disk(self.listing, f"{path}/{name}") not in (
-                    0,
-                    len(coordinate.dims),
-                ):  # files where there will be folders
+                there = dims_on_disk(self.listing, f"{path}/{name}")
+                if there not in (0, len(coordinate.dims)):  # files where there will be folders
                     remove_node(self.folder, self.listing, f"{path}/{name}")
             for name in group.variables:
                 folder = f"{DATA}/{path}/{name}"
                 old = disk.read_document(self.folder / folder / ROOT)
-                fresh = incompatible(
-                    old, json.loads(files[f"{path}/{name}/{ROOT}"])
-                )  # of another form, those with finished cells aside
+                fresh = incompatible(old, json.loads(files[f"{path}/{name}/{ROOT}"]))
                 for file in filter(CHUNK.fullmatch, self.listing.files.get(folder, ())):
                     own = self.blocks.wanted.get(f"{folder}/{file}")
-                    if own is None or (fresh and not own):
+                    if own is None or (fresh and not own):  # of another form go those without finished cells
                         disk.remove(self.folder, f"{folder}/{file}")
                         self.finder.states[f"{folder}/{file}"] = None
 
@@ -408,29 +357,16 @@ class Archive:
         one before.
         """
         lacking = (ref for ref in self.todo if not self.ended[self.plan.numbers.of(ref)] and ref not in self.held)
-        self.journal.give_up(
-            self.journal.entries.done_among(map(self.names.__getitem__, lacking))
-        )  # shards are made without them
+        entries = self.journal.entries
+        self.journal.give_up(entries.done_among(self.names[ref] for ref in lacking))  # shards are made without them
         self.blocks.close()
-        self.laid.put_status(self.tree, self.journal.entries, self.todo, self.ended)
+        self.laid.put_status(self.tree, entries, self.todo, self.ended)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
         for name in TABLES:
-            if name not in tables:
-                self.tree.take(frames.stored(self.folder, self.listing) if name == FRAMES else {})
-                continue
-            for column, (dims, values, attrs) in tables[name]["arrays"].items():
-                self.tree.put_array(name, column, values, dims, attrs)
-            attrs = dict(tables[name].get("attrs", {}))
-            self.tree.put_group(name, attrs)
-            if name == FRAMES:  # which is not made again by every run
-                self.tree.take(frames.sealed(self.tree.files(name), attrs))
-            own = self.tree.files(name)
-            stale = [
-                node for node in nodes_on_disk(self.listing, name) if f"{node}/{ROOT}" not in own and node in self.ours
-            ]
-            for node in sorted(stale, key=lambda node: -node.count("/")):
-                remove_node(self.folder, self.listing, node)
-            self._put(own)
+            if name in tables:
+                self._put_table(name, tables[name])
+            elif name == FRAMES:
+                self.tree.take(frames.stored(self.folder, self.listing))
         others: dict[str, bytes] = {}
         for folder in self.listing.folders.get(DATA, ()):
             if folder not in self.nodes and folder not in TABLES and folder not in self.ours:
@@ -439,6 +375,21 @@ class Archive:
         self.root = self.tree.consolidated(others)
         self._put({ROOT: self.root})
 
+    def _put_table(self, name: str, table: Mapping[str, Any]) -> None:
+        """A table in its place; of one of an earlier run no column stays that this one has not."""
+        for column, (dims, values, attrs) in table["arrays"].items():
+            self.tree.put_array(name, column, values, dims, attrs)
+        attrs = dict(table.get("attrs", {}))
+        self.tree.put_group(name, attrs)
+        if name == FRAMES:  # which is not made again by every run
+            self.tree.take(frames.sealed(self.tree.files(name), attrs))
+        own = self.tree.files(name)
+        on_disk = nodes_on_disk(self.listing, name)
+        stale = [node for node in on_disk if f"{node}/{ROOT}" not in own and node in self.ours]
+        for node in sorted(stale, key=lambda node: -node.count("/")):
+            remove_node(self.folder, self.listing, node)
+        self._put(own)
+
     def write_manifest(self) -> None:
         """The last act of a run: from now on what differs was changed by somebody else."""
         if not self.touched:
@@ -446,6 +397,3 @@ class Archive:
         self.journal.closed()
         own = {f"{DATA}/{path}": data for path, data in {**self.tree.files(), ROOT: self.root}.items()}
         write_manifest(self.folder, own, self.durable)
-
-    def free_bytes(self) -> int:
-        return shutil.disk_usage(self.folder).free

@@ -49,14 +49,11 @@ def check_ours(folder: Path) -> None:
     )
     if begun or "etendue" in _root_attributes(folder):
         return
-    known = DATA in names and (latest_record(folder) or _is_journal(folder / "journal.jsonl"))
-    if not known:
+    begins = rb'\{"event":"(axes|arrays|start|done|run)"'  # as a journal of ours does
+    if DATA not in names or not (
+        latest_record(folder) or re.match(begins, disk.content_of(folder / "journal.jsonl") or b"")
+    ):
         raise ArchiveError(f"{folder} exists and is not an archive; name another with --archive DIR")
-
-
-def _is_journal(path: Path) -> bool:
-    """Whether a file begins like a journal of ours."""
-    return re.match(rb'\{"event":"(axes|arrays|start|done|run)"', disk.content_of(path) or b"") is not None
 
 
 def _root_attributes(folder: Path) -> dict[str, Any]:
@@ -88,6 +85,23 @@ def other_stages(
     """
     lacking, over = [n for n in new if n not in old], sorted(set(old) - set(new))
     axes = [n for n in new if n in old and old[n] != new[n]]
+    free = next(name for n in itertools.count(2) if not (folder.parent / (name := f"{folder.name}-{n}")).exists())
+    ways = [f"Use another archive: --archive {free}"]
+    if over and not lacking and not axes and wanted:
+        ways.append(f"or, without --want {' --want '.join(wanted)}, go on in {folder.name}")
+    if lacking and wanted and (before := _wanted_before(record)):
+        both = dict.fromkeys([*before, *wanted])
+        ways.append(f"for both in one: --archive {free} --want {' --want '.join(map(shlex.quote, both))}")
+    return (
+        f"{folder} was made with other stages or axes ({_unlike(old, new, lacking, over, axes)}); both are fixed when "
+        f"an archive is created. {'; '.join(ways)}"
+    )
+
+
+def _unlike(
+    old: Mapping[str, Any], new: Mapping[str, Any], lacking: Sequence[str], over: Sequence[str], axes: Sequence[str]
+) -> str:
+    """What tells the stages of an archive from those of a run; ``axes``: stages that both have, along other axes."""
     there, here = ({dim for dims in own.values() for dim in dims} for own in (old, new))
     parts = {
         "it lacks": lacking,
@@ -96,22 +110,16 @@ def other_stages(
         "it sweeps also": sorted(there - here) if axes else (),
         "they reach other stages": axes if here == there else (),
     }
-    told = [f"{what}: {_some(names)}" for what, names in parts.items() if names]
-    free = next(name for n in itertools.count(2) if not (folder.parent / (name := f"{folder.name}-{n}")).exists())
-    ways = [f"Use another archive: --archive {free}"]
-    if over and not lacking and not axes and wanted:
-        ways.append(f"or, without --want {' --want '.join(wanted)}, go on in {folder.name}")
+    return "; ".join(f"{what}: {_some(names)}" for what, names in parts.items() if names)
+
+
+def _wanted_before(record: Mapping[str, Any] | None) -> list[str]:
+    """What alone the last run has asked for, as its record has it; nothing where that says something else."""
     try:
         before = json.loads((record or {}).get("overrides", {}).get("wanted", "[]"))
     except (ValueError, TypeError, AttributeError):
-        before = []
-    if lacking and wanted and isinstance(before, list) and before:
-        both = dict.fromkeys([*map(str, before), *wanted])
-        ways.append(f"for both in one: --archive {free} --want {' --want '.join(map(shlex.quote, both))}")
-    return (
-        f"{folder} was made with other stages or axes ({'; '.join(told)}); both are fixed when an archive is "
-        f"created. {'; '.join(ways)}"
-    )
+        return []
+    return list(map(str, before)) if isinstance(before, list) else []
 
 
 def _some(names: Sequence[str]) -> str:

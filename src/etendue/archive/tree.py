@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from etendue.archive.chunks import CODEC, encode
-from etendue.archive.metadata import TEXT, array_node, consolidated, document, group_node, text_chunk
+from etendue.archive.cutting import chunk_shapes
+from etendue.archive.metadata import TEXT, array_node, consolidated, document, text_chunk
+from etendue.archive.reading import Form
 from etendue.process import unwarned
 
 ROOT = "zarr.json"
@@ -38,7 +40,7 @@ class Tree:
             self.nodes.pop(path, None)
 
     def put_group(self, path: str, attrs: Mapping[str, Any]) -> None:
-        self._put(path, group_node(attrs))
+        self._put(path, {"attributes": dict(attrs), "zarr_format": 3, "node_type": "group"})
 
     def _put(self, path: str, node: Mapping[str, Any]) -> None:
         file = f"{path}/{ROOT}" if path else ROOT
@@ -57,20 +59,13 @@ class Tree:
             self.held["/".join([path, "c", *["0"] * values.ndim])] = data
 
     def put_cells(
-        self,
-        group: str,
-        name: str,
-        shape: tuple[int, ...],
-        chunks: tuple[tuple[int, ...], tuple[int, ...] | None],
-        dtype: str,
-        codec: str,
-        dims: tuple[str, ...],
-        attrs: Mapping[str, Any],
+        self, path: str, shape: tuple[int, ...], form: Form, dims: tuple[str, ...], attrs: Mapping[str, Any]
     ) -> None:
         """A variable whose chunks are cells, in shards: its metadata alone. Shards have flat names: a folder an axis
         costs 0.2 ms.
         """
-        self._put(f"{group}/{name}", array_node(dtype, shape, *chunks, codec, dims, ".", attrs))
+        chunks = chunk_shapes(form.shape, form.block, form.chunk)
+        self._put(path, array_node(form.dtype, shape, *chunks, form.codec, dims, ".", attrs))
 
     def consolidated(self, others: Mapping[str, bytes]) -> bytes:
         """The root's metadata with that of all nodes in it; ``others``: metadata of groups that are not ours, left

@@ -16,12 +16,12 @@ from typing import Any
 from etendue.compute.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
 from etendue.compute.rows import by_band, is_large, walker
 from etendue.compute.walks import with_walks
-from etendue.contract.capabilities import Sheet, Summed
+from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.contract.grid import Grid
 from etendue.contract.ports import Target
-from etendue.contract.stage import Stage, looks_at_stages, patterns_of, reads_of
+from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
-from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of, told_by
 
 
 def make_jobs(
@@ -40,9 +40,14 @@ def make_jobs(
     to be put that is made strip by strip.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
-    if not jobs.any_large():
+    cells = (plan.cells[ref] for ref in jobs)
+    every = {told_by(cell.grids, cell.input_grids): cell for cell in cells}  # most cells of a sweep share theirs
+    if not any(is_large(cell.grids, cell.input_grids) for cell in every.values()):
         return jobs
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
+
+
+Direct = tuple[tuple[CellRef, str], tuple[Cell, ...]]  # the input of a segment, the cells in force in front of its end
 
 
 class Jobs(Mapping[CellRef, Job]):
@@ -62,22 +67,14 @@ class Jobs(Mapping[CellRef, Job]):
         show: frozenset[CellRef],
         looks: Mapping[CellRef, Look],
     ) -> None:
-        self.plan, self.todo, self.target, self.deliver_all, self.show, self.looks = (
-            plan,
-            todo,
-            target,
-            deliver_all,
-            show,
-            looks,
-        )
+        self.plan, self.todo, self.target, self.deliver_all = plan, todo, target, deliver_all
+        self.show, self.looks = show, looks
         self.nodes = {node.name: node for node in plan.nodes}
         self.kept = {node.name: tuple(v for v in node.writes if (node.name, v) in plan.kept) for node in plan.nodes}
         self.finding = {node.name for node in plan.nodes if node.found}
         self.number = plan.numbers.of
-        self.direct: dict[CellRef, tuple[tuple[CellRef, str], tuple[Cell, ...]]] = {}
-        self.read: list[tuple[str, ...]] = [
-            ()
-        ] * plan.numbers.count  # of every cell: the variables that others read, () of most
+        self.direct: dict[CellRef, Direct] = {}
+        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # of every cell what others read, () of most
         self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination of variables once
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
         self.costs: dict[tuple[Any, ...], tuple[float, tuple[str, ...]]] = {}
@@ -100,7 +97,16 @@ class Jobs(Mapping[CellRef, Job]):
             return  # stored and only read back
         if node.is_transfer and not (self.kept[node.name] or read or transform or ref in self.show):
             return  # light that nobody looks at: its readers start from the segment's input
-        joined, direct = len(node.segment) > 1, self.direct.get(ref)
+        direct = self.direct.get(ref)
+        self._note_inputs(cell, len(node.segment) > 1, direct)
+        for word in cell.open_words:
+            self._reads(word.ref, word.variable)
+        self._note_looks(cell, node)
+        for other in direct[1] if direct is not None else ():
+            self._note_found(other)
+
+    def _note_inputs(self, cell: Cell, joined: bool, direct: Direct | None) -> None:
+        """What a cell reads through its ports; ``joined``: the transform of the stage in front of it."""
         for place, (_, source, variable) in enumerate(cell.inputs):
             if direct is not None and place == 0:
                 self._reads(*direct[0])
@@ -108,19 +114,20 @@ class Jobs(Mapping[CellRef, Job]):
                 self.transforms[self.number(source)] = True
             else:
                 self._reads(source, variable)
-        for word in cell.open_words:
-            self._reads(word.ref, word.variable)
+
+    def _note_looks(self, cell: Cell, node: Node) -> None:
+        """Variables that a cell looks at; of stages that it looks at, what these wait for."""
         looked = dict(cell.looks_at) if node.looks_at else {}
         for port, what, _ in node.looks_at:
             for source in looked.get(port, ()):
-                if not looks_at_stages(what):
+                if looks_at_stages(what):
+                    self._note_found(self.plan.cells[source])
+                else:
                     self._reads(source, what)
-                    continue
-                for _, finder, variable in self.plan.cells[source].found:
-                    self._reads(finder, variable)
-        for other in direct[1] if direct is not None else ():
-            for _, finder, variable in other.found:
-                self._reads(finder, variable)
+
+    def _note_found(self, cell: Cell) -> None:
+        for _, finder, variable in cell.found:
+            self._reads(finder, variable)
 
     def _reads(self, ref: CellRef, variable: str) -> None:
         number = self.number(ref)
@@ -150,18 +157,20 @@ class Jobs(Mapping[CellRef, Job]):
         store = self.kept[node.name] if computed else ()
         give = tuple(node.writes) if ref in self.show else store if self.deliver_all else ()
         read, transform = self.read[number], bool(self.transforms[number])
-        awaited, inputs = self._awaited(cell)
+        # Of what a cell reads, what stands for its quantities comes last.
+        awaited = cell.found if node.name in self.finding else ()
+        inputs = cell.inputs[: len(cell.inputs) - len(awaited)]
         segment = None
         if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            segment = Segment(
-                None, tuple(c.stage for c in before), _found_of(before), transform, plan.cells[source].key
-            )  # type: ignore[misc]
+            stages = tuple(c.stage for c in before if isinstance(c.stage, Transfer))  # all of them: so are segments
+            segment = Segment(None, stages, _found_of(before), transform, plan.cells[source].key)
         elif node.segment:
             segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=transform)
         grids, input_grids = self._grids(cell)
         seconds, bands = self._cost(node, cell)
+        identity = next(iter(patterns_of(type(cell.stage)).values()), "")  # whose fixed patterns it is given
         return Job(
             ref=cell.ref,
             task="compute" if computed else "load",
@@ -172,7 +181,7 @@ class Jobs(Mapping[CellRef, Job]):
             inputs=inputs,
             left_out=cell.left_out is not None,
             seed=cell.seed,
-            pattern_of=_pattern_of(cell.stage),
+            pattern_of=str(vars(cell.stage).get(identity, "")).encode(),
             precision=plan.precision,
             store=store,
             deliver=tuple(dict.fromkeys((*read, *give))) if give else read,
@@ -213,23 +222,6 @@ class Jobs(Mapping[CellRef, Job]):
         """What a job is expected to take."""
         return self._cost(self.nodes[ref[0]], self.plan.cells[ref])[0]
 
-    def any_large(self) -> bool:
-        """Whether the frame of any is not to be whole."""
-        seen: dict[tuple[int, int], None] = {}
-        for ref in self:
-            cell = self.plan.cells[ref]
-            place = id(cell.grids), id(cell.input_grids)
-            if place not in seen:
-                seen[place] = None
-                if is_large(cell.grids, cell.input_grids):
-                    return True
-        return False
-
-    def _awaited(self, cell: Cell) -> tuple[Found, Found]:
-        """Of what a cell reads, what stands for its quantities, and the rest."""
-        awaited = cell.found if cell.node in self.finding else ()
-        return awaited, cell.inputs[: len(cell.inputs) - len(awaited)]
-
     def _grids(self, cell: Cell) -> tuple[Mapping[str, Grid], Mapping[str, Grid]]:
         """The grids of a cell; those of the one before it where they are equal: what is the same thing is found
         equal at once.
@@ -252,7 +244,7 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _cost(self, node: Node, cell: Cell) -> tuple[float, tuple[str, ...]]:
         """Seconds, and the variables made by band: found out once for cells of one class and grids."""
-        place = (node.name, type(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None)
+        place = (node.name, type(cell.stage), told_by(cell.grids, cell.input_grids), cell.left_out is None)
         known = self.costs.get(place)
         if known is None:
             known = self.costs[place] = (
@@ -260,12 +252,6 @@ class Jobs(Mapping[CellRef, Job]):
                 by_band(node, cell, self.plan.precision),
             )
         return known
-
-
-def _pattern_of(stage: Stage) -> bytes:
-    """Whose fixed patterns a stage is given."""
-    identity = next(iter(patterns_of(type(stage)).values()), "")
-    return str(vars(stage).get(identity, "")).encode()
 
 
 def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:
@@ -288,7 +274,7 @@ def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
     return every if any(every) else ()
 
 
-def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[CellRef, str], tuple[Cell, ...]] | None:
+def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Direct | None:
     """What a transfer cell reads that starts from the segment's input itself: the input, and the cells in force in
     front of it.
 

@@ -61,21 +61,29 @@ def walker(plan: Plan, node: Node, cell: Cell) -> Walker | None:
         return None
     if cell.looks_at and any(not looks_at_stages(what) for _, what, _ in node.looks_at):
         return None
-    ports = reads_of(kind)
-    read = [(port, variable) for port, _, variable in cell.inputs if port in ports]
-    frames = {_frame(cell.input_grids[port], ports[port].dims) for port, _ in read if "y" in ports[port].dims}
-    frames |= {_frame(cell.grids[v], d.dims) for v, d in node.writes.items() if "y" in d.dims}
-    if len(frames) != 1 or None in frames or not any(has_rows(d.dims) for d in node.writes.values()):
-        return None
-    (frame,) = frames
+    frame = _one_frame(node, cell)
     if frame is None or frame[0] * frame[1] <= LARGEST_WHOLE:
         return None
     if cell.left_out is not None:
-        return Walker(frame, 0) if {variable for _, variable in read} >= set(node.writes) else None
+        ports = reads_of(kind)
+        read = {variable for port, _, variable in cell.inputs if port in ports}
+        return Walker(frame, 0) if read >= set(node.writes) else None
     halo = halo_of(cell.stage)
     if halo is None or frame[0] < 2 * max(TILE, HALOS * halo):
         return None
     return Walker(frame, halo)
+
+
+def _one_frame(node: Node, cell: Cell) -> Frame | None:
+    """The frame of all that a cell reads and writes over pixels; None where there are several, or arrays have rows and
+    no columns.
+    """
+    ports = reads_of(type(cell.stage))
+    read = [(cell.input_grids[port], ports[port].dims) for port, _, _ in cell.inputs if port in ports]
+    written = [(cell.grids[v], d.dims) for v, d in node.writes.items()]
+    frames = {_frame(grid, dims) for grid, dims in (*read, *written) if "y" in dims}
+    alone = len(frames) == 1 and any(has_rows(dims) for _, dims in written)
+    return frames.pop() if alone else None
 
 
 def _frame(grid: Grid, dims: tuple[str, ...]) -> Frame | None:

@@ -21,7 +21,7 @@ from etendue.compute.cell import check, kept, undefined
 from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
 from etendue.compute.given import Clipped, beside, clipped_figures, looked_through
-from etendue.compute.job import Job, Walk
+from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed, undisturbed
 from etendue.compute.rows import has_rows
@@ -78,7 +78,7 @@ def _walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | N
         for front in _fronts(members[0]):
             for member in members:
                 began = time.thread_time()
-                if member.can_go_on(front):
+                if member.reach(front) > member.next:
                     if at is not None:
                         at(member.number)
                     member.go_on(front)
@@ -162,7 +162,10 @@ class _Member:
             if has_rows(o.declaration.dims) and name in (*walk.whole, *walk.seen):
                 flow = self.flows[name]
                 flow.seen = planned.look.gathering(name, o.shape) if name in walk.seen and planned.look else None
-                flow.whole = _room(walk, o) if flow.seen is None else None
+                if flow.seen is None:
+                    place = walk.places.get(name)
+                    fits = place is not None and (place.shape, place.dtype) == (o.shape, o.dtype)
+                    flow.whole = place if fits else np.empty(o.shape, o.dtype)
         self.figures: dict[str, list[Any]] = {
             name: [] for name, o in self.outputs.items() if not has_rows(o.declaration.dims)
         }
@@ -206,10 +209,7 @@ class _Member:
         self.known = beside(self.job, results)
         self.along = {name for name in self.known if name.removeprefix("out_") in ("y", "y_um")}
 
-    def can_go_on(self, front: int) -> bool:
-        return self._reach(front) > self.next
-
-    def _reach(self, front: int) -> int:
+    def reach(self, front: int) -> int:
         """Up to where the rows that are there allow this cell to be computed."""
         there = min((flow.end for flow in self.cut.values() if isinstance(flow, _Flow)), default=front)
         if not any(isinstance(flow, _Flow) for flow in self.cut.values()) or there == self.total:
@@ -217,7 +217,7 @@ class _Member:
         return max(there - self.halo, self.next)
 
     def go_on(self, front: int) -> None:
-        start, stop = self.next, self._reach(front)
+        start, stop = self.next, self.reach(front)
         if self.job.left_out:
             self._pass_on(start, stop)
         else:
@@ -258,23 +258,9 @@ class _Member:
 
     def _compute(self, start: int, stop: int) -> None:
         """``run`` on some rows and those around them."""
-        halo = self.halo
-        low = max(start - halo, 0) // 2 * 2 if halo else start
-        high = min(stop + halo, self.total)
-        given = {name: value[low:high] if name in self.along else value for name, value in self.known.items()}
-        for port in self.fixed:
-            given[port] = for_reading(self._looked_at(port, self._fixed(port)))
-        for port in self.cut:
-            given[port] = for_reading(self._looked_at(port, self._rows(port, low, high)))
-        first = start == 0
-        if "asked" in given and not first:
-            given["asked"] = frozenset()
-        for pattern in [name for name in patterns_of(type(self.job.stage)) if name in given]:
-            grid = next(iter(self.job.grids.values()))
-            line = grid.line("y")
-            grid = grid.replace(y=Line(high - low, line.start + low * line.step, line.step))
-            given[pattern] = PatternRandom(self.job.pattern_of, grid, self.job.precision, self.total * grid["x"].size)
-        given = handed(self.stage, {name: given[name] for name in self.job.asks if name in given})
+        low = max(start - self.halo, 0) // 2 * 2 if self.halo else start
+        high, first = min(stop + self.halo, self.total), start == 0
+        given = self._given(low, high, first)
         with guests_of(self.job):
             found = self.job.run(**given)
         expected = tuple(
@@ -297,6 +283,22 @@ class _Member:
                 array = frozen(array[..., start - low : stop - low, :].copy(order="C"))
             self.flows[name].put(start, stop, array)
         self.sizes.append(self.outputs[self.main].size // self.total * (stop - start))
+
+    def _given(self, low: int, high: int, first: bool) -> dict[str, Any]:
+        """What ``run`` is given for some rows: it cannot tell that they are not all."""
+        given = {name: value[low:high] if name in self.along else value for name, value in self.known.items()}
+        for port in self.fixed:
+            given[port] = for_reading(self._looked_at(port, self._fixed(port)))
+        for port in self.cut:
+            given[port] = for_reading(self._looked_at(port, self._rows(port, low, high)))
+        if "asked" in given and not first:
+            given["asked"] = frozenset()  # figures without rows come with the first strip
+        for pattern in [name for name in patterns_of(type(self.job.stage)) if name in given]:
+            grid = next(iter(self.job.grids.values()))
+            line = grid.line("y")
+            grid = grid.replace(y=Line(high - low, line.start + low * line.step, line.step))
+            given[pattern] = PatternRandom(self.job.pattern_of, grid, self.job.precision, self.total * grid["x"].size)
+        return handed(self.stage, {name: given[name] for name in self.job.asks if name in given})
 
     def _looked_at(self, port: str, array: Any) -> Any:
         """Rows looked through for what the stage refuses, without what it has clipped."""
@@ -341,13 +343,6 @@ class _Member:
             raise _Unfit
         found = {name: np.asarray(value) for name, value in stage.joined(parts, self.sizes).items()}
         return check(self.job, found, tuple(self.outputs[name] for name in self.figures))
-
-
-def _room(walk: Walk, output: Output) -> Any:
-    """Where all rows of a variable go."""
-    place = walk.places.get(output.variable)
-    fits = place is not None and place.shape == output.shape and place.dtype == output.dtype
-    return place if fits else np.empty(output.shape, output.dtype)
 
 
 def _read_only(array: Any) -> Any:

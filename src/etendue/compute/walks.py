@@ -16,9 +16,9 @@ from typing import Any
 
 from etendue.compute.job import Job, Walk
 from etendue.compute.rows import Walker, has_rows, is_large, rows_of
-from etendue.contract.capabilities import joins_figures
+from etendue.contract.capabilities import Haloed
 from etendue.contract.stage import looks_at_stages
-from etendue.plan.model import CellRef
+from etendue.plan.model import CellRef, told_by
 
 
 def with_walks(
@@ -28,40 +28,12 @@ def with_walks(
 ) -> dict[CellRef, Job]:
     """Tell the jobs of each walk of it; ``can``: what a cell needs of its frame, where a few rows do; ``place``: where
     the caller wants a variable put, which nobody else reads."""
-    small: set[tuple[str, int, int]] = (
-        set()
-    )  # stages and grids whose frames are computed whole: most cells of a sweep share them
-    walkers: dict[CellRef, Walker] = {}
-    for ref, job in jobs.items():
-        alike = ref[0], id(job.grids), id(job.input_grids)
-        if alike in small:
-            continue
-        if not is_large(job.grids, job.input_grids):
-            small.add(alike)
-        elif job.task == "compute" and (walker := can(ref)) is not None:
-            walkers[ref] = walker
+    walkers = _walkers(jobs, can)
     if not walkers:
         return jobs
     readers = _readers(jobs)
-    depth: dict[CellRef, int] = {}
-    home: dict[CellRef, CellRef] = {}
-    for ref, job in jobs.items():
-        own = walkers.get(ref)
-        joined = {
-            need for need in job.needs if own and need in walkers and _walks_on(jobs, walkers, readers, need, job)
-        }
-        depth[ref] = max((depth[need] + (need in walkers and need not in joined) for need in job.needs), default=0)
-        if own:
-            home[ref] = ref
-            for need in joined:
-                if depth[need] == depth[ref]:
-                    _merge(home, need, ref)
-    walks: dict[CellRef, list[CellRef]] = {}
-    for ref in walkers:
-        walks.setdefault(_root(home, ref), []).append(ref)
-    for number, members in enumerate(walks.values()):
-        frame = walkers[members[0]].frame
-        rows = rows_of(frame[1], [walkers[ref].halo for ref in members])
+    for number, members in enumerate(_together(jobs, walkers, readers)):
+        rows = rows_of(walkers[members[0]].frame[1], [walkers[ref].halo for ref in members])
         inside = set(members)
         for ref in members:
             job = jobs[ref]
@@ -72,6 +44,49 @@ def with_walks(
             names, only = (tuple(v for v in job.writes if v in chosen) for chosen in ((whole | others) - seen, seen))
             job.walk = Walk(number, len(members), rows, names, only, places)
     return jobs
+
+
+def _walkers(jobs: Mapping[CellRef, Job], can: Callable[[CellRef], Walker | None]) -> dict[CellRef, Walker]:
+    """The cells that may be computed in strips."""
+    small: set[tuple[str, tuple[int, int]]] = (
+        set()
+    )  # stages and grids of small frames: most cells of a sweep share them
+    found: dict[CellRef, Walker] = {}
+    for ref, job in jobs.items():
+        alike = ref[0], told_by(job.grids, job.input_grids)
+        if alike in small:
+            continue
+        if not is_large(job.grids, job.input_grids):
+            small.add(alike)
+        elif job.task == "compute" and (walker := can(ref)) is not None:
+            found[ref] = walker
+    return found
+
+
+def _together(
+    jobs: Mapping[CellRef, Job],
+    walkers: Mapping[CellRef, Walker],
+    readers: Mapping[tuple[CellRef, str], set[CellRef]],
+) -> list[list[CellRef]]:
+    """The cells of each walk: those of one depth that go on from each other's strips.
+
+    A cell is one deeper than what it reads as a whole of a walk: so no walk waits for another that waits for it.
+    """
+    depth: dict[CellRef, int] = {}
+    home: dict[CellRef, CellRef] = {}  # of a cell another one of its walk, at last of the one that stands for it
+    for ref, job in jobs.items():
+        own = [need for need in job.needs if ref in walkers and need in walkers]
+        joined = {need for need in own if _walks_on(jobs, walkers, readers, need, job)}
+        depth[ref] = max((depth[need] + (need in walkers and need not in joined) for need in job.needs), default=0)
+        if ref in walkers:
+            home[ref] = ref
+            for need in joined:
+                if depth[need] == depth[ref]:
+                    home[_root(home, ref)] = _root(home, need)
+    walks: dict[CellRef, list[CellRef]] = {}
+    for ref in walkers:
+        walks.setdefault(_root(home, ref), []).append(ref)
+    return list(walks.values())
 
 
 def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellRef]]:
@@ -114,7 +129,9 @@ def _walks_on(
     for _, source, variable in job.inputs:
         if source != need:
             continue
-        if not has_rows(jobs[need].writes[variable].dims) and joins_figures(jobs[need].stage):
+        before = jobs[need].stage
+        whole = isinstance(before, Haloed) and type(before).joined is not Haloed.joined  # known when all rows are there
+        if whole and not has_rows(jobs[need].writes[variable].dims):
             return False
         if sum(ref[0] == job.ref[0] for ref in readers[source, variable]) > 1:
             return False
@@ -125,7 +142,3 @@ def _root(home: dict[CellRef, CellRef], ref: CellRef) -> CellRef:
     while home[ref] != ref:
         ref = home[ref]
     return ref
-
-
-def _merge(home: dict[CellRef, CellRef], one: CellRef, other: CellRef) -> None:
-    home[_root(home, other)] = _root(home, one)

@@ -81,9 +81,7 @@ class Summed(Transfer):
         return self.error(facts, grid, precision)
 
     def terms(self) -> int:
-        """Of an expansion of the sum, where it is to be taken before the transfer functions; 0: every band has its
-        own.
-        """
+        """Of an expansion of the sum, taken before the transfer functions; 0: every band has its own."""
         return 0
 
     def kept(self) -> float:
@@ -270,38 +268,13 @@ def check_class(kind: type[Stage]) -> None:
     """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where
     it is another.
     """
-    name, gain, rate = kind.__name__, kind.gain, kind.nanoseconds
-    number = isinstance(gain, int | float) and not isinstance(gain, bool) and math.isfinite(gain) and gain >= 0
-    if gain is not None and not number:
-        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
-    for attribute, word, allowed in (
-        ("nan", kind.nan, ("error", "keep")),
-        ("negative", kind.negative, ("error", "keep", "clip")),
-    ):
-        if word not in allowed:
-            raise TypeError(f"{name}.{attribute} is {word!r}; allowed are {', '.join(map(repr, allowed))}")
-    if isinstance(kind.keeps, str) or not set(kind.keeps) <= {"order", "sum"}:
-        raise TypeError(f"{name}.keeps is {kind.keeps!r}; expected some of 'order' and 'sum', such as ('order',)")
-    if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):
-        raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
-    if wrong := no_coordinates(kind):
-        raise TypeError(wrong)
-    for method, base in CAPABILITIES.items():
-        own = inspect.getattr_static(kind, method, None)
-        if inspect.isfunction(own) and not issubclass(kind, base):
-            raise TypeError(
-                f"{name} has {method}, as a {base.__name__} has, and is none: derive it from "
-                f"etendue.api.{base.__name__}"
-            )
-    lacking = sorted(method for method in dir(kind) if _abstract(kind, method))
-    if lacking:
-        raise TypeError(f"{name} has no {', '.join(lacking)}, which its bases ask for")
-    if kind.run is None and not is_transfer(kind):
-        raise TypeError(f"{name} has neither run nor transfer: nothing would be computed")
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not rate > 0:
+    _check_words(kind)
+    _check_methods(kind)
+    name, rate, working = kind.__name__, kind.nanoseconds, kind.working
+    if not _is_number(rate) or not rate > 0:
         raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number above 0")
-    if isinstance(kind.working, bool) or not isinstance(kind.working, int | float) or not 0 <= kind.working < math.inf:
-        raise TypeError(f"{name}.working is {kind.working!r}; expected a number from 0")
+    if not _is_number(working) or not 0 <= working < math.inf:
+        raise TypeError(f"{name}.working is {working!r}; expected a number from 0")
     if issubclass(kind, Sampled):
         mean_arguments_of(kind)
     own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
@@ -311,10 +284,41 @@ def check_class(kind: type[Stage]) -> None:
             raise TypeError(f"{name}.{attribute} is {own!r}; expected a method")
 
 
-def _abstract(kind: type[Stage], name: str) -> bool:
-    """Whether a base asks for a method that nobody has written."""
-    own = inspect.getattr_static(kind, name)
-    return inspect.isfunction(own) and bool(vars(own).get("__isabstractmethod__"))
+def _check_words(kind: type[Stage]) -> None:
+    """How it takes what is undefined or negative, what it keeps, which libraries and dims are its own."""
+    name, gain = kind.__name__, kind.gain
+    if gain is not None and not (_is_number(gain) and 0 <= gain < math.inf):
+        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
+    said = (("nan", kind.nan, ("error", "keep")), ("negative", kind.negative, ("error", "keep", "clip")))
+    for attribute, word, allowed in said:
+        if word not in allowed:
+            raise TypeError(f"{name}.{attribute} is {word!r}; allowed are {', '.join(map(repr, allowed))}")
+    if isinstance(kind.keeps, str) or not set(kind.keeps) <= {"order", "sum"}:
+        raise TypeError(f"{name}.keeps is {kind.keeps!r}; expected some of 'order' and 'sum', such as ('order',)")
+    if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):
+        raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
+    if wrong := no_coordinates(kind):
+        raise TypeError(wrong)
+
+
+def _check_methods(kind: type[Stage]) -> None:
+    """What it computes with is there, and of the bases that ask for it."""
+    methods = {name: own for name in dir(kind) if inspect.isfunction(own := inspect.getattr_static(kind, name))}
+    for method, base in CAPABILITIES.items():
+        if method in methods and not issubclass(kind, base):
+            raise TypeError(
+                f"{kind.__name__} has {method}, as a {base.__name__} has, and is none: derive it from "
+                f"etendue.api.{base.__name__}"
+            )
+    lacking = sorted(name for name, own in methods.items() if vars(own).get("__isabstractmethod__"))
+    if lacking:
+        raise TypeError(f"{kind.__name__} has no {', '.join(lacking)}, which its bases ask for")
+    if kind.run is None and not is_transfer(kind):
+        raise TypeError(f"{kind.__name__} has neither run nor transfer: nothing would be computed")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def is_source(kind: type[Stage]) -> bool:
@@ -342,11 +346,6 @@ def halo_of(stage: Stage) -> int | None:
             raise TypeError(f"{kind.__name__}.halo gives {rows!r}; expected a whole number of rows from 0, or None")
         return None if rows and is_random(kind) else rows
     return 0 if kind.elementwise and not is_random(kind) else None
-
-
-def joins_figures(stage: Stage) -> bool:
-    """Whether what a stage writes without rows is known only when all rows are there."""
-    return isinstance(stage, Haloed) and type(stage).joined is not Haloed.joined
 
 
 def is_seen_as_transfer(kind: type[Stage]) -> bool:

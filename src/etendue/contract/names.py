@@ -48,10 +48,3 @@ def unfit_variable(name: str, dims: Iterable[str]) -> str:
     if len(name) > LONGEST:
         return f"expected at most {LONGEST} letters"
     return ""
-
-
-def unfit_axis(dim: str, dims: Iterable[str]) -> str:
-    """Why an axis may not have this dim, beside those of what a stage writes."""
-    if dim in beside(dims) or dim in OWN:
-        return f"{dim!r} is a dim, or a coordinate, of what a stage writes"
-    return ""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 if TYPE_CHECKING:
     from etendue.plan.model import Cell, CellRef, Plan
@@ -136,3 +136,27 @@ class Keeper(Protocol):
 
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         """End a run in order: the tree of its results where it is in memory, and the files of pictures."""
+
+
+class Passing:
+    """What keepers have in common that find nothing of earlier runs and leave nothing to later ones."""
+
+    folder: Path | None = None
+    mark: tuple[str, bytes] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def starting(self, refs: Iterable[CellRef]) -> None: ...
+
+    def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
+        return ()
+
+    def stored(
+        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
+    ) -> dict[CellRef, dict[str, Any]]:
+        return {}
+
+    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...

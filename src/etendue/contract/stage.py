@@ -238,15 +238,12 @@ def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             raise TypeError(f"{kind.__name__}.{method} takes *{parameter.name}; name every input")
         names.append(parameter.name)
-    allowed, dims = set(kind.reads) | COORDINATES | SPECIAL, _dims_of(kind)
+    allowed = set(kind.reads) | COORDINATES | SPECIAL
+    dims = frozenset(dim for one in (*reads_of(kind).values(), *writes_of(kind).values()) for dim in one.dims)
     unknown = [name for name in names if not (name in allowed or _is_coordinate(name, dims) or identity_of(name))]
     if unknown:
         raise TypeError(f"{kind.__name__}.{method} asks for {', '.join(unknown)}, which it does not read")
     return tuple(names)
-
-
-def _dims_of(kind: type[Stage]) -> frozenset[str]:
-    return frozenset(own for declared in (*reads_of(kind).values(), *writes_of(kind).values()) for own in declared.dims)
 
 
 def _is_coordinate(name: str, dims: frozenset[str]) -> bool:

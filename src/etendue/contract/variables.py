@@ -83,12 +83,9 @@ class Variable:
     below_zero: bool = False
 
     def __post_init__(self) -> None:
-        if self.counted not in COUNTED:
-            raise ValueError(f"counted is {self.counted!r}; allowed are {', '.join(map(repr, COUNTED))}")
-        if self.shown not in SHOWN:
-            raise ValueError(f"shown is {self.shown!r}; allowed are {', '.join(map(repr, SHOWN))}")
-        if self.better not in BETTER:
-            raise ValueError(f"better is {self.better!r}; allowed are {', '.join(map(repr, BETTER))}")
+        for word, allowed in (("counted", COUNTED), ("shown", SHOWN), ("better", BETTER)):
+            if (own := vars(self)[word]) not in allowed:
+                raise ValueError(f"{word} is {own!r}; allowed are {', '.join(map(repr, allowed))}")
         if self.full is not None and not self.full > 0:
             raise ValueError(f"full is {self.full!r}; allowed are numbers above 0")
         for word, named in (("flags", self.flags), ("masks", self.masks)):

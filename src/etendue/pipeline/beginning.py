@@ -26,10 +26,6 @@ class Template:
     keep: Mapping[str, str] = field(default_factory=dict)
 
 
-def template_names() -> list[str]:
-    return discovery.installed().names("templates")
-
-
 def template(name: str = "") -> Template:
     """The template of a name, or the first that there is.
 
@@ -38,7 +34,7 @@ def template(name: str = "") -> Template:
     RequestError
         There is none of that name, or none at all.
     """
-    names = template_names()
+    names = discovery.installed().names("templates")
     brought = discovery.installed().first("templates", name or (names[0] if names else ""))
     if brought is None:
         raise RequestError(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 import keyword
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from inspect import cleandoc
 from typing import Any
@@ -54,43 +54,9 @@ def beginning(registry: Registry, stage: str, role: str | None, like: str | None
     RequestError
         The name is none for a stage or taken; there is no such role or stage.
     """
-    faults, stage = [], stage.replace("-", "_").removeprefix("etendue_")
+    stage = stage.replace("-", "_").removeprefix("etendue_")
     roles = _by_role(registry)
-    unfit = unfit_stage(stage)
-    if (
-        unfit
-        or not stage.isidentifier()
-        or keyword.iskeyword(stage)
-        or not stage.isascii()
-        or not re.match(r"[a-z]", stage)
-    ):
-        faults.append(
-            Fault("NAME", f"{stage!r} is no name for a stage: small letters, digits and _, a letter in front")
-        )
-    elif stage in registry:
-        faults.append(
-            Fault(
-                "NAME", f"{stage!r} is installed already, from {registry.installed(stage).distribution}; give another"
-            )
-        )
-    if like is not None and like not in registry:
-        faults.append(Fault("--like", f"there is no stage {like!r}{nearest(like, registry.names())}"))
-    if role is not None and role not in roles:
-        faults.append(
-            Fault(
-                "--role", f"no installed stage has the role {role!r}{nearest(role, roles)}; roles: {', '.join(roles)}"
-            )
-        )
-    if role is None and like is None:
-        faults.append(Fault("--role", f"say what it is for: {', '.join(roles)}; or --like STAGE"))
-    if (
-        like is not None
-        and role is not None
-        and like in registry
-        and role in roles
-        and registry.load(like).role != role
-    ):
-        faults.append(Fault("--like", f"{like} has the role {registry.load(like).role!r}, not {role!r}"))
+    faults = [*_of_the_name(registry, stage), *_of_what_it_begins_as(registry, roles, role, like)]
     if faults:
         raise RequestError(faults)
     if like is None:
@@ -100,6 +66,29 @@ def beginning(registry: Registry, stage: str, role: str | None, like: str | None
         )
     kind = registry.load(like)
     return Beginning(stage, kind.role, like, kind)
+
+
+def _of_the_name(registry: Registry, stage: str) -> Iterator[Fault]:
+    plain = stage.isidentifier() and stage.isascii() and re.match(r"[a-z]", stage) and not keyword.iskeyword(stage)
+    if unfit_stage(stage) or not plain:
+        yield Fault("NAME", f"{stage!r} is no name for a stage: small letters, digits and _, a letter in front")
+    elif stage in registry:
+        whose = registry.installed(stage).distribution
+        yield Fault("NAME", f"{stage!r} is installed already, from {whose}; give another")
+
+
+def _of_what_it_begins_as(
+    registry: Registry, roles: Mapping[str, list[str]], role: str | None, like: str | None
+) -> Iterator[Fault]:
+    if like is not None and like not in registry:
+        yield Fault("--like", f"there is no stage {like!r}{nearest(like, registry.names())}")
+    if role is not None and role not in roles:
+        hint = f"{nearest(role, roles)}; roles: {', '.join(roles)}"
+        yield Fault("--role", f"no installed stage has the role {role!r}{hint}")
+    if role is None and like is None:
+        yield Fault("--role", f"say what it is for: {', '.join(roles)}; or --like STAGE")
+    if like is not None and like in registry and role in roles and (own := registry.load(like).role) != role:
+        yield Fault("--like", f"{like} has the role {own!r}, not {role!r}")
 
 
 def files(one: Beginning) -> Mapping[str, str]:
@@ -203,6 +192,8 @@ class Test{one.name}(StageConformance):
 
 
 def _stage(one: Beginning) -> str:
+    package = one.kind.__module__.partition(".")[0]
+    public = f"{package}.models" if package in discovery.own_packages() - {OWN} else one.kind.__module__
     first = cleandoc(one.kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
     taken = "\n".join(f"    #     {name}" for name in parameters_of(one.kind)) or "    #     none"
     return f'''\
@@ -217,7 +208,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from {_public(one.kind)} import {one.kind.__name__}
+from {public} import {one.kind.__name__}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,12 +236,6 @@ def _free(kind: Any) -> str:
         for name in ("strength", "amount", "extent", "own_strength")
         if not hasattr(kind, name) and name not in parameters_of(kind)
     )
-
-
-def _public(kind: Any) -> str:
-    """Where a class may be imported from."""
-    package = kind.__module__.partition(".")[0]
-    return f"{package}.models" if package in discovery.own_packages() - {OWN} else str(kind.__module__)
 
 
 def _listed(word: str, ports: Mapping[str, Any]) -> str:

@@ -19,13 +19,16 @@ from typing import Any
 from etendue import plain_files
 from etendue.contract import quantities
 from etendue.contract.bounds import LARGEST_FILE, MOST_CELLS, MOST_LISTED, document_fault, dotted_fault
-from etendue.contract.names import LONGEST, unfit_stage
+from etendue.contract.names import unfit_stage
 from etendue.contract.tables import Table, table_in, tables
 from etendue.contract.units import as_written
-from etendue.errors import Fault, RequestError, nearest, unprintable
+from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.about import About, read_about
+from etendue.pipeline.form import Words
 from etendue.pipeline.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
 from etendue.pipeline.presets import preset
+
+PRECISIONS, NORMS = ("auto", "float32", "float64"), ("rms", "max")
 
 
 @dataclass(frozen=True)
@@ -262,95 +265,41 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     table = table_in(document)
     for key in document:
         if key not in (*TOP, table.name):
-            known = [*TOP, *tables()]
-            hint = (
-                f"; {key} is a {table.name} quantity: set it under [{table.name}]"
-                if key in quantities.names()
-                else nearest(key, known)
-            )
-            hint = f"; quantities stand under [{table.name}] already" if key in tables() else hint
-            faults.append(Fault(key, f"unknown key{hint}"))
+            faults.append(Fault(key, f"unknown key{_meant(key, table)}"))
+    words = Words(document, faults)
 
-    def text_of(key: str, default: str) -> str:
-        value = document.get(key, default)
-        if (
-            not isinstance(value, str)
-            or (key == "name" and not _plain(value))
-            or (key != "description" and unprintable(value))
-        ):
-            what = (
-                f"; at most {LONGEST} characters, no slash, no control characters, no dot in front"
-                if key == "name"
-                else ""
-            )
-            faults.append(
-                Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}{what}")
-            )
-            return default
-        return value
-
-    def names_of(key: str) -> tuple[str, ...] | None:
-        value = document.get(key)
-        if value is None or (key == "keep" and value == "all"):
-            return None
-        if isinstance(value, str):
-            value = [value]
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            what = 'distributions, such as ["etendue-mine"]' if key == "requires" else "variables"
-            faults.append(Fault(key, f"expected a list of {what}, got {as_written(value)}"))
-            return None
-        return tuple(value)
-
-    seed = document.get("seed", 0)
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        faults.append(Fault("seed", f"expected a whole number of at least 0, got {as_written(seed)}"))
-        seed = 0
-    tolerance = document.get("tolerance", 1e-4)
-    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | Decimal) or not 0 <= float(tolerance) < 1:
-        faults.append(Fault("tolerance", f"expected a number of at least 0 and below 1, got {as_written(tolerance)}"))
-        tolerance = 1e-4
-    most_cells = document.get("most_cells", MOST_CELLS)
-    if isinstance(most_cells, bool) or not isinstance(most_cells, int) or most_cells < 1:
-        faults.append(Fault("most_cells", f"expected a whole number of at least 1, got {as_written(most_cells)}"))
-        most_cells = MOST_CELLS
-    leave_out = document.get("leave_out", True)
-    if not isinstance(leave_out, bool):
-        faults.append(Fault("leave_out", f"expected true or false, got {as_written(leave_out)}"))
-        leave_out = True
-    precision = text_of("precision", "auto")
-    if precision not in ("auto", "float32", "float64"):
-        faults.append(
-            Fault("precision", f"{precision!r} is not a precision{nearest(precision, ('auto', 'float32', 'float64'))}")
-        )
-    norm = text_of("norm", "rms")
-    if norm not in ("rms", "max"):
-        faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, ('rms', 'max'))}; allowed are rms and max"))
-    for key in (table.name, "sweep"):
-        if not isinstance(document.get(key, {}), dict):
-            faults.append(Fault(key, f"expected a table, got {as_written(document[key])}"))
-    shared = document.get(table.name, {}) if isinstance(document.get(table.name, {}), dict) else {}
+    seed, tolerance = words.whole("seed", 0, 0), words.share("tolerance", 1e-4)
+    most_cells, leave_out = words.whole("most_cells", MOST_CELLS, 1), words.flag("leave_out", True)
+    precision = words.text("precision", "auto")
+    if precision not in PRECISIONS:
+        faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, PRECISIONS)}"))
+    norm = words.text("norm", "rms")
+    if norm not in NORMS:
+        faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, NORMS)}; allowed are rms and max"))
+    shared = words.table(table.name)
+    words.table("sweep")  # a fault where it is none
     sweep = axes_of(document, faults)
     named, values = _preset(table, shared, faults)
     stages, whole = _stages(document.get("stages"), faults)
     return Pipeline(
-        name=text_of("name", Path(file).stem or "pipeline"),
+        name=words.name(Path(file).stem or "pipeline"),
         stages=stages,
         shared={key: value for key, value in shared.items() if not table.preset or key != table.preset},
         table=table,
         preset_name=named,
         preset=values,
         sweep=sweep,
-        wanted=names_of("wanted"),
-        keep=names_of("keep"),
+        wanted=words.names("wanted"),
+        keep=words.names("keep"),
         seed=seed,
-        tolerance=float(tolerance),
+        tolerance=tolerance,
         norm=norm,
         leave_out=leave_out,
         precision=precision,
-        requires=names_of("requires") or (),
+        requires=words.names("requires") or (),
         most_cells=most_cells,
-        variant=text_of("variant", ""),
-        description=text_of("description", ""),
+        variant=words.text("variant", ""),
+        description=words.text("description", ""),
         about=read_about(document.get("about", {}), faults),
         file=file,
         faults=tuple(faults),
@@ -358,15 +307,13 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     )
 
 
-def _plain(name: str) -> bool:
-    """Whether a name can be that of a folder, on any system."""
-    return (
-        bool(name)
-        and len(name.encode()) <= LONGEST
-        and name[0] not in ".-"
-        and not set(name) & set("/\\")
-        and not unprintable(name)
-    )
+def _meant(key: str, table: Table) -> str:
+    """What an unknown key may have been meant for."""
+    if key in tables():
+        return f"; quantities stand under [{table.name}] already"
+    if key in quantities.names():
+        return f"; {key} is a {table.name} quantity: set it under [{table.name}]"
+    return nearest(key, [*TOP, *tables()])
 
 
 def _preset(table: Table, shared: Mapping[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:

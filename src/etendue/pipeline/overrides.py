@@ -121,17 +121,21 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
             document[head] = value
             places.append(key)
         else:
-            valid = [*named, *tables(), "sweep"] if tail else [*TOP, *_quantities(document)]
-            called = next((name for name, (_, s) in named.items() if s.get("use") == head), "")
-            hint = (
-                f"; the stage {head} is called {called!r} here: {called}.{tail}"
-                if called and tail
-                else nearest(head, valid)
-            )
-            faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{hint}"))
+            faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{_meant(document, head, tail)}"))
     if faults:
         raise RequestError(faults, file)
     return places
+
+
+def _meant(document: Mapping[str, Any], head: str, tail: str) -> str:
+    """What may have been meant by a name that a document has not."""
+    if not tail:
+        return nearest(head, [*TOP, *_quantities(document)])
+    named = _stages(document)
+    called = next((name for name, (_, stage) in named.items() if stage.get("use") == head), "")
+    if called:
+        return f"; the stage {head} is called {called!r} here: {called}.{tail}"
+    return nearest(head, [*named, *tables(), "sweep"])
 
 
 def _quantities(document: Mapping[str, Any]) -> tuple[str, ...]:

@@ -173,18 +173,15 @@ def _form(parameter: Parameter, default: Any, kind: Any) -> dict[str, Any]:
             {"type": "string", "pattern": PLAIN} if parameter.file else {"type": ["string", "number"], "pattern": PLAIN}
         )
     if kind in (int, float):
-        number = {"type": "integer" if kind is int else "number", **_bounds(parameter)}
+        words = {"above": "exclusiveMinimum", "at_least": "minimum", "below": "exclusiveMaximum", "at_most": "maximum"}
+        bounds = {words[name]: limit for name, limit in _limits(parameter).items() if limit is not None}
+        number = {"type": "integer" if kind is int else "number", **bounds}
         return {"anyOf": [number, {"type": "string", "pattern": TEXT_OF_A_NUMBER}]}
     return {}
 
 
 def _limits(parameter: Parameter) -> Mapping[str, Any]:
     return {name: getattr(parameter, name) for name in ("above", "at_least", "below", "at_most")}
-
-
-def _bounds(parameter: Parameter) -> dict[str, float]:
-    words = {"above": "exclusiveMinimum", "at_least": "minimum", "below": "exclusiveMaximum", "at_most": "maximum"}
-    return {words[name]: limit for name, limit in _limits(parameter).items() if limit is not None}
 
 
 def _list(item: Mapping[str, Any]) -> dict[str, Any]:

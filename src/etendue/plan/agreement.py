@@ -12,18 +12,12 @@ from typing import Any
 from etendue.plan.model import Cell, CellRef, Node
 
 
-def notes_on_agreement(nodes: Iterable[Node], cells: Mapping[CellRef, Cell]) -> list[str]:
-    """Notes of both kinds, in the order of the pipeline."""
-    return [*_met_twice(nodes), *_taken_differently(cells)]
-
-
-def _taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
+def taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
     """Where a stage assumes of something shared what no stage before it on its way did."""
     assumed: dict[CellRef, dict[str, tuple[str, Any]]] = {}
     notes: dict[str, None] = {}
-    alike: dict[
-        tuple[Any, ...], dict[str, tuple[str, Any]]
-    ] = {}  # of cells of one stage that read cells alike: they say the same
+    # of cells of one stage that read cells alike: they say the same
+    alike: dict[tuple[Any, ...], dict[str, tuple[str, Any]]] = {}
     for ref, cell in cells.items():
         place = (cell.node, id(cell.stage), *[id(assumed[source]) for _, source, _ in cell.inputs])
         known = alike.get(place)
@@ -33,8 +27,7 @@ def _taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
         found: dict[str, tuple[str, Any]] = {}
         for _, source, _ in cell.inputs:
             found |= assumed[source]
-        own = cell.stage.assumes()
-        for what, value in own.items():
+        for what, value in cell.stage.assumes().items():
             before = found.get(what)
             if before is not None and before[1] != value:
                 theirs = f"{_shown(before[1])} in {before[0]!r}, which stands before it"
@@ -50,7 +43,7 @@ def _shown(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _met_twice(nodes: Iterable[Node]) -> list[str]:
+def met_twice(nodes: Iterable[Node]) -> list[str]:
     """Where light, or charge, goes through two stages that hold the same physics."""
     notes: list[str] = []
     before: dict[str, dict[str, str]] = {}  # by node: what has been met on the way, and where

@@ -14,7 +14,7 @@ from etendue.contract.capabilities import is_transfer
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import Stage, parameters_of, writes_of
 from etendue.contract.units import as_written
-from etendue.errors import PluginError, nearest, unprintable
+from etendue.errors import PluginError, nearest
 from etendue.pipeline.file import StageEntry
 from etendue.plan.code import code_digest
 from etendue.plan.model import Alternative, Axis
@@ -34,10 +34,10 @@ def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternat
     values = request.pipeline.sweep[key]
     if entry.use not in request.registry:
         request.fault(entry.place, _no_stage(request, entry.use))
-    if isinstance(values, str) or not isinstance(values, list | tuple) or not values:
+    if not isinstance(values, list | tuple) or not values:
         request.fault(place, f"expected a list of stages, got {as_written(values)}")
         return (), None
-    made, labels = [], []
+    made, labels = list[Alternative](), list[str]()
     for value in values:
         table = {"use": value} if isinstance(value, str) else value
         if not isinstance(table, dict) or not isinstance(table.get("use"), str):
@@ -45,19 +45,16 @@ def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternat
             continue
         label = str(table.get("label", table["use"]))
         own = {k: v for k, v in table.items() if k not in ("use", "label")}
-        if unprintable(label) or not label:
-            request.fault(place, f"the label {as_written(label)} is no plain name: text without control characters")
-            continue
-        if label in labels:
-            request.fault(place, f"{label!r} stands twice; give one of them another 'label'")
+        if not request.takes_label(place, label, labels):
             continue
         labels.append(label)
         shared = entry.values if table["use"] == entry.use else {}  # the stage's own table belongs to its own 'use'
         one = _alternative(request, entry.name, table["use"], label, {**shared, **own}, place)
         if one:
             made.append(one)
-    if made:
-        _check_same_writes(request, made, place)
+    for other in made[1:]:
+        for text in unlike((other.use, other.kind), (made[0].use, made[0].kind)):
+            request.fault(place, text)
     return tuple(made), Axis(key, entry.name, tuple(labels))
 
 
@@ -76,37 +73,24 @@ def _alternative(
     own = [name for name, (parameter, _, _) in declared.items() if not parameter.shared]
     values: dict[str, Any] = {}
     for name, value in written.items():
-        if name not in declared:
-            hint = nearest(name, own)
-            if name in quantities.names():
-                hint = (
-                    f"; {name} is a {request.pipeline.table.name} quantity: set it under "
-                    f"[{request.pipeline.table.name}]"
-                )
-            else:
-                hint = hint or ("; see: etendue stages " + use if own else "; it has none of its own")
-            request.fault(f"{place}.{name}", f"{use} has no parameter {name!r}{hint}")
-        elif declared[name][0].shared:
-            request.fault(
-                f"{place}.{name}",
-                f"{name} is shared by several stages: set {request.pipeline.table.place(name)} under "
-                f"[{request.pipeline.table.name}]",
-            )
-        else:
-            try:
-                values[name] = resolve(value, declared[name][0], declared[name][1], request.pipeline.folder)
-                if declared[name][0].file and values[name] == "" and declared[name][2] is MISSING:
-                    raise Unfit("expected the path of a file, got ''")
-            except Unfit as error:
-                request.fault(f"{place}.{name}", str(error))
-                values[name] = None
+        if name not in own:
+            request.fault(f"{place}.{name}", _no_parameter(request, use, name, name in declared, own))
+            continue
+        parameter, type_, default = declared[name]
+        try:
+            values[name] = resolve(value, parameter, type_, request.pipeline.folder)
+            if parameter.file and values[name] == "" and default is MISSING:
+                raise Unfit("expected the path of a file, got ''")
+        except Unfit as error:
+            request.fault(f"{place}.{name}", str(error))
+            values[name] = None
     swept = {key.partition(".")[2] for key in request.pipeline.sweep if key.partition(".")[0] == stage}
     for name in own:
-        if name not in values:
-            if declared[name][2] is MISSING and name not in swept:
-                way = f"; --set {stage}.{name}=..." if f"{stage}.use" in dict(request.pipeline.overrides) else ""
-                request.fault(place, f"{use} needs {name!r}: {meaning(declared[name][0])}{way}")
-            values[name] = None if declared[name][2] is MISSING else declared[name][2]
+        parameter, _, default = declared[name]
+        if name not in values and name not in swept and default is MISSING:
+            way = f"; --set {stage}.{name}=..." if f"{stage}.use" in dict(request.pipeline.overrides) else ""
+            request.fault(place, f"{use} needs {name!r}: {meaning(parameter)}{way}")
+        values.setdefault(name, None if default is MISSING else default)
     installed = request.registry.installed(use)
     try:
         code = code_digest(kind)
@@ -116,6 +100,18 @@ def _alternative(
         )
         return None
     return Alternative(use, label, kind, values, installed.distribution, installed.version, code, frozenset(written))
+
+
+def _no_parameter(request: Request, use: str, name: str, shared: bool, own: list[str]) -> str:
+    """Why a stage takes no value of this name; ``shared``: it has the parameter, and shares it with others."""
+    table = request.pipeline.table
+    if shared:
+        return f"{name} is shared by several stages: set {table.place(name)} under [{table.name}]"
+    if name in quantities.names():
+        hint = f"; {name} is a {table.name} quantity: set it under [{table.name}]"
+    else:
+        hint = nearest(name, own) or ("; see: etendue stages " + use if own else "; it has none of its own")
+    return f"{use} has no parameter {name!r}{hint}"
 
 
 def _load(request: Request, use: str, place: str) -> type[Stage] | None:
@@ -133,12 +129,6 @@ def _no_stage(request: Request, use: str) -> str:
     names = request.registry.names()
     hint = nearest(use, names) or f"; {len(names)} are installed, listed by: etendue stages"
     return f"there is no stage {use!r}{hint}{request.registry.found.missed('stages', use)}"
-
-
-def _check_same_writes(request: Request, made: list[Alternative], place: str) -> None:
-    for other in made[1:]:
-        for text in unlike((other.use, other.kind), (made[0].use, made[0].kind)):
-            request.fault(place, text)
 
 
 def unlike(*both: tuple[str, type[Stage]]) -> list[str]:

@@ -72,14 +72,6 @@ def unchecked(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
     return stage
 
 
-def _needed_before(stage: Stage, method: str, name: str) -> PluginError:
-    return PluginError(
-        f"{_name(stage, method)} depends on {name}, which an earlier stage finds while the run goes on: what a grid "
-        f"depends on is known "
-        f"before; give {name} as a value, behind no stage that writes it"
-    )
-
-
 def _grids(stage: Stage, method: str, found: Any) -> Mapping[str, Grid]:
     form = "a mapping of the variables it writes to Grid values"
     if not isinstance(found, Mapping) or not all(isinstance(g, Grid) for g in found.values()):
@@ -102,12 +94,25 @@ def _facts(stage: Stage, method: str, found: Any) -> Facts:
     return facts
 
 
-def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
-    with foreign(_name(stage, "describe")):
+RUN = object()  # what depends on what a run finds is refused
+
+
+def _asked(stage: Any, method: str, *given: Any, unknown: Any = RUN) -> Any:
+    """What a method gives; ``unknown`` where it depends on a value that only a run finds."""
+    with foreign(_name(stage, method)):
         try:
-            found = stage.describe()
+            return getattr(stage, method)(*given)
         except NotKnown as error:
-            raise _needed_before(stage, "describe", str(error)) from None
+            if unknown is not RUN:
+                return unknown
+            raise PluginError(
+                f"{_name(stage, method)} depends on {error}, which an earlier stage finds while the run goes on: what "
+                f"a grid depends on is known before; give {error} as a value, behind no stage that writes it"
+            ) from None
+
+
+def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
+    found = _asked(stage, "describe")
     if not isinstance(found, tuple) or len(found) != 2:
         raise _nonsense(stage, "describe", found, "(Facts, {variable: Grid})")
     return _facts(stage, "describe", found[0]), _grids(stage, "describe", found[1])
@@ -117,31 +122,17 @@ def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
     """What ``grid`` says of what a stage writes; nothing where it has none."""
     if type(stage).grid is Stage.grid:
         return {}
-    with foreign(_name(stage, "grid")):
-        try:
-            found = stage.grid(dict(inputs))
-        except NotKnown as error:
-            raise _needed_before(stage, "grid", str(error)) from None
-    return _grids(stage, "grid", found)
+    return _grids(stage, "grid", _asked(stage, "grid", dict(inputs)))
 
 
 def carried(stage: Any, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
     if type(stage).carry is Stage.carry:
         return UNKNOWN
-    with foreign(_name(stage, "carry")):
-        try:
-            found = stage.carry(dict(facts), dict(grids))
-        except NotKnown:
-            return UNKNOWN
-    return _facts(stage, "carry", found)
+    return _facts(stage, "carry", _asked(stage, "carry", dict(facts), dict(grids), unknown=UNKNOWN))
 
 
 def negligible(stage: Any, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-    with foreign(_name(stage, "negligible")):
-        try:
-            found = stage.negligible(facts, grid)
-        except NotKnown:
-            return None
+    found = _asked(stage, "negligible", facts, grid, unknown=None)
     if found is None:
         return None
     fine = isinstance(found, tuple) and len(found) == 2 and _is_number(found[0]) and isinstance(found[1], str)
@@ -164,11 +155,7 @@ def variance_of(stage: Any, charge: float) -> float | None:
 
 def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
     """What ``error`` or ``segment_error`` states."""
-    with foreign(_name(stage, method)):
-        try:
-            found = getattr(stage, method)(*given)
-        except NotKnown:
-            return None, "unknown"
+    found = _asked(stage, method, *given, unknown=(None, "unknown"))
     fine = isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], str) and found[1] in KNOWN_BY
     if not fine or not (found[0] is None or (_is_number(found[0]) and found[0] >= 0)):
         raise _nonsense(stage, method, found, f"(a bound from 0 or None, how it is known: {', '.join(KNOWN_BY)})")

@@ -48,11 +48,13 @@ def link(
         mapped = _mapped(request, entry, made, inputs, nodes)
         looks_at = _looks(request, made, inputs, nodes)
         use_axis = swapped[entry.name].dim if entry.name in swapped else None
-        own_direct = tuple(
-            (dim, name) for dim, name in direct.get(entry.name, []) if _taken_as_shared(name, made, inputs)
-        )
-        own = {dim for dim, _ in own_direct} | ({use_axis} if use_axis else set())
-        reach = own | _reach(inputs, looks_at, nodes)
+        # A parameter that is bound is written by an earlier stage: its axis, if it has one, is that stage's.
+        taken = {
+            name
+            for one, bound in zip(made, inputs, strict=True)
+            for name in parameters_of(one.kind).keys() - {port for port, _, _ in bound}
+        }
+        own_direct = tuple((dim, name) for dim, name in direct.get(entry.name, []) if name in taken)
         node = Node(
             name=entry.name,
             number=number,
@@ -63,10 +65,12 @@ def link(
             inputs=inputs,
             looks_at=looks_at,
             writes={d.variable: d.led_by(mapped) for d in _written(made)},
-            axes=tuple(axis.dim for axis in axes if axis.dim in reach),
+            axes=(),
             mapped=mapped,
         )
-        nodes.append(replace(node, segment=_segment(node, nodes)))
+        reach = _own_axes(node) | _reach(node, nodes)
+        reached = tuple(axis.dim for axis in axes if axis.dim in reach)
+        nodes.append(replace(node, axes=reached, segment=_segment(node, nodes)))
     return nodes
 
 
@@ -101,9 +105,8 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
             )
         bound.append((port, node.name, variable))
     for name, parameter in quantities.items():
-        writer = (
-            _named_writer(request, entry, name, name, earlier) if name in entry.origin else _found_by(name, earlier)
-        )
+        last = next((n for n in reversed(earlier) if name in n.writes), None)
+        writer = _named_writer(request, entry, name, name, earlier) if name in entry.origin else last
         if writer is None:
             continue
         if not same_unit(writer.writes[name].unit, parameter.units) or writer.writes[name].dtype != "float":
@@ -111,17 +114,6 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
             request.fault(entry.place, text)
         bound.append((name, writer.name, name))
     return tuple(bound)
-
-
-def _taken_as_shared(name: str, made: tuple[Alternative, ...], inputs: tuple[Bound, ...]) -> bool:
-    """Whether a parameter of a stage is not written by an earlier one."""
-    pairs = zip(made, inputs, strict=True)
-    return any(name in parameters_of(one.kind) and name not in {port for port, _, _ in bound} for one, bound in pairs)
-
-
-def _found_by(name: str, earlier: list[Node]) -> Node | None:
-    """The last node that writes a shared quantity."""
-    return next((n for n in reversed(earlier) if name in n.writes), None)
 
 
 def _written(made: tuple[Alternative, ...]) -> list[Declaration]:
@@ -135,34 +127,35 @@ def _mapped(
 ) -> tuple[str, ...]:
     """The dims that lead what a stage reads and that it does not work on itself."""
     by_name = {node.name: node for node in earlier}
-    every = []
-    for one, bound in zip(made, inputs, strict=True):
-        reads = reads_of(one.kind)
-        found = [reads[port].mapped(by_name[source].writes[v].dims) for port, source, v in bound if port in reads]
-        leading = sorted({dims for dims in found if dims}, key=len)
-        dims = leading[-1] if leading else ()
-        own = {dim: None for port, source, v in bound if port not in reads for dim in by_name[source].writes[v].dims}
-        dims = (
-            *(dim for dim in own if dim not in dims),
-            *dims,
-        )  # a quantity with a value for each frame, of planes: frames of planes
-        if any([dim for dim in dims if dim in few] != list(few) for few in leading):
-            shown = " and ".join(" ".join(dims) for dims in leading)
-            request.fault(entry.place, f"{one.use} reads {shown}: the same dims must lead")
-        worked_on = {dim for d in reads.values() for dim in d.dims}
-        for d in writes_of(one.kind).values():
-            for dim in set(d.dims) & set(dims) - worked_on:
-                text = (
-                    f"{one.use} is run for each {dim} of what it reads, but writes {d.variable} with a {dim} of its own"
-                )
-                request.fault(entry.place, text)
-        every.append(dims)
+    every = [_mapped_over(request, entry, one, bound, by_name) for one, bound in zip(made, inputs, strict=True)]
     if len(set(every)) > 1:
         request.fault(
             entry.place,
             f"alternatives are run one by one over {' and '.join(' '.join(d) or 'nothing' for d in set(every))}",
         )
     return every[0]
+
+
+def _mapped_over(
+    request: Request, entry: StageEntry, one: Alternative, bound: Bound, by_name: Mapping[str, Node]
+) -> tuple[str, ...]:
+    """The same of one alternative."""
+    reads = reads_of(one.kind)
+    found = [reads[port].mapped(by_name[source].writes[v].dims) for port, source, v in bound if port in reads]
+    leading = sorted({dims for dims in found if dims}, key=len)
+    longest = leading[-1] if leading else ()
+    # A quantity with a value for each frame leads the planes that are read beside it: frames of planes.
+    own = {dim: None for port, source, v in bound if port not in reads for dim in by_name[source].writes[v].dims}
+    dims = (*(dim for dim in own if dim not in longest), *longest)
+    if any([dim for dim in dims if dim in few] != list(few) for few in leading):
+        shown = " and ".join(" ".join(dims) for dims in leading)
+        request.fault(entry.place, f"{one.use} reads {shown}: the same dims must lead")
+    worked_on = {dim for d in reads.values() for dim in d.dims}
+    for d in writes_of(one.kind).values():
+        for dim in set(d.dims) & set(dims) - worked_on:
+            text = f"{one.use} is run for each {dim} of what it reads, but writes {d.variable} with a {dim} of its own"
+            request.fault(entry.place, text)
+    return dims
 
 
 def _named_writer(request: Request, entry: StageEntry, port: str, variable: str, earlier: list[Node]) -> Node | None:
@@ -213,54 +206,65 @@ def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound,
             if not what:
                 continue
             probe = issubclass(one.kind, Probe)
-            before = _before({source for _, source, _ in bound}, earlier)
             if not probe and not looks_at_stages(what):
                 request.fault(
                     port,
                     f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at a variable of all "
                     f"stages",
                 )
-            if what == "transfer":
-                looked = [n for n in earlier if any(is_seen_as_transfer(a.kind) for a in n.alternatives)]
-                chosen = [n.name for n in looked if probe or n.name in before]
-            elif what == "datasheet":
-                looked = [n for n in earlier if any(issubclass(a.kind, Datasheet) for a in n.alternatives)]
-                chosen = [n.name for n in looked if n.name in before] or [n.name for n in looked]
-            else:
-                chosen = [n.name for n in earlier if what in n.writes and not n.is_probe]
+            chosen = _looked_at(what, probe, {source for _, source, _ in bound}, earlier)
             found.setdefault((port, what), {}).update(dict.fromkeys(chosen))
     order = [n.name for n in earlier]
     return tuple((port, what, tuple(sorted(chosen, key=order.index))) for (port, what), chosen in found.items())
 
 
-def _reach(inputs: tuple[Bound, ...], looks_at: Looks, earlier: list[Node]) -> set[str]:
+def _looked_at(what: str, probe: bool, read: set[str], earlier: list[Node]) -> list[str]:
+    """The nodes that a port of one alternative looks at."""
+    before = _before(read, earlier)
+    if what == "transfer":
+        looked = [n.name for n in earlier if any(is_seen_as_transfer(a.kind) for a in n.alternatives)]
+        return [name for name in looked if probe or name in before]
+    if what == "datasheet":
+        looked = [n.name for n in earlier if any(issubclass(a.kind, Datasheet) for a in n.alternatives)]
+        return [name for name in looked if name in before] or looked
+    return [n.name for n in earlier if what in n.writes and not n.is_probe]
+
+
+def _own_axes(node: Node) -> set[str]:
+    """Dims that change a node itself."""
+    return {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
+
+
+def _reach(node: Node, earlier: list[Node]) -> set[str]:
     """Dims that reach a node through what it reads and looks at."""
-    read = {source for bound in inputs for _, source, _ in bound}
-    seen = {name for _, what, names in looks_at if not looks_at_stages(what) for name in names}
-    reach = {dim for node in earlier if node.name in read | seen for dim in node.axes}
-    for node in (n for n in earlier for _, what, names in looks_at if what == "datasheet" and n.name in names):
-        reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
-    for looked in (n for n in earlier for _, what, names in looks_at if what == "transfer" and n.name in names):
-        # a transfer function depends on its stage, and its mean over bands on the scenes and the filters in front of it
-        before = _ancestors(looked, earlier)
-        for node in [
-            looked,
-            *(n for n in before if n.is_source or any(issubclass(a.kind, Tinting) for a in n.alternatives)),
-        ]:
-            reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
-        # and on whether one of its alternatives moves light, which no product of transfer functions holds
-        reach |= {
-            n.use_axis
-            for n in before
-            if n.use_axis and len({a.kind.pointwise or is_transfer(a.kind) for a in n.alternatives}) > 1
-        }
+    read = {source for bound in node.inputs for _, source, _ in bound}
+    seen: dict[str, set[str]] = {}
+    for _, what, names in node.looks_at:
+        seen.setdefault(what if looks_at_stages(what) else "variable", set()).update(names)
+    reach: set[str] = set()
+    for other in earlier:
+        if other.name in read | seen.get("variable", set()):
+            reach |= set(other.axes)
+        if other.name in seen.get("datasheet", ()):
+            reach |= _own_axes(other)
+        if other.name in seen.get("transfer", ()):
+            reach |= _reach_of_transfer(other, earlier)
     return reach
 
 
-def _ancestors(node: Node, nodes: list[Node]) -> list[Node]:
-    """Every node that a node reads from, at any distance."""
-    names = _before({source for bound in node.inputs for _, source, _ in bound}, nodes)
-    return [n for n in nodes if n.name in names]
+def _reach_of_transfer(looked: Node, earlier: list[Node]) -> set[str]:
+    """Dims that a transfer function depends on: those of its stage, for its mean over bands those of the scenes and the
+    filters in front of it.
+    """
+    names = _before({source for bound in looked.inputs for _, source, _ in bound}, earlier)
+    reach = _own_axes(looked)
+    for node in (n for n in earlier if n.name in names):
+        if node.is_source or any(issubclass(one.kind, Tinting) for one in node.alternatives):
+            reach |= _own_axes(node)
+        # and on whether one of its alternatives moves light, which no product of transfer functions holds
+        if node.use_axis and len({one.kind.pointwise or is_transfer(one.kind) for one in node.alternatives}) > 1:
+            reach.add(node.use_axis)
+    return reach
 
 
 def _before(names: set[str], nodes: list[Node]) -> set[str]:

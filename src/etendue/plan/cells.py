@@ -9,48 +9,34 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 from etendue.contract.bounds import MOST_CELLS, beyond, number
-from etendue.contract.capabilities import Noisy, Probe, Source, Summed, Transfer
+from etendue.contract.capabilities import Noisy, Probe, Source
 from etendue.contract.facts import UNKNOWN, Facts
 from etendue.contract.found import Found
 from etendue.contract.grid import Grid
-from etendue.contract.stage import Stage, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
+from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
 from etendue.errors import Fault, MachineError, PluginError, RequestError
 from etendue.pipeline.file import Pipeline
-from etendue.plan import asking, leave_out, scenes
-from etendue.plan.approximate import Seen, choose, open_knobs
-from etendue.plan.forms import Form, output_grid
+from etendue.plan import asking, scenes
+from etendue.plan.deciding import Decider, Decisions, segment_input
+from etendue.plan.forms import Draft, Form, output_grid
 from etendue.plan.graph import Graph
 from etendue.plan.machine import available_memory
-from etendue.plan.model import Alternative, Approximated, Cell, CellRef, LeftOut, Node
+from etendue.plan.model import Alternative, Cell, CellRef, Node
 from etendue.plan.quantities import to_be_found
-from etendue.plan.readings import Reading, reading_of
 from etendue.plan.recipes import Recipes
+from etendue.plan.request import Choice
 from etendue.telling import human_bytes, plain
-from etendue.transfer import effects
 
 BYTES_OF_A_CELL = 1300  # of a plan, in memory: benchmarks/scale.py
 
 
-@dataclass(frozen=True)
-class Choice:
-    """How the planner was asked to decide."""
-
-    tolerance: float
-    leave_out: bool  # whether anything may be left out or approximated
-    precision: str  # auto, float32 or float64
-    norm: str = "rms"
-    expected: bool = False  # means in the place of draws and rounding
-    versions: Mapping[str, str] = field(
-        default_factory=dict
-    )  # of libraries, in keys, in the place of those that are installed
-    computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
-
-
 Told = Callable[[int, int], None]  # how many cells are planned, of how many
+Place = Callable[[tuple[int, ...]], tuple[int, ...]]  # the position of one cell from that of another
 
 
 def expand(
@@ -59,16 +45,6 @@ def expand(
     """All cells, the precision they are computed in, and the seconds that looking at new scenes took."""
     expansion = _Expansion(graph, pipeline, choice, told)
     return expansion.expand(), expansion.precision, expansion.looked
-
-
-class Decisions(NamedTuple):
-    """Of a cell."""
-
-    stage: Stage
-    left_out: LeftOut | None
-    approximated: tuple[Approximated, ...]
-    error: tuple[float | None, str]
-    facts: Facts
 
 
 class _Expansion:
@@ -82,25 +58,15 @@ class _Expansion:
         self.cells: dict[CellRef, Cell] = {}
         self.stages: dict[tuple[str, tuple[Any, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
-        self.readings: dict[tuple[str, int], Reading] = {}
+        numbered = [(node, number) for node in graph.nodes for number in range(len(node.alternatives))]
+        self.readings = {(node.name, number): reading_of(node, number, self.nodes) for node, number in numbered}
         self.forms: dict[tuple[Any, ...], Form] = {}
-        self.decisions: dict[
-            tuple[Any, ...], Decisions
-        ] = {}  # of cells of one stage and form that read what nothing is known of
+        # of cells of one stage and form that read what nothing is known of
+        self.decisions: dict[tuple[Any, ...], Decisions] = {}
         self.grids: dict[Grid, Grid] = {}
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
-        self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what they were chosen from
         self.faults: dict[str, Fault] = {}
-        self.rule = leave_out.Rule(choice.tolerance if choice.leave_out else None, choice.norm)
         self.looked = 0.0  # seconds of looking at scenes that were never seen before
-        every = [(node, number, one) for node in graph.nodes for number, one in enumerate(node.alternatives)]
-        self.knobs = {(node.name, number): self.open_knobs(node, one) for node, number, one in every}
-
-    def reading(self, node: Node, number: int) -> Reading:
-        known = self.readings.get((node.name, number))
-        if known is None:
-            known = self.readings[node.name, number] = reading_of(node, number, self.nodes)
-        return known
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[Found, ...] = ()) -> Stage:
         """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
@@ -139,6 +105,7 @@ class _Expansion:
     def expand(self) -> dict[CellRef, Cell]:
         total = self.count()
         self.precision = self.choose_precision()
+        self.decider = Decider(self.graph, self.choice, self.cells, self.stage_at, self.precision)
         places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}  # by axes: each once, for all stages that they reach
         for node in self.graph.nodes:
             if node.axes not in places:
@@ -159,12 +126,8 @@ class _Expansion:
             largest = max(self.graph.nodes, key=lambda node: counts[node.name])
             product = " x ".join(f"{self.axes[dim].key} {len(self.axes[dim].values)}" for dim in largest.axes)
             text = beyond(total, "cells", self.pipeline.most_cells, f"{largest.name} alone has {product}")
-            hint = (
-                f"; shorten an axis, ask for less with 'wanted', or set most_cells = {total}"
-                if total < 1e9
-                else "; shorten an axis"
-            )
-            raise RequestError([Fault("sweep", text + hint)], self.pipeline.file)
+            ways = f", ask for less with 'wanted', or set most_cells = {total}" if total < 1e9 else ""
+            raise RequestError([Fault("sweep", f"{text}; shorten an axis{ways}")], self.pipeline.file)
         free = available_memory()
         if total > MOST_CELLS and free and BYTES_OF_A_CELL * total > free:
             longest = max(self.axes.values(), key=lambda axis: len(axis.values))
@@ -225,7 +188,7 @@ class _Expansion:
     def add(self, node: Node, index: tuple[int, ...]) -> None:
         cells, by_dim = self.cells, dict(zip(node.axes, index, strict=True))
         number = by_dim[node.use_axis] if node.use_axis else 0
-        one, reading = node.alternatives[number], self.reading(node, number)
+        one, reading = node.alternatives[number], self.readings[node.name, number]
         inputs = tuple(
             [(port, cells[source, at(index)].ref, variable) for port, source, variable, at in reading.inputs]
         )
@@ -235,31 +198,25 @@ class _Expansion:
         )
         input_facts = {p: self.cells[ref].facts for p, ref, _ in inputs if p in reading.ports}
         try:
-            form = self.form(node, number, stage, inputs)
-            input_grids, grids = form.input_grids, form.grids
-            like = (
-                (node.name, id(stage), id(form))
-                if reading.alike and all(f is UNKNOWN for f in input_facts.values())
-                else None
-            )
+            draft = Draft(node, number, stage, inputs, looks_at, self.form(node, number, stage, inputs))
+            same = reading.alike and all(f is UNKNOWN for f in input_facts.values())
+            like = (node.name, id(stage), draft.form) if same else None
             decisions = self.decisions.get(like) if like else None
             if decisions is None:
-                decisions = self.decide(node, number, stage, inputs, input_facts, form, by_dim)
+                declared = self.describe(node, stage)[0] if node.is_source else None
+                decisions = self.decider.decide(draft, input_facts, by_dim, declared)
                 if like:
                     self.decisions[like] = decisions
-            stage, decided, approximated, error_bound, facts = decisions
-            seed, open_words = self.recipes.seed(node, stage, inputs, looks_at)
+            stage = decisions.stage
+            draft = draft._replace(stage=stage)
+            seed, open_words = self.recipes.seed(draft)
         except PluginError as error:
             self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))
             return
         except (ValueError, RequestError) as error:
-            where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in by_dim.items())
-            text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
-            self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", text))
+            self.faults.setdefault(node.name, self.unfit(node, by_dim, error))
             return
-        versions, key = self.recipes.key(
-            node, stage, one, inputs, looks_at, decided, form, seed, open_words, self.precision
-        )
+        versions, key = self.recipes.key(draft, decisions.left_out, seed, open_words, self.precision)
         cell = Cell(
             ref=(node.name, index),
             stage=stage,
@@ -270,16 +227,22 @@ class _Expansion:
             versions=versions,
             seed=seed,
             open_words=open_words,
-            input_grids=input_grids,
-            grids=grids,
-            facts=facts,
-            left_out=decided,
-            approximated=approximated,
-            error=error_bound,
-            segment_input=self.segment_input(node, inputs),
-            mapped=form.mapped,
+            input_grids=draft.form.input_grids,
+            grids=draft.form.grids,
+            facts=decisions.facts,
+            left_out=decisions.left_out,
+            approximated=decisions.approximated,
+            error=decisions.error,
+            segment_input=segment_input(self.cells, draft),
+            mapped=draft.form.mapped,
         )
         self.cells[cell.ref] = cell
+
+    def unfit(self, node: Node, by_dim: Mapping[str, int], error: Exception) -> Fault:
+        """What is wrong with a stage, at the first combination at which it is."""
+        where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in by_dim.items())
+        text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
+        return Fault(f"{node.place}{f' at {where}' if where else ''}", text)
 
     @staticmethod
     def by_whom(node: Node, stage: Stage, error: PluginError) -> str:
@@ -299,111 +262,19 @@ class _Expansion:
             return known
         input_grids = {p: grid.take(ports[p].dims) if node.mapped else grid for p, grid in whole.items() if p in ports}
         mapped = tuple((dim, next(g[dim] for g in whole.values() if dim in g)) for dim in node.mapped)
-        if node.is_source:
-            declared, seen = self.describe(node, stage)[1], self.seen(node)
-        else:
-            declared, seen = asking.grids_of(stage, input_grids), self.seen(node)
+        declared = self.describe(node, stage)[1] if node.is_source else asking.grids_of(stage, input_grids)
         if mapped:
             declared = {
                 d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped))
                 for d in writes_of(type(stage)).values()
             }
         writes = {**node.writes, **node.optional}
+        seen = self.seen(node)
         grids = {v: output_grid(stage, d, declared.get(v), input_grids, seen) for v, d in writes.items()}
-        grids = {
-            v: self.grids.setdefault(grid, grid) for v, grid in grids.items()
-        }  # one of equal ones: told apart by identity
+        # One of equal ones: below, and by whoever follows, they are told apart by identity.
+        grids = {v: self.grids.setdefault(grid, grid) for v, grid in grids.items()}
         found = self.forms[place] = Form(whole, input_grids, grids, mapped)
         return found
-
-    def decide(
-        self,
-        node: Node,
-        number: int,
-        stage: Stage,
-        inputs: Any,
-        facts_in: Mapping[str, Facts],
-        form: Form,
-        by_dim: Mapping[str, int],
-    ) -> Decisions:
-        """What a scene's facts decide of a cell, and what is known behind it."""
-        grids_in = form.input_grids
-        facts = self.describe(node, stage)[0] if node.is_source else asking.carried(stage, facts_in, grids_in)
-        left_out = None
-        if node.name not in self.choice.computed:
-            left_out = leave_out.decide(
-                self.rule, stage, facts_in, form.whole_grids, form.grids, lambda: self.noises(by_dim)
-            )
-        approximated: tuple[Approximated, ...] = ()
-        if not left_out and self.knobs[node.name, number]:
-            stage, approximated = self.approximate(node, number, stage, inputs, facts_in, grids_in)
-        error = self.error(node, stage, inputs, facts_in, grids_in)
-        facts = self.behind(stage, facts_in, grids_in, facts)
-        if left_out:
-            main = next(iter(node.writes))
-            facts = next((self.cells[ref].facts for _, ref, v in inputs if v == main), facts)
-        return Decisions(stage, left_out, approximated, error, facts)
-
-    def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
-        """Every stage that adds noise, as it is at a combination; None where one of them is not known before the
-        run.
-        """
-        found: list[Noisy] = []
-        for node in self.graph.nodes:
-            if not all(issubclass(one.kind, Noisy) for one in node.alternatives):
-                continue
-            if (
-                node.found
-                or (node.use_axis and node.use_axis not in by_dim)
-                or any(dim not in by_dim for dim, _ in node.direct)
-            ):
-                return None
-            stage = self.stage_at(node, by_dim[node.use_axis] if node.use_axis else 0, by_dim)
-            assert isinstance(stage, Noisy)
-            found.append(stage)
-        return found
-
-    def open_knobs(self, node: Node, one: Alternative) -> tuple[str, ...]:
-        """The knobs of an alternative that the file leaves open: none where nothing may be approximated."""
-        if not self.choice.leave_out or node.is_source:
-            return ()
-        return open_knobs(one.kind, {*one.written, *(name for _, name in node.direct)})
-
-    def approximate(
-        self, node: Node, number: int, stage: Stage, inputs: Any, facts: Any, grids: Any
-    ) -> tuple[Stage, tuple[Approximated, ...]]:
-        """A stage with its open knobs set, found once for cells of equal stage and equal facts."""
-        place = (stage, self.before(node, inputs), tuple(grids.items()))
-        known = self.chosen.get(place)
-        if known is None:
-            key = (*place, tuple(facts.items()))
-            known = self.chosen.get(key)
-        if known is None:
-            seen = Seen(facts)
-            knobs = self.knobs[node.name, number]
-            known = choose(stage, knobs, self.choice.tolerance, lambda one: self.error(node, one, inputs, seen, grids))
-            known = (self.chosen.setdefault(known[0], known[0]), known[1])  # one stage for cells of equal choice
-            self.chosen[key if seen.looked else place] = known
-        return known
-
-    def behind(self, stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, Grid], own: Facts) -> Facts:
-        """What is known behind a transfer function beside what the stage says: less detail, and nearly the range
-        there was.
-        """
-        if not isinstance(stage, Transfer) or isinstance(stage, Summed):
-            return own
-        (port,) = reads_of(type(stage))
-        content = facts_in[port].content
-        if content is None:
-            return own
-        try:
-            left = effects.behind(stage, grids_in[port].bands().edges, content)
-        except ValueError:  # it refuses, and says why in its own place
-            return own
-        low, high = content.range_of_light()
-        return replace(
-            own, content=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high
-        )
 
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
@@ -416,27 +287,40 @@ class _Expansion:
         }
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
 
-    def segment_input(self, node: Node, inputs: Any) -> tuple[CellRef, str] | None:
-        """What the segment of a transfer stage starts from."""
-        if not node.segment:
-            return None
-        _, source, variable = inputs[0]
-        return self.cells[source].segment_input if len(node.segment) > 1 else (source, variable)
 
-    def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
-        if node.segment and isinstance(stage, Summed):
-            source, _ = self.segment_input(node, inputs) or (inputs[0][1], "")
-            facts = {**facts, inputs[0][0]: replace(facts[inputs[0][0]], content=self.cells[source].facts.content)}
-            return asking.error_of(stage, "segment_error", self.before(node, inputs), facts, grids, self.precision)
-        return asking.error_of(stage, "error", facts, grids, self.precision)
+# -- where a cell finds what it reads ----------------------------------------------------------------------------------
 
-    def before(self, node: Node, inputs: Any) -> tuple[Stage, ...]:
-        """The stages in force between the input of a segment and one of its stages, in the order of the light."""
-        found: list[Stage] = []
-        cell = self.cells[inputs[0][1]] if node.segment else None
-        for _ in range(len(node.segment) - 1):
-            assert cell is not None
-            if cell.left_out is None:
-                found.append(cell.stage)
-            cell = self.cells[cell.inputs[0][1]]
-        return tuple(reversed(found))
+
+class Reading(NamedTuple):
+    """Where an alternative of a node finds what it reads."""
+
+    inputs: tuple[tuple[str, str, str, Place], ...]  # port or shared quantity, node, variable, where
+    looks_at: tuple[tuple[str, tuple[tuple[str, Place], ...]], ...]
+    ports: frozenset[str]
+    quantities: frozenset[str]
+    alike: bool  # whether what is decided of a cell follows from its stage, and the grids and facts of what it reads
+
+
+def reading_of(node: Node, number: int, nodes: Mapping[str, Node]) -> Reading:
+    """What the alternative at this place of a node reads and looks at."""
+    kind = node.alternatives[number].kind
+    ports = reads_of(kind)
+    seen = [one for one in node.looks_at if one[0] in ports and looks(ports[one[0]]) == one[1]]
+    return Reading(
+        tuple((port, source, variable, places(node, nodes[source])) for port, source, variable in node.inputs[number]),
+        tuple((port, tuple((name, places(node, nodes[name])) for name in names)) for port, _, names in seen),
+        frozenset(ports),
+        frozenset(quantities_of(kind)),
+        not (node.is_source or node.segment or issubclass(kind, Noisy)),
+    )
+
+
+def places(node: Node, source: Node) -> Place:
+    """Where a cell stands that is read; what a probe of transfer functions does not depend on is at its first value."""
+    where = {dim: place for place, dim in enumerate(node.axes)}
+    if source.axes == node.axes:
+        return lambda index: index
+    if len(source.axes) > 1 and all(dim in where for dim in source.axes):
+        return itemgetter(*(where[dim] for dim in source.axes))
+    found = [where.get(dim, -1) for dim in source.axes]
+    return lambda index: tuple([index[place] if place >= 0 else 0 for place in found])

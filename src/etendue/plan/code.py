@@ -27,7 +27,7 @@ from etendue.contract.capabilities import bands_of, is_transfer
 from etendue.contract.dims import dim
 from etendue.contract.stage import Stage, patterns_of, per_kind
 from etendue.plan import sources
-from etendue.plan.distributions import CODE, SITES, VERSIONED, Installed, owner_of, place_of, sha256, top_of, whole
+from etendue.plan.distributions import CODE, SITES, VERSIONED, Installed, owner_of, place_of, sha256, whole
 from etendue.plan.engine import ENGINE, TRANSFER_KERNELS, only_moves
 from etendue.plan.keys import digest
 from etendue.plugins import discovery
@@ -198,7 +198,7 @@ def _of_own(name: str, above: tuple[str, ...]) -> _Step:
     found = {name: source.digest}
     if source.beside:
         text = file.read_text(encoding="utf-8")
-        data = _top_folder(name) / "data"
+        data = sources.PACKAGE.parent / top / "data"
         tables = (path for path in (data.iterdir() if data.is_dir() else ()) if path.is_file() and path.name in text)
         found |= {f"{data.parent.name}/data/{path.name}": sources.known(path).digest for path in tables}
     return _Step(found, behind=(*above, *_behind(name, file, source)))
@@ -216,10 +216,6 @@ def _through_the_door(door: str, name: str) -> Iterator[str]:
 def manifests() -> frozenset[str]:
     """The manifests of this distribution."""
     return frozenset(point.module for point in discovery.installed().points if point.dist and point.dist.name == OWN)
-
-
-def _top_folder(module: str) -> Path:
-    return sources.PACKAGE.parent / module.partition(".")[0]
 
 
 @cache
@@ -251,7 +247,8 @@ def _of_others(name: str, above: tuple[str, ...]) -> _Step:
     place = place_of(name)
     if place is None or place.file is None:
         return _Step(behind=above)
-    top = top_of(name, place.file)
+    depth = name.count(".") - (not place.file.name.startswith("__init__."))
+    top = place.file.parents[depth] if depth >= 0 else place.file  # by which it is imported first
     owner = owner_of(top)
     if owner is not None and not owner.knows_etendue:
         return _Step(*whole(owner))

@@ -15,18 +15,14 @@ from etendue.contract.grid import Grid
 from etendue.contract.parameter import Parameter
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.variables import Declaration
-from etendue.plan.model import Cell, Node
+from etendue.plan.model import Cell, Node, told_by
 
 LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
 
 
-def item_bytes(declaration: Declaration, precision: str) -> int:
-    return BYTES.get(declaration.dtype, 4 if precision == "float32" else 8)
-
-
 def bytes_of(declaration: Declaration, grid: Grid, precision: str) -> int:
-    return grid.count * item_bytes(declaration, precision)
+    return grid.count * BYTES.get(declaration.dtype, 4 if precision == "float32" else 8)
 
 
 def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
@@ -41,7 +37,7 @@ def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
     """
     found: dict[tuple[Any, ...], list[Any]] = {}
     for cell in cells:
-        place = id(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None
+        place = id(cell.stage), told_by(cell.grids, cell.input_grids), cell.left_out is None
         known = found.get(place)
         if known is None:
             found[place] = [cell, 1]
@@ -62,7 +58,9 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
     rate = cell.stage.nanoseconds
     if node.segment and cell.inputs:
         grid = cell.input_grids[cell.inputs[0][0]]
-        values = 1.6 * grid.count * gathered_share(cell.stage, grid)
+        terms = cell.stage.terms() if isinstance(cell.stage, Summed) else 0
+        transformed = min(1.0, terms / grid.bands().size) if terms else 1.0  # of as many planes as there are bands
+        values = 1.6 * grid.count * transformed
     else:
         values = max(
             [grid.count for grid in cell.grids.values()] + [grid.count / 4 for grid in cell.input_grids.values()]
@@ -90,9 +88,3 @@ def _cost(parameter: Parameter, value: Any) -> float:
     )  # ladders of counts may end in 0, all of them
     finer = (i for i, one in enumerate(parameter.settings) if one != 0 and (value >= one if falling else value <= one))
     return parameter.costs[next(finer, -1)]
-
-
-def gathered_share(stage: Stage, grid: Grid) -> float:
-    """Of the planes that a stage with a sum over bands transforms, of as many as there are bands."""
-    terms = stage.terms() if isinstance(stage, Summed) else 0
-    return min(1.0, terms / grid.bands().size) if terms else 1.0

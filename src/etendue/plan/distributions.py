@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 from etendue.plan.keys import digest
@@ -59,18 +60,7 @@ def place_of(module: str) -> Place | None:
     spec = getattr(loaded, "__spec__", None)
     if spec is None and getattr(loaded, "__file__", None):  # a script
         return Place(Path(str(loaded.__file__)))  # type: ignore[union-attr]
-    if spec is None:
-        package = module.rpartition(".")[0]
-        within = place_of(package) if package else None
-        if package and (within is None or not within.folders):
-            return None
-        for finder in sys.meta_path:
-            try:
-                spec = finder.find_spec(module, list(within.folders) if within else None)
-            except Exception:  # of a finder that somebody has put there
-                continue
-            if spec is not None:
-                break
+    spec = spec or _spec_of(module)
     if spec is None:
         return None
     folders = tuple(spec.submodule_search_locations or ())
@@ -80,11 +70,20 @@ def place_of(module: str) -> Place | None:
     return Place(file, folders) if file or folders else None
 
 
-def top_of(module: str, file: Path) -> Path:
-    """The folder or file by which a module is imported first: what stands in a folder of the path."""
-    package = file.name.startswith("__init__.")
-    depth = module.count(".") - (not package)
-    return file.parents[depth] if depth >= 0 else file
+def _spec_of(module: str) -> ModuleSpec | None:
+    """What the first finder that knows a module says of it; its packages are asked first."""
+    package = module.rpartition(".")[0]
+    within = place_of(package) if package else None
+    if package and (within is None or not within.folders):
+        return None
+    for finder in sys.meta_path:
+        try:
+            spec = finder.find_spec(module, list(within.folders) if within else None)
+        except Exception:  # of a finder that somebody has put there
+            continue
+        if spec is not None:
+            return spec
+    return None
 
 
 # ------------------------------------------------------------------------------------------- what is installed

@@ -10,7 +10,7 @@ from etendue.contract.capabilities import Viewed
 from etendue.contract.drawn import Drawn
 from etendue.contract.seen import flat_dims
 from etendue.contract.variables import variable
-from etendue.plan.model import Cell, Node, Plan
+from etendue.plan.model import Cell, Plan
 
 
 def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
@@ -24,13 +24,6 @@ def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
     viewed = "channel" in dims and isinstance(cell.stage, Viewed)
     white = cell.stage.viewing_white() if viewed and isinstance(cell.stage, Viewed) else None
     return Drawn.of(known, black, pattern, () if white is None else [float(value) for value in white])
-
-
-def quantity_axes(plan: Plan, node: Node, name: str) -> tuple[int, ...]:
-    """Which of a node's axes set a shared quantity on which it depends how a variable is drawn."""
-    names = {variable(name).pattern, variable(name).black} - {""}
-    axes = [plan.axis(dim) for dim in node.axes]
-    return tuple(number for number, axis in enumerate(axes) if axis.key in names or names & axis.gives.keys())
 
 
 def _quantity(plan: Plan, cell: Cell, name: str) -> Any:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from etendue.contract.grid import Grid, Line
 from etendue.contract.wording import words
-from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of
+from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of, told_by
 
 CRISP = 0.25  # contrast at the pixels' Nyquist frequency that a rendering has to leave: two samples a pixel leave 0.29
 SEEN = 0.5  # of the light's area: whatever lies around less than that was hardly meant to be cropped
@@ -41,7 +41,7 @@ def notes_on_the_scene(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], axe
     by_node: dict[str, list[tuple[_Field, Cell]]] = {}
     known: dict[tuple[int, int], _Field | None] = {}  # cells share the grids that are equal
     for cell in cells.values():
-        place = (id(cell.input_grids), id(cell.grids))
+        place = told_by(cell.grids, cell.input_grids)
         if place not in known:
             known[place] = _field(cell)
         field = known[place]
@@ -69,10 +69,10 @@ def _softened(
     node: Node, own: Sequence[tuple[_Field, Cell]], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]
 ) -> list[str]:
     left: list[tuple[float, Cell]] = []
-    known: dict[tuple[int, float], float] = {}
+    known: dict[tuple[tuple[float, float] | None, float], float] = {}
     for field, cell in own:
         scene = scene_of(cells, cell)
-        place = (id(scene.stage), min(field.pitch))
+        place = (scene.facts.rendered, min(field.pitch))
         if place not in known:
             known[place] = _contrast_left(scene.facts.rendered, min(field.pitch))
         left.append((known[place], cell))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from etendue.contract.bounds import MOST_POINTS, MOST_VALUES, beyond
 from etendue.contract.grid import Coordinate, Grid, Labels
@@ -16,6 +16,7 @@ from etendue.contract.stage import Stage
 from etendue.contract.variables import Declaration
 from etendue.errors import PluginError
 from etendue.plan import asking
+from etendue.plan.model import Alternative, CellRef, Node
 
 
 def output_grid(
@@ -50,11 +51,28 @@ def output_grid(
     return grid
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Form:
-    """Grids of a cell: of what it reads, whole and without the dims it is mapped over, and of what it writes."""
+    """Grids of a cell: of what it reads, whole and without the dims it is mapped over, and of what it writes. Told by
+    identity: many cells share one, and to compare grids takes longer than all that is looked up by it.
+    """
 
     whole_grids: Mapping[str, Grid]
     input_grids: Mapping[str, Grid]
     grids: Mapping[str, Grid]
     mapped: tuple[tuple[str, Coordinate], ...]
+
+
+class Draft(NamedTuple):
+    """A cell of which all is known but what is decided of it."""
+
+    node: Node
+    number: int  # of the alternative
+    stage: Stage
+    inputs: tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable)
+    looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
+    form: Form
+
+    @property
+    def one(self) -> Alternative:
+        return self.node.alternatives[self.number]

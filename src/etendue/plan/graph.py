@@ -10,14 +10,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from etendue.contract import variables
 from etendue.contract.dims import is_light
-from etendue.contract.names import LOOKS, unfit_axis
+from etendue.contract.names import LOOKS, OWN, beside
 from etendue.contract.registry import Registry
-from etendue.contract.stage import parameters_of, quantities_of
+from etendue.contract.stage import parameters_of, quantities_of, writes_of
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.pipeline.file import Pipeline
 from etendue.plan import asking
-from etendue.plan.alternatives import alternatives_of
+from etendue.plan.alternatives import Entries, alternatives_of
 from etendue.plan.axes import resolve_axes
 from etendue.plan.binding import link
 from etendue.plan.lacking import lacking
@@ -25,7 +26,7 @@ from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.quantities import resolve_quantities, to_be_found
 from etendue.plan.request import Request
 from etendue.plan.swapped import fitted_to_overrides
-from etendue.plan.vocabulary import check_vocabulary
+from etendue.plugins import discovery
 from etendue.telling import plain
 
 
@@ -55,7 +56,7 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
         if use_axis:
             swapped[entry.name] = use_axis
         request.whole = request.whole and bool(entries[entry.name])
-    check_vocabulary(request, entries)
+    _check_vocabulary(request, entries)
     shared = resolve_quantities(request, entries)
     axes, direct = resolve_axes(request, entries, shared, list(swapped.values()))
     nodes = link(request, entries, swapped, axes, direct)
@@ -95,6 +96,32 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
     return frozenset(chosen)
 
 
+def _check_vocabulary(request: Request, entries: Entries) -> None:
+    """Where two distributions say different things of a name that the pipeline uses, or one says it wrongly."""
+    quantities: dict[str, str] = {}
+    written: dict[str, str] = {}
+    for stage, alternatives in entries.items():
+        for one in alternatives:
+            quantities |= {
+                name: one.use
+                for name, (p, _, _) in parameters_of(one.kind).items()
+                if p.shared and name not in quantities
+            }
+            written |= {d.variable: stage for d in writes_of(one.kind).values() if d.variable not in written}
+    for name, use in quantities.items():
+        if clash := discovery.installed().clash("quantities", name):
+            request.fault(request.pipeline.table.place(name), f"{use} takes it, and it is {clash}")
+    for name, stage in written.items():
+        try:
+            variables.variable(name)
+        except PluginError as error:
+            request.fault(f"stages.{stage}", str(error))
+        if differ := variables.disagree(name):
+            request.fault(
+                f"stages.{stage}", f"{differ} say different things of its variable {name!r}; uninstall one of them"
+            )
+
+
 def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
     """Two axes, or an axis and a dim of a variable, of one name: the values of one would stand in the place of the
     other's.
@@ -108,8 +135,8 @@ def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> 
         dims = {
             dim for node in nodes if axis.dim in node.axes for written in node.writes.values() for dim in written.dims
         }
-        why = unfit_axis(axis.dim, dims)
-        if why:
+        if axis.dim in beside(dims) or axis.dim in OWN:
+            why = f"{axis.dim!r} is a dim, or a coordinate, of what a stage writes"
             request.fault(f"sweep.{axis.key}", f"{why}; give the stage another 'name'")
 
 

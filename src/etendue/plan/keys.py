@@ -85,7 +85,3 @@ def parameters_for_key(stage: Stage) -> dict[str, Any]:
     return {
         n: f"sha256:{file_digest(files[n])}" if n in files else getattr(stage, n) for n in parameters_of(type(stage))
     }
-
-
-def parameters_digest(stage: Stage) -> str:
-    return key_of(parameters_for_key(stage))

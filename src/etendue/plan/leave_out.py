@@ -47,24 +47,30 @@ def decide(
     """
     if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
         return None
-    writes = [declaration for declaration in writes_of(type(stage)).values() if not declaration.optional]
-    for declaration in writes:
-        port = next((p for p, d in reads_of(type(stage)).items() if d.variable == declaration.variable), None)
-        if port is None or port not in grids_in or grids_in[port] != grids[declaration.variable]:
-            return None
-    main = next(p for p, d in reads_of(type(stage)).items() if d.variable == writes[0].variable)
-    own, grid = facts[main], grids_in[main]
+    port = _through(stage, grids_in, grids)
+    if port is None:
+        return None
+    own, grid = facts[port], grids_in[port]
     found = _of_the_stage(rule, stage, own, grid)
     if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.content is not None and grid.banded:
-        changed = _of_the_content(rule, stage, own, grid)
-        found = found if changed is None else _less(found, changed)
+        both = (found, _of_the_content(rule, stage, own, grid))
+        found = min((one for one in both if one is not None), key=lambda one: one.bound, default=None)
     if found is None and isinstance(stage, Noisy) and rule.tolerance > 0:
         found = _of_the_noise(stage, own, noises, rule.tolerance)
     return found if found is not None and (found.bound == 0 or found.bound <= rule.tolerance) else None
 
 
-def _less(one: LeftOut | None, other: LeftOut) -> LeftOut:
-    return other if one is None or other.bound < one.bound else one
+def _through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Grid]) -> str | None:
+    """The port by which a stage reads what it writes first; None where it writes something that it does not read, or
+    on another grid.
+    """
+    ports: dict[str, str] = {}
+    for port, declaration in reads_of(type(stage)).items():
+        ports.setdefault(declaration.variable, port)
+    writes = [d.variable for d in writes_of(type(stage)).values() if not d.optional]
+    if any(grids_in.get(ports.get(variable, "")) != grids[variable] for variable in writes):
+        return None
+    return ports[writes[0]]
 
 
 def _of_the_stage(rule: Rule, stage: Stage, facts: Facts, grid: Grid) -> LeftOut | None:

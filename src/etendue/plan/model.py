@@ -6,9 +6,11 @@ reach it. A ``CellRef`` names a cell by its node and the position on each of the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import prod
+from operator import mul
 from typing import Any
 
 from etendue.contract.capabilities import (
@@ -28,7 +30,6 @@ from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
 from etendue.contract.variables import Declaration
 from etendue.pipeline.file import Pipeline
-from etendue.plan.numbers import Numbers
 
 CellRef = tuple[str, tuple[int, ...]]
 
@@ -187,6 +188,13 @@ class Cell:
         return self.left_out.bound if self.left_out else sum(one.bound for one in self.approximated)
 
 
+def told_by(grids: Mapping[str, Grid], input_grids: Mapping[str, Grid]) -> tuple[int, int]:
+    """What tells the grids of a cell from those of others. Cells of a plan have one of equal ones, and hold it: so it
+    is its identity, which takes no comparing.
+    """
+    return id(grids), id(input_grids)
+
+
 def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:
     """The source cell at the start of what a cell reads first."""
     while cell.inputs:
@@ -253,6 +261,33 @@ def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:
             open_ = {source for n in open_ for bound in nodes[n].inputs for _, source, _ in bound} - before
         found.append([i for i in range(number + 1) if names[i] in before])
     return found
+
+
+class Numbers:
+    """Cells as numbers from 0, in the order of the plan: what is known of every cell fits in columns, of a few bytes.
+
+    Those of a node stand one behind the other, the last axis fastest: no table of them is needed.
+    """
+
+    def __init__(self, nodes: Iterable[Node], sizes: Mapping[str, int]) -> None:
+        self.count = 0
+        self.counts: dict[str, int] = {}  # by node
+        self.places: dict[str, tuple[int, tuple[int, ...]]] = {}
+        for node in nodes:
+            own = [sizes[dim] for dim in node.axes]
+            self.places[node.name] = self.count, tuple(prod(own[place + 1 :]) for place in range(len(own)))
+            self.counts[node.name] = prod(own)
+            self.count += prod(own)
+
+    def range(self, node: str) -> range:
+        """The numbers of the cells of a node."""
+        first = self.places[node][0]
+        return range(first, first + self.counts[node])
+
+    def of(self, ref: CellRef) -> int:
+        first, strides = self.places[ref[0]]
+        number: int = first + sum(map(mul, ref[1], strides))
+        return number
 
 
 @dataclass(frozen=True)

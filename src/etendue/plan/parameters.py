@@ -90,51 +90,46 @@ def expected(parameter: Parameter) -> str:
     return (f" in {parameter.units}" if parameter.units not in ("1", "") else "") + (f", {limits}" if limits else "")
 
 
-class _Wanted:
-    """What is said of a number that does not fit: put together where it is said, as an axis may have 100,000 that
-    do.
-    """
-
-    def __init__(self, parameter: Parameter, whole: bool) -> None:
-        self.parameter, self.whole = parameter, whole
-
-    def __str__(self) -> str:
-        return f"a {'whole ' if self.whole else ''}number{expected(self.parameter)}"
+def _wanted(parameter: Parameter, whole: bool) -> str:
+    return f"a {'whole ' if whole else ''}number{expected(parameter)}"
 
 
 def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
-    wanted = _Wanted(parameter, whole)
+    """A number in the unit of a parameter. What is wanted is put together only where it is said, as an axis may have
+    100,000 that fit.
+    """
     if hasattr(value, "item"):
         value = value.item()  # a scalar of numpy, from Python
     if isinstance(value, bool):
-        raise Unfit(f"expected {wanted}, got {as_written(value)}")
+        raise Unfit(f"expected {_wanted(parameter, whole)}, got {as_written(value)}")
     if isinstance(value, str) and value.strip().lower() in ("inf", "infinite") and parameter.infinite:
         return math.inf
     try:
         number = to_unit(Decimal(repr(value)) if isinstance(value, float) else value, parameter.units)
     except UnitError as error:
         hint = "; several values belong under [sweep]" if isinstance(value, list | tuple | dict) else ""
-        raise Unfit(f"expected {wanted}; {error}{hint}") from None
+        raise Unfit(f"expected {_wanted(parameter, whole)}; {error}{hint}") from None
     if not math.isfinite(number) and not (parameter.infinite and number == math.inf):
-        raise Unfit(f"expected {wanted}, got {value}")
+        raise Unfit(f"expected {_wanted(parameter, whole)}, got {value}")
+    _refuse_beyond(value, number, parameter, whole)
+    if whole and number != int(number):
+        raise Unfit(f"expected {_wanted(parameter, whole)}, got {value}")
+    return int(number) if whole else number
+
+
+def _refuse_beyond(value: Any, number: float, parameter: Parameter, whole: bool) -> None:
+    """Refuse a number that no product would hold, that is not allowed, or with which no stage computes."""
     if number and math.isfinite(number) and not SMALLEST <= abs(number) <= LARGEST:
         raise Unfit(
             f"{as_written(value)} is out of range: numbers are 0, or from {SMALLEST:g} to {LARGEST:g} in size; "
-            f"expected {wanted}"
+            f"expected {_wanted(parameter, whole)}"
         )
     if not parameter.allows(number):
-        raise Unfit(f"{value} is out of range: expected {wanted}")
+        raise Unfit(f"{value} is out of range: expected {_wanted(parameter, whole)}")
     if parameter.held and math.isfinite(number) and not parameter.held[0] <= number <= parameter.held[1]:
-        ends = (
-            f"{parameter.held[0]:g} to "
-            f"{parameter.held[1]:g}{f' {parameter.units}' if parameter.units not in ('1', '') else ''}"
-        )
-        raise Unfit(f"{value} is beyond what its stages compute with, {ends}")
-    if whole:
-        if number != int(number):
-            raise Unfit(f"expected {wanted}, got {value}")
-        return int(number)
-    return number
+        unit = f" {parameter.units}" if parameter.units not in ("1", "") else ""
+        low, high = parameter.held
+        raise Unfit(f"{value} is beyond what its stages compute with, {low:g} to {high:g}{unit}")
 
 
 def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
@@ -146,16 +141,7 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         Wrong type, incompatible unit, out of range, unknown choice, missing file.
     """
     if get_origin(kind) is tuple:
-        item = get_args(kind)[0]
-        if parameter.one_for_all and not isinstance(value, list | tuple):
-            value = (value,)
-        if isinstance(value, str | bytes) or not isinstance(value, list | tuple):
-            raise Unfit(
-                f"expected a list of {parameter.length or ''} values, got {as_written(value)}".replace("  ", " ")
-            )
-        if parameter.length is not None and len(value) != parameter.length:
-            raise Unfit(f"expected {parameter.length} values, got {len(value)}")
-        return tuple(resolve(v, parameter, item, folder) for v in value)
+        return tuple(resolve(one, parameter, get_args(kind)[0], folder) for one in _several(value, parameter))
     if kind is bool:
         if not isinstance(value, bool):
             raise Unfit(f"expected true or false, got {as_written(value)}")
@@ -177,6 +163,16 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         raise Unfit(f"{value!r} is not allowed{nearest(value, parameter.choices)}")
     if value and (parameter.file or (parameter.table and is_table_file(value))):
         return str(resolve_file(value, folder, parameter.folder))
+    return value
+
+
+def _several(value: Any, parameter: Parameter) -> Sequence[Any]:
+    if parameter.one_for_all and not isinstance(value, list | tuple):
+        value = (value,)
+    if not isinstance(value, list | tuple):
+        raise Unfit(f"expected a list of {parameter.length or ''} values, got {as_written(value)}".replace("  ", " "))
+    if parameter.length is not None and len(value) != parameter.length:
+        raise Unfit(f"expected {parameter.length} values, got {len(value)}")
     return value
 
 

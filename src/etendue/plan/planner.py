@@ -6,8 +6,9 @@ plan = make_plan(read_pipeline(path), installed_stages())
 from __future__ import annotations
 
 import gc
+import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any
@@ -18,11 +19,12 @@ from etendue.contract.stage import Stage, parameters_of
 from etendue.errors import Fault, PluginError, RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan import asking, cost, omissions
-from etendue.plan.agreement import notes_on_agreement
-from etendue.plan.cells import Choice, Told, expand
+from etendue.plan.agreement import met_twice, taken_differently
+from etendue.plan.cells import Told, expand
 from etendue.plan.fields import notes_on_the_scene
 from etendue.plan.graph import build_graph, resolve_keep
-from etendue.plan.model import Plan
+from etendue.plan.model import Node, Plan
+from etendue.plan.request import Choice
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
 from etendue.telling import plain
@@ -86,7 +88,7 @@ def make_plan(
         warnings = (*_warnings(graph.nodes, cells, pipeline.tolerance), *sampled)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), pipeline.file) from None
-    plan = Plan(
+    return Plan(
         pipeline=pipeline,
         axes=graph.axes,
         nodes=graph.nodes,
@@ -100,26 +102,23 @@ def make_plan(
         expected=expected,
         warnings=(*swapped, *graph.warnings, *warnings),
     )
-    return plan
 
 
 def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
     """What stages have to say about their own cells: each text once."""
-    texts: dict[str, None] = {}
     places = {node.name: node.place for node in nodes}
     uses = {one.use: one.kind for node in nodes for one in node.alternatives}
-    texts |= dict.fromkeys(_rewritten_in_vain(nodes))
-    texts |= dict.fromkeys(notes_on_agreement(nodes, cells))
-    texts |= dict.fromkeys(_beyond_tolerance(cells, tolerance))
-    among: dict[int, list[str]] = {}  # by stage: it serves many cells
+    notes = (_rewritten_in_vain(nodes), met_twice(nodes), taken_differently(cells), _beyond_tolerance(cells, tolerance))
+    texts = dict.fromkeys(itertools.chain(*notes))
+    among: dict[Stage, list[str]] = {}  # it serves many cells
     for cell in cells.values():
         kind = type(cell.stage)
         try:
             found = [] if kind.warn is Stage.warn else asking.texts(cell.stage, "warn", cell.facts, cell.input_grids)
             if kind.warn_among is not Stage.warn_among:
-                if id(cell.stage) not in among:
-                    among[id(cell.stage)] = asking.texts(cell.stage, "warn_among", uses)
-                found += among[id(cell.stage)]
+                if cell.stage not in among:
+                    among[cell.stage] = asking.texts(cell.stage, "warn_among", uses)
+                found += among[cell.stage]
         except ValueError as error:
             raise RequestError([Fault(places[cell.node], plain(str(error)))]) from None
         except PluginError as error:
@@ -146,62 +145,32 @@ def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
     ]
 
 
-def _rewritten_in_vain(nodes: Any) -> list[str]:
+def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
     """Stages that change a variable behind the one that reads it: their place in the file is likely wrong."""
-    notes = []
     written = {(node.name, variable): declared.dims for node in nodes for variable, declared in node.writes.items()}
+    readers: dict[tuple[str, str], list[tuple[int, Node]]] = {}  # of what a stage writes, with their places
     for number, node in enumerate(nodes):
-        own = {variable: source for bound in node.inputs for _, source, variable in bound if variable in node.writes}
-        own = {
-            v: s for v, s in own.items() if written[s, v] == node.writes[v].dims
-        }  # not of one picture instead of many frames
+        for _, source, variable in itertools.chain(*node.inputs):
+            readers.setdefault((source, variable), []).append((number, node))
+    notes = []
+    for number, node in enumerate(nodes):
+        own = {variable: source for _, source, variable in itertools.chain(*node.inputs) if variable in node.writes}
         for variable, source in own.items():
-            readers = [
-                n for n in nodes[:number] for bound in n.inputs for _, s, v in bound if (s, v) == (source, variable)
-            ]
-            later = [
-                n
-                for n in nodes[number + 1 :]
-                for bound in n.inputs
-                for _, s, v in bound
-                if (s, v) == (node.name, variable)
-            ]
-            if readers and not later and not any(r.writes.keys() & {variable} for r in readers):
+            if written[source, variable] != node.writes[variable].dims:
+                continue  # one picture instead of many frames
+            before = [reader for at, reader in readers[source, variable] if at < number]
+            if before and (node.name, variable) not in readers and not any(variable in r.writes for r in before):
                 notes.append(
-                    f"{node.name}: nothing reads its {variable}; {readers[0].name}, which stands before it, reads that "
-                    f"of {source}: "
-                    f"move {node.name} up"
+                    f"{node.name}: nothing reads its {variable}; {before[0].name}, which stands before it, reads that "
+                    f"of {source}: move {node.name} up"
                 )
     return notes
 
 
 def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
     """The plan as JSON: ``etendue plan --json``; ``peak_memory``: bytes that a run of it holds at most."""
-    stages = []
-    written: dict[tuple[str, str], int] = {}  # bytes, by stage and variable
-    for node in plan.nodes:
-        cells = plan.of(node.name)
-        sizes = {
-            v: sum(count * cost.cell_bytes(node, c, plan.precision, [v]) for c, count in cost.alike(cells))
-            for v in node.writes
-        }
-        written |= {(node.name, v): size for v, size in sizes.items()}
-        stages.append(
-            {
-                "name": node.name,
-                "use": node.alternatives[0].use if len(node.alternatives) == 1 else [a.use for a in node.alternatives],
-                "distribution": node.alternatives[0].distribution,
-                "axes": [plan.axis(dim).key for dim in node.axes],
-                "cells": len(cells),
-                "found": node.found or None,
-                "one_by_one": list(node.mapped) or None,
-                "left_out": omissions.left_out(node, cells, plan.precision),
-                "approximated": omissions.approximated(node, cells, plan.precision),
-                "bytes": sum(size for v, size in sizes.items() if (node.name, v) in plan.kept),
-                "variables": {v: {"bytes": size, "kept": (node.name, v) in plan.kept} for v, size in sizes.items()},
-                "seconds": sum(count * cost.cell_seconds(node, c, plan.precision) for c, count in cost.alike(cells)),
-            }
-        )
+    stages = [_stage(plan, node) for node in plan.nodes]
+    written = {(s["name"], v): one["bytes"] for s in stages for v, one in s["variables"].items()}
     return {
         "name": plan.pipeline.name,
         "stages": stages,
@@ -220,4 +189,27 @@ def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
         "scene_seconds": plan.looked,
         "axes": [{"name": a.key, "values": list(a.values), "units": a.units or None} for a in plan.axes],
         "warnings": list(plan.warnings),
+    }
+
+
+def _stage(plan: Plan, node: Node) -> dict[str, Any]:
+    """One stage of it."""
+    cells, precision = plan.of(node.name), plan.precision
+    counted = cost.alike(cells)
+    sizes = {v: sum(count * cost.cell_bytes(node, c, precision, [v]) for c, count in counted) for v in node.writes}
+    kept = {v: (node.name, v) in plan.kept for v in node.writes}
+    uses = [one.use for one in node.alternatives]
+    return {
+        "name": node.name,
+        "use": uses[0] if len(uses) == 1 else uses,
+        "distribution": node.alternatives[0].distribution,
+        "axes": [plan.axis(dim).key for dim in node.axes],
+        "cells": len(cells),
+        "found": node.found or None,
+        "one_by_one": list(node.mapped) or None,
+        "left_out": omissions.left_out(node, cells, precision),
+        "approximated": omissions.approximated(node, cells, precision),
+        "bytes": sum(size for v, size in sizes.items() if kept[v]),
+        "variables": {v: {"bytes": size, "kept": kept[v]} for v, size in sizes.items()},
+        "seconds": sum(count * cost.cell_seconds(node, c, precision) for c, count in counted),
     }

@@ -7,14 +7,14 @@ Out: the axis, with what each of its presets gives every quantity that presets s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from etendue.contract import quantities
 from etendue.contract.parameter import MISSING
 from etendue.contract.tables import Table
 from etendue.contract.units import as_written
-from etendue.errors import RequestError, nearest, unprintable
+from etendue.errors import RequestError, nearest
 from etendue.pipeline.presets import preset, preset_names
 from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, resolve
@@ -37,27 +37,11 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
     written = request.pipeline.sweep.get(word) if word else None
     if written is None:
         return None
-    if isinstance(written, str) or not isinstance(written, list | tuple) or not written:
+    if not isinstance(written, list | tuple) or not written:
         request.fault(place, f"expected a list of {word}s, got {as_written(written)}")
         return None
     before = len(request.faults)
-    tables: dict[str, Mapping[str, Any]] = {}
-    for one in written:
-        table = {word: one} if isinstance(one, str) else one
-        if not isinstance(table, Mapping) or not (
-            isinstance(table.get(word), str) or isinstance(table.get("label"), str)
-        ):
-            request.fault(
-                place, f"expected a {word}'s name, or a table with '{word}', 'label' or both, got {as_written(one)}"
-            )
-            continue
-        label = str(table.get("label", table.get(word)))
-        if unprintable(label) or not label:
-            request.fault(place, f"the label {as_written(label)} is no plain name: text without control characters")
-        elif label in tables:
-            request.fault(place, f"{label!r} stands twice; give one of them another 'label'")
-        else:
-            tables[label] = table
+    tables = _tables(request, written)
     own = {name for table in tables.values() for name in table if name not in words}
     for name in sorted(own - {*declared, *quantities.names()}):
         request.fault(
@@ -70,6 +54,25 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
     for name in sorted(named & declared.keys() & request.pipeline.shared.keys() - own):
         request.warnings.append(f"{whose.place(name)} holds for every {word} of the sweep")
     return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
+
+
+def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, Any]]:
+    """The table of each value of the axis, by its label."""
+    word = request.pipeline.table.preset
+    place, tables = f"sweep.{word}", dict[str, Mapping[str, Any]]()
+    for one in written:
+        table = {word: one} if isinstance(one, str) else one
+        if not isinstance(table, Mapping) or not (
+            isinstance(table.get(word), str) or isinstance(table.get("label"), str)
+        ):
+            request.fault(
+                place, f"expected a {word}'s name, or a table with '{word}', 'label' or both, got {as_written(one)}"
+            )
+            continue
+        label = str(table.get("label", table.get(word)))
+        if request.takes_label(place, label, tables):
+            tables[label] = table
+    return tables
 
 
 def _stated(name: str, whose: Table) -> Mapping[str, Any]:
@@ -92,11 +95,9 @@ def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Map
                 **request.pipeline.shared,
                 **table,
             }
-            value = (
-                resolve(written[name], one.parameter, one.kind, request.pipeline.folder)
-                if name in written
-                else one.default
-            )
+            value = one.default
+            if name in written:
+                value = resolve(written[name], one.parameter, one.kind, request.pipeline.folder)
         except Unfit as error:
             request.fault(place, f"{label}: {name}: {error}")
             continue

@@ -15,9 +15,9 @@ from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of,
 from etendue.plan import asking, words
 from etendue.plan.code import code_digest, libraries_of
 from etendue.plan.cost import too_large
-from etendue.plan.forms import Form
-from etendue.plan.keys import digest, parameters_digest, plain_text, version_of
-from etendue.plan.model import Alternative, Cell, CellRef, Node, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.plan.forms import Draft, Form
+from etendue.plan.keys import digest, key_of, parameters_for_key, plain_text, version_of
+from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, light_of, pixel_of, scene_of
 
 NONE: Mapping[str, str] = {}  # never written to; a mapping proxy could not be pickled
 Lines = frozenset[str]
@@ -40,14 +40,12 @@ class Recipes:
         self.cells, self.nodes, self.pipeline_seed, self.expected = cells, nodes, seed, expected
         self.stated = versions
         self.words: dict[tuple[str, int], tuple[str, ...]] = {}
-        self.digests: dict[
-            int, str
-        ] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
+        # Of the parameters of a stage, by its identity: hashing a stage costs as much again. Whoever plans holds it: no
+        # other takes its number.
+        self.digests: dict[int, str] = {}
         self.heads: dict[tuple[Any, ...], Head] = {}
-        self.forms: dict[int, str] = {}  # what counts of grids, by the identity of what many cells share
-        self.looked: dict[
-            tuple[Any, ...], str
-        ] = {}  # what counts of transfer functions that are looked at: the same ones by many cells
+        self.forms: dict[Form, str] = {}  # what counts of grids
+        self.looked: dict[tuple[Any, ...], str] = {}  # of transfer functions that are looked at: the same by many cells
         self.versions: dict[frozenset[str], dict[str, str]] = {}
         self.behind: dict[CellRef, Lines | None] = {}
         self.alike: dict[tuple[Any, ...], Lines | None] = {}
@@ -57,47 +55,39 @@ class Recipes:
         """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
         known = self.digests.get(id(stage))
         if known is None:
-            known = self.digests[id(stage)] = parameters_digest(stage)
+            known = self.digests[id(stage)] = key_of(parameters_for_key(stage))
         return known
 
     def key(
-        self,
-        node: Node,
-        stage: Stage,
-        one: Alternative,
-        inputs: Any,
-        looks_at: Any,
-        decided: Any,
-        form: Form,
-        seed: bytes,
-        open_words: Any,
-        precision: str,
+        self, draft: Draft, left_out: LeftOut | None, seed: bytes, open_words: tuple[words.Open, ...], precision: str
     ) -> tuple[Mapping[str, str], str]:
         """The versions of libraries that stand in a cell's key, and the key."""
-        if decided:
+        node, inputs = draft.node, draft.inputs
+        if left_out:
             main = next(iter(node.writes))
             source = next(ref for _, ref, v in inputs if v == main)
             return NONE, self.cells[source].key
-        averaged = self.expected and isinstance(stage, Sampled)
-        head, versions, draws = self.head(node, stage, one, precision, averaged, looks_at)
-        lines = [head, self.text_of_form(form), *(f"{port} {self.cells[ref].key}" for port, ref, _ in inputs)]
+        head, versions, draws = self.head(draft, precision)
+        lines = [head, self.text_of_form(draft.form), *(f"{port} {self.cells[ref].key}" for port, ref, _ in inputs)]
         if node.segment:
             lines.append(self.text_of_segment(node, inputs, precision))
         if draws:
             lines.append(seed.decode())  # values of ancestors count here even where a stage is left out
             lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
-        if looks_at:
-            lines.append(self.text_of_looked_at(node, one, looks_at))
+        if draft.looks_at:
+            lines.append(self.text_of_looked_at(node, draft.one, draft.looks_at))
         return versions, digest("\n".join(lines).encode())
 
-    def head(self, node: Node, stage: Stage, one: Alternative, precision: str, averaged: bool, looks_at: Any) -> Head:
+    def head(self, draft: Draft, precision: str) -> Head:
         """What the keys of all cells of a stage at a node begin with."""
-        asked = [ref for port, refs in looks_at if looks(reads_of(one.kind)[port]) == "transfer" for ref in refs]
+        node, stage, one = draft.node, draft.stage, draft.one
+        asked = [ref for port, refs in draft.looks_at if looks(reads_of(one.kind)[port]) == "transfer" for ref in refs]
         libraries = frozenset().union(*(libraries_of(type(self.cells[ref].stage)) for ref in asked))
         place = (node.name, id(stage), one.label, libraries if asked else None)
         known = self.heads.get(place)
         if known is not None:
             return known
+        averaged = self.expected and isinstance(stage, Sampled)
         bound = is_random(type(stage)) or node.segment or asked
         versions = self.versions_of(libraries.union(libraries_of(type(stage)), ("numpy", "scipy") if bound else ()))
         fields: dict[str, Any] = {
@@ -117,11 +107,10 @@ class Recipes:
 
     def text_of_form(self, form: Form) -> str:
         """The grids of what a cell writes, and the dims that it is mapped over."""
-        known = self.forms.get(id(form))
+        known = self.forms.get(form)
         if known is None:
-            known = self.forms[id(form)] = AS_TEXT(
-                [[[v, plain_text(grid)] for v, grid in form.grids.items()], plain_text(form.mapped)]
-            )
+            grids = [[v, plain_text(grid)] for v, grid in form.grids.items()]
+            known = self.forms[form] = AS_TEXT([grids, plain_text(form.mapped)])
         return known
 
     def text_of_segment(self, node: Node, inputs: Any, precision: str) -> str:
@@ -175,32 +164,37 @@ class Recipes:
             }
         return known
 
-    def seed(self, node: Node, stage: Stage, inputs: Any, looks_at: Any) -> tuple[bytes, tuple[words.Open, ...]]:
+    def seed(self, draft: Draft) -> tuple[bytes, tuple[words.Open, ...]]:
         """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
+        name, stage = draft.node.name, draft.stage
         if not draws_anew(type(stage)) or (self.expected and isinstance(stage, Sampled)):
             return b"", ()
         if asking.common_draws(stage):
-            return f"{self.pipeline_seed}|{node.name}|".encode(), ()
+            return f"{self.pipeline_seed}|{name}|".encode(), ()
         quantities = quantities_of(type(stage))
-        read = [ref for port, ref, _ in inputs if port not in quantities] + [
-            ref for _, refs in looks_at for ref in refs
-        ]
-        lines_behind = [self.lines_behind(ref) for ref in read]
-        if None not in lines_behind and not any(port in quantities for port, _, _ in inputs):
-            place = node.name, id(stage), *map(id, lines_behind)
-            if place not in self.seeds:
-                every = frozenset(self.lines(node.name, stage)).union(*(lines for lines in lines_behind if lines))
-                self.seeds[place] = words.seed_of(self.pipeline_seed, node.name, every)
-            return self.seeds[place], ()
-        looked = [self.cells[ref] for _, refs in looks_at for ref in refs]
-        cells = words.behind(self.cells, [*(self.cells[ref] for p, ref, _ in inputs if p not in quantities), *looked])
-        lines = set(self.lines(node.name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
-        found = [(node.name, type(stage), one) for one in inputs if one[0] in quantities]
+        read = [ref for port, ref, _ in draft.inputs if port not in quantities]
+        read += [ref for _, refs in draft.looks_at for ref in refs]
+        behind = [self.lines_behind(ref) for ref in read]
+        if None in behind or any(port in quantities for port, _, _ in draft.inputs):
+            return self.open_seed(draft, read)
+        place = name, id(stage), *behind
+        if place not in self.seeds:
+            every = frozenset(self.lines(name, stage)).union(*(lines for lines in behind if lines))
+            self.seeds[place] = words.seed_of(self.pipeline_seed, name, every)
+        return self.seeds[place], ()
+
+    def open_seed(self, draft: Draft, read: list[CellRef]) -> tuple[bytes, tuple[words.Open, ...]]:
+        """The same where a run finds some of the values: the lines that are known, and those that are left open."""
+        name, stage = draft.node.name, draft.stage
+        cells = words.behind(self.cells, [self.cells[ref] for ref in read])
+        lines = set(self.lines(name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
+        quantities = quantities_of(type(stage))
+        found = [(name, type(stage), one) for one in draft.inputs if one[0] in quantities]
         found += [(cell.node, type(cell.stage), one) for cell in cells for one in cell.found]
         if not found:
-            return words.seed_of(self.pipeline_seed, node.name, lines), ()
+            return words.seed_of(self.pipeline_seed, name, lines), ()
         awaited = tuple(
-            words.Open(name, q, parameters_of(kind)[q][2], ref, variable) for name, kind, (q, ref, variable) in found
+            words.Open(whose, q, parameters_of(kind)[q][2], ref, variable) for whose, kind, (q, ref, variable) in found
         )
         return "\n".join(sorted(lines)).encode(), awaited
 
@@ -214,7 +208,7 @@ class Recipes:
             return self.behind[ref]
         cell = self.cells[ref]
         before = [None] if cell.found else [self.lines_behind(source) for _, source, _ in cell.inputs]
-        place = cell.node, id(cell.stage), *map(id, before)
+        place = cell.node, id(cell.stage), *before
         if place not in self.alike:
             every = frozenset(self.lines(cell.node, cell.stage)).union(*(lines for lines in before if lines))
             self.alike[place] = None if None in before else every

@@ -115,18 +115,18 @@ def _called(tree: ast.Module) -> tuple[set[str], bool]:
     """What is imported by a call with a name that stands there; whether anything else is imported in a way that
     cannot be followed.
     """
-    found, hides, followed = set[str](), False, set[int]()
+    found, hides, followed = set[str](), False, set[ast.AST]()
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and _name_of(node.func) in (*CALLED, *RESOURCES):
             named = node.args[0] if node.args else None
             if isinstance(named, ast.Constant) and isinstance(named.value, str) and not named.value.startswith("."):
                 found.add(named.value)
-                followed.add(id(node.func))
+                followed.add(node.func)
     for node in ast.walk(tree):
         name = _name_of(node)
         if (
             name in HIDDEN
-            or (name in CALLED and id(node) not in followed)
+            or (name in CALLED and node not in followed)
             or (isinstance(node, ast.Name) and name in BUILT_IN)
         ):
             hides = True

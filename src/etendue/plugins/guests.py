@@ -16,7 +16,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from typing import Any, NoReturn
 
@@ -154,13 +154,11 @@ def _arithmetic_again() -> None:
     import ctypes
 
     library = ctypes.CDLL(None)
-    try:
+    with suppress(AttributeError, ValueError):
         if sys.platform == "darwin":
             library.fesetenv(ctypes.byref(ctypes.c_byte.in_dll(library, "_FE_DFL_ENV")))
         else:
             library.fesetenv(ctypes.c_void_p(-1))  # FE_DFL_ENV of glibc and musl
-    except (AttributeError, ValueError):
-        pass
 
 
 # -- who ends -------------------------------------------------------------------------------------------------------
@@ -173,10 +171,8 @@ def _came_back(name: str) -> NoReturn:
 
 
 def _say(line: str) -> None:
-    try:
+    with suppress(OSError):  # nobody listens
         os.write(2, line.encode())
-    except OSError:  # nobody listens
-        pass
 
 
 def _exit_of_guests(process: int, real: Any, status: int) -> None:

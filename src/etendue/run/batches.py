@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import time
 from array import array
-from collections.abc import Callable, Mapping, Set
+from collections import Counter
+from collections.abc import Callable, Container, Mapping, Set
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -68,11 +69,9 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
         else:
             level = max((batches[b].level for b in needed), default=-1)
             newest = tuple(sorted(b for b in needed if batches[b].level == level))
-        chosen = None
-        for candidate in (*(newest if len(newest) == 1 else ()), behind.get(newest)):
-            if candidate is not None and batches[candidate].seconds + seconds <= target_seconds:
-                chosen = candidate
-                break
+        open_ = (*(newest if len(newest) == 1 else ()), behind.get(newest))
+        fits = (one for one in open_ if one is not None and batches[one].seconds + seconds <= target_seconds)
+        chosen = next(fits, None)
         if chosen is None:
             chosen = len(batches)
             batches.append(Batch(chosen, level + 1, jobs))
@@ -147,13 +146,16 @@ class BatchResult:
     kept: dict[CellRef, dict[str, object]]
 
 
+Ended = tuple[Result, CellReport]
+
+
 def _ahead(
     jobs: tuple[Job, ...],
     first: int,
     results: Mapping[CellRef, Result],
     doomed: Mapping[CellRef, str],
     at: Callable[[int], None] | None,
-) -> dict[CellRef, tuple[Result, CellReport]]:
+) -> dict[CellRef, Ended]:
     """The cells of the walk that begins here, computed together; none where it is not complete, one of them is not to
     be tried, or one of them does not end well: then each is computed by itself."""
     walk = jobs[first].walk
@@ -166,6 +168,43 @@ def _ahead(
         return {}
     ended = walked(members, results, None if at is None else lambda member: at(first + member))
     return {} if ended is None else {job.ref: one for job, one in zip(members, ended, strict=True)}
+
+
+def _alone(
+    job: Job,
+    number: int,
+    results: Mapping[CellRef, Result],
+    began: float,
+    doomed: Mapping[CellRef, str],
+    at: Callable[[int], None] | None,
+) -> Ended:
+    """A cell computed by itself; not one of which it is known that it fails."""
+    if job.ref in doomed:
+        return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", message=doomed[job.ref])
+    if at is not None:
+        at(number)
+    return compute(job, results, began)
+
+
+def _delivered(job: Job, result: Result) -> dict[str, object]:
+    """What the owner of the run is given of a cell."""
+    given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
+    return given if job.look is None else job.look(given)
+
+
+def _settle(jobs: tuple[Job, ...]) -> None:
+    """What the cells have written stands in its files; one archive has all of them."""
+    target = next((job.target for job in reversed(jobs) if job.store and job.target), None)
+    if target is not None:
+        with refused_by_the_machine():
+            target.settle()
+
+
+def let_go(job: Job, readers: Counter[CellRef], exports: Container[CellRef]) -> list[CellRef]:
+    """The cells that nobody reads any more behind a job; ``readers``: how many jobs read each from here on."""
+    needs = job.needs
+    readers.subtract(needs)
+    return [ref for ref in (*needs, job.ref) if readers[ref] == 0 and ref not in exports]
 
 
 def run_batch(
@@ -185,43 +224,25 @@ def run_batch(
     results: dict[CellRef, Result] = {}
     for refs, source in zip(imports, before, strict=True):
         results.update({ref: source.results[ref].read_only() for ref in refs})
-    readers: dict[CellRef, int] = {}
-    for job in jobs:
-        for ref in job.needs:
-            readers[ref] = readers.get(ref, 0) + 1
-    own = set(exports)
-    reports, kept = [], {}
+    readers = Counter(ref for job in jobs for ref in job.needs)
+    own, reports, kept = set(exports), list[CellReport](), dict[CellRef, dict[str, object]]()
     clock: float | None = None
-    ahead: dict[CellRef, tuple[Result, CellReport]] = {}  # of walks: computed together with a cell before
+    ahead: dict[CellRef, Ended] = {}  # of walks: computed together with a cell before
     with in_its_place():
         for number, job in enumerate(jobs):
             began = time.thread_time() if clock is None else clock
             if job.walk is not None and job.ref not in ahead:
                 ahead |= _ahead(jobs, number, results, doomed, at)
                 began = time.thread_time()
-            if job.ref in ahead:
-                result, report = ahead.pop(job.ref)
-            elif job.ref in doomed:
-                result, report = Result(failed=job.ref[0]), CellReport(*job.ref, "failed", message=doomed[job.ref])
-            else:
-                if at is not None:
-                    at(number)
-                result, report = compute(job, results, began)
+            walked_before = ahead.pop(job.ref, None)
+            result, report = walked_before or _alone(job, number, results, began, doomed, at)
             clock = None if job.walk or (job.store and job.target) or elsewhere.seconds else began + report.seconds
             results[job.ref] = result
             reports.append(report)
             if job.ref in deliver:
-                given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
-                kept[job.ref] = given if job.look is None else job.look(given)
+                kept[job.ref] = _delivered(job, result)
                 clock = clock if job.look is None else None  # looking is nobody's run time
-            for ref in job.needs:
-                readers[ref] -= 1
-                if readers[ref] == 0 and ref not in own:
-                    results.pop(ref, None)
-            if not readers.get(job.ref) and job.ref not in own:
-                results.pop(job.ref, None)
-    target = next((job.target for job in reversed(jobs) if job.store and job.target), None)
-    if target is not None:  # one archive for all of them
-        with refused_by_the_machine():
-            target.settle()
+            for ref in let_go(job, readers, own):
+                results.pop(ref, None)
+    _settle(jobs)
     return BatchResult({ref: results[ref] for ref in exports if ref in results}, tuple(reports), kept)

@@ -14,7 +14,8 @@ import heapq
 import itertools
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,14 +31,12 @@ from etendue.plan.model import CellRef, Plan
 from etendue.plan.shown import shown_cells
 from etendue.plugins.guests import is_guest
 from etendue.run import schedulers
-from etendue.run.batches import Batch, partition
+from etendue.run.batches import Batch, let_go, partition
 from etendue.run.order import depth_first
 from etendue.run.peak_segments import segment_bytes
 from etendue.transfer.sampling import padded_size
 
-WITHOUT_BANDS = (
-    3.0  # planes of float64 that a stage holds while it makes one band, for what it makes of all of them at once
-)
+WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds for all bands while it makes one of them
 AROUND = 4  # times as many combinations of a sweep as there are workers are gone through
 LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
 SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
@@ -193,15 +192,7 @@ class _Run:
                 _, number = heapq.heappop(ready)
                 working[number] = self.through(batches[number])
                 heapq.heappush(under_way, (now + batches[number].seconds, number))
-            standing: dict[Piece, float] = {}
-            for own in held.values():
-                standing |= own
-            total = (
-                sum(standing.values())
-                + sum(one.most for one in working.values())
-                + min(self.tables, LARGEST_CACHE)
-                + self.pictures
-            )
+            total = self.now(held.values(), working.values())
             if total > best.bytes:
                 most = max(working.values(), key=lambda one: one.most)
                 best = Peak(int(total), most.ref, int(most.alone))
@@ -219,42 +210,37 @@ class _Run:
                     heapq.heappush(ready, (place[reader], reader))
         return best
 
+    def now(self, held: Iterable[Mapping[Piece, float]], working: Iterable[_Batch]) -> float:
+        """Bytes while some batches go on and others have handed on their results, each array once."""
+        standing: dict[Piece, float] = {}
+        for own in held:
+            standing |= own
+        most = sum(standing.values()) + sum(one.most for one in working)
+        return most + min(self.tables, LARGEST_CACHE) + self.pictures
+
     # -- one batch ----------------------------------------------------------------------------------------------------
 
     def through(self, batch: Batch) -> _Batch:
         """The cells of a batch one after the other, each dropped behind its last reader."""
         jobs, exports = batch.jobs, set(batch.exports)
         given = {piece for refs in batch.imports.values() for ref in refs for piece in self.pieces.get(ref, {})}
-        readers: dict[CellRef, int] = {}
-        for job in jobs:
-            for ref in job.needs:
-                readers[ref] = readers.get(ref, 0) + 1
+        readers = Counter(ref for job in jobs for ref in job.needs)
         live: set[CellRef] = set()
         best, done = _Batch(0.0, jobs[0].ref, 0.0), set[int]()
         for number, job in enumerate(jobs):
             before = self.held(live, given)
+            if job.walk is None or job.walk.number not in done:
+                members = [job] if job.walk is None else jobs[number : number + job.walk.members]
+                need = self.cell(job) if job.walk is None else self.walk(members)
+                best = max(best, _Batch(before + need, job.ref, need + self.read(members)), key=lambda one: one.most)
             if job.walk is not None:
-                if job.walk.number not in done:
-                    done.add(job.walk.number)
-                    members = jobs[number : number + job.walk.members]
-                    need = self.walk(members)
-                    best = max(
-                        best, _Batch(before + need, job.ref, need + self.read(members)), key=lambda one: one.most
-                    )
-            else:
-                need = self.cell(job)
-                best = max(best, _Batch(before + need, job.ref, need + self.read([job])), key=lambda one: one.most)
+                done.add(job.walk.number)
             live.add(job.ref)
             if job.ref in self.show:
                 self.pictures += sum(
                     self.picture(job, v) for v, d in job.writes.items() if has_rows(d.dims) and v not in job.by_band
                 )
-            for ref in job.needs:
-                readers[ref] -= 1
-                if not readers[ref] and ref not in exports:
-                    live.discard(ref)
-            if not readers.get(job.ref) and job.ref not in exports:
-                live.discard(job.ref)
+            live.difference_update(let_go(job, readers, exports))
         best.after = {piece: size for ref in exports for piece, size in self.pieces.get(ref, {}).items()}
         return best
 
@@ -305,14 +291,12 @@ class _Run:
 
     def _left_out(self, job: Job) -> dict[Piece, float]:
         """What is left out gives what it reads."""
-        found: dict[Piece, float] = {}
-        for _, ref, variable in job.inputs:
-            found |= {
-                piece: size
-                for piece, size in self.pieces.get(ref, {}).items()
-                if piece[1] == variable and variable in job.writes
-            }
-        return found
+        return {
+            piece: size
+            for _, ref, variable in job.inputs
+            for piece, size in self.pieces.get(ref, {}).items()
+            if piece[1] == variable and variable in job.writes
+        }
 
     def working(self, job: Job) -> float:
         """What a stage works with while it computes: as much of the larger of what it reads and what it writes as it

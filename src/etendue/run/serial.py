@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Set
 
 from etendue.plan.model import CellRef
@@ -19,10 +20,7 @@ def run_serial(
 ) -> None:
     """Run batches one after the other; ``before`` and ``after`` are told in the owner's thread."""
     finished: dict[int, BatchResult] = {}
-    readers: dict[int, int] = {}
-    for batch in batches:
-        for number in batch.inputs:
-            readers[number] = readers.get(number, 0) + 1
+    readers = Counter(number for batch in batches for number in batch.inputs)
     by_number = {batch.number: batch for batch in batches}
     for batch in (by_number[n] for n in depth_first(by_number, lambda n: by_number[n].inputs)):
         how.stop.check()
@@ -40,5 +38,5 @@ def run_serial(
             readers[number] -= 1
             if not readers[number]:
                 del finished[number]
-        if readers.get(batch.number):
+        if readers[batch.number]:
             finished[batch.number] = result

@@ -9,10 +9,19 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
+from typing import TYPE_CHECKING, Any
 
 from etendue import interrupts
 from etendue.compute.ownership import abandoned
+from etendue.compute.tables import TABLES
+from etendue.plan.model import CellRef
+from etendue.run.memory import keep_freed_memory
+from etendue.run.one_thread import ONE_THREAD
+from etendue.run.schedulers import How, scheduler
+
+if TYPE_CHECKING:
+    from etendue.run.batches import Batch
 
 GRACE = 3.0  # seconds in which the batches under way may end; a stage that hangs in a thread cannot be stopped
 LOOK = 0.05  # seconds between two looks for a signal
@@ -70,3 +79,13 @@ def watched(work: Callable[[], None], stop: Stop) -> None:
         raise
     if broke:
         raise broke[0]
+
+
+def run_batches(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, how: How) -> None:
+    """Run batches; what goes on beside them is stopped with them, and what they leave to the process is let go."""
+    if not batches:
+        return
+    keep_freed_memory()
+    with ONE_THREAD, TABLES.run():
+        run = scheduler(how.address).run()
+        watched(lambda: run(batches, deliver, before, after, how), how.stop)

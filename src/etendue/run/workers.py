@@ -47,17 +47,12 @@ STARTING = 120.0  # seconds beyond a time limit in which a worker may import wha
 # -- in the worker ------------------------------------------------------------------------------------------
 
 
-def one_thread_inside() -> None:
-    """BLAS with one thread, also that of libraries which are imported later: results must not depend on how many
-    there are.
-    """
-    keep_freed_memory()
-    ONE_THREAD.__enter__()  # for as long as the process lives
-
-
 def begin_worker() -> None:
     """In a new worker process: Ctrl-C is the owner's to answer, and a worker whose owner was killed ends by itself."""
-    one_thread_inside()
+    keep_freed_memory()
+    # BLAS with one thread, also that of libraries which are imported later, for as long as the process lives: results
+    # must not depend on how many there are.
+    ONE_THREAD.__enter__()
     in_a_worker()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.showwarning = show_warning

@@ -84,7 +84,7 @@ def evaluated(
         k = np.arange(start, min(start + rows, last + 1))
         sums = np.zeros((2, channels, k.size, len(waves_x)), dtype=transforms.dtype)
         for band, (otf, reach) in enumerate(zip(otfs, reaches, strict=True)):
-            _add_band(sums, otf, reach, weights[:, band], transforms[band], y, x, k)
+            _add_band(sums, otf, reach, weights[:, band], transforms[band], (y, x), k)
         waves_y = _waves(k, y, centres[0], widths[0]).astype(transforms.dtype)
         ahead, behind = sums @ waves_x
         behind[:, k == 0] = 0
@@ -94,9 +94,10 @@ def evaluated(
 
 
 def _add_band(
-    sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, transform: Array, y: Axis, x: Axis, k: Array
+    sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, transform: Array, axes: tuple[Axis, Axis], k: Array
 ) -> None:
     """Add one band's transform on the extended lattice, rows k and -k, to the sums of the channels."""
+    y, x = axes
     length = y.size * y.step
     inside = k[k <= np.ceil(reach.radius * length)]
     if not reach.radius or not inside.size or reach.by_axis:

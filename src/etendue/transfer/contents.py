@@ -66,11 +66,17 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
                 np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0), y.step, x.step, edges
             )
             rows.append((low, mean, high, sums[0] * high**2, sums[1] * abs(high)))
+    return _content(rows, edges, grid.bands().size)
+
+
+def _content(rows: list[Any], edges: Any, bands: int) -> Content:
+    """Of all bands, from what was found in those that were looked at: (low, mean, high, power, amplitude) of each."""
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
         full, rows = 0.0, [(0.0, 0.0, 0.0, 0 * row[3], 0 * row[4]) for row in rows]
     own = full or 1.0
-    every = _spread(rows, grid.bands().size)
+    # The nearest band that was looked at stands for each that was not.
+    every = [rows[min(round(band * len(rows) / bands), len(rows) - 1)] for band in range(bands)]
     return Content(
         _up(full),
         tuple(map(float, edges)),
@@ -103,13 +109,6 @@ def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterato
         with foreign(f"{type(source).__name__}.by_band"):
             part = own.by_band(prepared, slice(band, band + 1))
         yield made(part)
-
-
-def _spread(rows: list[Any], count: int) -> list[Any]:
-    """A row for every band: the nearest that was looked at stands for those that were not."""
-    return (
-        rows if len(rows) == count else [rows[min(round(b * len(rows) / count), len(rows) - 1)] for b in range(count)]
-    )
 
 
 def _up(value: float) -> float:

@@ -1,6 +1,6 @@
 """An archive's metadata held against what is made again: as wholes, but for a list of what no computing can tell.
 
-In:  an archive, its plan computed again (``studies.remade``).
+In:  an archive, its plan computed again (``trust.remade``).
 Out: ``Difference``: file, place in it, what it says, what it has to say. What is not in ``NOT_CHECKED`` is compared, a
      new field too.
 """
@@ -8,13 +8,9 @@ Out: ``Difference``: file, place in it, what it says, what it has to say. What i
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from etendue.archive import crate, disk
 from etendue.archive.again import Recorded, every_record
@@ -24,148 +20,11 @@ from etendue.archive.stored import LEDGER, Stored
 from etendue.contract.names import TABLES
 from etendue.errors import ArchiveError, RequestError
 from etendue.trust import sayings
+from etendue.trust.comparing import ELSEWHERE, differences, of_array, shown, skipped
 from etendue.trust.remade import Again, array_of, as_document, chunks_out_of_place, record_again, store_files
 from etendue.trust.sayings import Difference
 
-ELSEWHERE = 1e-6  # relative: how far numbers of metadata may be on another platform
 OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installed then
-
-
-@dataclass(frozen=True)
-class NotChecked:
-    """What is not compared, and why not; ``pattern``: of file and place in it, ``FILE#WHERE``."""
-
-    what: str
-    why: str
-    pattern: str = ""
-
-
-NOT_CHECKED = (
-    NotChecked(
-        "seconds",
-        "another run takes others; ledger and journal are held against each other, the summary's are of the last run "
-        "alone",
-        rf"{DATA}/summary/seconds/c/.*",
-    ),
-    NotChecked(
-        "dates",
-        "nobody else has seen the clock",
-        r"runs/\d+\.json#began|ro-crate-metadata\.json#.*\b(endTime|datePublished)",
-    ),
-    NotChecked(
-        "versions, platform and code of then",
-        "what differs from what is installed here is said, and not judged",
-        r"runs/\d+\.json#(platform|libraries|distributions)\b.*"
-        rf"|(runs/\d+\.json#nodes|{DATA}/zarr\.json#consolidated_metadata\.metadata|{DATA})\b.*[./#]distributions?\b.*"
-        r"|ro-crate-metadata\.json#.*\b(softwareVersion|version)",
-    ),
-    NotChecked("how a run was done", "the scheduler changes no bit", r"runs/\d+\.json#options\.scheduler"),
-    NotChecked(
-        "names, texts, licence and authors",
-        "what an author says of a pipeline nothing computes",
-        rf"{DATA}/zarr\.json#attributes\.(etendue\.pipeline|variant)|ro-crate-metadata\.json#(\./|#run-\d+|runs/\d+\.toml)?"
-        r"\.(name|description|license|author)\b.*|ro-crate-metadata\.json#.*\.(agent|license|author)\b.*|ro-crate-metadata\.json#(https?:|#author|"
-        r"#affiliation|#license|CITATION).*",
-    ),
-    NotChecked("messages of failed cells", "a cell that fails again may say so in other words"),
-    NotChecked(
-        "what was reused or accepted", "a cell of an earlier platform stands in the tables as the journal has it"
-    ),
-    NotChecked(
-        "contact_sheet.png, CITATION.cff, measured.json",
-        "drawings and texts of what is compared; run --measure measures again",
-    ),
-    NotChecked("what is beside it", "files and groups that no run has written, strays/"),
-)
-
-
-def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, into: bool) -> list[NotChecked]:
-    """Of one archive: the list, and what else of it cannot be compared, with how much."""
-    found = list(NOT_CHECKED)
-    entries, gone = stored.journal.entries, stored.journal.outdated
-    lacking = [
-        name
-        for name in again.names.values()
-        if (one := entries.get(name)) is None or one.event != "done" or name in gone
-    ]
-    if lacking:
-        found.append(
-            NotChecked(
-                f"{len(lacking)} cells that it does not hold",
-                f"{lacking[0]} ...: not asked for, broken off, failed, or removed",
-            )
-        )
-    known = set(again.names.values())
-    said = stored.journal.said
-    strange = [
-        name for name in said if name not in known and not said.first_file(name) and said[name].event != "removed"
-    ]
-    if strange:
-        found.append(
-            NotChecked(
-                f"{len(strange)} lines of cells that its pipeline does not have",
-                f"{strange[0]} ...: they have no files",
-            )
-        )
-    if stored.manifest is None:
-        found.append(NotChecked("status, tables, pictures", "its last run was broken off: etendue rerun ends it"))
-    elif again.sheet is None:
-        why = (
-            "it has none"
-            if f"{DATA}/frames/zarr.json" not in stored.manifest.metadata
-            else "another platform"
-            if elsewhere
-            else "--into"
-            if into
-            else "they are of cells that it no longer holds, or not all of them came out"
-        )
-        found.append(NotChecked("pictures (frames)", why))
-    if software:
-        found.append(NotChecked("keys, and digests of code", "the code is another than then"))
-    if elsewhere:
-        found.append(NotChecked("what was clipped", "another platform; other numbers may differ by 1e-6 of themselves"))
-    return found
-
-
-# -- comparing documents
-# --------------------------------------------------------------------------------------------------
-
-
-def _skipped(file: str, where: str) -> bool:
-    return any(one.pattern and re.fullmatch(one.pattern, f"{file}#{where}" if where else file) for one in NOT_CHECKED)
-
-
-def _differences(file: str, says: Any, has: Any, loose: float, *at: str) -> Iterator[Difference]:
-    """Of two documents, field by field; ``at``: the fields on the way from the whole document to these."""
-    if len(at) == 1 and repr(says) == repr(has):
-        return  # most parts are the same, down to the sign of a zero
-    if isinstance(says, Mapping) and isinstance(has, Mapping):
-        for key in dict.fromkeys((*has, *says)):
-            yield from _differences(file, says.get(key, _NOTHING), has.get(key, _NOTHING), loose, *at, str(key))
-    elif isinstance(says, list) and isinstance(has, list) and len(says) == len(has):
-        for number, (one, other) in enumerate(zip(says, has, strict=True)):
-            yield from _differences(file, one, other, loose, *at, str(number))
-    elif type(says) is not type(has) or not _alike(says, has, loose):
-        # Asked of what differs alone: of documents by the thousand most is the same.
-        if not any(_skipped(file, ".".join(at[:depth])) for depth in range(len(at) + 1)):
-            yield Difference(file, ".".join(at), _shown(says), _shown(has))
-
-
-_NOTHING = object()
-
-
-def _alike(one: Any, other: Any, loose: float) -> bool:
-    """Whether two values are one; 0 and -0 are two."""
-    if isinstance(one, float):
-        if one == other:
-            return loose > 0 or math.copysign(1, one) == math.copysign(1, other)
-        return (one != one and other != other) or (loose > 0 and math.isclose(one, other, rel_tol=loose, abs_tol=1e-30))
-    return bool(one == other)
-
-
-def _shown(value: Any) -> str:
-    text = "" if value is _NOTHING else value if isinstance(value, str) else repr(value)
-    return text if len(text) <= 120 else f"{text[:117]}..."
 
 
 # -- the store
@@ -184,23 +43,11 @@ def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Differen
         )
         return
     yield from (Difference("journal.jsonl", name, place, "another place") for name, place in out)
-    files = {path.removeprefix(f"{DATA}/") for path in disk.Listing(stored.folder).below(DATA)}
-    ours = {path.split("/")[0] for path in own if "/" in path}
-    alone = {
-        f"{group}/{name}/c" for group, names in stored.journal.blocks.items() for name in names
-    }  # chunks of cells without axes
-    said = {
-        path
-        for path in files
-        if path == "zarr.json" or (path.split("/")[0] in ours | set(TABLES) and _is_metadata(path))
-    } - alone
-    pictured = any(path.startswith("frames/") for path in own)
-    for path in sorted(own.keys() | said):
-        if (
-            (path.split("/")[0] == "frames" and not pictured)
-            or (not ended and _of_the_end(path))
-            or path.startswith(f"{LEDGER}/")
-        ):
+    apart = {LEDGER} if any(path.startswith("frames/") for path in own) else {LEDGER, "frames"}  # not file by file
+    for path in sorted(own.keys() | _said(stored, own)):
+        top = path.split("/")[0]
+        # Without a run that has ended in order there is no more than it had written before.
+        if top in apart or (not ended and (path == "zarr.json" or "/status/c" in path or top in TABLES)):
             continue
         has, data = own.get(path), disk.content_of(stored.folder / DATA / path)
         if has != data:
@@ -210,20 +57,24 @@ def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Differen
         yield from _of_ledger(stored, own, elsewhere)
 
 
-def _is_metadata(path: str) -> bool:
-    return path.endswith("/zarr.json") or "/c/" in path or path.endswith("/c")
-
-
-def _of_the_end(path: str) -> bool:
-    """What is written when a run ends."""
-    return path == "zarr.json" or "/status/c" in path or path.split("/")[0] in TABLES
+def _said(stored: Stored, own: Mapping[str, bytes]) -> set[str]:
+    """The files of groups and tables that runs have written, chunks of cells aside, by path below the store."""
+    ours = {*TABLES, *(path.split("/")[0] for path in own if "/" in path)}
+    alone = {f"{group}/{name}/c" for group, names in stored.journal.blocks.items() for name in names}  # without axes
+    files = {path.removeprefix(f"{DATA}/") for path in disk.Listing(stored.folder).below(DATA)} - alone
+    return {
+        path
+        for path in files
+        if path == "zarr.json"
+        or (path.split("/")[0] in ours and (path.endswith(("/zarr.json", "/c")) or "/c/" in path))
+    }
 
 
 def _of_file(
     path: str, data: bytes | None, has: bytes | None, own: Mapping[str, bytes], loose: float
 ) -> Iterator[Difference]:
     file = f"{DATA}/{path}"
-    if _skipped(file, ""):
+    if skipped(file, ""):
         return
     if has is None or data is None:
         yield Difference(file, "", "" if data is None else "it is there", "" if has is None else "it is there")
@@ -231,7 +82,7 @@ def _of_file(
         says, made = as_document(data), as_document(has)
         if path == "zarr.json":
             says = _of_ours(says, made)
-        yield from _differences(file, says, made, loose)
+        yield from differences(file, says, made, loose)
     else:
         array = path[: re.search(r"/c(/\d+)*$", path).start()]  # type: ignore[union-attr]
         node = as_document(own[f"{array}/zarr.json"])
@@ -240,20 +91,9 @@ def _of_file(
         try:
             old = array_of(data, *form)
         except ArchiveError as error:
-            yield Difference(file, "", str(error), _shown(fresh.tolist()))
+            yield Difference(file, "", str(error), shown(fresh.tolist()))
             return
-        yield from _of_array(file, old, fresh, loose)
-
-
-def _of_array(file: str, old: Any, fresh: Any, loose: float) -> Iterator[Difference]:
-    pairs = zip(old.ravel().tolist(), fresh.ravel().tolist(), strict=True)
-    off = [n for n, (one, other) in enumerate(pairs) if not _alike(one, other, loose)]
-    if off:
-        at = [int(n) for n in np.unravel_index(off[0], fresh.shape)] if fresh.ndim else []
-        more = f" and {len(off) - 1} more" if len(off) > 1 else ""
-        yield Difference(
-            file, f"{at}{more}", _shown(old.ravel().tolist()[off[0]]), _shown(fresh.ravel().tolist()[off[0]])
-        )
+        yield from of_array(file, old, fresh, loose)
 
 
 def _of_ours(says: Any, made: Any) -> Any:
@@ -285,28 +125,32 @@ def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Ite
     columns: dict[str, tuple[Any, Any]] = {}
     for path in sorted(path for path in own if path.startswith(f"{LEDGER}/") and path.endswith("zarr.json")):
         name, file = path.split("/")[1], f"{DATA}/{path}"
-        yield from _differences(file, as_document(disk.content_of(stored.folder / file)), as_document(own[path]), 0.0)
+        yield from differences(file, as_document(disk.content_of(stored.folder / file)), as_document(own[path]), 0.0)
         if name == "zarr.json" or name not in there:
             continue
-        form = nodes[name]["data_type"], tuple(nodes[name]["shape"])
+        chunk, form = f"{LEDGER}/{name}/c/0", (nodes[name]["data_type"], tuple(nodes[name]["shape"]))
         try:
-            old = array_of(disk.content_of(stored.folder / DATA / LEDGER / name / "c" / "0"), *form)
+            columns[name] = (
+                array_of(disk.content_of(stored.folder / DATA / chunk), *form),
+                array_of(own.get(chunk), *form),
+            )
         except ArchiveError as error:
-            yield Difference(f"{DATA}/{LEDGER}/{name}/c/0", "", str(error), "its column")
-            continue
-        columns[name] = old, array_of(own.get(f"{LEDGER}/{name}/c/0"), *form)
+            yield Difference(f"{DATA}/{chunk}", "", str(error), "its column")
+    yield from _of_columns(columns, elsewhere)
+
+
+def _of_columns(columns: Mapping[str, tuple[Any, Any]], elsewhere: bool) -> Iterator[Difference]:
+    """By name as they stand, and as they are made again; the rows of both in the order of what tells them apart."""
     told = [name for name in columns if name in ("stage", "key") or name.startswith("at_")]
     if not told:
         return
-    orders = [
+    old_order, fresh_order = (
         sorted(range(len(columns[told[0]][n])), key=_row([columns[name][n].tolist() for name in told])) for n in (0, 1)
-    ]
+    )
     for name, (old, fresh) in columns.items():
-        if elsewhere and name.startswith("clipped"):
-            continue
-        yield from _of_array(
-            f"{DATA}/{LEDGER}/{name}", old[orders[0]], fresh[orders[1]], ELSEWHERE if elsewhere else 0.0
-        )
+        if not (elsewhere and name.startswith("clipped")):
+            loose = ELSEWHERE if elsewhere else 0.0
+            yield from of_array(f"{DATA}/{LEDGER}/{name}", old[old_order], fresh[fresh_order], loose)
 
 
 def _row(columns: list[list[Any]]) -> Any:
@@ -339,7 +183,7 @@ def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Ite
         for word in ("status", "clipped", "clipped_flux", "floored"):
             if getattr(entry, word) != getattr(fresh, word):
                 yield Difference(
-                    "journal.jsonl", f"{name} {word}", _shown(getattr(entry, word)), _shown(getattr(fresh, word))
+                    "journal.jsonl", f"{name} {word}", shown(getattr(entry, word)), shown(getattr(fresh, word))
                 )
 
 
@@ -387,16 +231,16 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
         yield from _of_record(file, run, made[own], known, elsewhere)
     for name in sorted(stored.journal.records.keys() - {f"runs/{path.name}" for path in record_paths(folder)}):
         yield Difference(name, "", "", "it is there: the journal has it")
-    for dim, values in _values(stored) if stored.manifest is not None else ():
-        key = next((axis.key for axis in again.plan.axes if axis.dim == dim), dim)
-        for value in sorted(values - known.get(key, set())):
+    if stored.manifest is not None:
+        yield from _of_axes(stored, again, known)
+
+
+def _of_axes(stored: Stored, again: Again, known: Mapping[str, set[str]]) -> Iterator[Difference]:
+    """The axis values that the journal has; ``known``: those that runs have asked for."""
+    keys = {axis.dim: axis.key for axis in again.plan.axes}
+    for dim, values in (pair for axes in stored.journal.axes.values() for pair in axes.items()):
+        for value in sorted(set(map(str, values)) - known.get(keys.get(dim, dim), set())):
             yield Difference("journal.jsonl", f"axes {dim}", value, "a value that a run has asked for")
-
-
-def _values(stored: Stored) -> Iterator[tuple[str, set[str]]]:
-    for axes in stored.journal.axes.values():
-        for dim, values in axes.items():
-            yield dim, set(map(str, values))
 
 
 def _of_record(
@@ -404,7 +248,7 @@ def _of_record(
 ) -> Iterator[Difference]:
     made, asked = again
     made, other = _with_the_code_of_then(run.record, made)
-    yield from _differences(file, run.record, made, ELSEWHERE if elsewhere or other else 0.0)
+    yield from differences(file, run.record, made, ELSEWHERE if elsewhere or other else 0.0)
     for key, values in asked.items():
         there = set(map(str, run.record["axes"].get(key, ())))
         for value in sorted(there - values - known.get(key, set())):
@@ -446,13 +290,13 @@ def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Differenc
             for one in (held.get(name, {}), own.get(name, {})):
                 one.pop("identifier", None)
         if name in held and name in own:
-            yield from _differences(crate.NAME, held[name], own[name], 0.0, name)
-        elif not _skipped(crate.NAME, f"{name}."):
+            yield from differences(crate.NAME, held[name], own[name], 0.0, name)
+        elif not skipped(crate.NAME, f"{name}."):
             yield Difference(
                 crate.NAME, name, "it is there" if name in held else "", "it is there" if name in own else ""
             )
     rest = [{key: value for key, value in (one or {}).items() if key != "@graph"} for one in (says, made)]
-    yield from _differences(crate.NAME, rest[0], rest[1], 0.0)
+    yield from differences(crate.NAME, rest[0], rest[1], 0.0)
 
 
 def _entities(document: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
@@ -462,8 +306,3 @@ def _entities(document: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
         name = str(one.get("@id")) if isinstance(one, dict) else str(number)
         found[name if name not in found else f"{name} again"] = dict(one) if isinstance(one, dict) else {"": one}
     return found
-
-
-def both(ones: Iterator[Difference]) -> list[Difference]:
-    """Each difference once, in order."""
-    return list(dict.fromkeys(ones))

@@ -6,7 +6,7 @@ In:  a plan over all that an archive has, where its journal says that cells lie,
 Out: documents, arrays and texts by path, in the places where a run writes them. Nothing is written.
 
 What only a run can know (seconds, which platform was accepted, what was not asked for) is taken from the archive;
-``studies.checked`` says of it that it is not checked.
+``trust.checked`` says of it that it is not checked.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ import numpy as np
 from etendue.archive import disk, frames
 from etendue.archive.again import Recorded
 from etendue.archive.chunks import decode
-from etendue.archive.entries import Entry
 from etendue.archive.frames import FRAMES
 from etendue.archive.inputs import resolve_pipeline, sweep_of
+from etendue.archive.journal import is_done
 from etendue.archive.laid import Laid
 from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA
@@ -44,8 +44,6 @@ from etendue.plan.planner import make_plan
 from etendue.plan.reports import Reports
 from etendue.plan.resume import is_of_names, with_stored_values
 from etendue.present.terminal import tables
-
-NOT_DONE = ("failed", "skipped", "not_computed")
 
 
 @dataclass(frozen=True)
@@ -73,14 +71,13 @@ def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
     computed, reports = bytearray(plan.numbers.count), reports_of(stored, again, laid)
     for ref, name in again.names.items():
         entry = journal.entries.get(name)
-        if (
-            name in again.reports
-            and entry is not None
-            and (entry.event == "failed" or _is_done(entry, again.keys[ref]))
-        ):
+        if name in again.reports and entry is not None and (entry.event == "failed" or is_done(entry, again.keys[ref])):
             computed[number(ref)] = STATUS.index(again.reports[name].status) + 1
     laid.put_status(tree, journal.said, (), computed)
-    own = {"ledger": tables.ledger(_with_keys(plan, again.keys), reports), "summary": tables.summary(plan, reports)}
+    as_then = plan  # with the keys that its cells had
+    if any(plan.cells[ref].key != key for ref, key in again.keys.items()):
+        as_then = replace(plan, cells={ref: replace(cell, key=again.keys[ref]) for ref, cell in plan.cells.items()})
+    own = {"ledger": tables.ledger(as_then, reports), "summary": tables.summary(plan, reports)}
     for name, table in own.items():
         _put_table(tree, name, table)
     if again.sheet is not None and again.sheet.table:
@@ -95,17 +92,6 @@ def _put_table(tree: Tree, name: str, table: Mapping[str, Any]) -> None:
     tree.put_group(name, table.get("attrs", {}))
 
 
-def _with_keys(plan: Plan, keys: Mapping[CellRef, str]) -> Plan:
-    """The plan with the keys that its cells had then."""
-    if all(plan.cells[ref].key == key for ref, key in keys.items()):
-        return plan
-    return replace(plan, cells={ref: replace(cell, key=keys[ref]) for ref, cell in plan.cells.items()})
-
-
-def _is_done(entry: Entry | None, key: str) -> bool:
-    return entry is not None and entry.event == "done" and entry.key == key
-
-
 def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
     """What the tables say of every cell: as it came out now, with the seconds and bytes of then.
 
@@ -115,7 +101,7 @@ def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
     found, said = Reports(again.plan), _said_of_unfinished(stored, again)
     for ref, name in again.names.items():
         entry, fresh = stored.journal.entries.get(name), again.reports.get(name)
-        if entry is not None and _is_done(entry, again.keys[ref]):
+        if entry is not None and is_done(entry, again.keys[ref]):
             slots = {(path, slot) for path, slot, _ in laid.slots(ref)}
             size = sum(file.size for file in entry.files if (file.path, file.slot) in slots)
             told = fresh or CellReport(
@@ -137,7 +123,7 @@ def _said_of_unfinished(stored: Stored, again: Again) -> dict[str, tuple[str, st
     open_ = {
         (ref[0], again.keys[ref]): name
         for ref, name in again.names.items()
-        if not _is_done(stored.journal.entries.get(name), again.keys[ref])
+        if not is_done(stored.journal.entries.get(name), again.keys[ref])
     }
     if not open_:
         return {}
@@ -211,7 +197,7 @@ def record_again(
     given = _given(text, overrides, asked, run.text) if isinstance(text, str) and isinstance(overrides, dict) else None
     if resolved.text != run.text:
         made["resolved"] = resolved.text
-    if given is None or not _same_words(resolve_pipeline(given).text, run.text):
+    if given is None or _words(resolve_pipeline(given).text) != _words(run.text):
         made["text"] = "what makes the resolved pipeline, with the overrides"
     elif asked.pipeline.preset_swept:  # what was named beside it is not resolved: none of it counts
         made["preset"] = given.pipeline.preset_name
@@ -242,12 +228,9 @@ def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) 
         return None
 
 
-def _same_words(one: str, other: str) -> bool:
-    """Whether two texts are one document, in whatever order its keys stand; a name that stands in the file's own is
-    no difference.
-    """
-    first, second = (tomllib.loads(text, parse_float=Decimal) for text in (one, other))
-    return {**first, "name": ""} == {**second, "name": ""}
+def _words(text: str) -> dict[str, Any]:
+    """A text as a document, in whatever order its keys stand; a name that stands in the file's own is no difference."""
+    return {**tomllib.loads(text, parse_float=Decimal), "name": ""}
 
 
 def _placed(value: Any, other: Any) -> Any:

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from etendue.archive.again import recorded
+from etendue.archive.looking import Told, Verified
 from etendue.archive.rebuild import prepare
-from etendue.archive.verify import Told, Verified, verify
 from etendue.archive.verify import document as of_verified
+from etendue.archive.verify import verify
 from etendue.contract.ports import Progress
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError

@@ -3,7 +3,7 @@
 In:  the folder of an archive: its resolved pipeline, inputs by digest, the versions and digests of stages, seeds,
      platform.
 Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others are, and what that means; what
-     else of the archive does not come out again (``studies.checked``), what is damaged, and what was not checked.
+     else of the archive does not come out again (``trust.checked``), what is damaged, and what was not checked.
 
 On the same platform (processor features, numpy, scipy, Python) every bit has to agree. On another one a cell may differ
 by the errors that its stage and those in front of it state: their sum, relative to full scale, rms.
@@ -11,18 +11,16 @@ by the errors that its stage and those in front of it state: their sum, relative
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from etendue.archive import disk, frames
 from etendue.archive.accepting import former_of
 from etendue.archive.again import Recorded, every_record, recorded
-from etendue.archive.comparing import Compared, Comparing, ComparingKeeper
-from etendue.archive.entries import Entry
+from etendue.archive.comparing import Comparing, ComparingKeeper
 from etendue.archive.inputs import sweep_of
-from etendue.archive.journal import Read
 from etendue.archive.keeping import staying
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.manifest import digest_of
@@ -30,11 +28,10 @@ from etendue.archive.naming import Names, cell_name
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import node_records, platform_record
 from etendue.archive.stored import Stored
-from etendue.archive.verify import Damage, verify
+from etendue.archive.verify import verify
 from etendue.contract.ports import CellReport, Progress, Sheet
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError
-from etendue.plan.ancestry import ancestry
 from etendue.plan.keys import version_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
@@ -42,65 +39,12 @@ from etendue.plan.resume import is_of_names, with_stored_values
 from etendue.plan.shown import where_shown
 from etendue.session import Options, execute
 from etendue.trust import checked
-from etendue.trust.checked import NotChecked
+from etendue.trust.comparing import unchecked
 from etendue.trust.remade import Again, column
 from etendue.trust.sayings import Difference
+from etendue.trust.verdict import CellResult, Reproduction, judged_cell
 
 WORST = 20  # cells that are named
-
-
-@dataclass(frozen=True)
-class CellResult:
-    """What became of one variable of one cell."""
-
-    stage: str
-    cell: str
-    variable: str
-    found: str  # same | within | beyond | unknown | damaged | failed
-    largest: float | None = None
-    relative: float | None = None
-    allowed: float | None = None
-    why: str = ""
-
-
-@dataclass
-class Reproduction:
-    """What was found.
-
-    Attributes
-    ----------
-    platform : the fields that differ, as (then, now); nothing on the same platform
-    software : by stage what differs from the archive's: its distribution and version, or its code
-    differences : what else it says that does not come out again: coordinates, units, dims, tables, records
-    damages : files that are not as they were written, those of cells aside
-    not_checked : what of it no computing can tell
-    """
-
-    folder: Path
-    record: Mapping[str, Any]
-    platform: dict[str, tuple[Any, Any]]
-    software: list[dict[str, Any]]
-    order: list[str]
-    cells: list[CellResult] = field(default_factory=list)
-    differences: list[Difference] = field(default_factory=list)
-    damages: list[Damage] = field(default_factory=list)
-    not_checked: list[NotChecked] = field(default_factory=list)
-    seconds: float = 0.0
-
-    @property
-    def verdict(self) -> str:
-        found = {cell.found for cell in self.cells}
-        if self.differences or self.damages:
-            return "not reproduced"
-        if not found:
-            return "nothing to compare"
-        if found == {"same"}:
-            return "the same bits"
-        return "within the stated errors" if found <= {"same", "within"} else "not reproduced"
-
-    @property
-    def reproduced(self) -> bool:
-        return self.verdict in ("the same bits", "within the stated errors")
 
 
 def reproduce(
@@ -132,36 +76,62 @@ def reproduce(
     was, now = run.record["platform"], platform_record()
     platform = {name: (was.get(name), value) for name, value in now.items() if was.get(name) != value}
     found = Reproduction(folder, run.record, platform, software(run, plan), [node.name for node in plan.nodes])
-    names = dict(Names(plan))
     keys = {ref: cell.key for ref, cell in plan.cells.items()}
-    keys |= former_of(plan, run.record).keys if platform or _libraries(run) else {}
-    stopped = _stopped(stored, names, keys)
-    asked = [name for name in names.values() if name not in stopped and _is_asked(stored.journal, name)]
+    if platform or any(version_of(name) != version for name, version in run.record["libraries"].items()):
+        keys |= former_of(plan, run.record).keys  # those that cells had then
+    again = Again(plan, dict(Names(plan)), keys, {})
+    asked = _asked(stored, again)
     told = progress(plan) if progress else None
-    sheet: Sheet | None = None
     if into is None:
-        shown = _shown(stored, plan, keys) if not platform else {}
-        keeper = ComparingKeeper(stored, asked, shown, _drawn(stored))
-        found.seconds = execute(plan, None, options, told, keeper).seconds
-        reports, damaged, sheet = keeper.reports, keeper.damaged, _told(keeper.sheet, plan, keys, shown)
+        again, damaged, found.seconds = _computed(stored, again, asked, options, told, not platform)
     else:
         if into.resolve() == folder.resolve():
             raise ArchiveError(f"--into {into}: that is the archive itself; name another folder")
         outcome = execute(plan, into, options, told)
         found.seconds = outcome.seconds
-        reports, damaged = _held_against(
-            stored, Stored(into), asked, {cell_name(plan, r): o for r, o in outcome.reports.items()}
-        )
-    refs = {name: ref for ref, name in names.items()}
-    for name in asked:
-        if (entry := stored.journal.entries[name]).event == "done" and (entry.files or name not in reports):
-            found.cells += _judged(plan, refs[name], name, reports.get(name), damaged.get(name, ""), bool(platform))
-    gone = [name for name, entry in stored.finished.items() if name not in refs and entry.files]
-    found.cells += [CellResult(n.split(" ")[0], n, "", "unknown", why="its pipeline has no such cell") for n in gone]
-    _compare_the_rest(found, stored, Again(plan, names, keys, reports, sheet), into is not None, most_cells)
+        kept = {cell_name(plan, ref): one for ref, one in outcome.reports.items()}
+        reports, damaged = _held_against(stored, Stored(into), asked, kept)
+        again = replace(again, reports=reports)
+    found.cells += _judged(stored, again, asked, damaged, bool(platform))
+    _compare_the_rest(found, stored, again, into is not None, most_cells)
     if is_running(folder) or _state(folder) != state:
         raise ArchiveInUse(f"{folder}: a run has begun to write to it meanwhile; reproduce it when it has ended")
     return found
+
+
+def _asked(stored: Stored, again: Again) -> list[str]:
+    """The cells that are computed again: what is finished, and what failed, unless it was stopped."""
+    entries, outdated = stored.journal.entries, stored.journal.outdated
+    ended = {name: one.event for name in again.names.values() if (one := entries.get(name)) and name not in outdated}
+    stopped = _stopped(stored, again)
+    return [name for name, event in ended.items() if event in ("done", "failed") and name not in stopped]
+
+
+def _computed(
+    stored: Stored, again: Again, asked: list[str], options: Options | None, told: Progress | None, pictures: bool
+) -> tuple[Again, Mapping[str, str], float]:
+    """Every cell computed and held against the stored one; with what became of it, what of the archive could not be
+    read, and seconds.
+    """
+    shown = _shown(stored, again) if pictures else {}
+    keeper = ComparingKeeper(stored, asked, shown, _drawn(stored))
+    outcome = execute(again.plan, None, options, told, keeper)
+    made = replace(again, reports=keeper.reports, sheet=_told(keeper.sheet, again, shown))
+    return made, keeper.damaged, outcome.seconds
+
+
+def _judged(
+    stored: Stored, again: Again, asked: Iterable[str], damaged: Mapping[str, str], elsewhere: bool
+) -> Iterator[CellResult]:
+    """What the comparison of every finished cell means."""
+    refs = {name: ref for ref, name in again.names.items()}
+    for name in asked:
+        entry, report = stored.journal.entries[name], again.reports.get(name)
+        if entry.event == "done" and (entry.files or report is None):
+            yield from judged_cell(again.plan, refs[name], name, report, damaged.get(name, ""), elsewhere)
+    for name, entry in stored.finished.items():
+        if name not in refs and entry.files:
+            yield CellResult(name.split(" ")[0], name, "", "unknown", why="its pipeline has no such cell")
 
 
 def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: bool, most_cells: int | None) -> None:
@@ -185,7 +155,7 @@ def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: b
         for one in verify(found.folder, journal=stored.journal).damages
         if one.kind != "unfinished" and one.cell not in named
     ]
-    found.not_checked = checked.unchecked(stored, again, elsewhere, code, into)
+    found.not_checked = unchecked(stored, again, elsewhere, code, into)
 
 
 def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Difference]:
@@ -200,24 +170,15 @@ def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Diff
             )
 
 
-def _libraries(run: Recorded) -> bool:
-    """Whether a library that the keys name is of another version than then."""
-    return any(version_of(name) != version for name, version in run.record["libraries"].items())
-
-
 def _state(folder: Path) -> tuple[str, str]:
     return digest_of(folder / "run.id"), digest_of(folder / MANIFEST)
 
 
-def _is_asked(journal: Read, name: str) -> bool:
-    """Whether a cell is computed again: what is finished, and what failed."""
-    entry = journal.entries.get(name)
-    return entry is not None and name not in journal.outdated and entry.event in ("done", "failed")
-
-
-def _stopped(stored: Stored, names: Mapping[CellRef, str], keys: Mapping[CellRef, str]) -> set[str]:
+def _stopped(stored: Stored, again: Again) -> set[str]:
     """The cells that failed because they were stopped, or their worker died: they need not do so again."""
-    failed = {(ref[0], keys[ref]): name for ref, name in names.items() if _failed(stored.journal.entries.get(name))}
+    entries = stored.journal.entries
+    named = ((ref, entries.get(name), name) for ref, name in again.names.items())
+    failed = {(ref[0], again.keys[ref]): name for ref, entry, name in named if entry and entry.event == "failed"}
     columns = [column(stored, f"ledger/{name}") for name in ("stage", "key", "message")] if failed else []
     if any(one is None for one in columns):
         return set()
@@ -225,21 +186,16 @@ def _stopped(stored: Stored, names: Mapping[CellRef, str], keys: Mapping[CellRef
     return {failed[stage, key] for stage, key, message in rows if (stage, key) in failed and "its worker" in message}
 
 
-def _failed(entry: Entry | None) -> bool:
-    return entry is not None and entry.event == "failed"
-
-
-def _shown(stored: Stored, plan: Plan, keys: Mapping[CellRef, str]) -> dict[str, CellRef]:
+def _shown(stored: Stored, again: Again) -> dict[str, CellRef]:
     """The cells of the pictures of an archive, one of each stage; nothing where there are none, or of others."""
+    nodes = again.plan.nodes
     held = frames.attributes(
         {"frames/zarr.json": disk.content_of(stored.folder / "data.zarr/frames/zarr.json") or b"{}"}
     ).get("shown")
-    held = held if isinstance(held, list) and len(held) == len(plan.nodes) else []
-    by_key = {(ref[0], key): ref for ref, key in keys.items()}
+    held = held if isinstance(held, list) and len(held) == len(nodes) else []
+    by_key = {(ref[0], key): ref for ref, key in again.keys.items()}
     found = {
-        node.name: by_key.get((node.name, key))
-        for node, key in zip(plan.nodes, held, strict=False)
-        if isinstance(key, str)
+        node.name: by_key.get((node.name, key)) for node, key in zip(nodes, held, strict=False) if isinstance(key, str)
     }
     return {} if None in found.values() else {name: ref for name, ref in found.items() if ref is not None}
 
@@ -256,12 +212,12 @@ def _drawn(stored: Stored) -> list[tuple[str, str]]:
     ]
 
 
-def _told(sheet: Sheet | None, plan: Plan, keys: Mapping[CellRef, str], shown: Mapping[str, CellRef]) -> Sheet | None:
+def _told(sheet: Sheet | None, again: Again, shown: Mapping[str, CellRef]) -> Sheet | None:
     """Pictures with what a run says of them."""
     if sheet is None or not sheet.table:
         return None
-    at = where_shown(plan, shown)
-    attrs = {**sheet.table.get("attrs", {}), "shown": [keys[ref] for ref in sheet.shown], "at": at}
+    at = where_shown(again.plan, shown)
+    attrs = {**sheet.table.get("attrs", {}), "shown": [again.keys[ref] for ref in sheet.shown], "at": at}
     return replace(sheet, table={**sheet.table, "attrs": attrs}, at=at)
 
 
@@ -333,58 +289,6 @@ def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
             if before.get(what) is not None and before[what] != after[what]:
                 rows.append({"stage": name, "what": what, "then": before[what], "now": after[what]})
     return rows
-
-
-def _judged(
-    plan: Plan, ref: CellRef, name: str, report: CellReport | None, damage: str, elsewhere: bool
-) -> Iterable[CellResult]:
-    """What a cell's comparison means."""
-    stage = ref[0]
-    if damage:
-        yield CellResult(stage, name, "", "damaged", why=damage)
-    elif report is None or report.status in ("failed", "skipped"):
-        yield CellResult(stage, name, "", "failed", why=report.message if report else "it was not computed")
-    else:
-        allowed = _allowed(plan, ref) if elsewhere and not all(_is_same(one) for one in report.written) else None
-        for one in report.written:
-            if isinstance(one, Compared):
-                yield judged(stage, name, one, allowed, elsewhere)
-
-
-def _is_same(one: Any) -> bool:
-    return isinstance(one, Compared) and one.difference is not None and one.difference.same
-
-
-def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewhere: bool) -> CellResult:
-    """What the difference of one variable means: bits on the same platform, stated errors ``elsewhere``."""
-    found = one.difference
-    if found is None:
-        return CellResult(stage, name, one.path, "damaged", why=one.damage)
-    if found.same:
-        return CellResult(stage, name, one.path, "same", 0.0, 0.0)
-    told = (stage, name, one.path)
-    if found.shapes:
-        return CellResult(*told, "beyond", why=f"shape or type: {found.shapes}")
-    if found.undefined:
-        return CellResult(
-            *told, "beyond", found.largest, None, allowed, f"{found.undefined} values are undefined in one alone"
-        )
-    if not elsewhere:
-        return CellResult(
-            *told, "beyond", found.largest, found.relative, None, "on the same platform every bit has to agree"
-        )
-    if allowed is None:
-        return CellResult(
-            *told, "unknown", found.largest, found.relative, None, "it, or a stage in front of it, states no error"
-        )
-    inside = found.relative is not None and found.relative <= allowed
-    return CellResult(*told, "within" if inside else "beyond", found.largest, found.relative, allowed)
-
-
-def _allowed(plan: Plan, ref: CellRef) -> float | None:
-    """The errors stated by a cell and by all that it depends on, together; None where one states none."""
-    stated = [plan.cells[one].error[0] for one in ancestry(plan, [ref])]
-    return None if None in stated else sum(error for error in stated if error is not None)
 
 
 def document(found: Reproduction) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """What an archive says beside its cells and their metadata: lines of the journal, names in the manifest, documents with
 a word twice.
 
-In:  an archive, its plan computed again, every file of the store that a run writes (``studies.remade``).
+In:  an archive, its plan computed again, every file of the store that a run writes (``trust.remade``).
 Out: ``Difference``: file, place in it, what it says, what it has to say.
 """
 

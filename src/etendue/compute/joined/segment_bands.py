@@ -127,6 +127,16 @@ class FilteredBands(Banded):
         return sampling.planes_of(half, *self.shape[1:])
 
 
+def places(grid: Grid, out: Grid) -> list[tuple[float, float, int]]:
+    """Along y and x: where the first of the pixels stands and their pitch, in samples of a grid; how many there are."""
+    found = []
+    for dim in ("y", "x"):
+        line, pixels = grid.line(dim), out.line(dim)
+        start, step = pixels.um()
+        found.append(((start - line.start) / line.step, step / line.step, pixels.size))
+    return found
+
+
 def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     """The arrays of a transfer stage, from the segment's input and every transfer function since."""
     port, ref, variable = job.inputs[0]
@@ -159,10 +169,7 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
             f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum"
         )
     last = last.reshape(last.shape[-2:]).astype(np.result_type(channels.real if last.dtype.kind == "f" else channels))
-    out, where = job.grids[name], []
-    for dim, line in (("y", y), ("x", x)):
-        start, step = out.line(dim).um()
-        where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
+    where = places(grid, job.grids[name])
     if sums is not None:  # others read the transforms too
         behind = channels * last
         behind *= sums[:, None, None].astype(last.real.dtype)

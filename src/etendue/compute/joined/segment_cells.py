@@ -9,7 +9,7 @@ what the grid knows of each would not do. So every cell of such a segment starts
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -126,6 +126,18 @@ def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     return {name: found if name in job.by_band else np.asarray(found)}
 
 
+@dataclass(frozen=True)
+class _Along:
+    """Pixels along one axis: where the first stands and their pitch, in cells; how many; the width of their window,
+    um.
+    """
+
+    start: float
+    step: float
+    size: int
+    width: float
+
+
 def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
     """Sums over bands at the pixels: by folding where the pitch is a whole number of cells, else by an extended
     transform.
@@ -139,32 +151,27 @@ def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfe
     windows = cell_pixels.box_of(alone.otf(0), max(step for _, _, step, _ in lines))
     if windows is None:  # its transfer function counts like any other
         joined, windows = CellTransfer(before, grid, job.precision, (end, prepared)), ((0.0, 0.0), (0.0, 0.0))
-    starts = [
-        (start + place - line.start) / line.step for (line, start, _, _), (_, place) in zip(lines, windows, strict=True)
+    along = [
+        _Along((start + place - line.start) / line.step, step / line.step, size, width)
+        for (line, start, step, size), (width, place) in zip(lines, windows, strict=True)
     ]
-    steps = [step / line.step for line, _, step, _ in lines]
     brightest = np.zeros((2, weights.shape[1]))
-    if all(
-        abs(step - round(step)) * size < 1e-6 and round(step) >= 1
-        for step, (_, _, _, size) in zip(steps, lines, strict=True)
-    ):
-        found = _folded_pixels(light, joined, weights, lines, windows, starts, steps, brightest)
+    if all(abs(one.step - round(one.step)) * one.size < 1e-6 and round(one.step) >= 1 for one in along):
+        found = _folded_pixels(light, joined, weights, along, brightest)
     else:
         transforms = []
         for band, plane in enumerate(in_order(light)):
             transforms.append(sampling.transform(_noted(plane, brightest, band)))
         bands = range(len(transforms))
-        centres = [
-            start + step * np.arange(size) for start, step, (_, _, _, size) in zip(starts, steps, lines, strict=True)
-        ]
+        down, across = (one.start + one.step * np.arange(one.size) for one in along)
         found = cell_pixels.evaluated(
             [joined.otf(b) for b in bands],
             [joined.reach(b) for b in bands],
             weights,
             np.stack(transforms),
             *joined.axes,
-            (centres[0], centres[1]),
-            (windows[0][0], windows[1][0]),
+            (down, across),
+            (along[0].width, along[1].width),
         )
     if (weights >= 0).all():
         limits = np.stack([weights @ brightest[0], weights @ brightest[1]])
@@ -180,17 +187,14 @@ def _noted(plane: Any, brightest: Any, band: int) -> Any:
     return plane
 
 
-def _folded_pixels(
-    light: Any, joined: CellTransfer, weights: Any, lines: Any, windows: Any, starts: Any, steps: Any, brightest: Any
-) -> Any:
+def _folded_pixels(light: Any, joined: CellTransfer, weights: Any, along: Sequence[_Along], brightest: Any) -> Any:
     y, x = joined.axes
-    nearest = [round(start) for start in starts]
-    offsets = [0.0 if abs(start - near) < 1e-9 else start - near for start, near in zip(starts, nearest, strict=True)]
-    widths = [width for width, _ in windows]
-    along_y, along_x = (
-        cells.window_rule(y, widths[0], offsets[0], False),
-        cells.window_rule(x, widths[1], offsets[1], True),
-    )
+    nearest = [round(one.start) for one in along]
+    far = [one.start - near for one, near in zip(along, nearest, strict=True)]
+    offsets = [0.0 if abs(offset) < 1e-9 else offset for offset in far]
+    widths = [one.width for one in along]
+    along_y = cells.window_rule(y, widths[0], offsets[0], False)
+    along_x = cells.window_rule(x, widths[1], offsets[1], True)
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
         half = sampling.transform(_noted(plane, brightest, band))
@@ -200,7 +204,7 @@ def _folded_pixels(
         for channel, weight in enumerate(weights[:, band]):
             sums[channel] += half.dtype.type(weight) * half
     rows, columns = (
-        (near + round(step) * np.arange(size)) % axis.size
-        for near, step, (_, _, _, size), axis in zip(nearest, steps, lines, (y, x), strict=True)
+        (near + round(one.step) * np.arange(one.size)) % axis.size
+        for near, one, axis in zip(nearest, along, (y, x), strict=True)
     )
     return np.stack([cells.planes_of(half, y, x)[np.ix_(rows, columns)] for half in sums])

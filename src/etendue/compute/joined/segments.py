@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue.compute.bands import Banded
 from etendue.compute.job import Job
-from etendue.compute.joined.segment_bands import from_bands
+from etendue.compute.joined.segment_bands import from_bands, places
 from etendue.compute.joined.segment_cells import from_cells
 from etendue.compute.ownership import frozen
 from etendue.compute.tables import TABLES, prepared_of
@@ -93,12 +93,7 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
         channels = sampling.sum_over_bands(own, np.ascontiguousarray(transform))
         if otf.shape[0] == 1:
             channels = channels * otf
-        out = job.grids[name]
-        where = []
-        for dim, line in (("y", y), ("x", x)):
-            start, step = out.line(dim).um()
-            where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
-        return Result(), {name: sampling.sample(channels, y.size, x.size, where[0], where[1])}
+        return Result(), {name: sampling.sample(channels, y.size, x.size, *places(grid, job.grids[name]))}
     if not job.left_out:
         transform, untouched = transform * _on_grid(job, stage), None
     arrays = {}

@@ -110,14 +110,10 @@ def be_alike(common: Common) -> None:
         return
     keep_freed_memory()
     if found := common.differences():
-        raise MachineError(refused({_address(): found}))
+        import distributed
+
+        raise MachineError(refused({str(distributed.get_worker().address): found}))
     _sound.add(common.run)
-
-
-def _address() -> str:
-    import distributed
-
-    return str(distributed.get_worker().address)
 
 
 def refused(found: Mapping[str, list[str]]) -> str:

@@ -12,7 +12,7 @@ import logging
 import time
 import uuid
 from collections.abc import Callable, Iterator, Set
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from etendue.errors import EtendueError, MachineError, RequestError, shortened
@@ -93,10 +93,8 @@ def _client(address: str, workers: int) -> Iterator[Any]:
     try:
         yield client
     finally:
-        try:
+        with suppress(Exception):  # a client without its scheduler has nothing to close
             client.close(timeout=2)
-        except Exception:  # a client without its scheduler has nothing to close
-            pass
 
 
 @contextmanager

@@ -52,14 +52,8 @@ class Sending:
         stop: Stop,
         limit: float | None,
     ) -> None:
-        self.client, self.deliver, self.before, self.after, self.common, self.stop = (
-            client,
-            deliver,
-            before,
-            after,
-            common,
-            stop,
-        )
+        self.client, self.deliver, self.common, self.stop = client, deliver, common, stop
+        self.before, self.after = before, after
         self.batches = {batch.number: batch for batch in batches}
         self.place = {n: place for place, n in enumerate(depth_first(self.batches, lambda n: self.batches[n].imports))}
         self.awaits = {batch.number: len(batch.imports) for batch in batches}

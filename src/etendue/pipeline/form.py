@@ -1,0 +1,82 @@
+"""The words of a document, one by one, as a pipeline wants them.
+
+In:  a document.
+Out: plain values; a fault for each that is of another form, in whose place its default stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from decimal import Decimal
+from typing import Any, TypeVar
+
+from etendue.contract.names import LONGEST
+from etendue.contract.units import as_written
+from etendue.errors import Fault, unprintable
+
+T = TypeVar("T")
+
+
+class Words:
+    """Of one document. ``faults``: what is wrong with it so far, to which is added."""
+
+    def __init__(self, document: Mapping[str, Any], faults: list[Fault]) -> None:
+        self.document, self.faults = document, faults
+
+    def refused(self, key: str, value: Any, expected: str, default: T) -> T:
+        self.faults.append(Fault(key, f"expected {expected}, got {as_written(value)}"))
+        return default
+
+    def text(self, key: str, default: str) -> str:
+        value = self.document.get(key, default)
+        if isinstance(value, str) and (key == "description" or not unprintable(value)):
+            return value
+        return self.refused(key, value, "text", default)
+
+    def name(self, default: str) -> str:
+        """That of the pipeline, and of a folder, on any system."""
+        value = self.document.get("name", default)
+        if isinstance(value, str) and _plain(value):
+            return value
+        ways = f"at most {LONGEST} characters, no slash, no control characters, no dot in front"
+        self.faults.append(Fault("name", f"expected a plain name, got {as_written(value)}; {ways}"))
+        return default
+
+    def names(self, key: str) -> tuple[str, ...] | None:
+        value = self.document.get(key)
+        if value is None or (key == "keep" and value == "all"):
+            return None
+        listed = [value] if isinstance(value, str) else value
+        if isinstance(listed, list) and all(isinstance(one, str) for one in listed):
+            return tuple(listed)
+        what = 'distributions, such as ["etendue-mine"]' if key == "requires" else "variables"
+        return self.refused(key, value, f"a list of {what}", None)
+
+    def whole(self, key: str, default: int, least: int) -> int:
+        value = self.document.get(key, default)
+        if isinstance(value, int) and not isinstance(value, bool) and value >= least:
+            return value
+        return self.refused(key, value, f"a whole number of at least {least}", default)
+
+    def share(self, key: str, default: float) -> float:
+        value = self.document.get(key, default)
+        fits = isinstance(value, int | float | Decimal) and not isinstance(value, bool) and 0 <= float(value) < 1
+        return float(value if fits else self.refused(key, value, "a number of at least 0 and below 1", default))
+
+    def flag(self, key: str, default: bool) -> bool:
+        value = self.document.get(key, default)
+        return value if isinstance(value, bool) else self.refused(key, value, "true or false", default)
+
+    def table(self, key: str) -> Mapping[str, Any]:
+        value = self.document.get(key, {})
+        return value if isinstance(value, dict) else self.refused(key, value, "a table", {})
+
+
+def _plain(name: str) -> bool:
+    return (
+        bool(name)
+        and len(name.encode()) <= LONGEST
+        and name[0] not in ".-"
+        and not set(name) & set("/\\")
+        and not unprintable(name)
+    )

@@ -1,0 +1,142 @@
+"""A run under way: cells are computed, their results handed to whoever keeps them, and looked at on the way.
+
+In:  what is left to do of a plan, a keeper of results.
+Out: reports, arrays of what is shown, the pictures. ``session`` begins and ends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from etendue import interrupts
+from etendue.compute.job import Job
+from etendue.compute.jobs import make_jobs
+from etendue.contract.ports import Keeper, Progress, Sheet
+from etendue.plan.model import CellRef
+from etendue.plan.reports import DONE, LEFT_OUT, Reports
+from etendue.plan.resume import Work
+from etendue.present.pictures import pictures, small_maps, thumbnails
+from etendue.present.terminal import tables
+from etendue.run.batches import Batch, BatchResult
+from etendue.run.schedulers import scheduler as scheduler_of
+from etendue.run.watch import Stop, run_batches
+
+if TYPE_CHECKING:
+    from etendue.session import Options
+
+Cut = Callable[[Mapping[CellRef, Job], float], list[Batch]]  # jobs into batches of about so many seconds
+
+
+class Running:
+    """In terms of the plan over all that the keeper holds.
+
+    Attributes
+    ----------
+    shown : of each stage the cell of the pictures
+    arrays : of the shown cells, and of all that are kept in memory, what does not stand where it is kept
+    small : of the shown cells, what their pictures are made of
+    earlier : finished cells of which only the keeper has reports
+    """
+
+    def __init__(self, work: Work, shown: Mapping[str, CellRef], keeper: Keeper, progress: Progress) -> None:
+        self.work, self.plan, self.shown, self.keeper, self.progress = work, work.plan, shown, keeper, progress
+        self.looks = thumbnails.looks(self.plan, shown.values()) if keeper.draws else {}
+        self.reports = Reports(self.plan)
+        self.arrays: dict[CellRef, dict[str, Any]] = {}
+        self.small: dict[CellRef, dict[str, Any]] = {}
+        self.earlier: list[CellRef] = []
+
+    def compute(self, options: Options, cut: Cut) -> None:
+        """All that is left to do, cut into batches. Interrupted, it leaves what is finished to the keeper."""
+        work, keeper = self.work, self.keeper
+        show = frozenset(ref for ref in self.shown.values() if keeper.draws and ref in work.todo)
+        jobs = make_jobs(
+            self.plan,
+            work.todo,
+            keeper.target,
+            deliver_all=keeper.keeps_arrays,
+            show=show,
+            place=keeper.place if scheduler_of(options.scheduler).here else None,
+            looks={ref: one.beside(keeper.keeps_arrays, self.plan.kept, ref[0]) for ref, one in self.looks.items()},
+        )
+        self.progress.begin(len(work.todo))
+        stop = Stop()
+        try:
+            interrupts.check()
+            batches, deliver = cut(jobs, options.batch_seconds), work.todo if keeper.keeps_arrays else show
+            run_batches(batches, deliver, self._before, self._after, options.how(stop, keeper.mark))
+        except KeyboardInterrupt:
+            self._take_earlier()
+            keeper.interrupted(self.tables(), stop.abandoned)
+            raise
+        finally:
+            self.progress.end()
+        self._take_earlier()
+
+    def _before(self, batch: Batch) -> None:
+        self.keeper.starting(ref for ref in batch.refs if ref in self.work.todo)
+        self.progress.starting(batch.stages)
+
+    def _after(self, batch: Batch, result: BatchResult) -> None:
+        fresh = tuple(r for r in result.reports if r.status != "loaded")
+        for ref, found in self.keeper.finished(fresh, result.kept).items():
+            look = self.looks.get(ref)
+            if look:
+                self.small[ref] = thumbnails.only(look(found))
+            own = {v for v in found if (ref[0], v) in self.plan.kept} if self.keeper.keeps_arrays else set[str]()
+            if not self.keeper.keeps_arrays or len(own) < len(found):  # else all of it stands where it is kept
+                small = self.small.get(ref, {})
+                self.arrays[ref] = {v: a for v, a in found.items() if v in own or v not in small}
+        # The scheduler holds on to its results; what is kept of them stands in its place now.
+        result.kept, result.reports = {}, ()
+        self.reports.take(fresh)
+        self.progress.finished(fresh)
+
+    def _take_earlier(self) -> None:
+        self.earlier = [ref for ref in self.work.reused if ref not in self.reports]
+        self.reports.take(self.keeper.earlier(self.earlier))
+
+    # -- behind the last cell -----------------------------------------------------------------------------------------
+
+    def tables(self) -> dict[str, Any]:
+        return {"ledger": tables.ledger(self.plan, self.reports), "summary": tables.summary(self.plan, self.reports)}
+
+    @property
+    def there(self) -> list[CellRef]:
+        """The shown cells that an earlier run has computed."""
+        return [ref for ref in self.shown.values() if ref not in self.work.todo]
+
+    def sheet(self, at: str) -> Sheet | None:
+        """Pictures of the shown cells, whose axis values are ``at``; None where those of an earlier run stay."""
+        keeper = self.keeper
+        if keeper.draws and (self.arrays or keeper.lacks_pictures(self.shown.values())):
+            for one in self.there:
+                self.small |= {
+                    ref: thumbnails.only(self.looks[ref](found)) for ref, found in keeper.stored([one]).items()
+                }
+            return pictures.sheet(self.plan, self.shown, self.small, at, self._maps)
+        mapped = (ref for one in small_maps.small_maps(self.plan) for ref in one.cells) if keeper.folder else ()
+        if keeper.folder and any(ref in self.reports and ref in self.work.todo for ref in mapped):
+            return pictures.same_pictures(keeper.folder, self._maps)
+        return None
+
+    def _maps(self) -> list[Any]:
+        """Maps of figures over the sweep, as they stand on the contact sheet."""
+        chosen = small_maps.small_maps(self.plan) if self.keeper.folder else []
+        refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
+        states = {ref: self.reports[ref].status for ref in refs if ref in self.reports}
+        done = [ref for ref, state in states.items() if state in ("done", "left_out")]
+        figures = self.keeper.stored(done, True, frozenset(one.variable for one in chosen))
+        lost = [ref for ref, state in states.items() if state in ("failed", "skipped")]
+        return small_maps.all_drawn(chosen, figures, lost)
+
+    def standing(self) -> Mapping[CellRef, dict[str, Any]]:
+        """The arrays of all that was computed, where they stand; of shown cells of earlier runs their figures."""
+        self.arrays.update(self.keeper.stored(self.there, figures_only=True))
+        return self.keeper.standing(self.arrays)
+
+    def restored(self) -> int:
+        """How many cells of earlier runs, which nobody has asked for now, were computed again."""
+        asked = set(self.work.cells.values())
+        return sum((r.stage, r.index) not in asked for r in self.reports.having(DONE, LEFT_OUT))

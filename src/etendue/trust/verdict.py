@@ -1,0 +1,125 @@
+"""What a comparison of an archive with what is computed again means, cell by cell and as a whole.
+
+In:  differences of arrays, what went wrong.
+Out: a ``CellResult`` for each variable of each cell; a ``Reproduction`` with its verdict.
+
+On the same platform every bit has to agree. On another one a cell may differ by the errors that its stage and those in
+front of it state: their sum, relative to full scale, rms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from etendue.archive.comparing import Compared
+from etendue.archive.looking import Damage
+from etendue.contract.ports import CellReport
+from etendue.plan.ancestry import ancestry
+from etendue.plan.model import CellRef, Plan
+from etendue.trust.comparing import NotChecked
+from etendue.trust.sayings import Difference
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What became of one variable of one cell."""
+
+    stage: str
+    cell: str
+    variable: str
+    found: str  # same | within | beyond | unknown | damaged | failed
+    largest: float | None = None
+    relative: float | None = None
+    allowed: float | None = None
+    why: str = ""
+
+
+@dataclass
+class Reproduction:
+    """What was found.
+
+    Attributes
+    ----------
+    platform : the fields that differ, as (then, now); nothing on the same platform
+    software : by stage what differs from the archive's: its distribution and version, or its code
+    differences : what else it says that does not come out again: coordinates, units, dims, tables, records
+    damages : files that are not as they were written, those of cells aside
+    not_checked : what of it no computing can tell
+    """
+
+    folder: Path
+    record: Mapping[str, Any]
+    platform: dict[str, tuple[Any, Any]]
+    software: list[dict[str, Any]]
+    order: list[str]
+    cells: list[CellResult] = field(default_factory=list)
+    differences: list[Difference] = field(default_factory=list)
+    damages: list[Damage] = field(default_factory=list)
+    not_checked: list[NotChecked] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def verdict(self) -> str:
+        found = {cell.found for cell in self.cells}
+        if self.differences or self.damages:
+            return "not reproduced"
+        if not found:
+            return "nothing to compare"
+        if found == {"same"}:
+            return "the same bits"
+        return "within the stated errors" if found <= {"same", "within"} else "not reproduced"
+
+    @property
+    def reproduced(self) -> bool:
+        return self.verdict in ("the same bits", "within the stated errors")
+
+
+def judged_cell(
+    plan: Plan, ref: CellRef, name: str, report: CellReport | None, damage: str, elsewhere: bool
+) -> Iterable[CellResult]:
+    """What a cell's comparison means."""
+    stage = ref[0]
+    if damage:
+        yield CellResult(stage, name, "", "damaged", why=damage)
+    elif report is None or report.status in ("failed", "skipped"):
+        yield CellResult(stage, name, "", "failed", why=report.message if report else "it was not computed")
+    else:
+        written = [one for one in report.written if isinstance(one, Compared)]
+        same = all(one.difference is not None and one.difference.same for one in written)
+        allowed = _allowed(plan, ref) if elsewhere and not same else None
+        yield from (judged(stage, name, one, allowed, elsewhere) for one in written)
+
+
+def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewhere: bool) -> CellResult:
+    """What the difference of one variable means: bits on the same platform, stated errors ``elsewhere``."""
+    found = one.difference
+    if found is None:
+        return CellResult(stage, name, one.path, "damaged", why=one.damage)
+    if found.same:
+        return CellResult(stage, name, one.path, "same", 0.0, 0.0)
+    told = (stage, name, one.path)
+    if found.shapes:
+        return CellResult(*told, "beyond", why=f"shape or type: {found.shapes}")
+    if found.undefined:
+        return CellResult(
+            *told, "beyond", found.largest, None, allowed, f"{found.undefined} values are undefined in one alone"
+        )
+    if not elsewhere:
+        return CellResult(
+            *told, "beyond", found.largest, found.relative, None, "on the same platform every bit has to agree"
+        )
+    if allowed is None:
+        return CellResult(
+            *told, "unknown", found.largest, found.relative, None, "it, or a stage in front of it, states no error"
+        )
+    inside = found.relative is not None and found.relative <= allowed
+    return CellResult(*told, "within" if inside else "beyond", found.largest, found.relative, allowed)
+
+
+def _allowed(plan: Plan, ref: CellRef) -> float | None:
+    """The errors stated by a cell and by all that it depends on, together; None where one states none."""
+    stated = [plan.cells[one].error[0] for one in ancestry(plan, [ref])]
+    return None if None in stated else sum(error for error in stated if error is not None)
