@@ -108,15 +108,49 @@ class Given:
         return read_pipeline(self.file, overrides(self))
 
 
-def gather(function: Callable[..., None]) -> Callable[..., None]:
-    """Hand a command what its options say of a pipeline as one ``Given``."""
+@dataclass(frozen=True)
+class Way:
+    """How a command runs, and what it says meanwhile."""
 
-    @functools.wraps(function)
-    def gathering(**words: Any) -> None:
-        own = {field.name: words.pop(field.name) for field in fields(Given) if field.name in words}
-        function(Given(**own), **words)
+    scheduler: str = "threads"
+    workers: int | None = None
+    quiet: bool = False
+    as_json: bool = False
 
-    return gathering
+    @property
+    def silent(self) -> bool:
+        return self.quiet or self.as_json
+
+    def options(self, **more: Any) -> Any:
+        """The options of a run."""
+        from etendue.run.schedulers import check_scheduler
+        from etendue.session import Options
+
+        return Options(check_scheduler(self.scheduler), self.workers or 0, **more)
+
+
+def progress(silent: bool) -> Any:
+    """What makes the progress of a plan; None where nothing is said."""
+    from etendue.present.terminal.progress import TerminalProgress
+
+    return None if silent else TerminalProgress
+
+
+def _gathered(kind: type[Any], name: str) -> Adds:
+    """Hands a command those of its options that a dataclass has as one argument."""
+
+    def adds(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def gathering(**words: Any) -> None:
+            own = {field.name: words.pop(field.name) for field in fields(kind) if field.name in words}
+            function(**{name: kind(**own)}, **words)
+
+        return gathering
+
+    return adds
+
+
+gather, gather_way = _gathered(Given, "given"), _gathered(Way, "way")
 
 
 def pipeline_options(function: Callable[..., None]) -> Any:

@@ -54,12 +54,11 @@ def information(
     each frequency; what each tells alone stands beside.
     """
     from etendue.contract.registry import installed_stages
-    from etendue.present.terminal.terminal import TerminalProgress
     from etendue.result_files import finite
     from etendue_lab.information.study import information as measure
     from etendue_lab.information.terminal import print_information
 
-    progress = None if as_json else TerminalProgress
+    progress = options.progress(as_json)
     pipeline = given.pipeline()
     found = measure(
         pipeline, installed_stages(), reflectance, contrast_ratio, size, object_contrast, frames, None, progress
@@ -99,7 +98,7 @@ def losses(given: options.Given, reflectance: float, runs: int, seed: int, as_js
     Numerical error by stage is another question: `etendue accuracy`.
     """
     from etendue.contract.registry import installed_stages
-    from etendue.present.terminal.terminal import trying
+    from etendue.present.terminal.progress import trying
     from etendue.result_files import finite
     from etendue_lab.losses.study import losses as measure
     from etendue_lab.losses.terminal import print_losses
