@@ -93,8 +93,8 @@ class Trials:
         reference = replace(reference, coarser=coarser)
         plan = base.plan(replace(reference.pipeline, sweep=base.pipeline.sweep))
         self.own = {k.key: own_variables(plan, k.stage) if k.stage else () for k in knobs}
-        also = tuple(dict.fromkeys(place for places in self.own.values() for place in places))
-        self.measurement = Measurement(pipeline, registry, effort.cells, self.options, reference=reference, also=also)
+        self.measurement = Measurement(pipeline, registry, effort.cells, self.options, reference=reference)
+        self.measurement.also = tuple(dict.fromkeys(place for places in self.own.values() for place in places))
         self.exact = self.measurement.reference.pipeline
         self.affected = {k.key: affected(plan, k) for k in knobs}
         self.trials: dict[tuple[tuple[str, Any], ...], Trial] = {}
