@@ -72,7 +72,6 @@ def accuracy(
     Exit codes: 0 done, 2 the request is wrong.
     """
     from etendue.accuracy.study import accuracy as measure
-    from etendue.contract.registry import installed_stages
     from etendue.present.terminal.accuracy import document, files_of, print_accuracy
     from etendue.present.terminal.progress import trying
     from etendue.result_files import check_folder, finite, write_whole
@@ -84,7 +83,7 @@ def accuracy(
     check_folder(folder)
     with trying(silent=as_json) as told:
         there = dict(word.split("=", 1) for word in verify)
-        found = measure(pipeline, installed_stages(), asked, **effort, told=told, elsewhere=elsewhere, verify=there)
+        found = measure(pipeline, options.installed(), asked, **effort, told=told, elsewhere=elsewhere, verify=there)
     made = finite(document(found))
     files = write_whole(folder, files_of(made))
     if as_json:

@@ -10,11 +10,16 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from etendue.run.schedulers import NAMES
+
+if TYPE_CHECKING:
+    from etendue.contract.registry import Registry
+    from etendue.present.terminal.progress import TerminalProgress
+    from etendue.session import Options
 
 
 class _Place(click.ParamType):  # type: ignore[type-arg]  # a generic to mypy; before click 8.4 it cannot be subscripted
@@ -121,7 +126,7 @@ class Way:
     def silent(self) -> bool:
         return self.quiet or self.as_json
 
-    def options(self, **more: Any) -> Any:
+    def options(self, **more: Any) -> Options:
         """The options of a run."""
         from etendue.run.schedulers import check_scheduler
         from etendue.session import Options
@@ -129,7 +134,14 @@ class Way:
         return Options(check_scheduler(self.scheduler), self.workers or 0, **more)
 
 
-def progress(silent: bool) -> Any:
+def installed() -> Registry:
+    """Every installed stage."""
+    from etendue.contract.registry import installed_stages
+
+    return installed_stages()
+
+
+def progress(silent: bool) -> type[TerminalProgress] | None:
     """What makes the progress of a plan; None where nothing is said."""
     from etendue.present.terminal.progress import TerminalProgress
 

@@ -20,6 +20,7 @@ from etendue.cli.options import (
     Way,
     from_here,
     gather_way,
+    installed,
     pipeline_options,
     progress,
 )
@@ -35,22 +36,20 @@ def _pipeline(given: Given) -> Any:
     if not given.nothing_left_out:
         return pipeline
     from etendue.accuracy.reference import reference_of
-    from etendue.contract.registry import installed_stages
 
-    return reference_of(pipeline, installed_stages()).pipeline
+    return reference_of(pipeline, installed()).pipeline
 
 
 def _plan(given: Given, quiet: bool, pipeline: Any = None) -> Any:
-    from etendue.contract.registry import installed_stages
     from etendue.plan.planner import make_plan
 
     pipeline = pipeline or _pipeline(given)
     if quiet or not sys.stderr.isatty():
-        return make_plan(pipeline, installed_stages(), not given.nothing_left_out)
+        return make_plan(pipeline, installed(), not given.nothing_left_out)
     from etendue.present.terminal.progress import planning
 
     with planning() as told:
-        return make_plan(pipeline, installed_stages(), not given.nothing_left_out, told)
+        return make_plan(pipeline, installed(), not given.nothing_left_out, told)
 
 
 @command("plan")
@@ -152,7 +151,7 @@ def run(given: Given, way: Way, archive: Path | str | None, measure: bool, hold:
         made = _plan(given, way.silent, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
         _warn(made, way)
         measurement = _measurement(made, options, watched) if measure and not held else None
-        outcome = execute(made, folder, options, watched and watched(made))
+        outcome = execute(made, folder, options, watched(made) if watched else None)
         measured = _measured(measurement, folder, made) if measurement and not held else None
         if held:
             from etendue.accuracy import holding
@@ -199,7 +198,7 @@ def rerun(place: Path | str, way: Way, **how: Any) -> None:
     with places.writing(place, far(way.scheduler)) as folder:
         made = _plan(Given(folder), way.silent, recorded(folder).pipeline(options.most_cells))
         _warn(made, way)
-        outcome = execute(made, folder, options, watched and watched(made))
+        outcome = execute(made, folder, options, watched(made) if watched else None)
     outcome = places.placed(outcome, folder, place)
     tell(way.as_json, outcome_document(outcome), lambda _: print_outcome(outcome))
     sys.exit(3 if outcome.failed else 0)
@@ -216,10 +215,9 @@ def _warn(made: Any, way: Way) -> None:
 def _held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
     """The tolerance that holds an error; said in front of the run."""
     from etendue.accuracy.holding import hold
-    from etendue.contract.registry import installed_stages
     from etendue.present.terminal.global_error import say_held
 
-    found = hold(pipeline, installed_stages(), asked, options=options, progress=watched, archive=folder)
+    found = hold(pipeline, installed(), asked, options=options, progress=watched, archive=folder)
     for text in say_held(found):
         click.echo(text, err=True)
     return found
@@ -228,10 +226,9 @@ def _held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any)
 def _measurement(made: Any, options: Any, watched: Any) -> Any:
     """What is measured behind a run; what is wrong with it is said before anything runs."""
     from etendue.accuracy.measuring import Measurement
-    from etendue.contract.registry import installed_stages
 
     pipeline = replace(made.pipeline, leave_out=made.leaves_out and made.pipeline.leave_out)
-    return Measurement(pipeline, installed_stages(), options=options, progress=watched)
+    return Measurement(pipeline, installed(), options=options, progress=watched)
 
 
 def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:

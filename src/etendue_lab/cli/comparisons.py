@@ -138,7 +138,6 @@ def quality(
 
     Exit codes: 0 done, 2 the request is wrong, 3 some cells failed.
     """
-    from etendue.contract.registry import installed_stages
     from etendue_lab.quality.study import pictures_of, write
     from etendue_lab.quality.study import quality as measure
     from etendue_lab.quality.terminal import print_quality
@@ -146,7 +145,7 @@ def quality(
     pipeline, leave_out = given.pipeline(), not given.nothing_left_out
     found = measure(
         pipeline,
-        installed_stages(),
+        options.installed(),
         samples_per_degree,
         without,
         keep,
@@ -179,10 +178,9 @@ def noise(given: options.Given, reflectance: float, frames: int, as_json: bool) 
     answer to one pixel; stages that adapt to their picture adapt to noise, and differ from the prediction. Correlations
     between channels and between neighbours say how coarse and how coloured the noise looks.
     """
-    from etendue.contract.registry import installed_stages
     from etendue_lab.noise.study import noise as measure
     from etendue_lab.noise.terminal import print_noise
 
     pipeline = given.pipeline()
-    found = measure(pipeline, installed_stages(), reflectance, frames, None, options.progress(as_json))
+    found = measure(pipeline, options.installed(), reflectance, frames, None, options.progress(as_json))
     tell(as_json, found.document(), print_noise)
