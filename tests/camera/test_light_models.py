@@ -317,7 +317,7 @@ def test_a_uniform_scene_in_cells_is_handed_on_bit_by_bit():
 def test_transfer_stages_keep_every_law_on_cells(name):
     from etendue.contract.grid import Bands, Grid, Line
     from etendue.testing import check_stage
-    from etendue.testing.bench import EDGES
+    from etendue.testing.examples import EDGES
 
     needed = {
         "pixel": {"peak_qe": (0.4, 0.4, 0.4), "pixel_pitch": 4.0},

@@ -47,19 +47,7 @@ def convergence(
     - r^p, which falls
         faster than the error itself
     """
-    least = max(10 * floor, ROUNDING)
-    used = [
-        (float(s), float(e))
-        for s, e in zip(settings, errors, strict=True)
-        if isinstance(s, int | float)
-        and not isinstance(s, bool)
-        and 0 < s < math.inf
-        and e is not None
-        and least < e < LARGEST
-    ]
-    falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
-    if not falling or falling[-1] < len(used) - 2:  # behind these something else is larger
-        used = used[: falling[-1] + 1] if falling else []
+    used = _falling(settings, errors, max(10 * floor, ROUNDING))
     if len(used) < 3:
         return Convergence(None, "", tuple(s for s, _ in used))
     size, error = (np.array(values) for values in zip(*used, strict=True))
@@ -74,6 +62,23 @@ def convergence(
         fits[law] = float(rate), float(np.sum((np.log(error) - slope * along - start) ** 2))
     law = min(fits, key=lambda name: fits[name][1]) if finer > 0 else "algebraic"
     return Convergence(fits[law][0], law, tuple(map(float, size)))
+
+
+def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> list[tuple[float, float]]:
+    """Settings and errors as far as the error falls from each to the next."""
+    used = [
+        (float(s), float(e))
+        for s, e in zip(settings, errors, strict=True)
+        if isinstance(s, int | float)
+        and not isinstance(s, bool)
+        and 0 < s < math.inf
+        and e is not None
+        and least < e < LARGEST
+    ]
+    falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
+    if not falling or falling[-1] < len(used) - 2:  # behind these something else is larger
+        return used[: falling[-1] + 1] if falling else []
+    return used
 
 
 def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -> Any:

@@ -124,8 +124,13 @@ class Measurement:
     options : how the runs are done
     progress : ``plan -> Progress``, or None
     reference : another reference than that of all knobs which the file does not write
+
+    Attributes
+    ----------
     also : variables (stage, name) that are measured though nobody wants them
     """
+
+    also: tuple[Wanted, ...] = ()
 
     def __init__(
         self,
@@ -135,9 +140,7 @@ class Measurement:
         options: Options | None = None,
         progress: Any = None,
         reference: Reference | None = None,
-        also: tuple[Wanted, ...] = (),
     ) -> None:
-        self.also = also
         self.registry, self.options, self.progress = registry, options or Options(), progress
         graph = build_graph(pipeline, registry)
         self.places = chosen_places(graph.axes, cells)

@@ -42,7 +42,10 @@ def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = M
     number = 1
     while len(chosen) < most and number < 64 * most:
         chosen.setdefault(
-            tuple(min(int(_halton(number, base) * n), n - 1) for base, n in zip(_bases(len(sizes)), sizes, strict=True))
+            tuple(
+                min(int(_halton(number, base) * n), n - 1)
+                for base, n in zip(itertools.cycle(_BASES), sizes, strict=False)
+            )
         )
         number += 1
     for axis, size in enumerate(sizes):
@@ -50,10 +53,6 @@ def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = M
             for value in sorted(set(range(size)) - {place[axis] for place in chosen}):
                 chosen.setdefault((*middle[:axis], value, *middle[axis + 1 :]))
     return tuple(chosen)
-
-
-def _bases(count: int) -> list[int]:
-    return [_BASES[i % len(_BASES)] for i in range(count)]
 
 
 def _halton(number: int, base: int) -> float:
@@ -65,13 +64,10 @@ def _halton(number: int, base: int) -> float:
     return found
 
 
-def is_categorical(axis: Axis) -> bool:
-    return any(isinstance(value, str | bool) for value in axis.values)
-
-
 def chosen_places(axes: Sequence[Axis], most: int = MOST) -> tuple[dict[str, Any], ...]:
     """The axis values at each place, by dim."""
-    found = places([len(a.values) for a in axes], [is_categorical(a) for a in axes], most)
+    categorical = [any(isinstance(value, str | bool) for value in axis.values) for axis in axes]
+    found = places([len(a.values) for a in axes], categorical, most)
     return tuple({axis.dim: axis.values[i] for axis, i in zip(axes, place, strict=True)} for place in found)
 
 

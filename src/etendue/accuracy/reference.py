@@ -10,7 +10,7 @@ Values that stand in the file (or are set, or swept) are the model, no knobs. So
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.errors import PluginError
+from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import Pipeline, StageEntry
 
 Name = tuple[str, str]  # stage of the pipeline, parameter
@@ -60,11 +61,6 @@ class Reference:
     pipeline: Pipeline
     knobs: tuple[Knob, ...]
     coarser: Pipeline | None
-
-    @property
-    def without_order(self) -> tuple[str, ...]:
-        """Knobs whose settings have no order: they stay as they are."""
-        return tuple(knob.key for knob in self.knobs if not knob.settings)
 
 
 def knobs_of(pipeline: Pipeline, registry: Registry) -> tuple[Knob, ...]:
@@ -123,14 +119,21 @@ def reference_of(pipeline: Pipeline, registry: Registry, knobs: Iterable[Knob] |
 
 def with_settings(pipeline: Pipeline, settings: Mapping[tuple[str, str, str], Any]) -> Pipeline:
     """The pipeline with values for (stage, use, parameter) written in, in its sweep too where it swaps stages."""
-    entries, sweep = [], dict(pipeline.sweep)
+
+    def own(stage: str, use: Any, but: Collection[str] = ()) -> dict[str, Any]:
+        return {name: v for (at, of, name), v in settings.items() if (at, of) == (stage, use) and name not in but}
+
+    def alternative(stage: str, one: Any) -> Any:
+        table = {"use": one} if isinstance(one, str) else one
+        values = own(stage, table.get("use"), table) if isinstance(table, dict) else {}
+        return {**table, **values, "label": table.get("label", table["use"])} if values else one
+
+    sweep = dict(pipeline.sweep)
     for entry in pipeline.stages:
-        own = {name: value for (stage, use, name), value in settings.items() if (stage, use) == (entry.name, entry.use)}
         key = f"{entry.name}.use"
         if isinstance(sweep.get(key), list | tuple):
-            sweep[key] = [_table(entry.name, one, settings) for one in sweep[key]]
-        entries.append(replace(entry, values={**entry.values, **own}) if own else entry)
-    return replace(pipeline, stages=tuple(entries), sweep=sweep)
+            sweep[key] = [alternative(entry.name, one) for one in sweep[key]]
+    return replace(each(pipeline, lambda entry: given(entry, own(entry.name, entry.use))), sweep=sweep)
 
 
 def _uses(pipeline: Pipeline, entry: StageEntry) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -146,16 +149,3 @@ def _uses(pipeline: Pipeline, entry: StageEntry) -> Iterator[tuple[str, Mapping[
             shared = entry.values if table["use"] == entry.use else {}
             found.setdefault(table["use"], {}).update({**shared, **table})
     yield from found.items()
-
-
-def _table(stage: str, one: Any, settings: Mapping[tuple[str, str, str], Any]) -> Any:
-    """An alternative of a sweep with the settings of its stage beside its own values."""
-    table = {"use": one} if isinstance(one, str) else one
-    if not isinstance(table, dict):
-        return one
-    own = {
-        name: value
-        for (at, use, name), value in settings.items()
-        if (at, use) == (stage, table.get("use")) and name not in table
-    }
-    return {**table, **own, "label": table.get("label", table.get("use"))} if own else one

@@ -293,7 +293,7 @@ class Pipeline(Extended, Source):
         Outcome
             ``tree``: the ``xarray.DataTree`` (of an archive: opened lazily); what was computed, reused, failed.
         """
-        from etendue.present.terminal.terminal import TerminalProgress
+        from etendue.present.terminal.progress import TerminalProgress
 
         chosen = self if want is None else self.want(*([want] if isinstance(want, str) else want))
         made = chosen.plan(leave_out).plan

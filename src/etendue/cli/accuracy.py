@@ -42,7 +42,7 @@ from etendue.cli.saying import command, say, show
     help="Runs of a trial; the least time counts.",
 )
 @click.option(
-    "--trials", default=24, show_default=True, type=click.IntRange(0), metavar="N", help="Combinations at most."
+    "--trials", "most", default=24, show_default=True, type=click.IntRange(0), metavar="N", help="Combinations at most."
 )
 @click.option(
     "--verify",
@@ -57,11 +57,9 @@ def accuracy(
     given: options.Given,
     as_json: bool,
     knobs: tuple[str, ...],
-    cells: int,
-    repeat: int,
-    trials: int,
     verify: tuple[str, ...],
     output: Path | None,
+    **effort: int,
 ) -> None:
     """Error against run time: every fidelity knob alone, the front over combinations, the cheapest setting for a
     tolerance.
@@ -74,9 +72,8 @@ def accuracy(
     Exit codes: 0 done, 2 the request is wrong.
     """
     from etendue.accuracy.study import accuracy as measure
-    from etendue.contract.registry import installed_stages
     from etendue.present.terminal.accuracy import document, files_of, print_accuracy
-    from etendue.present.terminal.terminal import trying
+    from etendue.present.terminal.progress import trying
     from etendue.result_files import check_folder, finite, write_whole
 
     pipeline = given.pipeline()
@@ -85,17 +82,8 @@ def accuracy(
     folder = output or Path(f"{pipeline.name}-accuracy")
     check_folder(folder)
     with trying(silent=as_json) as told:
-        found = measure(
-            pipeline,
-            installed_stages(),
-            asked,
-            cells,
-            repeat,
-            trials,
-            told,
-            elsewhere,
-            dict(w.split("=", 1) for w in verify),
-        )
+        there = dict(word.split("=", 1) for word in verify)
+        found = measure(pipeline, options.installed(), asked, **effort, told=told, elsewhere=elsewhere, verify=there)
     made = finite(document(found))
     files = write_whole(folder, files_of(made))
     if as_json:

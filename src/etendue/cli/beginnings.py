@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from etendue.cli.options import installed
 from etendue.cli.saying import command
 from etendue.contract.tables import preset_keys
 
@@ -43,12 +44,11 @@ def new(name: str, template: str, chosen: str, output: Path | None) -> None:
 
 def _kept(text: str) -> dict[str, str]:
     """What each choice under `keep` takes of a pipeline."""
-    from etendue.contract.registry import installed_stages
     from etendue.pipeline.file import parse_pipeline
     from etendue.plan.planner import make_plan, summary
     from etendue.telling import human_bytes
 
-    document = summary(make_plan(parse_pipeline(text), installed_stages()))
+    document = summary(make_plan(parse_pipeline(text), installed()))
     by_name = {name: one["bytes"] for stage in document["stages"] for name, one in stage["variables"].items()}
     return {word: human_bytes(size) for word, size in {**by_name, **document["keep"]}.items()}
 
@@ -64,11 +64,10 @@ def new_plugin(name: str, role: str | None, like: str | None, output: Path | Non
 
     It inherits the arithmetic of an installed stage; write yours in the place of one line.
     """
-    from etendue.contract.registry import installed_stages
     from etendue.pipeline.distribution import beginning, files
     from etendue.pipeline.new_files import write_folder
 
-    one = beginning(installed_stages(), name, role, like)
+    one = beginning(installed(), name, role, like)
     place = (output or Path()) / one.distribution
     for path in write_folder(place, files(one)):
         click.echo(path)

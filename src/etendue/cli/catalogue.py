@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from etendue.cli.options import JSON, NAME
+from etendue.cli.options import JSON, NAME, installed
 from etendue.cli.saying import command, say, tell
 
 
@@ -39,11 +39,10 @@ def _check(what: str, name: str | None, names: Sequence[str], hook: str) -> None
 @JSON
 def stages(name: str | None, as_json: bool) -> None:
     """What is installed, from which distribution, what it reads and writes, its parameters."""
-    from etendue.contract.registry import installed_stages
     from etendue.present.terminal.catalogue import print_stage, print_stages, stage_document
     from etendue.telling import printable
 
-    registry = installed_stages()
+    registry = installed()
     _check("stage", name, registry.names(), "stages")
     tell_one(as_json, name, registry.names(), lambda own: stage_document(registry, own), print_stage, print_stages)
     for text in () if name else registry.found.notes():
@@ -56,14 +55,13 @@ def stages(name: str | None, as_json: bool) -> None:
 def quantities(name: str | None, as_json: bool) -> None:
     """The quantities that stages share: meaning, unit, range, default, and which stages take one."""
     from etendue.contract import quantities as shared
-    from etendue.contract.registry import installed_stages
     from etendue.contract.tables import tables
     from etendue.present.terminal.catalogue import print_quantities, print_quantity, quantity_document
 
     head, _, tail = (name or "").partition(".")
     name = tail if tail and head in tables() else name
     _check(f"{next(iter(tables()))} quantity", name, shared.names(), "quantities")
-    registry = installed_stages() if name else None
+    registry = installed() if name else None
     tell_one(
         as_json, name, shared.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities
     )
@@ -84,10 +82,9 @@ def schema(output: Path | None) -> None:
     With the schema in a file, `#:schema ./etendue.schema.json` as the first line of a pipeline tells editors that use
     taplo (such as VS Code with Even Better TOML) where it is.
     """
-    from etendue.contract.registry import installed_stages
     from etendue.pipeline.schema import schema as make
 
-    document = make(installed_stages())
+    document = make(installed())
     if output is None:
         say(document)
     else:

@@ -10,11 +10,16 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from etendue.run.schedulers import NAMES
+
+if TYPE_CHECKING:
+    from etendue.contract.registry import Registry
+    from etendue.present.terminal.progress import TerminalProgress
+    from etendue.session import Options
 
 
 class _Place(click.ParamType):  # type: ignore[type-arg]  # a generic to mypy; before click 8.4 it cannot be subscripted
@@ -108,15 +113,56 @@ class Given:
         return read_pipeline(self.file, overrides(self))
 
 
-def gather(function: Callable[..., None]) -> Callable[..., None]:
-    """Hand a command what its options say of a pipeline as one ``Given``."""
+@dataclass(frozen=True)
+class Way:
+    """How a command runs, and what it says meanwhile."""
 
-    @functools.wraps(function)
-    def gathering(**words: Any) -> None:
-        own = {field.name: words.pop(field.name) for field in fields(Given) if field.name in words}
-        function(Given(**own), **words)
+    scheduler: str = "threads"
+    workers: int | None = None
+    quiet: bool = False
+    as_json: bool = False
 
-    return gathering
+    @property
+    def silent(self) -> bool:
+        return self.quiet or self.as_json
+
+    def options(self, **more: Any) -> Options:
+        """The options of a run."""
+        from etendue.run.schedulers import check_scheduler
+        from etendue.session import Options
+
+        return Options(check_scheduler(self.scheduler), self.workers or 0, **more)
+
+
+def installed() -> Registry:
+    """Every installed stage."""
+    from etendue.contract.registry import installed_stages
+
+    return installed_stages()
+
+
+def progress(silent: bool) -> type[TerminalProgress] | None:
+    """What makes the progress of a plan; None where nothing is said."""
+    from etendue.present.terminal.progress import TerminalProgress
+
+    return None if silent else TerminalProgress
+
+
+def _gathered(kind: type[Any], name: str) -> Adds:
+    """Hands a command those of its options that a dataclass has as one argument."""
+
+    def adds(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def gathering(**words: Any) -> None:
+            own = {field.name: words.pop(field.name) for field in fields(kind) if field.name in words}
+            function(**{name: kind(**own)}, **words)
+
+        return gathering
+
+    return adds
+
+
+gather, gather_way = _gathered(Given, "given"), _gathered(Way, "way")
 
 
 def pipeline_options(function: Callable[..., None]) -> Any:

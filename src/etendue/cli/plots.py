@@ -40,14 +40,9 @@ def plot(
     words: tuple[str, ...],
     output: Path | None,
     listing: bool,
-    at: tuple[str, ...],
-    x: str,
-    y: str,
-    lines: str,
-    panels: str,
-    better: str,
     blame: bool,
     as_json: bool,
+    **sides: Any,
 ) -> None:
     """Draw what an archive holds: figures over axes, curves, fronts, pictures, budgets.
 
@@ -71,7 +66,8 @@ def plot(
     from etendue.present.plots.places import read_at
     from etendue.present.plots.plot import check_suffix
 
-    asked = Asked((), x, y, lines, _parts(panels), _parts(better), read_at(at))
+    sides |= {name: _parts(sides[name]) for name in ("panels", "better")} | {"at": read_at(sides["at"])}
+    asked = Asked((), **sides)
     if output is not None:
         check_suffix(output)
     with places.reading(place) as folder:

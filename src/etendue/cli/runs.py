@@ -10,7 +10,20 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli.options import JSON, MOST_CELLS, PLACE, SCHEDULER, WORKERS, Given, from_here, pipeline_options
+from etendue.cli.options import (
+    JSON,
+    MOST_CELLS,
+    PLACE,
+    SCHEDULER,
+    WORKERS,
+    Given,
+    Way,
+    from_here,
+    gather_way,
+    installed,
+    pipeline_options,
+    progress,
+)
 from etendue.cli.saying import command, say, show, tell
 
 
@@ -23,22 +36,20 @@ def _pipeline(given: Given) -> Any:
     if not given.nothing_left_out:
         return pipeline
     from etendue.accuracy.reference import reference_of
-    from etendue.contract.registry import installed_stages
 
-    return reference_of(pipeline, installed_stages()).pipeline
+    return reference_of(pipeline, installed()).pipeline
 
 
 def _plan(given: Given, quiet: bool, pipeline: Any = None) -> Any:
-    from etendue.contract.registry import installed_stages
     from etendue.plan.planner import make_plan
 
     pipeline = pipeline or _pipeline(given)
     if quiet or not sys.stderr.isatty():
-        return make_plan(pipeline, installed_stages(), not given.nothing_left_out)
-    from etendue.present.terminal.terminal import planning
+        return make_plan(pipeline, installed(), not given.nothing_left_out)
+    from etendue.present.terminal.progress import planning
 
     with planning() as told:
-        return make_plan(pipeline, installed_stages(), not given.nothing_left_out, told)
+        return make_plan(pipeline, installed(), not given.nothing_left_out, told)
 
 
 @command("plan")
@@ -112,17 +123,8 @@ def _how(function: Any) -> Any:
     metavar="E",
     help="Find the loosest tolerance with which what is wanted stays within E of the reference, and run with it.",
 )
-def run(
-    given: Given,
-    as_json: bool,
-    archive: Path | str | None,
-    scheduler: str,
-    workers: int | None,
-    measure: bool,
-    hold: float | None,
-    quiet: bool,
-    **how: Any,
-) -> None:
+@gather_way
+def run(given: Given, way: Way, archive: Path | str | None, measure: bool, hold: float | None, **how: Any) -> None:
     """Run a pipeline: compute what is not there yet, keep it, show it.
 
     On an archive that exists this resumes. A cell whose stage breaks off, kills its worker process or takes longer than
@@ -134,22 +136,22 @@ def run(
     here = Path.cwd()  # a plugin may change it
     if hold is not None and (given.tolerance is not None or given.nothing_left_out):
         raise click.UsageError("--hold finds the tolerance: leave out --tolerance and --nothing-left-out")
-    from etendue.present.terminal.terminal import TerminalProgress, outcome_document, print_outcome
-    from etendue.run.schedulers import check_scheduler, far
-    from etendue.session import Options, check_timeout, execute
+    from etendue.present.terminal.terminal import outcome_document, print_outcome
+    from etendue.run.schedulers import far
+    from etendue.session import check_timeout, execute
 
-    options = Options(check_scheduler(scheduler), workers or 0, **how)
+    options, watched = way.options(**how), progress(way.quiet)
     check_timeout(options)
     pipeline = _pipeline(given)
     place = from_here(here, archive or Path(pipeline.name))
     from etendue.archive import places
 
-    with places.writing(place, far(scheduler)) as folder:
-        held = _held(pipeline, hold, folder, options, quiet) if hold is not None else None
-        made = _plan(given, quiet or as_json, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
-        _warn(made, as_json)
-        measurement = _measurement(made, options, quiet) if measure and not held else None
-        outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    with places.writing(place, far(way.scheduler)) as folder:
+        held = _held(pipeline, hold, folder, options, watched) if hold is not None else None
+        made = _plan(given, way.silent, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
+        _warn(made, way)
+        measurement = _measurement(made, options, watched) if measure and not held else None
+        outcome = execute(made, folder, options, watched(made) if watched else None)
         measured = _measured(measurement, folder, made) if measurement and not held else None
         if held:
             from etendue.accuracy import holding
@@ -159,7 +161,7 @@ def run(
             holding.keep(held, folder)
             measured = held_document(held, stated_elsewhere(made, held.measured, held.places))
     outcome = places.placed(outcome, folder, place)
-    if as_json:
+    if way.as_json:
         say({**outcome_document(outcome), **(measured or {})})
     else:
         show(print_outcome, outcome)
@@ -175,7 +177,8 @@ def run(
 @_how
 @MOST_CELLS
 @JSON
-def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None, quiet: bool, **how: Any) -> None:
+@gather_way
+def rerun(place: Path | str, way: Way, **how: Any) -> None:
     """Run an archive again into itself, from the archive alone: the pipeline of its last run, with the files in its
     inputs.
 
@@ -186,58 +189,46 @@ def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None,
     place = from_here(Path.cwd(), place)  # a plugin may change it
     from etendue.archive import places
     from etendue.archive.again import recorded
-    from etendue.present.terminal.terminal import TerminalProgress, outcome_document, print_outcome
-    from etendue.run.schedulers import check_scheduler, far
-    from etendue.session import Options, check_timeout, execute
+    from etendue.present.terminal.terminal import outcome_document, print_outcome
+    from etendue.run.schedulers import far
+    from etendue.session import check_timeout, execute
 
-    options = Options(check_scheduler(scheduler), workers or 0, **how)
+    options, watched = way.options(**how), progress(way.quiet)
     check_timeout(options)
-    with places.writing(place, far(scheduler)) as folder:
-        given = Given(folder)
-        made = _plan(given, quiet or as_json, recorded(folder).pipeline(options.most_cells))
-        _warn(made, as_json)
-        outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    with places.writing(place, far(way.scheduler)) as folder:
+        made = _plan(Given(folder), way.silent, recorded(folder).pipeline(options.most_cells))
+        _warn(made, way)
+        outcome = execute(made, folder, options, watched(made) if watched else None)
     outcome = places.placed(outcome, folder, place)
-    tell(as_json, outcome_document(outcome), lambda _: print_outcome(outcome))
+    tell(way.as_json, outcome_document(outcome), lambda _: print_outcome(outcome))
     sys.exit(3 if outcome.failed else 0)
 
 
-def _warn(made: Any, as_json: bool) -> None:
-    if not as_json:
+def _warn(made: Any, way: Way) -> None:
+    if not way.as_json:
         from etendue.telling import printable
 
         for text in made.warnings:
             click.echo(f"note: {printable(text)}", err=True)
 
 
-def _held(pipeline: Any, asked: float, folder: Path, options: Any, quiet: bool) -> Any:
+def _held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
     """The tolerance that holds an error; said in front of the run."""
     from etendue.accuracy.holding import hold
-    from etendue.contract.registry import installed_stages
     from etendue.present.terminal.global_error import say_held
-    from etendue.present.terminal.terminal import TerminalProgress
 
-    found = hold(
-        pipeline,
-        installed_stages(),
-        asked,
-        options=options,
-        progress=None if quiet else TerminalProgress,
-        archive=folder,
-    )
+    found = hold(pipeline, installed(), asked, options=options, progress=watched, archive=folder)
     for text in say_held(found):
         click.echo(text, err=True)
     return found
 
 
-def _measurement(made: Any, options: Any, quiet: bool) -> Any:
+def _measurement(made: Any, options: Any, watched: Any) -> Any:
     """What is measured behind a run; what is wrong with it is said before anything runs."""
     from etendue.accuracy.measuring import Measurement
-    from etendue.contract.registry import installed_stages
-    from etendue.present.terminal.terminal import TerminalProgress
 
     pipeline = replace(made.pipeline, leave_out=made.leaves_out and made.pipeline.leave_out)
-    return Measurement(pipeline, installed_stages(), options=options, progress=None if quiet else TerminalProgress)
+    return Measurement(pipeline, installed(), options=options, progress=watched)
 
 
 def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:

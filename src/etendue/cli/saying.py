@@ -55,7 +55,7 @@ def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
         yield None
         return
     from etendue.plugins.shares import shares_at
-    from etendue.present.terminal.terminal import trying
+    from etendue.present.terminal.progress import trying
 
     found = shares_at()
     with trying(silent) as told:

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from etendue import interrupts
-from etendue.cli.options import FOLDER, JSON, MOST_CELLS, PLACE, SCHEDULER, WORKERS, from_here
+from etendue.cli.options import (
+    FOLDER,
+    JSON,
+    MOST_CELLS,
+    PLACE,
+    SCHEDULER,
+    WORKERS,
+    Way,
+    from_here,
+    gather_way,
+    progress,
+)
 from etendue.cli.saying import command, tell
 
 _ARCHIVE = click.argument("place", type=PLACE, metavar="ARCHIVE")
@@ -23,15 +35,8 @@ UNCHANGED = "interrupted; the archive is as it was"
 @MOST_CELLS
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
-def reproduce(
-    place: Path | str,
-    into: Path | None,
-    scheduler: str,
-    workers: int | None,
-    most_cells: int | None,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+@gather_way
+def reproduce(place: Path | str, into: Path | None, way: Way, most_cells: int | None) -> None:
     """Compute an archive again, from the archive alone, and compare every cell with the stored one while it is
     computed.
 
@@ -48,19 +53,16 @@ def reproduce(
     interrupts.say(UNCHANGED)
     here = Path.cwd()  # a plugin may change it
     from etendue.archive import places
-    from etendue.present.terminal.terminal import TerminalProgress
     from etendue.present.terminal.trust import print_reproduction
-    from etendue.run.schedulers import check_scheduler
-    from etendue.session import Options
     from etendue.trust.reproducing import document
     from etendue.trust.reproducing import reproduce as again
 
-    options = Options(check_scheduler(scheduler), workers or 0, most_cells=most_cells)
+    options = way.options(most_cells=most_cells)
     place = from_here(here, place)
     with places.reading(place, exact=True) as folder:
-        found = again(folder, options, None if quiet or as_json else TerminalProgress, here / into if into else None)
+        found = again(folder, options, progress(way.silent), here / into if into else None)
         said = places.named(document(found), folder, place)
-    tell(as_json, said, print_reproduction)
+    tell(way.as_json, said, print_reproduction)
     sys.exit(0 if found.reproduced else 1)
 
 
@@ -106,18 +108,8 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
 @MOST_CELLS
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
-def verify(
-    place: Path | str,
-    repair: bool,
-    sources: tuple[Path, ...],
-    digest: bool,
-    accept_platform: bool,
-    scheduler: str,
-    workers: int | None,
-    most_cells: int | None,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+@gather_way
+def verify(place: Path | str, repair: bool, sources: tuple[Path, ...], digest: bool, way: Way, **how: Any) -> None:
     """Read every byte of an archive and name what is not as it was written: array and cell, metadata, table, record,
     input, journal.
 
@@ -137,7 +129,7 @@ def verify(
     from etendue.present.terminal.trust import print_repaired, print_verified, reading
 
     place = from_here(here, place)
-    with reading(silent=quiet or as_json) as told:
+    with reading(silent=way.silent) as told:
         if not repair:
             from etendue.archive.verify import document as of_verified
             from etendue.archive.verify import verify as look
@@ -146,19 +138,14 @@ def verify(
                 checked = places.named(of_verified(look(folder, told)), folder, place)
                 checked |= {"sha256": sha256_of(folder)} if digest else {}
         else:
-            from etendue.present.terminal.terminal import TerminalProgress
-            from etendue.run.schedulers import check_scheduler, far
-            from etendue.session import Options
+            from etendue.run.schedulers import far
             from etendue.trust.repairing import document as of_repaired
             from etendue.trust.repairing import repair as mend
 
-            options = Options(
-                check_scheduler(scheduler), workers or 0, accept_platform=accept_platform, most_cells=most_cells
-            )
-            sought = [here / path for path in sources]
-            with places.writing(place, far(scheduler), exact=True) as folder:
-                mended = mend(folder, sought, options, None if quiet or as_json else TerminalProgress, told)
+            options, sought = way.options(**how), [here / path for path in sources]
+            with places.writing(place, far(way.scheduler), exact=True) as folder:
+                mended = mend(folder, sought, options, progress(way.silent), told)
                 checked = places.named(of_repaired(mended), folder, place)
                 checked |= {"sha256": sha256_of(folder)} if digest else {}
-    tell(as_json, checked, print_repaired if repair else print_verified)
+    tell(way.as_json, checked, print_repaired if repair else print_verified)
     sys.exit(0 if checked["whole"] else 1)

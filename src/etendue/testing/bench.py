@@ -22,7 +22,7 @@ from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
 from etendue.compute.strips import in_strips
 from etendue.contract import dims, quantities, variables, wording
-from etendue.contract.capabilities import Sheet, Summed, Transfer, is_random, is_source, no_coordinates
+from etendue.contract.capabilities import is_random, is_source, no_coordinates
 from etendue.contract.facts import Facts
 from etendue.contract.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.contract.ports import CellReport
@@ -30,7 +30,7 @@ from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writ
 from etendue.contract.variables import Declaration
 from etendue.plan.forms import output_grid
 from etendue.plan.model import CellRef
-from etendue.plugins import discovery
+from etendue.testing.examples import GUESSED, Blur, BlurAndSum, edges, edges_of, exemplary, sheet
 
 Frame = tuple[int, int]
 Arrays = Mapping[str, Any]
@@ -40,11 +40,8 @@ FRAME: Frame = (9, 12)
 SMALL: Frame = (4, 5)
 LARGE: Frame = (119, 160)  # where sums are long enough to lose digits
 ODD_FRAMES: tuple[Frame, ...] = ((1, 1), (1, 7), (6, 1), (2, 2), (7, 5))
-EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # of bins, where their dim has no example
 PLANE = ("y", "x")
 SPACING = 2.0  # um, of what has bins: a few samples of anything else fit into a frame
-NAMED = (*PLANE, "channel", "component")  # dims with coordinates of their own, beside those of bins
-GUESSED = Labels((0.0, 1.0, 2.0))  # of a dim of which nothing is known
 EXTREMES = ("zeros", "tiny", "huge", "uniform", "point", "hole")
 CLEAR = ("ValueError:", "OverflowError:", "ArithmeticError:")  # what a stage may raise where it cannot compute
 ROUNDING = 1e-12  # of double precision, where a stage states no error of its own
@@ -95,29 +92,6 @@ class Trial:
         return not self.undefined and (
             self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip()
         )
-
-
-class _Blur(Transfer):
-    """What probes look at: a Gaussian transfer function."""
-
-    def transfer(self, fy: Any, fx: Any, band: Any) -> Any:
-        return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
-
-
-class _Sum(Summed):
-    """The same, ending in a sum over bands."""
-
-    def transfer(self, fy: Any, fx: Any, band: Any, prepared: Any) -> Any:
-        return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
-
-    def prepare(self, coordinates: Any) -> Any:
-        return np.stack([np.linspace(low, 1.0, coordinates[dims.banded(coordinates)].size) for low in (0.1, 0.5, 0.9)])
-
-    def weights(self, prepared: Any) -> Any:
-        return prepared
-
-
-# -- the environment of one stage -------------------------------------------------------------------------
 
 
 class Bench:
@@ -203,27 +177,20 @@ class Bench:
 
     def guessed(self) -> str:
         """A hint where the size of a dim that is read is not known from anything."""
-        for declaration in self.reads.values():
-            for dim in declaration.dims:
-                if (
-                    dim not in NAMED
-                    and not dims.dim(dim).bins
-                    and self.coordinate(dim, declaration, FRAME) is GUESSED
-                    and not self.given_grids
-                ):
-                    return (
-                        f". Of the dim {dim!r} nothing is known, and three entries are tried: where it has others, say "
-                        f"so beside "
-                        f"'stage' in the test, coordinates = {{{dim!r}: Labels((0.0, 45.0, 90.0, 135.0))}}"
-                    )
-        return ""
+        guessed = [dim for d in self.reads.values() for dim in d.dims if self.coordinate(dim, d, FRAME) is GUESSED]
+        if not guessed or self.given_grids:
+            return ""
+        return (
+            f". Of the dim {guessed[0]!r} nothing is known, and three entries are tried: where it has others, say "
+            f"so beside "
+            f"'stage' in the test, coordinates = {{{guessed[0]!r}: Labels((0.0, 45.0, 90.0, 135.0))}}"
+        )
 
     def input_grids(self, frame: Frame = FRAME) -> dict[str, Grid]:
-        grids = {}
-        for port, declaration in self.reads.items():
-            found = {dim: self.coordinate(dim, declaration, frame) for dim in declaration.dims}
-            grids[port] = self.given_grids.get(port) or Grid.of(found)
-        return grids
+        return {
+            port: self.given_grids.get(port) or Grid.of({dim: self.coordinate(dim, d, frame) for dim in d.dims})
+            for port, d in self.reads.items()
+        }
 
     def job(
         self, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False
@@ -234,17 +201,14 @@ class Bench:
         )
         names = tuple((port, pairs) for port, _, pairs in looks_at)
         inputs = self.input_grids(frame)
-        if is_source(self.kind):
-            declared = self.stage.describe()[1]  # type: ignore[attr-defined]
-        else:
-            declared = self.stage.grid(inputs)
+        declared = self.stage.describe()[1] if is_source(self.kind) else self.stage.grid(inputs)  # type: ignore[attr-defined]
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
         looking = Looking(
             ports=looks_at,
-            transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (),
+            transfers=(Blur(), BlurAndSum() if summed else Blur()) if transfers else (),
             bands=edges(),
-            channel_weights=_Sum() if summed and transfers else None,
+            channel_weights=BlurAndSum() if summed and transfers else None,
             grids={
                 port: (self.seen_grid(port, frame),) * 2
                 for port, what in self.looks.items()
@@ -394,34 +358,8 @@ class Bench:
 
 def _usual(declaration: Declaration) -> tuple[str, ...]:
     """The dims of every stage that writes what a probe looks at, where it names none and a vocabulary says them."""
-    return () if declaration.dims else tuple(variables.variable(looks(declaration)).dims) if looks(declaration) else ()
-
-
-def exemplary(dim: str) -> Coordinate | None:
-    """The coordinate with which stages are tried, as a distribution says of a dim; None where nobody does."""
-    declared = dims.dim(dim)
-    entries = declared.example
-    if not entries:
-        return None
-    if isinstance(entries[0], str):
-        return Labels(entries)
-    return Line(len(entries), float(entries[0]), float(entries[1] - entries[0]), declared.units or "1")
-
-
-def edges_of(dim: str) -> tuple[float, ...]:
-    """Edges of bins along a dim, with which stages are tried."""
-    return dims.dim(dim).example or EDGES
-
-
-def edges() -> tuple[float, ...]:
-    """The same of the dim that has bins."""
-    return next((edges_of(dim) for dim in dims.declared_dims() if dims.dim(dim).bins), EDGES)
-
-
-def sheet() -> Sheet:
-    """Figures of a stage, as those are given that look at data sheets."""
-    brought = discovery.installed().first("examples", "datasheet")
-    return Sheet(str(brought.value["role"]), dict(brought.value["figures"])) if brought else Sheet("", {})
+    seen = "" if declaration.dims else looks(declaration)
+    return tuple(variables.variable(seen).dims) if seen else ()
 
 
 def digests(arrays: Arrays) -> dict[str, str]:
@@ -460,6 +398,3 @@ def largest_difference(one: Any, other: Any) -> float:
         return math.inf
     with np.errstate(invalid="ignore"):
         return full_scale(np.where(one == other, 0.0, one - other))  # equal infinities differ by nothing
-
-
-# -- the laws ---------------------------------------------------------------------------------------------

@@ -130,12 +130,21 @@ def ends(parameter: Parameter, form: Any, now: Any) -> list[Any]:
         return [value for value in several if value != now]
     if form not in (int, float):
         return []
+    if form is int:
+        return list(dict.fromkeys(whole_ends(parameter, now)))
+    return list(dict.fromkeys(value for value in real_ends(parameter, now) if value != now))
+
+
+def whole_ends(parameter: Parameter, now: int) -> list[Any]:
+    low, high = limits(parameter)
+    top = WORK * max(abs(now), 1)
+    far = [] if parameter.fidelity else [top if high is None or high > top else high]
+    return [int(value) for value in ([] if low is None else [low]) + far if value != now]
+
+
+def real_ends(parameter: Parameter, now: float) -> list[float]:
     low, high = limits(parameter)
     found: list[float] = [] if low is None else [low]
-    if form is int:
-        top = WORK * max(abs(now), 1)
-        found += [] if parameter.fidelity else [top if high is None or high > top else high]
-        return list(dict.fromkeys(int(v) for v in found if v != now))
     if low is None:
         found += [-value for value in BEYOND]
     if high is not None:
@@ -148,9 +157,7 @@ def ends(parameter: Parameter, form: Any, now: Any) -> list[Any]:
         [0.0] if parameter.allows(0) and (parameter.held is None or parameter.held[0] <= 0 <= parameter.held[1]) else []
     )
     found += [math.inf] if parameter.infinite else []
-    if parameter.fidelity:
-        found = [value for value in found if value >= abs(now)]
-    return list(dict.fromkeys(v for v in found if v != now))
+    return [value for value in found if not parameter.fidelity or value >= abs(now)]
 
 
 def span_of(parameter: Parameter, form: Any, now: Any) -> tuple[float, float] | None:

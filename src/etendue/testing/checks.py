@@ -193,7 +193,7 @@ def check_parameter(place: str, name: str, parameter: Parameter, kind: Any, defa
         except Unfit as error:
             raise LawBroken(f"{place}: its own setting {value!r} is refused: {error}") from None
     if parameter.shared and name in quantities.names():
-        shared = standard_quantity(name)
+        shared = quantities.quantity(name).metadata["parameter"]
         hold(
             shared.units == parameter.units,
             f"{place} is in {parameter.units}, the shared {name} in {shared.units}; use quantity()",
@@ -211,10 +211,6 @@ def check_parameter(place: str, name: str, parameter: Parameter, kind: Any, defa
         except Unfit:
             continue
         raise LawBroken(f"{place} accepts {value!r}, which is out of its range ({parameter.range_text()})")
-
-
-def standard_quantity(name: str) -> Parameter:
-    return quantities.quantity(name).metadata["parameter"]
 
 
 def values_outside(parameter: Parameter, kind: Any) -> Iterator[Any]:

@@ -122,11 +122,6 @@ def variance_told(bench: Bench) -> None:
         check_variance(bench, np.array(given), np.array(found), bench.writes[main].unit, bool(stage.by_line))
 
 
-def _is_counted(unit: str) -> bool:
-    """Whether noise says its variance in the square of a unit."""
-    return unit in wording.units() and wording.units()[unit].noise
-
-
 def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: bool) -> None:
     stage: Any = bench.stage
     name, said = next(((own, one.said) for own, one in wording.units().items() if one.noise), (unit, unit))
@@ -138,7 +133,7 @@ def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: boo
     ):
         return  # clipped, or a step wider than what varies: rounding is no noise there
     apart = found - slope * given
-    counted = _is_counted(unit)
+    counted = unit in wording.units() and wording.units()[unit].noise
     charge = float((found if counted else given).mean())
     told = float(stage.variance(charge))
     hold(math.isfinite(told) and told >= 0, f"{bench.name}.variance({charge:g}) is {told:g}")
@@ -165,13 +160,13 @@ def matrix_told(bench: Bench) -> None:
     done to three colours can be undone as well as its condition says.
     """
     trial = bench.run(bench.arrays("ordinary"))
-    for variable, declaration in bench.writes.items() if trial.done else ():
-        if (
-            len(declaration.dims) == 2
-            and not declaration.nan
-            and not {"y", "x", "frame", "stage"} & set(declaration.dims)
-        ):
+    for variable, d in bench.writes.items() if trial.done else ():
+        if len(d.dims) == 2 and not d.nan and not {"y", "x", "frame", "stage"} & set(d.dims):
             magnified(float(np.linalg.cond(np.asarray(trial.arrays[variable], dtype=float))))
+    _solved_back(bench)
+
+
+def _solved_back(bench: Bench) -> None:
     port = next((p for p, d in bench.reads.items() if d.dims == ("channel", "y", "x")), None)
     main = next((v for v, d in bench.writes.items() if d.dims == ("channel", "y", "x")), None)
     if port is None or main is None or not bench.steady or bench.given_grids:

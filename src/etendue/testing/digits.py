@@ -17,8 +17,9 @@ import numpy as np
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, is_random
 from etendue.plan.parameters import SMALLEST
-from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, edges, full_scale, largest_difference
+from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, full_scale, largest_difference
 from etendue.testing.checks import bound_of
+from etendue.testing.examples import edges
 from etendue.testing.measured import ratio_of, within
 
 LONG = "longdouble"

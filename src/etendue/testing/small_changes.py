@@ -88,15 +88,11 @@ def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> Trial 
         return None
 
 
-def bench_bound(bench: Bench, inputs: Any) -> float:
-    return 2 * max(UNSTATED["float64"], min(1e-6, bound_of(bench, inputs, "float64")))
-
-
 def compare(bench: Bench, base: Trial, moved: dict[str, Trial], what: str, inputs: Arrays) -> None:
     """Relative to the largest value of a result, or of what it was made of where a stage writes what it reads."""
     if not base.done:
         return
-    rounding = bench_bound(bench, inputs)
+    rounding = 2 * max(UNSTATED["float64"], min(1e-6, bound_of(bench, inputs, "float64")))
     read = {d.variable: full_scale(inputs[port]) for port, d in bench.reads.items()}
     for variable, now in base.arrays.items():
         scale = max(full_scale(now), read.get(variable, 0.0), SMALLEST)

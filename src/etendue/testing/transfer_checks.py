@@ -10,7 +10,8 @@ import numpy as np
 
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, ends_in_sum
-from etendue.testing.bench import Bench, edges
+from etendue.testing.bench import Bench
+from etendue.testing.examples import edges
 from etendue.testing.measured import hold, within
 from etendue.transfer.products import Product
 

@@ -35,16 +35,15 @@ from etendue.cli.saying import command, say, show, tell
 @options.output("Table, plot and crops; default ./<name>-compare-<axis>.")
 @options.JSON
 @options.gather
+@options.gather_way
 def compare(
     given: options.Given,
+    way: options.Way,
     axis: str,
     repeat: int,
     noise_free: bool,
     no_mtf50: bool,
-    scheduler: str,
-    workers: int | None,
     output: Path | None,
-    as_json: bool,
 ) -> None:
     """Rank alternatives: quality against run time, plugins included.
 
@@ -65,24 +64,20 @@ def compare(
     Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off, or one that was named is refused, or all but
     one are.
     """
-    from etendue.present.terminal.terminal import TerminalProgress
     from etendue.result_files import check_folder
-    from etendue.run.schedulers import check_scheduler
-    from etendue.session import Options
     from etendue_lab.compare.axis import parse_axis
     from etendue_lab.compare.ranking import document, print_comparison, write_files
     from etendue_lab.compare.study import compare as measure
 
     pipeline = given.pipeline()
-    how = Options(check_scheduler(scheduler), workers or 0)
-    progress = None if as_json else TerminalProgress
+    how, progress = way.options(), options.progress(way.silent)
     along = parse_axis(axis, options.number)
     folder = output or Path(
         f"{pipeline.name}-compare-{along.key.removesuffix('.use').removeprefix('camera.').replace('.', '_')}"
     )
     found = measure(pipeline, along, repeat, noise_free, how, progress, not no_mtf50, lambda: check_folder(folder))
     files = write_files(found, folder)
-    if as_json:
+    if way.as_json:
         say({**document(found), "files": [str(path) for path in files]})
     else:
         show(print_comparison, found, files)
@@ -124,15 +119,14 @@ def compare(
 @options.output("Table as CSV and JSON, pictures side by side.")
 @options.JSON
 @options.gather
+@options.gather_way
 def quality(
     given: options.Given,
-    as_json: bool,
+    way: options.Way,
     samples_per_degree: float,
     without: tuple[str, ...],
     keep: tuple[str, ...],
     pictures: int,
-    scheduler: str,
-    workers: int | None,
     output: Path | None,
 ) -> None:
     """How far a camera is from the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
@@ -144,34 +138,27 @@ def quality(
 
     Exit codes: 0 done, 2 the request is wrong, 3 some cells failed.
     """
-    from etendue.contract.registry import installed_stages
-    from etendue.present.terminal.terminal import TerminalProgress
-    from etendue.run.schedulers import check_scheduler
-    from etendue.session import Options
     from etendue_lab.quality.study import pictures_of, write
     from etendue_lab.quality.study import quality as measure
     from etendue_lab.quality.terminal import print_quality
 
     pipeline, leave_out = given.pipeline(), not given.nothing_left_out
-    how = Options(check_scheduler(scheduler), workers or 0)
-    draw = pictures_of(pipeline.name) if output else None
-    progress = None if as_json else TerminalProgress
     found = measure(
         pipeline,
-        installed_stages(),
+        options.installed(),
         samples_per_degree,
         without,
         keep,
         leave_out,
-        how,
-        progress,
-        draw,
+        way.options(),
+        options.progress(way.silent),
+        pictures_of(pipeline.name) if output else None,
         output,
         pictures,
     )
     if output:
         write(found, output)
-    tell(as_json, found.document(), print_quality)
+    tell(way.as_json, found.document(), print_quality)
     sys.exit(3 if found.failed else 0)
 
 
@@ -191,11 +178,9 @@ def noise(given: options.Given, reflectance: float, frames: int, as_json: bool) 
     answer to one pixel; stages that adapt to their picture adapt to noise, and differ from the prediction. Correlations
     between channels and between neighbours say how coarse and how coloured the noise looks.
     """
-    from etendue.contract.registry import installed_stages
-    from etendue.present.terminal.terminal import TerminalProgress
     from etendue_lab.noise.study import noise as measure
     from etendue_lab.noise.terminal import print_noise
 
     pipeline = given.pipeline()
-    found = measure(pipeline, installed_stages(), reflectance, frames, None, None if as_json else TerminalProgress)
+    found = measure(pipeline, options.installed(), reflectance, frames, None, options.progress(as_json))
     tell(as_json, found.document(), print_noise)

@@ -30,17 +30,15 @@ def emva(given: options.Given, pixels: int, as_json: bool) -> None:
 
     Exit codes: 0 done, 2 the request is wrong, 3 some channels could not be measured.
     """
-    from etendue.contract.registry import installed_stages
     from etendue.errors import RequestError
-    from etendue.present.terminal.terminal import TerminalProgress
     from etendue_lab.emva.study import of_archive, of_pipeline
     from etendue_lab.emva.terminal import print_emva
 
     if given.file.is_dir():
         if given.settings:
             raise RequestError("--set: an archive is measured as it is; give its pipeline file to change something")
-        found = of_archive(given.file, installed_stages())
+        found = of_archive(given.file, options.installed())
     else:
-        found = of_pipeline(given.pipeline(), installed_stages(), pixels, None, None if as_json else TerminalProgress)
+        found = of_pipeline(given.pipeline(), options.installed(), pixels, None, options.progress(as_json))
     tell(as_json, found.document(), print_emva)
     sys.exit(3 if any(channel.why for channel in found.channels) else 0)

@@ -53,16 +53,14 @@ def information(
     Nyquist: variance (range/mean)^2 / 12. Behind the mosaic the channels are taken together, as the best sum of them at
     each frequency; what each tells alone stands beside.
     """
-    from etendue.contract.registry import installed_stages
-    from etendue.present.terminal.terminal import TerminalProgress
     from etendue.result_files import finite
     from etendue_lab.information.study import information as measure
     from etendue_lab.information.terminal import print_information
 
-    progress = None if as_json else TerminalProgress
+    progress = options.progress(as_json)
     pipeline = given.pipeline()
     found = measure(
-        pipeline, installed_stages(), reflectance, contrast_ratio, size, object_contrast, frames, None, progress
+        pipeline, options.installed(), reflectance, contrast_ratio, size, object_contrast, frames, None, progress
     )
     tell(as_json, finite(found.document()), print_information)
 
@@ -98,13 +96,12 @@ def losses(given: options.Given, reflectance: float, runs: int, seed: int, as_js
 
     Numerical error by stage is another question: `etendue accuracy`.
     """
-    from etendue.contract.registry import installed_stages
-    from etendue.present.terminal.terminal import trying
+    from etendue.present.terminal.progress import trying
     from etendue.result_files import finite
     from etendue_lab.losses.study import losses as measure
     from etendue_lab.losses.terminal import print_losses
 
     pipeline = given.pipeline()
     with trying(silent=as_json) as told:
-        found = measure(pipeline, installed_stages(), reflectance, runs, seed, None, told)
+        found = measure(pipeline, options.installed(), reflectance, runs, seed, None, told)
     tell(as_json, finite(found.document()), print_losses)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -62,19 +63,7 @@ from etendue.cli.saying import command, tell
     help="The photograph with what was measured outlined: .png, .svg or .pdf.",
 )
 def measure(
-    picture: Path,
-    edges: tuple[str, ...],
-    stars: tuple[str, ...],
-    cycles: int | None,
-    noise: tuple[str, ...],
-    chart: str | None,
-    encoding: str,
-    space: str,
-    channel: str | None,
-    pitch: str | None,
-    as_json: bool,
-    output: Path | None,
-    shown: Path | None,
+    picture: Path, pitch: str | None, as_json: bool, output: Path | None, shown: Path | None, **words: Any
 ) -> None:
     """A photograph of your own, measured with the instruments that measure simulated ones, each figure with its 95 %
     interval.
@@ -98,13 +87,13 @@ def measure(
         raise RequestError(f"--pitch {error}") from None
     if length is not None and not length > 0:
         raise RequestError(f"--pitch {pitch}: expected a length above 0, such as 4um")
+    asked = study.Asked(**words, pitch=length)
     if output is not None:
         check_suffix(output)
-        if (noise or chart) and not (edges or stars):
+        if (asked.noise or asked.chart) and not (asked.edges or asked.stars):
             raise RequestError("-o: curves are those of edges and stars, and none is asked for")
     if shown is not None:
         check_suffix(shown)
-    asked = study.Asked(edges, stars, noise, chart, cycles, channel, encoding, space, length)
     document = study.measure(picture, asked)
     plot = None if output is None else study.curves(document)
     if plot is not None and output is not None:

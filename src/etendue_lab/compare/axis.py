@@ -17,9 +17,9 @@ from etendue.contract.capabilities import Probe
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
 from etendue.errors import Fault, PluginError, RequestError, nearest
+from etendue.pipeline.derived import at_value, wanting
 from etendue.pipeline.file import Pipeline
 from etendue.pipeline.overrides import axis_name
-from etendue.pipeline.presets import preset
 from etendue.plan.alternatives import unlike
 from etendue.plan.model import Node
 from etendue_camera.roles import REFERENCE
@@ -183,47 +183,29 @@ def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
     holds; where it gives none, the first value of the sweep does.
     """
     at: dict[str, Any] = {}
-    if SENSOR in pipeline.sweep:
-        at[SENSOR], pipeline = _of_one_sensor(pipeline)
-    camera, entries = dict(pipeline.shared), {e.name: e for e in pipeline.stages}
-    for key, written in pipeline.sweep.items():
-        stage, _, name = key.rpartition(".")
+    for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR):  # a sensor gives values to the others
         own = own_value(pipeline, key)
-        if own is not None:
-            at[key] = own
-            continue
-        value = (
-            written.get("from")
-            if isinstance(written, Mapping)
-            else written[0]
-            if isinstance(written, list | tuple) and written
-            else None
-        )
+        value = _first(pipeline.sweep[key]) if own is None else own
         if value is None:
             continue  # a fault, which the planner reports
-        at[key] = value
-        if not stage:
-            camera[name] = value
-        elif stage in entries:
-            entries[stage] = replace(entries[stage], values={**entries[stage].values, name: value})
-    return replace(pipeline, shared=camera, stages=tuple(entries.values()), sweep={}, wanted=None, keep=None), at
+        named = key == SENSOR and isinstance(value, Mapping)
+        at[key] = str(value.get("label", value.get(SENSOR, ""))) if named else value
+        if own is None:
+            pipeline = at_value(pipeline, key, value)
+    return wanting(replace(pipeline, sweep={})), at
 
 
-def _of_one_sensor(pipeline: Pipeline) -> tuple[str, Pipeline]:
-    """A pipeline with the sensor that its camera names, or else the first of its sweep; and what that is called."""
-    written, rest = pipeline.sweep[SENSOR], {key: value for key, value in pipeline.sweep.items() if key != SENSOR}
-    alone = replace(pipeline, sweep=rest)
-    if pipeline.preset_name or not isinstance(written, list | tuple) or not written:
-        return pipeline.preset_name, alone
-    table = {SENSOR: written[0]} if isinstance(written[0], str) else written[0]
-    if not isinstance(table, Mapping):
-        return "", pipeline  # a fault, which the planner reports
-    own = {name: value for name, value in table.items() if name not in (SENSOR, "label")}
-    name = str(table.get(SENSOR, ""))
-    alone = replace(
-        alone, preset_name=name, preset=preset(name).values() if name else {}, shared={**pipeline.shared, **own}
-    )
-    return str(table.get("label", name)), alone
+def _first(written: Any) -> Any:
+    """The first value of an axis as written; None where there is none."""
+    if isinstance(written, Mapping):
+        return written.get("from")
+    return written[0] if isinstance(written, list | tuple) and written else None
+
+
+def one_camera(pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
+    """The camera alone, and a note that says what stands for its sweep, if it has one."""
+    alone, taken = without_sweep(pipeline)
+    return alone, [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] * bool(taken)
 
 
 def own_value(pipeline: Pipeline, key: str) -> Any:

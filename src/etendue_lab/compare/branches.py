@@ -13,13 +13,14 @@ reference's stage too.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, quantities_of, reads_of
 from etendue.errors import PluginError, RequestError
+from etendue.pipeline.derived import each, free_name
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.plan import asking
 from etendue.plan.graph import Graph, build_graph
@@ -104,8 +105,7 @@ def noise_free(pipeline: Pipeline, nodes: tuple[Node, ...], registry: Registry) 
     if linear is None or writer(nodes, CHARGE) is None or linear.kind.role == REFERENCE:
         return pipeline
     use = installed.reference(registry, CHARGE, MOSAIC, ("y", "x"))
-    entries = (StageEntry(e.name, use, {}, {}, e.place) if e.name == linear.name else e for e in pipeline.stages)
-    return replace(pipeline, stages=tuple(entries))
+    return each(pipeline, lambda e: StageEntry(e.name, use, {}, {}, e.place) if e.name == linear.name else e)
 
 
 def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, registry: Registry) -> Branched:
@@ -166,8 +166,7 @@ class Reference:
         return self.put(f"reference_{node.name}", use, origin, values)
 
     def put(self, name: str, use: str, origin: Mapping[str, str], values: Mapping[str, Any]) -> str:
-        while name in self.entries or name in [entry.name for entry in self.added]:
-            name += "_"
+        name = free_name(name, {*self.entries, *(entry.name for entry in self.added)})
         self.added.append(StageEntry(name, use, dict(values), dict(origin), f"the reference's {name}"))
         return name
 
@@ -183,16 +182,7 @@ class Reference:
         named as needless.
         """
         before = self.nodes[: self.nodes.index(demosaic)]
-        source = light.name
-        for node in before[self.nodes.index(light) :]:
-            use = (
-                installed.serving(self.registry, node.kind.role, LIGHT, LIGHT)
-                if node.kind.role and _changes(node, CHARGE)
-                else ""
-            )
-            if use:
-                source, self.stands[node.name] = self.add(node, use, {LIGHT: source}), use
-                self.follow(node, use, source)
+        source = self.in_front_of_mask(before[self.nodes.index(light) :], light.name)
         no_mask = installed.reference(self.registry, LIGHT, CHARGE, ("channel", "y", "x"))
         source = self.put("reference_planes", no_mask, {LIGHT: source}, {})
         ideal = installed.reference(self.registry, CHARGE, MOSAIC, ("y", "x"))
@@ -215,6 +205,16 @@ class Reference:
             at |= {(node.name, v): at[s, v] for _, s, v in node.inputs[0] if v in node.writes and (s, v) in at}
         end = installed.reference(self.registry, MOSAIC, CAMERA, ("channel", "y", "x"))
         self.twin[demosaic.name] = self.put("reference", end, {MOSAIC: source}, {})
+
+    def in_front_of_mask(self, nodes: Sequence[Node], source: str) -> str:
+        """What stands for stages that move charge behind the mask; the last of it, else the ``source`` of light."""
+        for node in nodes:
+            if not (node.kind.role and _changes(node, CHARGE)):
+                continue
+            if use := installed.serving(self.registry, node.kind.role, LIGHT, LIGHT):
+                source, self.stands[node.name] = self.add(node, use, {LIGHT: source}), use
+                self.follow(node, use, source)
+        return source
 
     def why_not(self, node: Node, light: Node) -> str:
         """Why a correction of the mosaic cannot be run plane by plane; '' where it can."""

@@ -18,6 +18,7 @@ import numpy as np
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError, RequestError
+from etendue.pipeline.derived import wanting, with_values
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Node, Plan
 from etendue.plan.planner import make_plan
@@ -69,11 +70,11 @@ def _measured(
         raise ValueError("the scene is the axis, and an edge would have to take its place")
     pipeline, scene, sigma = edge_and_field(branched.pipeline, branched.nodes, plan, white, registry)
     pipeline = replace(pipeline, sweep={**pipeline.sweep, **branched.axes(asked.key, values)})
-    wanted = tuple(f"{s}.{v}" for s, v in (place, reference))
+    wanted = [place, reference]
     matrix = writer(branched.nodes, "colour_matrix"), writer(branched.nodes, "white")
     if place[1] == CAMERA and all(matrix):
-        wanted += (f"{matrix[0].name}.colour_matrix", f"{matrix[1].name}.white")  # type: ignore[union-attr]
-    made = make_plan(replace(pipeline, wanted=wanted, keep=wanted), registry, False)
+        wanted += [(matrix[0].name, "colour_matrix"), (matrix[1].name, "white")]  # type: ignore[union-attr]
+    made = make_plan(wanting(pipeline, wanted, kept=True), registry, False)
     outcome = execute(made, None, options)
     if outcome.failed and not any(place[0] == r.stage for r in outcome.failed):
         raise ValueError(outcome.failed[0].message.strip().rpartition("\n")[2])
@@ -197,10 +198,6 @@ def edge_and_field(
         window = {}
     dropped = ("sensor_height", "sensor_width", "first_row", "first_column", "window_rows", "window_columns")
     pipeline = noise_free(base, nodes, registry)
-    stages = tuple(
-        replace(e, values={**{k: v for k, v in e.values.items() if k not in dropped}, **window})
-        if e.name == pixel.name and window
-        else e
-        for e in pipeline.stages
-    )
-    return replace(pipeline, stages=stages, sweep={f"{source.name}.use": scenes}), source.name, softness * spacing
+    if window:
+        pipeline = with_values(pipeline, pixel.name, window, dropped)
+    return replace(pipeline, sweep={f"{source.name}.use": scenes}), source.name, softness * spacing

@@ -24,18 +24,17 @@ def inside(picture: Any, border: int = BORDER) -> Any:
     return picture[..., border : rows - border, border : columns - border]
 
 
-def linear_figures(picture: Any, reference: Any) -> dict[str, float | None]:
-    """PSNR and RMSE, full scale 1."""
-    found = fidelity.psnr(inside(picture), inside(reference))
-    return {"psnr": found, "rmse": float(10 ** (-found / 20))}
-
-
-def by_its_own_white(picture: Any, reference: Any) -> float | None:
-    """PSNR where the full scale is the brightest value of the reference: what pictures of different exposure can be
-    ranked by.
+def linear_figures(picture: Any, reference: Any, own_white: bool) -> dict[str, float | None]:
+    """PSNR and RMSE, full scale 1; with ``own_white`` PSNR also where it is the brightest value of the reference: what
+    pictures of different exposure can be ranked by.
     """
-    peak = float(inside(reference).max())
-    return fidelity.psnr(inside(picture), inside(reference), peak) if peak > 0 else None
+    ours, theirs = inside(picture), inside(reference)
+    found = fidelity.psnr(ours, theirs)
+    figures: dict[str, float | None] = {"psnr": found, "rmse": float(10 ** (-found / 20))}
+    if own_white:
+        peak = float(theirs.max())
+        figures["psnr_white"] = fidelity.psnr(ours, theirs, peak) if peak > 0 else None
+    return figures
 
 
 def display_figures(picture: Any, reference: Any) -> dict[str, float | None]:

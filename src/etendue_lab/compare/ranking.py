@@ -97,27 +97,11 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
     console = Console(highlight=False, soft_wrap=False)
     if not console.is_terminal:
         console.width = max(console.width, UNBOUNDED)
-    height, width = found.size
-    title = f"{escape(found.pipeline)}: {escape(found.key)} by {_ranked_by(found)}, {width} x {height} pixels"
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     columns = _columns(found)
     shown = [c for c in columns if console.width >= NARROW or c.name not in DISPENSABLE]
     origins = {id(row): f"{row.distribution} {row.version}" for row in found.rows if row.distribution}
     beside = bool(origins) and console.width >= WIDE
-    table.add_column("", justify="right", no_wrap=True)
-    table.add_column("alternative", overflow="fold")
-    for column in shown:
-        table.add_column(column.name, justify="right", no_wrap=True)
-    if beside:
-        table.add_column("from", no_wrap=True)
-    for number, row in enumerate((r for r in found.rows if r.psnr is not None), 1):
-        end = [origins.get(id(row), "")] if beside else []
-        table.add_row(str(number), escape(row.label), *(c.of(row) for c in shown), *end)
-    ideal = {row.mtf50_reference for row in found.rows} - {None}
-    if len(ideal) == 1:
-        known = {"MTF50": _number(ideal.pop(), ".3f")}
-        table.add_row("", "reference", *(known.get(c.name, "") for c in shown), *([""] if beside else []), style="dim")
-    console.print(table)
+    console.print(_table_of(found, shown, origins if beside else {}))
     for word, text in _remarks(found, {} if beside else origins):
         console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
     if len(shown) < len(columns):
@@ -128,6 +112,27 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
         )
     for path in files:
         console.print(f"{'file':<10}{escape(str(path))}", soft_wrap=True)
+
+
+def _table_of(found: Comparison, shown: list[_Column], beside: dict[int, str]) -> Table:
+    """``beside``: where rows come from, in a column of its own, if any."""
+    height, width = found.size
+    title = f"{escape(found.pipeline)}: {escape(found.key)} by {_ranked_by(found)}, {width} x {height} pixels"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table.add_column("", justify="right", no_wrap=True)
+    table.add_column("alternative", overflow="fold")
+    for column in shown:
+        table.add_column(column.name, justify="right", no_wrap=True)
+    if beside:
+        table.add_column("from", no_wrap=True)
+    for number, row in enumerate((r for r in found.rows if r.psnr is not None), 1):
+        end = [beside.get(id(row), "")] if beside else []
+        table.add_row(str(number), escape(row.label), *(c.of(row) for c in shown), *end)
+    ideal = {row.mtf50_reference for row in found.rows} - {None}
+    if len(ideal) == 1:
+        known = {"MTF50": _number(ideal.pop(), ".3f")}
+        table.add_row("", "reference", *(known.get(c.name, "") for c in shown), *([""] if beside else []), style="dim")
+    return table
 
 
 def _ranked_by(found: Comparison) -> str:

@@ -23,22 +23,25 @@ from etendue.compute.jobs import make_jobs
 from etendue.compute.joined.segments import Result
 from etendue.contract.capabilities import Viewed, is_source, is_transfer
 from etendue.contract.registry import Registry, installed_stages
-from etendue.errors import Fault, RequestError
+from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
-from etendue.pipeline.presets import preset_names
-from etendue.plan.model import CellRef, Plan
-from etendue.plan.planner import make_plan
+from etendue.plan.model import CellRef
 from etendue.present.pictures.crops import Plane
 from etendue.run.one_thread import ONE_THREAD
 from etendue.session import Options, execute
 from etendue_camera.colour.matrices import D65_XY, xyz_from_xy
 from etendue_lab.compare import edge
-from etendue_lab.compare.axis import Asked, candidates, check_axis, check_writes, labels_of, own_value, without_sweep
-from etendue_lab.compare.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
+from etendue_lab.compare.alternatives import camera_of, keeping_inputs, planned, values_of, wanted_of
+from etendue_lab.compare.axis import (
+    Asked,
+    check_axis,
+    labels_of,
+    own_value,
+    without_sweep,
+)
+from etendue_lab.compare.branches import Branched, Place, with_reference, writer
 from etendue_lab.compare.compared import Reader, Row
-from etendue_lab.compare.figures import BORDER, by_its_own_white, colour_figures, display_figures, linear_figures
-
-SENSOR = "sensor"  # the word for presets of a camera
+from etendue_lab.compare.figures import BORDER, colour_figures, display_figures, linear_figures
 
 
 @dataclass
@@ -107,75 +110,31 @@ def compare(
     asked = check_axis(asked, pipeline)
     base, at = without_sweep(pipeline)
     at.pop(asked.key, None)
-    nodes = nodes_of(base, registry)
-    if expected:
-        base = noise_free(base, nodes, registry)
-        nodes = nodes_of(base, registry)
-    if asked.stage and asked.stage not in [n.name for n in nodes]:
-        what = "expected values take no part of it" if expected else "nothing that is computed depends on it"
-        raise RequestError([Fault(f"--axis {asked.key}", f"{asked.stage} has no effect here: {what}")], pipeline.file)
-    notes: list[str] = []
-    values: Any = asked.values
-    if values is None and asked.key == SENSOR:
-        values = preset_names()
-    elif values is None:
-        found, broken = candidates(next(n for n in nodes if n.name == asked.stage), registry)
-        values, notes = tuple(found), [f"not looked at: {text}" for text in broken]
-        if len(found) == 1:
-            notes.append(
-                f"no other installed stage writes what {asked.stage} writes and reads no more: etendue stages lists "
-                f"them all"
-            )
-    elif asked.stage:
-        check_writes(asked, next(n for n in nodes if n.name == asked.stage), registry)
+    base, nodes = camera_of(base, asked, expected, registry)
+    values, notes = values_of(asked, nodes, registry)
     first = tuple(key for key in at if own_value(pipeline, key) is None)
     branched = with_reference(base, nodes, asked.key, registry)
     notes += branched.notes
-    wanted = _wanted(branched)
-    plan, values, refused = _planned(branched, wanted, asked, values, registry)
-    plan = _keeping_inputs(plan, asked)
+    wanted = wanted_of(branched)
+    plan, values, refused = planned(branched, wanted, asked, values, registry)
+    plan = keeping_inputs(plan, asked)
     if ready:
         ready()
     outcome = execute(plan, None, options, progress(plan) if progress else None)
     reader = Reader(plan, outcome, asked, branched)
-    texts = (
-        reader.axis.values
-        if asked.named
-        else labels_of(values if isinstance(values, tuple) else reader.axis.values, reader.axis.units)
-    )
+    own = values if isinstance(values, tuple) else reader.axis.values
+    texts = reader.axis.values if asked.named else labels_of(own, reader.axis.units)
     measured = [_row(reader, branched, i, str(text), repeat) for i, text in enumerate(texts)]
-    if edges and any(row.status == "done" for row in measured):
-        whites = (reader.of(("white", writer(nodes, "white")), i) for i in range(reader.count))
-        white = max((float(np.max(w)) for w in whites if w is not None), default=0.0)
-        found_there = edge.measure(branched, plan, asked, values, white, registry, options)
-        for i, row in enumerate(measured):
-            if row.status == "done":
-                row.mtf50, row.mtf50_reference = found_there.mtf50.get(i), found_there.reference.get(i)
-        notes += [found_there.note] if found_there.note else []
-    references = {i: reader.at(branched.linear.reference, i) for i in range(reader.count)}
-    if all(r is None for r in references.values()):
-        broke = next((r.message.strip().rpartition("\n")[2] for r in outcome.failed), "no reference")
-        raise RequestError(f"the pipeline itself fails, whatever stands at {asked.key}: {broke}", pipeline.file)
+    if edges:
+        notes += _with_edges(measured, reader, branched, values, registry, options)
+    references = _references(reader, branched, pipeline.file)
     by = rank_by(measured) if reader.own_reference else "psnr"
     for row in refused if not asked.swaps else ():
         row.label = labels_of([row.value], reader.axis.units)[0]
     rows = ranked([*measured, *refused], by)
-    for row in rows:
-        decibels = getattr(row, by)
-        row.error = None if decibels is None else 10 ** (-decibels / 20)
-    known = {
-        row.position: references[row.position]
-        for row in rows
-        if row.position is not None and references[row.position] is not None
-    }
-    shown = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in known}
-    notes += [*_on_the_references(known, shown, branched, asked), *reader.shared_faults()]
-    if len(rows) - sum(row.status == "refused" for row in rows) == 1:
-        notes.insert(
-            0,
-            f"there is nothing to hold it against: "
-            f"{'the others are refused' if len(rows) > 1 else 'it is the only one'}",
-        )
+    there = [row.position for row in rows if row.position is not None]
+    known = {position: references[position] for position in there if references[position] is not None}
+    notes = _if_alone(rows) + notes + _on_the_references(known, rows, reader, branched) + reader.shared_faults()
     pictures = reader.pictures(branched, measured)
     return Comparison(
         pipeline.name,
@@ -200,6 +159,44 @@ def compare(
     )
 
 
+def _with_edges(
+    measured: list[Row], reader: Reader, branched: Branched, values: Any, registry: Registry, options: Options
+) -> list[str]:
+    """MTF50 in the rows that are done, of a second run; a note where there are none."""
+    done = {i: row for i, row in enumerate(measured) if row.status == "done"}
+    if not done:
+        return []
+    whites = (reader.of(("white", writer(branched.nodes, "white")), i) for i in range(reader.count))
+    white = max((float(np.max(w)) for w in whites if w is not None), default=0.0)
+    found = edge.measure(branched, reader.plan, reader.asked, values, white, registry, options)
+    for i, row in done.items():
+        row.mtf50, row.mtf50_reference = found.mtf50.get(i), found.reference.get(i)
+    return [found.note] if found.note else []
+
+
+def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Any]:
+    """The reference of each value; None where it was not computed.
+
+    Raises
+    ------
+    RequestError
+        There is none at all.
+    """
+    found = {i: reader.at(branched.linear.reference, i) for i in range(reader.count)}
+    if all(r is None for r in found.values()):
+        broke = next((r.message.strip().rpartition("\n")[2] for r in reader.outcome.failed), "no reference")
+        raise RequestError(f"the pipeline itself fails, whatever stands at {reader.asked.key}: {broke}", file)
+    return found
+
+
+def _if_alone(rows: list[Row]) -> list[str]:
+    if sum(row.status != "refused" for row in rows) != 1:
+        return []
+    return [
+        f"there is nothing to hold it against: {'the others are refused' if len(rows) > 1 else 'it is the only one'}"
+    ]
+
+
 def rank_by(rows: Iterable[Row]) -> str:
     """What rows are ranked by whose references differ: a dark picture has little to lose on a linear scale that all
     share.
@@ -208,7 +205,9 @@ def rank_by(rows: Iterable[Row]) -> str:
 
 
 def ranked(rows: list[Row], by: str = "psnr") -> list[Row]:
-    """Best first; those without a figure last. Marks the rows that no other is both better and faster than."""
+    """Best first; those without a figure last. Says the error of each, and marks the rows that no other is both better
+    and faster than.
+    """
 
     def order(row: Row) -> tuple[bool, float, float, str]:
         found = getattr(row, by)
@@ -217,84 +216,12 @@ def ranked(rows: list[Row], by: str = "psnr") -> list[Row]:
     ordered = sorted(rows, key=order)
     fastest = math.inf
     for row in ordered:
+        decibels = getattr(row, by)
+        row.error = None if decibels is None else 10 ** (-decibels / 20)
         time = row.seconds_per_mpixel
         row.pareto = getattr(row, by) is not None and time is not None and time < fastest
         fastest = time if row.pareto and time is not None else fastest
     return ordered
-
-
-def _wanted(branched: Branched) -> tuple[str, ...]:
-    """What is measured, and what the colours are seen by."""
-    places = [*branched.places()]
-    for variable in ("white_xyz", "white"):
-        node = writer(branched.nodes, variable)
-        if node is not None:
-            places.append((node.name, variable))
-    return tuple(dict.fromkeys(f"{stage}.{variable}" for stage, variable in places))
-
-
-def _keeping_inputs(plan: Plan, asked: Asked) -> Plan:
-    """What the compared stage reads stays in memory, so that the stage can be run again."""
-    node = next((n for n in plan.nodes if n.name == asked.stage), None)
-    if node is None or node.is_transfer:
-        return plan
-    return replace(
-        plan, kept=plan.kept | {(source, variable) for bound in node.inputs for _, source, variable in bound}
-    )
-
-
-def _planned(
-    branched: Branched, wanted: tuple[str, ...], asked: Asked, values: Any, registry: Registry
-) -> tuple[Plan, Any, list[Row]]:
-    """The plan of all alternatives that can serve, and rows of those that cannot."""
-    pipeline = replace(branched.pipeline, wanted=wanted, keep=wanted)
-
-    def plan_of(chosen: Any) -> Plan:
-        return make_plan(replace(pipeline, sweep=branched.axes(asked.key, chosen)), registry, False)
-
-    try:
-        return plan_of(values), values, []
-    except RequestError as whole:
-        if not isinstance(values, tuple) or _asked_wrongly(whole, asked):
-            raise _as_asked(whole, asked) from None
-        good, refused, last = [], [], whole
-        for value in values:
-            try:
-                plan_of((value,))
-                good.append(value)
-            except RequestError as error:
-                last = error
-                refused.append(
-                    _refused(value, asked, registry, "; ".join(dict.fromkeys(f.message for f in error.faults)))
-                )
-        if not good:
-            raise _as_asked(last, asked) from None
-        return plan_of(tuple(good)), tuple(good), refused
-
-
-def _asked_wrongly(error: RequestError, asked: Asked) -> bool:
-    """Whether somebody wrote a word that does not exist, or a value that does not fit: not the stage's affair."""
-    return asked.values is not None and any(fault.place.startswith(f"sweep.{asked.key}") for fault in error.faults)
-
-
-def _as_asked(error: RequestError, asked: Asked) -> RequestError:
-    """The same faults, at the place where the axis was written."""
-    key = f"sweep.{asked.key}"
-    own = f"--axis {asked.key}"
-    wrong = [f for f in error.faults if f.place.startswith(key)]
-    faults = [replace(f, place=f.place.replace(key, own, 1), line=None) for f in wrong] or list(error.faults)
-    return RequestError(faults, "" if all(f.place.startswith("--axis") for f in faults) else error.file)
-
-
-def _refused(value: Any, asked: Asked, registry: Registry, reason: str) -> Row:
-    table = value if isinstance(value, dict) else {"use": value}
-    use = str(table.get("use", "")) if asked.swaps else ""
-    row = Row(
-        use or value, str(table.get("label", use)) if asked.swaps else str(value), use, status="refused", reason=reason
-    )
-    if use in registry:
-        row.distribution, row.version = registry.installed(use).distribution, registry.installed(use).version
-    return row
 
 
 def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: int) -> Row:
@@ -313,9 +240,7 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
             f"it gives {picture.shape}, but the reference has {reference.shape} (channel, y, x)",
         )
         return row
-    found = linear_figures(picture, reference)
-    if reader.own_reference:
-        found["psnr_white"] = by_its_own_white(picture, reference)
+    found = linear_figures(picture, reference, reader.own_reference)
     for pair in (branched.display, branched.colour):
         ours, theirs = (reader.at(pair.ours, position), reader.at(pair.reference, position)) if pair else (None, None)
         if ours is None or theirs is None:
@@ -368,10 +293,9 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
     return best if math.isfinite(best) else None
 
 
-def _on_the_references(
-    references: dict[int, Any], labels: dict[int, str], branched: Branched, asked: Asked
-) -> list[str]:
+def _on_the_references(references: dict[int, Any], rows: list[Row], reader: Reader, branched: Branched) -> list[str]:
     """What a reader of the table should know about the pictures it was measured on."""
+    labels = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in references}
     notes, variable = [], branched.linear.reference[1]
     over = {i: float((r > 1).any(axis=0).mean()) if variable == "rgb_camera" else 0.0 for i, r in references.items()}
     worst = max(over, key=lambda i: over[i])
@@ -387,7 +311,7 @@ def _on_the_references(
         notes.append(f"the pictures have sizes of their own ({sized} pixels): what they show differs too")
     if variable == "rgb_display" and any(labels.values()):
         notes.append(
-            f"each {asked.key} gives the same light other numbers: PSNR holds each against a reference in its own "
-            f"numbers"
+            f"each {reader.asked.key} gives the same light other numbers: PSNR holds each against a reference in its "
+            f"own numbers"
         )
     return notes

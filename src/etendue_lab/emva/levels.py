@@ -63,19 +63,26 @@ def of_plan(
         )
     timed = [dim for dim, key in keys.items() if key == TIME]
     times = _times(plan, cells, options)
-    groups: dict[tuple[tuple[str, Any], ...], dict[Any, list[Cell]]] = {}
-    for cell in cells:
-        labels = plan.labels(cell.ref)
-        camera = tuple((dim, value) for dim, value in labels.items() if dim not in (*light, *timed))
-        groups.setdefault(camera, {}).setdefault(labels[light[0]], []).append(cell)
     found = []
-    for camera, by_light in groups.items():
+    for camera, by_light in _by_camera(plan, cells, light[0], timed).items():
         dark = by_light.pop(0, [])
         for level, bright in sorted(by_light.items()):
             at = dict(camera) | ({light[0]: level} if len(by_light) > 1 else {})
             found += _measured(plan, at, bright, dark, times, read, options)
     if not found:
         raise RequestError("no level has frames of both light and dark")
+    return found
+
+
+def _by_camera(
+    plan: Plan, cells: list[Cell], light: str, timed: list[str]
+) -> dict[tuple[tuple[str, Any], ...], dict[Any, list[Cell]]]:
+    """By the values of all other axes the cells of each light."""
+    found: dict[tuple[tuple[str, Any], ...], dict[Any, list[Cell]]] = {}
+    for cell in cells:
+        labels = plan.labels(cell.ref)
+        camera = tuple((dim, value) for dim, value in labels.items() if dim not in (light, *timed))
+        found.setdefault(camera, {}).setdefault(labels[light], []).append(cell)
     return found
 
 

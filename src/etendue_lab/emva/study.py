@@ -30,16 +30,16 @@ from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.errors import RequestError
+from etendue.pipeline.derived import free_name, stage_in_front, wanting, with_values, without_stages
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
 from etendue_camera.roles import LENS, FlatScene
-from etendue_lab.compare import installed
-from etendue_lab.compare.axis import without_sweep
+from etendue_lab.compare.axis import one_camera
 from etendue_lab.emva.levels import RAW, lit, of_plan, raw_node, saturation
 from etendue_lab.emva.report import EmvaReport
-from etendue_lab.noise.flat_field import sound
+from etendue_lab.noise.flat_field import in_front_of_grey
 
 SIDE = 192  # pixels of the window, along y and x
 BY_PLACE = frozenset({*LENS, "falloff", "vignetting", "angular response"})
@@ -72,8 +72,7 @@ def of_pipeline(
     """
     if pixels < 16:
         raise RequestError(f"--pixels {pixels}: expected at least 16")
-    alone, taken = without_sweep(pipeline)
-    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    alone, notes = one_camera(pipeline)
     bench = _on_the_bench(alone, registry)
     small = _windowed(bench, registry, pixels)
     plan = make_plan(_asking(small, registry, (1.0,), ()), registry, leave_out_allowed=False)
@@ -124,41 +123,24 @@ def _on_the_bench(pipeline: Pipeline, registry: Registry) -> Pipeline:
     """A lamp in the place of the scene, nothing that changes light by place, sound pixels, and no stage behind the
     raw frame.
     """
-    use, kept, dropped = installed.made_for(registry, FlatScene), [], set()
-    allowed = set(parameters_of(registry.load(use))) - {"reflectance", "centre_y", "centre_x", "light"}
-    last = -1
-    for number, entry in enumerate(pipeline.stages):
-        kind = registry.load(entry.use) if entry.use in registry else None
-        if kind is not None and RAW in {d.variable for d in writes_of(kind).values()}:
-            last = number
-    if last < 0:
+    kinds = {entry.name: registry.load(entry.use) for entry in pipeline.stages if entry.use in registry}
+    raw = [name for name, kind in kinds.items() if any(d.variable == RAW for d in writes_of(kind).values())]
+    if not raw:
         raise RequestError(
             "the pipeline has no stage that writes raw: a sensor is measured from its raw frames", pipeline.file
         )
-    for entry in pipeline.stages[: last + 1]:
-        kind = registry.load(entry.use) if entry.use in registry else None
-        if kind is None:
-            kept.append(entry)  # a fault that the planner names
-            continue
-        if is_source(kind):
-            values = {name: value for name, value in entry.values.items() if name in allowed}
-            kept.append(replace(entry, use=use, values={**values, "reflectance": 1.0}))
-        elif kind.role in BY_PLACE or kind.role in SERIES:
-            dropped.add(entry.name)
-        else:
-            kept.append(sound(entry, registry))
-    entries = tuple(
-        replace(e, origin={port: name for port, name in e.origin.items() if name not in dropped}) for e in kept
-    )
+    grey = in_front_of_grey(pipeline, registry, 1.0, but=("centre_y", "centre_x", "light"))
+    last = [entry.name for entry in grey.stages].index(raw[-1])
+    front = replace(grey, stages=grey.stages[: last + 1])
+    out = {name for name, kind in kinds.items() if kind.role in BY_PLACE | SERIES and not is_source(kind)}
     camera = {**pipeline.shared, **({"noise": "independent"} if "noise" in pipeline.shared else {})}
-    return replace(pipeline, shared=camera, stages=entries, sweep={}, wanted=None, keep=None)
+    return wanting(replace(without_stages(front, out), shared=camera))
 
 
 def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:
     """So many pixels in light that is as wide; all of the frame where the pixel stage has no rows and columns."""
-    plan = make_plan(
-        replace(_asking(pipeline, registry, (1.0,), ()), wanted=("photocurrent",)), registry, leave_out_allowed=False
-    )
+    asked = replace(_asking(pipeline, registry, (1.0,), ()), wanted=("photocurrent",))
+    plan = make_plan(asked, registry, leave_out_allowed=False)
     node = next(
         (n for n in plan.nodes if n.kind.role == "pixel" and {"rows", "columns"} <= set(parameters_of(n.kind))), None
     )
@@ -167,15 +149,9 @@ def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:
     pitch = float(getattr(plan.of(node.name)[0].stage, "pixel_pitch"))  # noqa: B009
     window = {"sensor_height", "sensor_width", "first_row", "first_column", "window_rows", "window_columns", "sampling"}
     size = {"width": (pixels + 2) * pitch, "height": (pixels + 2) * pitch, "spacing": pitch}
-    entries = []
-    for entry in pipeline.stages:
-        if entry.name == node.name:
-            own = {name: value for name, value in entry.values.items() if name not in window}
-            entry = replace(entry, values={**own, "rows": pixels, "columns": pixels})
-        elif plan.node(entry.name).is_source if entry.name in {n.name for n in plan.nodes} else False:
-            entry = replace(entry, values={**entry.values, **size})
-        entries.append(entry)
-    return replace(pipeline, stages=tuple(entries))
+    for source in (n.name for n in plan.nodes if n.is_source):
+        pipeline = with_values(pipeline, source, size)
+    return with_values(pipeline, node.name, {"rows": pixels, "columns": pixels}, window)
 
 
 def _asking(
@@ -187,24 +163,18 @@ def _asking(
     use = next(registry.fitting(lambda kind: kind.role == "bracketing" and "brackets" in parameters_of(kind)), "")
     if not use:
         raise RequestError("no installed stage of the role 'bracketing' takes brackets")
-    at = next(
-        (i for i, e in enumerate(pipeline.stages) if e.use in registry and registry.load(e.use).role == "exposure"),
-        None,
-    )
-    if at is None:
+    kinds = {e.name: registry.load(e.use) for e in pipeline.stages if e.use in registry}
+    exposure = next((name for name, kind in kinds.items() if kind.role == "exposure"), "")
+    if not exposure:
         raise RequestError(
             "the pipeline has no stage of the role 'exposure', in front of which frames could begin", pipeline.file
         )
-    name = "series"
-    while any(entry.name == name for entry in pipeline.stages):
-        name += "_"
-    series = StageEntry(
-        name, use, {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}, {}, "the series of exposures"
-    )
-    scene = next(e.name for e in pipeline.stages if e.use in registry and is_source(registry.load(e.use)))
+    name = free_name("series", [entry.name for entry in pipeline.stages])
+    values = {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}
+    series = StageEntry(name, use, values, {}, "the series of exposures")
+    scene = next(name for name, kind in kinds.items() if is_source(kind))
     sweep: dict[str, Any] = {f"{scene}.reflectance": list(reflectances)} if reflectances else {}
-    stages = (*pipeline.stages[:at], series, *pipeline.stages[at:])
-    return replace(pipeline, stages=stages, sweep=sweep, wanted=(RAW,), keep=None)
+    return replace(stage_in_front(pipeline, exposure, series), sweep=sweep, wanted=(RAW,), keep=None)
 
 
 def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options | None, notes: list[str]) -> Pipeline:
@@ -241,8 +211,4 @@ def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options |
     word = next((w for w in ("radiance", "white_luminance") if getattr(stage, w, 0.0)), "")
     if not word:
         raise RequestError(f"{source.alternatives[0].use} has no brightness that could be set")
-    bright = {word: getattr(stage, word) * factor}
-    return replace(
-        asked,
-        stages=tuple(replace(e, values={**e.values, **bright}) if e.name == source.name else e for e in asked.stages),
-    )
+    return with_values(asked, source.name, {word: getattr(stage, word) * factor})

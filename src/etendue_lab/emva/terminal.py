@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from rich.table import Table
+
 from etendue.present.terminal.terminal import _out, _table, escape
 
 NAMES = {
@@ -35,7 +37,6 @@ def print_emva(document: dict[str, Any]) -> None:
     console.print(
         f"{escape(document['pipeline'])}: {document['standard']}; intervals of {100 * document['confidence']:.0f} %"
     )
-    held = known = 0
     for one in document["channels"]:
         at = ", ".join(f"{key} = {value}" for key, value in one["at"].items())
         curve = one["photon_transfer"]
@@ -45,28 +46,14 @@ def print_emva(document: dict[str, Any]) -> None:
             continue
         times = curve["integration_time"]
         title += f"; {len(times)} exposures of {1e3 * times[0]:.3g} to {1e3 * times[-1]:.3g} ms"
-        columns = (
-            ("figure", "left"),
-            ("measured", "right"),
-            ("interval", "left"),
-            ("expected", "right"),
-            ("held", "left"),
-        )
-        table = _table(title, *columns)
-        for row in one["figures"]:
-            unit = "%" if row["figure"] in PERCENT else "" if row["unit"] == "1" else row["unit"]
-            scale = 100.0 if row["figure"] in PERCENT else 1.0
-            word = "" if row["held"] is None else "yes" if row["held"] else "no"
-            held, known = held + (row["held"] is True), known + (row["held"] is not None)
-            cells = [_text(row[name], scale) for name in ("value", "low", "high", "expected")]
-            interval = f"{cells[1]} to {cells[2]}" if cells[1] or cells[2] else ""
-            table.add_row(NAMES[row["figure"]] + (f", {unit}" if unit else ""), cells[0], interval, cells[3], word)
-        console.print(table)
+        console.print(_figures(title, one["figures"]))
         if hidden := [NAMES[row["figure"]] for row in one["figures"] if not row["covered"]]:
             console.print(
                 f"channel {one['channel']}: not covered: rounding to whole numbers hides the noise of the dark: "
                 f"{', '.join(hidden)}"
             )
+    judged = [row["held"] for one in document["channels"] if not one["why"] for row in one["figures"]]
+    held, known = sum(one is True for one in judged), sum(one is not None for one in judged)
     if known:
         least, most = (100 * (1 - share) for share in reversed(document["simulated"]))
         counted = f"of {SENSORS} simulated sensors of two kinds {least:.0f} to {most:.0f} %"
@@ -75,6 +62,25 @@ def print_emva(document: dict[str, Any]) -> None:
         )
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
+
+
+def _figures(title: str, rows: list[dict[str, Any]]) -> Table:
+    columns = (
+        ("figure", "left"),
+        ("measured", "right"),
+        ("interval", "left"),
+        ("expected", "right"),
+        ("held", "left"),
+    )
+    table = _table(title, *columns)
+    for row in rows:
+        unit = "%" if row["figure"] in PERCENT else "" if row["unit"] == "1" else row["unit"]
+        scale = 100.0 if row["figure"] in PERCENT else 1.0
+        word = "" if row["held"] is None else "yes" if row["held"] else "no"
+        cells = [_text(row[name], scale) for name in ("value", "low", "high", "expected")]
+        interval = f"{cells[1]} to {cells[2]}" if cells[1] or cells[2] else ""
+        table.add_row(NAMES[row["figure"]] + (f", {unit}" if unit else ""), cells[0], interval, cells[3], word)
+    return table
 
 
 def _text(value: float | None, scale: float) -> str:

@@ -10,12 +10,12 @@ divided out too.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from etendue.contract.registry import Registry
+from etendue.pipeline.derived import wanting
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
@@ -47,9 +47,7 @@ def edge_contrast(
         There is no single scene to be replaced, a stage broke off, or an edge is not to be seen.
     """
     base, _, sigma = edge_and_field(detail.pipeline, detail.plan.nodes, detail.plan, white, registry)
-    plan = make_plan(
-        replace(base, wanted=tuple(f"{s}.{v}" for s, v in places), keep=None, precision="float64"), registry, False
-    )
+    plan = make_plan(wanting(base, places, exact=True), registry, leave_out_allowed=False)
     refs = {(s, i): (s, (i,) if plan.node(s).axes else ()) for s, _ in places for i in (0, 1)}
     arrays = collect(
         plan, {refs[s, i]: tuple(v for t, v in places if t == s) for s, v in places for i in (0, 1)}, options

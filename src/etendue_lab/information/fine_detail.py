@@ -25,6 +25,7 @@ from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer, is_
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.errors import RequestError
+from etendue.pipeline.derived import wanting
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
@@ -52,7 +53,13 @@ class FineDetail(FlatField):
         self.pitch = float(plan.shared["pixel_pitch"])
         self.order = list(np.ndindex(self.mask.shape))
         self.channels = tuple(dict.fromkeys(str(c) for c in self.mask.ravel()))
-        results = {ref: Result(arrays=dict(found)) for ref, found in arrays.items()}
+        self._look_at_stages()
+        self._look_at_light()
+
+    def _look_at_stages(self) -> None:
+        """What of the stages in front of the mosaic has a transfer function."""
+        plan = self.plan
+        results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
         front = [n for n in plan.nodes if n.name in self.before and is_seen_as_transfer(n.kind)]
         stages = {n.name: with_found(self.jobs[n.name, ()], results).stage for n in front}
         self.lens = {name: stage for name, stage in stages.items() if isinstance(stage, Transfer)}
@@ -62,10 +69,21 @@ class FineDetail(FlatField):
         self.blurs = (*self.lens, *self.moved)  # stages that take contrast in front of the noise
         pixel = next((n for n in front if n.ends_in_sum), None)
         if pixel is None:
-            raise RequestError("the pipeline has no pixel stage: there is nothing that samples light", pipeline.file)
-        cell = plan.cells[pixel.name, ()]
-        self.pixel, self.edges = pixel.name, cell.input_grids[cell.inputs[0][0]].bands().edges
-        stage = self.lens[pixel.name]
+            raise RequestError(
+                "the pipeline has no pixel stage: there is nothing that samples light", self.pipeline.file
+            )
+        self.pixel = pixel.name
+        beyond = [n.name for n in plan.nodes if n.name in self.before and moves_light(n.kind)]
+        if beyond:
+            self.notes.append(
+                f"{', '.join(beyond)}: no transfer function holds all over the frame, and none is counted"
+            )
+
+    def _look_at_light(self) -> None:
+        """What each band brings to each channel."""
+        cell, arrays = self.plan.cells[self.pixel, ()], self.arrays[0]
+        self.edges = cell.input_grids[cell.inputs[0][0]].bands().edges
+        stage = self.lens[self.pixel]
         assert isinstance(stage, Summed)
         own = weights(stage, alone(stage, self.edges))
         light = next(
@@ -76,9 +94,6 @@ class FineDetail(FlatField):
         self.photons, names = own * self.light, [str(v) for v in cell.grids[LIGHT]["channel"].values()]
         self.number = {c: names.index(c) for c in self.channels if c in names}
         self.colours = {c: self.photons[i] / self.photons[i].sum() for c, i in self.number.items()}
-        beyond = [n.name for n in plan.nodes if n.name in self.before and moves_light(n.kind)]
-        if beyond:
-            notes.append(f"{', '.join(beyond)}: no transfer function holds all over the frame, and none is counted")
 
     # -- light ------------------------------------------------------------------------------------------------------
 
@@ -235,13 +250,12 @@ def fine_detail(
         raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
     notes = [] if notes is None else notes
     flat = in_front_of_grey(pipeline, registry, reflectance)
-    plan = make_plan(replace(flat, wanted=None, keep=None), registry, leave_out_allowed=False)
+    plan = make_plan(wanting(flat), registry, leave_out_allowed=False)
     notes += [note for note in plan.warnings if note not in notes]
     chosen = followed(plan, notes, "detail", pipeline.file)
-    wanted = tuple(
-        f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, CHARGE) and not n.is_probe
-    )
-    plan = make_plan(replace(flat, wanted=wanted, keep=None, precision="float64"), registry, leave_out_allowed=False)
+    wanted = (*chosen, MOSAIC, CHARGE)
+    places = [(n.name, v) for n in plan.nodes for v in n.writes if v in wanted and not n.is_probe]
+    plan = make_plan(wanting(flat, places, exact=True), registry, leave_out_allowed=False)
     found = collect(plan, small(plan), options, progress(plan) if progress else None)
     failed = next((r for r in found.reports.values() if r.status == "failed"), None)
     if failed is not None:

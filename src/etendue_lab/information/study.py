@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from etendue.plan.model import Plan
 from etendue.session import Options
 from etendue_camera.resolution import information as kernel
 from etendue_camera.resolution import noise_power
-from etendue_lab.compare.axis import without_sweep
+from etendue_lab.compare.axis import one_camera
 from etendue_lab.compare.edge import ANGLE
 from etendue_lab.information.edge_contrast import edge_contrast
 from etendue_lab.information.fine_detail import LINEAR, FineDetail, Place, fine_detail, frames
@@ -33,6 +34,7 @@ from etendue_lab.information.report import Curve, InformationReport, Row
 from etendue_lab.noise.flat_field import MOSAIC
 
 BLOCK = 16  # pixels, side of a periodogram
+ROWS = 3  # of a periodogram, next to fy = 0, whose mean is taken
 ENOUGH = 400  # periodograms behind each value, below which a note says so
 
 
@@ -71,8 +73,7 @@ def information(
         Faults of the pipeline or of these values; a camera that does not say how noisy it is.
     """
     _check(ratio, size, contrast, count)
-    alone, taken = without_sweep(pipeline)
-    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    alone, notes = one_camera(pipeline)
     detail = fine_detail(alone, registry, reflectance, options, progress, notes)
     report = InformationReport(
         pipeline.name, reflectance, ratio, size, contrast, detail.electrons, BLOCK, notes=detail.notes
@@ -207,7 +208,9 @@ class _Found:
                 plane = frames[:, None, y :: period[0], x :: period[1]]
                 power, periodograms = noise_power.periodograms(plane, min(block))
                 own = np.fft.fftfreq(min(block), period[1])
-                places = [int(np.argmin(np.abs(_folded(f, 1 / period[1]) - np.abs(own)))) for f in self.frequency]
+                lattice = 1 / period[1]  # on which the power repeats
+                folded = [abs(f - lattice * round(f / lattice)) for f in self.frequency]
+                places = [int(np.argmin(np.abs(f - np.abs(own)))) for f in folded]
                 noise = self._band(power[0, 0].real)[places]
                 light = plane.mean() * detail.electrons[channel] / detail.signal()[channel]
                 total += kernel.neq(light * contrast[channel], noise) / len(detail.order)
@@ -216,7 +219,8 @@ class _Found:
                 detail.quanta_of(channel, [0.0], np.zeros(1))[0, 0]
                 * np.abs(np.diagonal(detail.contrast(channel, fy, fx))) ** 2
             )
-            curves.append(self._curve(detail.first.name, MOSAIC, channel, expected, total, periodograms, 3))
+            place = detail.first.name, MOSAIC
+            curves.append(self._curve(place, channel, expected, total, periodograms))
         return curves
 
     def _picture(self, place: Place, frames: Any, contrast: dict[str, Any]) -> list[Curve]:
@@ -233,30 +237,29 @@ class _Found:
             places = np.arange(1, BLOCK // 2 + 1)
             noise, expected_noise = (self._band(p[i, i].real)[places] for p in (power, expected_power))
             found = kernel.neq(mean * contrast[name], noise)
-            curves.append(self._curve(*place, name, kernel.neq(signal[i], expected_noise), found, count, 3))
+            curves.append(self._curve(place, name, kernel.neq(signal[i], expected_noise), found, count))
         return curves
 
     @staticmethod
     def _band(power: Any) -> Any:
         """Along x: the mean of the three rows next to fy = 0."""
-        return (power[0] + power[1] + power[-1]) / 3
+        return (power[0] + power[1] + power[-1]) / ROWS
 
-    def _curve(self, stage: str, what: str, channel: str, expected: Any, found: Any, count: int, rows: int) -> Curve:
-        bits = [self._bits(quanta) for quanta in (expected, found)]
+    def _curve(self, place: Place, channel: str, expected: Any, found: Any, count: int) -> Curve:
+        bits = [
+            kernel.capacity_along(partial(np.interp, xp=self.frequency, fp=own), self.variance)
+            for own in (expected, found)
+        ]
         return Curve(
-            stage,
-            what,
+            *place,
             channel,
             tuple(self.frequency),
             tuple(map(float, expected)),
             tuple(map(float, found)),
             count,
-            1 / math.sqrt(count * rows),
+            1 / math.sqrt(count * ROWS),
             *bits,
         )
-
-    def _bits(self, quanta: Any) -> float:
-        return kernel.capacity_along(lambda f: np.interp(f, self.frequency, quanta), self.variance)
 
     # -- contrast ---------------------------------------------------------------------------------------------------
 
@@ -264,8 +267,3 @@ class _Found:
         """Frequencies along the normal of the edge."""
         turn = math.radians(ANGLE)
         return math.sin(turn) * self.frequency, math.cos(turn) * self.frequency
-
-
-def _folded(frequency: float, period: float) -> float:
-    """Where a frequency lies on a lattice whose power repeats."""
-    return abs(frequency - period * round(frequency / period))

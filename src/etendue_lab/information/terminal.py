@@ -37,7 +37,7 @@ def print_information(document: dict[str, Any]) -> None:
     )
     told = []
     for row in rows:
-        lost = "" if row["lost"] is None else _signed(row["lost"])
+        lost = "" if row["lost"] is None else f"{row['lost']:.3f}" if abs(row["lost"]) >= 5e-4 else "0"
         alone = " ".join(f"{c} {bits:.2f}" for c, bits in row["channels"].items())
         quanta = [f"{point['quanta_per_pixel']:.4g}" for point in row["neq"]]
         along, snri = f"{row['bits_per_pixel_of_a_line']:.3f}", f"{row['snri']:.2f}"
@@ -98,10 +98,6 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
         f"{fewest} periodograms and more behind a value; standard error of the noise power found: {100 * error:.1f} % "
         f"at most"
     )
-
-
-def _signed(value: float) -> str:
-    return f"{value:.3f}" if abs(value) >= 5e-4 else "0"
 
 
 def _ratio(found: float, predicted: float) -> str:

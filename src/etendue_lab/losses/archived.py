@@ -6,9 +6,9 @@ Out: the document of ``studies.losses`` for the camera that stands there, from t
 
 from __future__ import annotations
 
-import copy
-import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,12 @@ from etendue.archive.again import recorded
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError
-from etendue.pipeline import toml
-from etendue.pipeline.file import Pipeline, parse_pipeline
+from etendue.pipeline.derived import at_value
+from etendue.pipeline.file import Pipeline
 from etendue.result_files import finite
+from etendue_lab.compare.axis import SENSOR
 from etendue_lab.losses.study import RUNS, losses
 
-SENSOR = "sensor"  # the word for presets of a camera
 ABOUT = (
     "The camera{at}: what a stage adds to a loss, averaged over all orders in which the stages of the ideal camera "
     "could be"
@@ -60,70 +60,20 @@ def camera_at(folder: Path, at: Mapping[str, Any]) -> Pipeline:
         The recorded pipeline cannot be read here.
     """
     run = recorded(folder)
-    document, axes = tomllib.loads(run.text), run.record["axes"]
-    swept = _flat(document.pop("sweep", {}))
-    for key in sorted(swept, key=lambda key: not _chooses(key)):
-        written = swept[key]
-        dim = key.removesuffix(".use").replace(".", "_")
-        values = list(axes.get(key, ()))
-        value = at.get(dim, values[0] if values else None)
-        item = (
-            written[values.index(value)]
-            if isinstance(written, list) and value in values and len(written) == len(values)
-            else value
-        )
-        _set(document, key, item)
-    again = parse_pipeline(toml.dumps(document), str(run.path.with_suffix(".toml")), run.path.parent)
-    run.pipeline()  # its inputs are held against their digests
-    return again
+    pipeline, axes = run.pipeline(), run.record["axes"]
+    for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR and not key.endswith(".use")):
+        written, values = pipeline.sweep[key], list(axes.get(key, ()))  # what chooses first: the others are of that one
+        value = at.get(key.removesuffix(".use").replace(".", "_"), values[0] if values else None)
+        listed = isinstance(written, list) and value in values and len(written) == len(values)
+        item = written[values.index(value)] if listed else Decimal(str(value)) if isinstance(value, float) else value
+        if _taken(pipeline, key):
+            pipeline = at_value(pipeline, key, item)
+    return replace(pipeline, sweep={})
 
 
-def _flat(table: Mapping[str, Any], front: str = "") -> dict[str, Any]:
-    """``{"sharpen": {"strength": [..]}}`` as ``{"sharpen.strength": [..]}``; what has ``from`` is a span of values."""
-    found: dict[str, Any] = {}
-    for name, own in table.items():
-        if isinstance(own, Mapping) and "from" not in own:
-            found |= _flat(own, f"{front}{name}.")
-        else:
-            found[f"{front}{name}"] = own
-    return found
-
-
-def _chooses(key: str) -> bool:
-    """Whether an axis chooses a stage or a sensor: what the others set is of that one."""
-    return key == SENSOR or key.endswith(".use")
-
-
-def _set(document: dict[str, Any], key: str, item: Any) -> None:
-    """One value of an axis in the place where a pipeline file says it."""
+def _taken(pipeline: Pipeline, key: str) -> bool:
+    """Whether there is a place for a value of an axis: of stages that another axis chooses, some may have none."""
     stage, _, name = key.rpartition(".")
-    if not stage:
-        camera = document.setdefault("camera", {})
-        camera.update(
-            {k: v for k, v in item.items() if k != "label"}
-            if key == SENSOR and isinstance(item, Mapping)
-            else {key: item}
-        )
-        return
-    for table in document["stages"]:
-        if table.get("name", table["use"]) == stage:
-            if name == "use":
-                place = {"name": stage, **({"from": table["from"]} if "from" in table else {})}
-                own = dict(item) if isinstance(item, Mapping) else {"use": item}
-                own = {**_parameters(table, own["use"]), **own}
-                own.pop("label", None)
-                table.clear()
-                table.update(copy.deepcopy({**own, **place}))
-            elif _takes(str(table["use"]), name):
-                table[name] = item
-
-
-def _takes(use: str, parameter: str) -> bool:
-    """Whether a stage has a parameter: of those that an axis chooses among some may not."""
+    uses = [entry.use for entry in pipeline.stages if entry.name == stage]
     stages = installed_stages()
-    return use not in stages or parameter in parameters_of(stages.load(use))
-
-
-def _parameters(table: Mapping[str, Any], use: Any) -> dict[str, Any]:
-    """What the file says of a stage goes with its own implementation, and not with others."""
-    return {k: v for k, v in table.items() if k not in ("use", "name", "from")} if table["use"] == use else {}
+    return name == "use" or not any(use in stages and name not in parameters_of(stages.load(use)) for use in uses)

@@ -22,18 +22,19 @@ import numpy as np
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
 from etendue.errors import EtendueError, RequestError
+from etendue.pipeline import derived
 from etendue.pipeline.file import Pipeline
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue_camera.colour import difference
 from etendue_camera.roles import Displaying
-from etendue_lab.compare.axis import without_sweep
+from etendue_lab.compare.axis import one_camera
 from etendue_lab.information.fine_detail import CHARGE, FineDetail, fine_detail
 from etendue_lab.losses.games import Contrast, Game, SignalToNoise
 from etendue_lab.losses.shapley import fewest, shares
 from etendue_lab.noise.flat_field import MOSAIC
 from etendue_lab.quality.figures import Shot
-from etendue_lab.quality.ideal import Ideal, ideal_of, origin_without
+from etendue_lab.quality.ideal import Ideal, ideal_of
 
 ANALYTIC = 1024  # coalitions of what follows from figures: exact up to ten stages
 RUNS = 64  # coalitions that are run, unless told otherwise: exact up to six stages
@@ -92,36 +93,40 @@ def losses(
     """
     if runs < 0 or seed < 0:
         raise RequestError(f"--runs {runs} --seed {seed}: expected whole numbers from 0")
-    alone, taken = without_sweep(pipeline)
-    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    alone, notes = one_camera(pipeline)
     detail = fine_detail(alone, registry, reflectance, options, None, notes)
     report = LossReport(pipeline.name, reflectance, notes=notes)
     contrast = Contrast(detail)
     snr = SignalToNoise(detail, _gains(detail, registry, options, notes))
-    report.games.append(
-        _game(
-            "contrast",
-            "dB",
-            "mean contrast up to Nyquist",
-            contrast.players,
-            contrast.loss,
-            contrast.contrast,
-            ANALYTIC,
-            seed,
-        )
-    )
-    report.games.append(_game("SNR", "dB", "SNR of the grey card", snr.players, snr.loss, snr.snr, ANALYTIC, seed))
+    for one in (
+        Shared("contrast", "dB", "mean contrast up to Nyquist", contrast.players, contrast.loss, contrast.contrast),
+        Shared("SNR", "dB", "SNR of the grey card", snr.players, snr.loss, snr.snr),
+    ):
+        report.games.append(_game(one, ANALYTIC, seed))
     if runs:
         _colour(report, alone, registry, runs, seed, options, told)
     return report
 
 
-def _game(name: str, unit: str, figure: str, players: Any, loss: Any, figure_of: Any, most: int, seed: int) -> Game:
+@dataclass(frozen=True)
+class Shared:
+    """A loss that is shared out."""
+
+    name: str
+    unit: str
+    figure: str  # what stands beside it
+    players: tuple[str, ...]
+    loss: Callable[[frozenset[str]], float]  # of some of the players
+    figure_of: Callable[[frozenset[str]], float]
+
+
+def _game(shared: Shared, most: int, seed: int) -> Game:
     known: dict[frozenset[str], float] = {}
+    players, figure_of = shared.players, shared.figure_of
 
     def once(present: frozenset[str]) -> float:
         if present not in known:
-            known[present] = loss(present)
+            known[present] = shared.loss(present)
         return known[present]
 
     found, every = shares(once, players, most, seed), frozenset(players)
@@ -132,7 +137,8 @@ def _game(name: str, unit: str, figure: str, players: Any, loss: Any, figure_of:
             continue
         pairs[one, other] = (found.of_pair(one, other), once(every) - once(left))
     without = {name: figure_of(every - {name}) for name in players if not found.orders or every - {name} in known}
-    return Game(name, unit, figure, found, figure_of(frozenset()), figure_of(every), without, pairs)
+    ends = figure_of(frozenset()), figure_of(every)
+    return Game(shared.name, shared.unit, shared.figure, found, *ends, without, pairs)
 
 
 def _gains(detail: FineDetail, registry: Registry, options: Options | None, notes: list[str]) -> dict[str, float]:
@@ -161,9 +167,8 @@ def _gains(detail: FineDetail, registry: Registry, options: Options | None, note
 
 
 def without_stages(pipeline: Pipeline, out: Collection[str]) -> Pipeline:
-    """The pipeline without some stages that write what they read."""
-    stages = tuple(replace(e, origin=origin_without(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
-    return replace(pipeline, stages=stages, wanted=pipeline.wanted, lines={})
+    """The pipeline without some stages that write what they read, none of which stands where its file says."""
+    return replace(derived.without_stages(pipeline, out), lines={})
 
 
 # -- colour -------------------------------------------------------------------------------------------------------
@@ -186,18 +191,9 @@ def _colour(
                 f"{len(cameras.players)} stages take part, for which {least} cameras must be run: --runs {least}"
             )
         report.notes += [note for note in cameras.ideal.notes if note not in report.notes]
-        report.games.append(
-            _game(
-                "colour",
-                "CIEDE2000^2",
-                "rms CIEDE2000 to the ideal camera",
-                cameras.players,
-                cameras.loss,
-                cameras.figure,
-                runs,
-                seed,
-            )
-        )
+        what = "rms CIEDE2000 to the ideal camera"
+        colour = Shared("colour", "CIEDE2000^2", what, cameras.players, cameras.loss, cameras.figure)
+        report.games.append(_game(colour, runs, seed))
     except (RequestError, ValueError) as error:
         text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
         report.notes.append(f"colour is not shared out: {text}")
@@ -245,11 +241,12 @@ class _Cameras:
             camera = without_stages(self.pipeline, set(self.ideal.left_out) - present - self.beside)
         else:
             camera = ideal_of(self.pipeline, self.registry, keep=present - {self.mosaic}).pipeline
-        plan = make_plan(replace(camera, wanted=None, keep=None, faults=()), self.registry)
+        camera = replace(camera, faults=())
+        plan = make_plan(derived.wanting(camera), self.registry)
         node = next((n for n in reversed(plan.nodes) if LINEAR in n.writes), None)
         if node is None:
             raise ValueError("no stage writes rgb_linear: put 'display' behind the demosaicer")
-        plan = make_plan(replace(camera, wanted=(f"{node.name}.{LINEAR}",), keep=None, faults=()), self.registry)
+        plan = make_plan(derived.wanting(camera, [(node.name, LINEAR)]), self.registry)
         found = collect(plan, {(node.name, ()): (LINEAR,)}, self.options)
         failed = next((r for r in found.reports.values() if r.status == "failed"), None)
         if failed is not None:

@@ -34,30 +34,23 @@ def print_losses(document: dict[str, Any]) -> None:
         )
         for row in loss["stages"]:
             error = "" if not loss["orders"] or row["standard_error"] is None else f" +- {row['standard_error']:.1g}"
-            table.add_row(
-                row["stage"], _percent(row["share"]), f"{row['loss']:.3f}{error}", _figure(row["figure_without"])
-            )
+            known = row["share"] is not None and not math.isnan(row["share"])
+            share = f"{100 * row['share']:.1f} %" if known else "-"
+            table.add_row(row["stage"], share, f"{row['loss']:.3f}{error}", _figure(row["figure_without"]))
         console.print(table)
         how = f"{loss['orders']} random orders" if loss["orders"] else "all sets of stages"
         console.print(f"  shares from {how}: {loss['coalitions']} cameras")
         if loss["pairs"] and loss["lost_before_gains"]:
+            pairs = sorted(loss["pairs"], key=lambda pair: -abs(pair["interaction"]))[:PAIRS]
+            named = (f"{escape(' and '.join(pair['stages']))} ({pair['interaction']:+.2g})" for pair in pairs)
             worst = max(abs(pair["predicted"] - pair["found"]) for pair in loss["pairs"])
             console.print(
                 f"  what two stages lose together is predicted within {100 * worst / loss['lost_before_gains']:.1f} % "
                 f"of what is lost; "
-                f"most between {_strongest(loss)}"
+                f"most between {', '.join(named)}"
             )
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
-
-
-def _strongest(loss: dict[str, Any]) -> str:
-    pairs = sorted(loss["pairs"], key=lambda pair: -abs(pair["interaction"]))[:PAIRS]
-    return ", ".join(f"{escape(' and '.join(pair['stages']))} ({pair['interaction']:+.2g})" for pair in pairs)
-
-
-def _percent(share: float | None) -> str:
-    return "-" if share is None or math.isnan(share) else f"{100 * share:.1f} %"
 
 
 def _figure(value: float | None) -> str:

@@ -20,7 +20,6 @@ from etendue_camera.picture_files import check_directories, read_picture
 from etendue_camera.quality.block_coding import BLOCK, coded
 
 ENCODINGS = ("sRGB", "BT.709", "linear")
-CHANNELS = ("luminance", "red", "green", "blue")
 PLANES = ("red", "green", "blue")
 RAW = frozenset(
     {

@@ -68,7 +68,8 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
     table = _table(f"{title}, {', '.join(channels)}; cycles/pixel", *columns)
     for row in rows:
         turn = f"{row['angle']:.2f}°" if edges else str(row["cycles"])
-        cells = [row[where], turn, _text(row["mtf50"], 4), _interval(row, "mtf50"), _text(row["mtf10"], 4)]
+        between = f"{_text(row['mtf50_low'], 4)} to {_text(row['mtf50_high'], 4)}"
+        cells = [row[where], turn, _text(row["mtf50"], 4), between, _text(row["mtf10"], 4)]
         cells += [_text(row["mtf50_lp_mm"], 4)] if pitch else []
         table.add_row(*cells, _text(row["mtf50_lw_ph"], 4))
     console.print(table)
@@ -139,10 +140,6 @@ def _print_chart(console: Any, chart: dict[str, Any]) -> None:
         table.add_row(what, f"{one[name]:.2f}", _apart(one, name), f"{other[exposed]:.2f}", _apart(other, exposed))
     console.print(table)
     console.print(f"exposed: times {chart['gain']:.4g}, with which the greys are as bright as they should be")
-
-
-def _interval(row: dict[str, Any], name: str) -> str:
-    return f"{_text(row[f'{name}_low'], 4)} to {_text(row[f'{name}_high'], 4)}"
 
 
 def _apart(row: dict[str, Any], name: str) -> str:

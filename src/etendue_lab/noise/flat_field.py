@@ -24,6 +24,7 @@ from etendue.contract.capabilities import Noisy, is_random, is_source
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.errors import RequestError
+from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.plan.model import CellRef, Node, Plan
 from etendue_camera.roles import FlatScene, Scaled
@@ -41,20 +42,23 @@ MOSAIC = "mosaic_linear"
 FLAWS = frozenset({"defect_map", "stuck_map"})  # what stages write that make defective pixels
 
 
-def in_front_of_grey(pipeline: Pipeline, registry: Registry, reflectance: float) -> Pipeline:
-    """The pipeline in front of a flat grey card of the size and light of its scene."""
+def in_front_of_grey(pipeline: Pipeline, registry: Registry, reflectance: float, but: Collection[str] = ()) -> Pipeline:
+    """The pipeline in front of a flat grey card of the size and light of its scene, with sound pixels.
+
+    ``but``: what the card does not have of its scene.
+    """
     use = installed.made_for(registry, FlatScene)
-    allowed = set(parameters_of(registry.load(use))) - {"reflectance"}
-    entries: list[StageEntry] = []
-    for entry in pipeline.stages:
+    allowed = set(parameters_of(registry.load(use))) - {"reflectance", *but}
+
+    def changed(entry: StageEntry) -> StageEntry:
         if entry.use in registry and is_source(registry.load(entry.use)):
-            values = {name: value for name, value in entry.values.items() if name in allowed}
-            entry = replace(entry, use=use, values={**values, "reflectance": reflectance})
-        entries.append(sound(entry, registry))
-    return replace(pipeline, stages=tuple(entries), sweep={})
+            return replace(given(entry, {"reflectance": reflectance}, set(entry.values) - allowed), use=use)
+        return _sound(entry, registry)
+
+    return replace(each(pipeline, changed), sweep={})
 
 
-def sound(entry: StageEntry, registry: Registry) -> StageEntry:
+def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
     """A stage that makes defective pixels, making none."""
     if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
@@ -63,7 +67,7 @@ def sound(entry: StageEntry, registry: Registry) -> StageEntry:
         for name, (p, of, _) in parameters_of(kind).items()
         if of is float and p.at_most == 0.5 and not p.shared
     }
-    return replace(entry, values={**{k: v for k, v in entry.values.items() if k != "file"}, **shares})
+    return given(entry, shares, {"file"})
 
 
 def another(pipeline: Pipeline, number: int) -> Pipeline:

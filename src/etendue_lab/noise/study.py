@@ -16,7 +16,6 @@ pixels are left out: they are no noise.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,13 +25,14 @@ from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.contract.stage import writes_of
 from etendue.errors import RequestError
+from etendue.pipeline.derived import wanting
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
 from etendue_camera.colour import noise_propagation as propagation
 from etendue_camera.roles import Scaled
-from etendue_lab.compare.axis import without_sweep
+from etendue_lab.compare.axis import one_camera
 from etendue_lab.noise.flat_field import MOSAIC, FlatField, another, followed, in_front_of_grey
 from etendue_lab.noise.report import NoiseReport, StageNoise
 
@@ -69,19 +69,14 @@ def noise(
         raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
     if frames < 1:
         raise RequestError(f"--frames {frames}: expected at least 1")
-    alone, taken = without_sweep(pipeline)
-    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    alone, notes = one_camera(pipeline)
     flat = in_front_of_grey(alone, registry, reflectance)
     plan = make_plan(flat, registry, leave_out_allowed=False)
     chosen = followed(plan, notes, "noise", pipeline.file)
-    wanted = tuple(
-        f"{n.name}.{v}"
-        for n in plan.nodes
-        for v in n.writes
-        if v in (*chosen, MOSAIC, "expected_charge") and not n.is_probe
-    )
+    wanted = (*chosen, MOSAIC, "expected_charge")
+    places = [(n.name, v) for n in plan.nodes for v in n.writes if v in wanted and not n.is_probe]
     notes += plan.warnings
-    flat = replace(flat, wanted=wanted, keep=None, precision="float64")
+    flat = wanting(flat, places, exact=True)
     runs = [make_plan(another(flat, number), registry, leave_out_allowed=False) for number in range(frames)]
     outcomes = [execute(run, None, options, progress(run) if progress else None) for run in runs]
     for outcome in outcomes:

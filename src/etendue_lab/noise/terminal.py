@@ -50,7 +50,8 @@ def print_noise(document: dict[str, Any]) -> None:
     last = None
     for row in document["rows"]:
         stage, last = ("" if last == (row["stage"], row["variable"]) else row["stage"]), (row["stage"], row["variable"])
-        pair = _next_pair(row["channel"], list(row["correlation"]))
+        pairs = [*row["correlation"]]  # one a row, so that all stand once: of three, R G, G B, and R B beside B
+        pair = next((one for one in pairs if one.split()[0] == row["channel"]), pairs[0] if pairs else "")
         c = row["correlation"].get(pair)
         between = f"{pair.replace(' ', '')} {c['predicted']:.2f} / {c['found']:.2f}" if c else ""
         beside = f"{row['neighbours']['predicted']:.2f} / {row['neighbours']['found']:.2f}"
@@ -68,12 +69,6 @@ def print_noise(document: dict[str, Any]) -> None:
         console.print(f"standard error of what was found: {100 * max(errors):.1f} % at most")
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
-
-
-def _next_pair(channel: str, pairs: list[str]) -> str:
-    """One pair of channels a row, so that all stand once: of three, R G, G B, and R B beside B."""
-    first = [pair for pair in pairs if pair.split()[0] == channel]
-    return first[0] if first else (pairs[0] if pairs else "")
 
 
 def _found(row: dict[str, Any]) -> str:

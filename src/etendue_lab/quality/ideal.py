@@ -21,6 +21,7 @@ from etendue.contract.capabilities import ends_in_sum, is_transfer
 from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of, reads_of, writes_of
 from etendue.errors import Fault, RequestError, nearest
+from etendue.pipeline.derived import origin_without, wanting, without_stages
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue_camera.roles import DISTORTION, LENS, RESTORING, SHADING, InSilicon
 from etendue_lab.compare.axis import without_sweep
@@ -63,15 +64,10 @@ def ideal_of(
     """
     kinds = {entry.name: _kind(entry, registry) for entry in pipeline.stages}
     _check_names(pipeline, {"--without": without, "--keep": keep}, kinds)
-    pixel = _first(pipeline, lambda e: "photon_rate" in _writes(kinds, e))
-    demosaic = _first(pipeline, lambda e: "rgb_camera" in _writes(kinds, e) - _reads(kinds, e))
-    if pixel is None or demosaic is None:
-        lacking = "no stage that writes photon_rate" if pixel is None else "no demosaicer (nothing writes rgb_camera)"
-        raise RequestError(
-            f"the pipeline has {lacking}: there is no picture to compare with that of the ideal camera", pipeline.file
-        )
+    pixel, demosaic = _pixel_and_demosaicer(pipeline, kinds)
     names = [entry.name for entry in pipeline.stages]
-    shaded = _shading_corrected(pipeline, kinds)
+    correcting = [kinds[e.name] for e in pipeline.stages if "mosaic_linear" in _reads(kinds, e) & _writes(kinds, e)]
+    shaded = any(kind is not None and kind.role == SHADING for kind in correcting)
     out: dict[str, str] = {}  # name -> why
     for entry in pipeline.stages:
         why = _why_out(entry, kinds, names, pixel, demosaic, shaded)
@@ -91,15 +87,24 @@ def ideal_of(
         entries.append(replace(entry, origin=bound | origin_without(pipeline, entry, {*out, *made.stands})))
         own |= dict.fromkeys(_writes(kinds, entry) & PLANES, entry.name)
     ideal = replace(
-        pipeline,
+        wanting(pipeline),
         stages=tuple(entries),
         shared=_asked_for(pipeline.shared, entries, registry),
         sweep=_asked_for(_still_there(pipeline.sweep, out, replaced), entries, registry),
-        wanted=None,
-        keep=None,
         lines={},
     )
     return Ideal(ideal, tuple(out), replaced, (*_notes(pipeline, kinds, out, shaded), *made.notes))
+
+
+def _pixel_and_demosaicer(pipeline: Pipeline, kinds: Kinds) -> tuple[str, str]:
+    pixel = _first(pipeline, lambda e: "photon_rate" in _writes(kinds, e))
+    demosaic = _first(pipeline, lambda e: "rgb_camera" in _writes(kinds, e) - _reads(kinds, e))
+    if pixel is None or demosaic is None:
+        lacking = "no stage that writes photon_rate" if pixel is None else "no demosaicer (nothing writes rgb_camera)"
+        raise RequestError(
+            f"the pipeline has {lacking}: there is no picture to compare with that of the ideal camera", pipeline.file
+        )
+    return pixel, demosaic
 
 
 def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demosaic: str, shaded: bool) -> str:
@@ -145,8 +150,8 @@ def _planes(pipeline: Pipeline, kinds: Kinds, out: Collection[str], demosaic: st
     """The stages of every channel at every pixel, for the camera without what is left out, at the first values of
     its sweep.
     """
-    there = tuple(replace(e, origin=origin_without(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
-    alone, _ = without_sweep(replace(pipeline, stages=there, sweep=_still_there(pipeline.sweep, out, {})))
+    there = without_stages(pipeline, out)
+    alone, _ = without_sweep(replace(there, sweep=_still_there(pipeline.sweep, out, {})))
     nodes = nodes_of(replace(alone, lines={}), registry)
     swept = {key.rpartition(".")[0] for key in pipeline.sweep}
     needless = [
@@ -180,24 +185,7 @@ def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: boo
     return notes
 
 
-def _shading_corrected(pipeline: Pipeline, kinds: Kinds) -> bool:
-    correcting = [e for e in pipeline.stages if "mosaic_linear" in _reads(kinds, e) & _writes(kinds, e)]
-    return any(kind is not None and kind.role == SHADING for kind in (kinds[e.name] for e in correcting))
-
-
 # -- what stays as it was written ---------------------------------------------------------------------------------
-
-
-def origin_without(pipeline: Pipeline, entry: StageEntry, out: Collection[str]) -> dict[str, str]:
-    """``from`` without the stages that are gone: what those read, or the nearest writer."""
-    by_name = {e.name: e for e in pipeline.stages}
-    found = {}
-    for port, source in entry.origin.items():
-        while source in out:
-            source = by_name[source].origin.get(port, "")
-        if source:
-            found[port] = source
-    return found
 
 
 def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mapping[str, str]) -> dict[str, Any]:

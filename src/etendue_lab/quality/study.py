@@ -19,6 +19,7 @@ import numpy as np
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.errors import RequestError
+from etendue.pipeline.derived import wanting
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
@@ -121,50 +122,59 @@ def quality(
     if not 0 < samples_per_degree < math.inf:
         raise RequestError(f"--samples-per-degree {samples_per_degree:g}: expected a number above 0")
     make_plan(pipeline, registry, leave_out)  # with every fault of the file, in its own words
-    both = sorted(set(without) & set(keep))
-    if both:
+    if both := sorted(set(without) & set(keep)):
         raise RequestError(f"--without {both[0]} and --keep {both[0]}: one of them")
     ideal = ideal_of(pipeline, registry, without, keep)
     camera_plan = _plan_of(pipeline, registry, leave_out, (*PICTURES, *SCALARS))
-    ideal_plan = _plan_of(ideal.pipeline, registry, leave_out, PICTURES)
+    plans = camera_plan, _plan_of(ideal.pipeline, registry, leave_out, PICTURES)
     if folder is not None:
         check_folder(folder)
-    camera, perfect = (
-        execute(plan, None, options, progress(plan) if progress else None) for plan in (camera_plan, ideal_plan)
-    )
+    camera, perfect = (execute(plan, None, options, progress(plan) if progress else None) for plan in plans)
     axes = {axis.key: axis.units for axis in camera_plan.axes}
     notes = list(dict.fromkeys([*camera_plan.warnings, *ideal.notes]))
     result = Comparison(pipeline.name, ideal, float(samples_per_degree), axes, notes=notes)
-    flats, drawable = 0, 0
+    drawable = 0
     places = list(_places(camera_plan))
     whys = [_why_not(camera, place) or _why_not(perfect, place) for place in places]
     chosen = evenly([number for number, why in enumerate(whys) if not why], most)
     for number, (place, why) in enumerate(zip(places, whys, strict=True)):
-        row: dict[str, Any] = {a.key: a.values[place[a.dim]] for a in camera_plan.axes}
-        row |= {"status": "done", "reason": ""} | dict.fromkeys((*UNITS, *SCALARS), math.nan) | {"flat": None}
+        row = _unmeasured(camera_plan, place)
         result.rows.append(row)
         if why:
             row |= {"status": "failed", "reason": why}
             continue
         shot, reference = _shot(camera, place), _shot(perfect, place)
-        try:
-            found, shown, flat = figures(shot, reference, samples_per_degree)
-        except ValueError as error:
-            row |= {"status": "failed", "reason": str(error)}
+        shown = _measured(row, shot, reference, samples_per_degree)
+        if row["status"] != "done":
             continue
-        row |= found | {name: _scalar(camera, place, name) for name in SCALARS}
-        row["flat"] = flat._asdict() if flat else None
-        flats += flat is not None
+        row |= _scalars(camera, place)
         drawable += shown is not None
         if show is not None and shown is not None and number in chosen:
             result.pictures |= dict([show(number, {key: row[key] for key in axes}, shot, reference, shown)])
-    result.notes += [*_notes(result, camera_plan, flats, registry), *floored(camera_plan, camera.reports)]
+    result.notes += [*_notes(result, camera_plan, registry), *floored(camera_plan, camera.reports)]
     if show is not None and len(result.pictures) < drawable:
         result.notes.append(
             f"{len(result.pictures)} of {drawable} pictures are drawn, spread evenly over the sweep: --pictures "
             f"{drawable} draws all"
         )
     return result
+
+
+def _unmeasured(plan: Plan, place: Mapping[str, int]) -> dict[str, Any]:
+    """What a row says before anything is measured."""
+    at = {axis.key: axis.values[place[axis.dim]] for axis in plan.axes}
+    return {**at, "status": "done", "reason": "", **dict.fromkeys((*UNITS, *SCALARS), math.nan), "flat": None}
+
+
+def _measured(row: dict[str, Any], shot: Shot, reference: Shot, samples_per_degree: float) -> Any:
+    """Figures into a row, or why there are none; the map of differences, if any."""
+    try:
+        found, shown, flat = figures(shot, reference, samples_per_degree)
+    except ValueError as error:
+        row |= {"status": "failed", "reason": str(error)}
+        return None
+    row |= {**found, "flat": flat._asdict() if flat else None}
+    return shown
 
 
 def evenly(rows: list[int], most: int) -> set[int]:
@@ -208,10 +218,10 @@ def pictures_of(name: str) -> Show:
 
 def _plan_of(pipeline: Pipeline, registry: Registry, leave_out: bool, variables: Collection[str]) -> Plan:
     """The plan of what is compared, and nothing else kept."""
-    whole = make_plan(replace(pipeline, wanted=None, keep=None, faults=()), registry, leave_out)
-    texts = [f"{writer}.{variable}" for variable in variables if (writer := _writer(whole, variable))]
-    texts += [f"{name}.{variable}" for variable in APPLIED for name in _behind(whole, "rgb_camera", variable)]
-    return make_plan(replace(pipeline, wanted=tuple(texts), keep=tuple(texts)), registry, leave_out)
+    whole = make_plan(replace(wanting(pipeline), faults=()), registry, leave_out)
+    places = [(writer, variable) for variable in variables if (writer := _writer(whole, variable))]
+    places += [(name, variable) for variable in APPLIED for name in _behind(whole, "rgb_camera", variable)]
+    return make_plan(wanting(pipeline, places, kept=True), registry, leave_out)
 
 
 def _writer(plan: Plan, variable: str) -> str | None:
@@ -256,9 +266,9 @@ def _array(outcome: Outcome, place: Mapping[str, int], variable: str) -> Any:
     return None if name is None else outcome.arrays.get(_ref(outcome, name, place), {}).get(variable)
 
 
-def _scalar(outcome: Outcome, place: Mapping[str, int], name: str) -> float:
-    array = _array(outcome, place, name)
-    return math.nan if array is None else float(array)
+def _scalars(outcome: Outcome, place: Mapping[str, int]) -> dict[str, float]:
+    found = {name: _array(outcome, place, name) for name in SCALARS}
+    return {name: math.nan if own is None else float(own) for name, own in found.items()}
 
 
 def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
@@ -293,9 +303,9 @@ def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
     )  # some only decode
 
 
-def _notes(result: Comparison, plan: Plan, flats: int, registry: Registry) -> list[str]:
+def _notes(result: Comparison, plan: Plan, registry: Registry) -> list[str]:
     notes = []
-    done = len(result.rows) - result.failed
+    done, flats = len(result.rows) - result.failed, sum(row["flat"] is not None for row in result.rows)
     if done and _writer(plan, "rgb_linear") is None:
         notes.append(
             "no stage writes rgb_linear, so there are no figures of colour: put 'display' behind the demosaicer"

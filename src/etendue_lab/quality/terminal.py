@@ -49,25 +49,27 @@ LEAST_SCALE = 5.0  # CIEDE2000 at the top of the colour bar, at least
 
 def print_quality(document: dict[str, Any]) -> None:
     """One line for each cell, and what was compared with what."""
-    console, ideal = _out(), document["ideal"]
+    console = _out()
     known = [c for c in COLUMNS if any(_known(row[c[0]]) for row in document["rows"])]
     if not any(_known(row["clipped_fraction"]) and row["clipped_fraction"] > 0 for row in document["rows"]):
         known = [c for c in known if c[0] != "clipped_fraction"]  # nothing to say
     short = short_axes(axis["name"] for axis in document["axes"])
     axes = [(a["name"], f"{short[a['name']]} {a['units'] or ''}".strip().replace(" ", "\n")) for a in document["axes"]]
     title = f"{document['pipeline']}: each camera against the ideal one of the same scene"
-    table, more = _rows(document["rows"], axes, known), []
-    for name in DISPENSABLE:
-        if not console.is_terminal or _width(console, table) <= console.width:
-            break
-        more += [column for column in known if column[0] == name]
-        known = [column for column in known if column[0] != name]
-        table = _rows(document["rows"], axes, known)
+    table, more = _fitting(console, document["rows"], axes, known)
     console.print(escape(title), soft_wrap=True)
     console.width = max(
         console.width, _width(console, table)
     )  # a number that is cut says nothing; the terminal breaks its line
     console.print(table)
+    _print_remarks(console, document, axes, more)
+
+
+def _print_remarks(
+    console: Console, document: dict[str, Any], axes: list[tuple[str, str]], more: list[tuple[str, str, str]]
+) -> None:
+    """What stands below the table."""
+    ideal = document["ideal"]
     for row in document["rows"]:
         if row["status"] != "done":
             where = ", ".join(f"{name} = {_axis(row[name])}" for name, _ in axes) or "the picture"
@@ -92,6 +94,20 @@ def print_quality(document: dict[str, Any]) -> None:
         _line(console, "note", text)
     for path in document["files"]:
         _line(console, "file", path)
+
+
+def _fitting(
+    console: Console, rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]
+) -> tuple[Table, list[tuple[str, str, str]]]:
+    """The table with as many columns as the terminal holds, and the others."""
+    table, more = _rows(rows, axes, known), []
+    for name in DISPENSABLE:
+        if not console.is_terminal or _width(console, table) <= console.width:
+            break
+        more += [column for column in known if column[0] == name]
+        known = [column for column in known if column[0] != name]
+        table = _rows(rows, axes, known)
+    return table, more
 
 
 def _rows(rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]) -> Table:

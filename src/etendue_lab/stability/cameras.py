@@ -218,13 +218,6 @@ def run(document: Document) -> Any:
         raise Fault("traceback", said(error)) from error
 
 
-def rows_of_cameras(share: int, of_shares: int) -> Iterator[Row]:
-    """Those of every so many cameras."""
-    for number, (name, document) in enumerate(cameras()):
-        if number % of_shares == share:
-            yield from rows_of_camera(name, document)
-
-
 def rows_of_camera(name: str, document: Document) -> Iterator[Row]:
     try:
         tree = run(copy.deepcopy(document))

@@ -59,32 +59,6 @@ def _paraxial(number: float, magnification: float, angle: float) -> Any:
     return radiometry.flat_disc_factor(number, magnification) * radiometry.cos4(_tangent(angle))
 
 
-def _chain(
-    f: Any,
-    wavelength: float,
-    number: float,
-    side: float,
-    absorption: float,
-    depletion: float,
-    depth: float,
-    length: float,
-) -> Any:
-    silicon = photodiode.collection_mtf(f, absorption, depletion, depth, length)
-    return diffraction.circular_otf(f, wavelength, number) * silicon * photodiode.aperture_otf(f, side)
-
-
-def _mtf(absorption: float, depletion: float, depth: float, length: float, frequency: Any) -> Any:
-    return photodiode.collection_mtf(frequency, absorption, depletion, depth, length)
-
-
-def _mirrored(absorption: float, depletion: float, depth: float, length: float, frequency: Any) -> Any:
-    return photodiode.collection_mtf(frequency, absorption, depletion, depth, length, back="reflecting")
-
-
-def _quantised(mean: float, spread: float) -> list[float]:
-    return [float(value) for value in distributions.quantised_gauss_moments(mean, spread)]
-
-
 FORMS = {
     "airy_intensity": Form(diffraction.airy_intensity),
     "airy_psf_density": Form(diffraction.airy_psf_density),
@@ -97,9 +71,17 @@ FORMS = {
     "irradiance_disk": Form(lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
     "irradiance_abbe": Form(radiometry.aplanatic_factor),
     "diffusion_D": Form(lambda *given: photodiode.collection(given[-1], *given[:-1])),
-    "diffusion_mtf": Form(_mtf, True),
-    "diffusion_mtf_reflecting": Form(_mirrored, True),
-    "system_mtf_x": Form(_chain),
+    "diffusion_mtf": Form(lambda *given: photodiode.collection_mtf(given[-1], *given[:-1]), True),
+    "diffusion_mtf_reflecting": Form(
+        lambda a, w, d, length, f: photodiode.collection_mtf(f, a, w, d, length, back="reflecting"), True
+    ),
+    "system_mtf_x": Form(
+        lambda f, wavelength, number, side, *silicon: (
+            diffraction.circular_otf(f, wavelength, number)
+            * photodiode.collection_mtf(f, *silicon)
+            * photodiode.aperture_otf(f, side)
+        )
+    ),
     "photons_from_energy": Form(radiometry.photons_from_energy),
     "i_max": Form(lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
     "i_min": Form(dynamic_range.smallest_current),
@@ -111,7 +93,9 @@ FORMS = {
     "emva_mu_p_min": Form(dynamic_range.emva_smallest_photons),
     "poisson_pmf": Form(distributions.poisson_pmf),
     "poisson_logpmf": Form(distributions.poisson_logpmf),
-    "quantised_gauss": Form(_quantised, least=1e-50),
+    "quantised_gauss": Form(
+        lambda mean, spread: [*map(float, distributions.quantised_gauss_moments(mean, spread))], least=1e-50
+    ),
     "lab": Form(lambda *xyz: difference.lab(xyz[:3], xyz[3:])),
     "de2000": Form(lambda *lab: difference.delta_e_2000(lab[:3], lab[3:])),
     "srgb_encode": Form(encoding.srgb_encode, True),

@@ -6,6 +6,7 @@ Out: rows, as they are found.
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -60,7 +61,8 @@ def rows_of_part(part: Part) -> list[Row]:
         if part.what == "forms":
             return list(kernels.rows_of_forms(part.stages))
         if part.what == "cameras":
-            return list(cameras.rows_of_cameras(part.share, SHARES))
+            chosen = itertools.islice(cameras.cameras(), part.share, None, SHARES)
+            return [row for name, document in chosen for row in cameras.rows_of_camera(name, document)]
         return list(stages.rows_of(part.name))
     except PluginError as error:
         return [Row(part.name, "it can be loaded", "", False, why=str(error))]

@@ -181,7 +181,9 @@ class Live:
             if one.on_plane == on_plane:
                 place = one.sample(_number(words, "y"), _number(words, "x"))
             else:
-                place = _share(one, _number(words, "v", -1.0), _number(words, "u", -1.0))
+                v, u = _number(words, "v", -1.0), _number(words, "u", -1.0)
+                inside = 0 <= v < 1 and 0 <= u < 1
+                place = (int(v * one.size[0]), int(u * one.size[1])) if inside else None
             if place is None:
                 rows.append({**row, "why": "beside the picture"})
                 continue
@@ -324,10 +326,6 @@ def _number(words: Words, name: str, default: float | None = None) -> float:
     if found is None or not np.isfinite(found):
         raise Refused(400, f"{name} is no number")
     return found
-
-
-def _share(one: Picture, v: float, u: float) -> tuple[int, int] | None:
-    return (int(v * one.size[0]), int(u * one.size[1])) if 0 <= v < 1 and 0 <= u < 1 else None
 
 
 def _labels(one: Picture) -> list[str]:

@@ -27,11 +27,6 @@ WIDEST = 2000  # characters of a text
 Ledger = dict[str, Any]
 
 
-def _texts(column: Any) -> Any:
-    """Texts of a column, each as wide as the widest: of what nobody reads the beginning."""
-    return np.array([str(one)[:WIDEST] for one in column.tolist()] or [""])[: len(column)]
-
-
 def ledger(opened: Opened) -> Ledger:
     """A column of each kind, a row per cell; ``at`` holds a column for every axis."""
     if opened.ended:
@@ -42,7 +37,10 @@ def ledger(opened: Opened) -> Ledger:
             ).load()
         except (OSError, KeyError, ValueError):
             return _from_journal(opened)
-        found: Ledger = {name: _texts(table[name].to_numpy()) for name in WORDS if name in table}
+        texts = {name: table[name].to_numpy().tolist() for name in WORDS if name in table}
+        found: Ledger = {
+            name: np.array([str(one)[:WIDEST] for one in own] or [""])[: len(own)] for name, own in texts.items()
+        }  # each as wide as the widest: of what nobody reads the beginning
         found |= {name: table[name].to_numpy().astype(float) for name in NUMBERS if name in table}
         rows = int(table.sizes["cell"])
         for name in WORDS:

@@ -19,7 +19,6 @@ import numpy as np
 from etendue.contract import seen as kinds
 from etendue.contract.drawn import Drawn, Pictured, lit_by
 from etendue.present.pictures.fitting import LARGEST, coloured, fitted, tinted
-from etendue.present.pictures.screen import encoded
 
 BRIGHT, SHARE = 0.995, 0.9  # this quantile of the brightest channel is shown at this share of white
 HATCH = (225, 120, 112), (250, 232, 230)  # stripes where there is nothing to be seen
@@ -63,7 +62,8 @@ class Appearance:
     def mixed(self, planes: Any) -> Any:
         """Planes in their colours, at any size."""
         if self.matrix is None:
-            return _three(planes)
+            planes = planes[None] if planes.ndim == 2 else planes
+            return planes[:3] if len(planes) >= 3 else np.repeat(planes[:1], 3, axis=0)
         return np.tensordot(self.matrix.astype(planes.dtype), planes, axes=1)
 
     def ends(self, plane: Any) -> tuple[float, float]:
@@ -117,13 +117,9 @@ def appearance(
         )
     if not drawn.linear or not drawn.pattern:
         return Appearance(drawn, grey=not drawn.linear)
-    return Appearance(drawn, tints=tints_of(drawn.pattern, first))
-
-
-def tints_of(pattern: str, first: tuple[int, int]) -> Any:
-    """(rows, columns, 3) of one period of a pattern, from a position on."""
-    found = kinds.pattern(pattern)
-    return np.array([[found.tints[letter] for letter in row] for row in found.moved(*first)], dtype=np.float32)
+    pattern = kinds.pattern(drawn.pattern)
+    period = [[pattern.tints[letter] for letter in row] for row in pattern.moved(*first)]
+    return Appearance(drawn, tints=np.array(period, dtype=np.float32))
 
 
 def brightness(small: Any) -> float:
@@ -170,6 +166,12 @@ def as_bytes(seen: Any) -> Any:
     return np.rint(255 * seen).astype(np.uint8)
 
 
-def _three(planes: Any) -> Any:
-    planes = planes[None] if planes.ndim == 2 else planes
-    return planes[:3] if len(planes) >= 3 else np.repeat(planes[:1], 3, axis=0)
+def encoded(linear: Any) -> Any:
+    """The curve of a screen: (...) of linear values in 0 to 1, IEC 61966-2-1, in the dtype of what is given."""
+    linear = np.asarray(linear)
+    curve = np.maximum(linear, linear.dtype.type(0.0031308)) ** linear.dtype.type(1 / 2.4)
+    return np.where(
+        linear <= linear.dtype.type(0.0031308),
+        linear * linear.dtype.type(12.92),
+        linear.dtype.type(1.055) * curve - linear.dtype.type(0.055),
+    )

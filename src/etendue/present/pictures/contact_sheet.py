@@ -136,7 +136,10 @@ def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
     """The pictures as they are drawn."""
     columns = {name: values for name, (_, values, _) in table["arrays"].items()}
     sizes = [(int(columns["height"][n]), int(columns["width"][n])) for n in range(len(columns["preview"]))]
-    target = _target(sizes, [bool(h) for h in columns["detail_height"]])
+    sides = [max(size) for size, seen in zip(sizes, columns["detail_height"], strict=True) if seen]
+    coarsest = min(sides or map(max, sizes))
+    times = -(-BOX // coarsest)  # dots of the longer side of all pictures: so many for a sample of the coarsest
+    target = coarsest * (times if coarsest * times <= MOST else max(1, BOX // coarsest))
     tiles = []
     for number, preview in enumerate(columns["preview"]):
         y, x = sizes[number]
@@ -156,13 +159,6 @@ def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
             )
         )
     return tiles
-
-
-def _target(sizes: Sequence[tuple[int, int]], seen: Sequence[bool]) -> int:
-    """Dots of the longer side of all pictures: a whole number of times that of the coarsest."""
-    sides = [max(size) for size, one in zip(sizes, seen, strict=True) if one] or [max(size) for size in sizes]
-    coarsest = min(sides)
-    return coarsest * (-(-BOX // coarsest) if coarsest * -(-BOX // coarsest) <= MOST else max(1, BOX // coarsest))
 
 
 def _enlarged(picture: Any, target: int) -> Any:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from etendue.present.pictures.screen import encoded as on_screen
+from etendue.present.pictures.appearance import encoded as on_screen
 
 SIDE, SHOWN, COLUMNS = 56, 280, 5  # samples of a crop, its size on the screen, crops in a row
 COARSE = 28  # samples of a crop of the coarsest of pictures whose pixels differ

@@ -68,19 +68,22 @@ def _map(plan: Plan, node: Node, name: str) -> SmallMap | None:
     index = dict(zip(node.axes, shown_cells(plan)[node.name][1], strict=True))
     chosen = {axis.dim: _some(axis) for axis in varying}
     rest = [axis for axis in axes if axis.dim not in chosen and len(axis.values) > 1]
-    at = ", ".join(f"{axis.key} {_text(axis.values[index[axis.dim]])}{_unit(axis)}" for axis in rest)
-    rows = chosen[varying[1].dim] if len(varying) > 1 else [0]
+    units = {axis.dim: f" {axis.units}" if axis.units not in (None, "", "1") else "" for axis in rest}
+    at = ", ".join(f"{axis.key} {_text(axis.values[index[axis.dim]])}{units[axis.dim]}" for axis in rest)
     refs = []
-    for y, x in product(rows, chosen[varying[0].dim]):
-        own = {**index, varying[0].dim: x, **({varying[1].dim: y} if len(varying) > 1 else {})}
+    for places in product(*(chosen[axis.dim] for axis in reversed(varying))):  # along x fastest
+        own = {**index, **{axis.dim: place for axis, place in zip(reversed(varying), places, strict=True)}}
         refs.append((node.name, tuple(own[dim] for dim in node.axes)))
     sides = tuple((axis.key, tuple(axis.values[i] for i in chosen[axis.dim]), axis.units or "") for axis in varying)
-    names: tuple[str, ...] = ()
-    if known(name).index:
-        dim = known(name).names
-        factors = next((grid[dim] for grid in plan.cells[refs[0]].grids.values() if dim in grid), None)
-        names = tuple(map(str, factors.values())) if factors else ()
+    names = _names(plan, refs[0], name)
     return SmallMap(node.name, name, node.writes[name].unit, sides, tuple(refs), at, names, not_in_it(plan, node, name))
+
+
+def _names(plan: Plan, ref: CellRef, name: str) -> tuple[str, ...]:
+    """What a variable that is an index points at."""
+    dim = known(name).names if known(name).index else ""
+    factors = next((grid[dim] for grid in plan.cells[ref].grids.values() if dim in grid), None) if dim else None
+    return tuple(map(str, factors.values())) if factors else ()
 
 
 def _some(axis: Axis) -> list[int]:
@@ -112,8 +115,7 @@ def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
     left = 10 + max(round(letters.getlength(text)) for text in ys)
     inside = [] if one.names else [_number(v) for v in np.ravel(values) if math.isfinite(v)]
     wide = max(WIDE, 8 + max(round(letters.getlength(text)) for text in (*xs, *inside)))
-    title = f"{one.variable}{f', {one.unit}' if one.unit not in ('', '1') else ''}{f' at {one.at}' if one.at else ''}"
-    title += f", without {', '.join(one.without)}" if one.without else ""
+    title = _title(one)
     rows, columns = values.shape
     legend = 16 if one.names else 0
     texts = [
@@ -127,35 +129,34 @@ def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
     pen.text((4, 11), title, fill="black", font=letters, anchor="lm")
     colours = _colours(values, bool(one.names))
     for row, column in np.ndindex(rows, columns):
-        x, y = left + column * wide, 22 + (rows - 1 - row) * HIGH
-        value, box = values[row, column], (left + column * wide, y, left + (column + 1) * wide - 1, y + HIGH - 1)
+        x, y, value = left + column * wide, 22 + (rows - 1 - row) * HIGH, values[row, column]
+        box, middle = (x, y, x + wide - 1, y + HIGH - 1), (x + wide / 2, y + HIGH / 2)
         if math.isfinite(value):
             colour = tuple(int(c) for c in colours[row, column])
             pen.rectangle(box, fill=colour)
             if not one.names:
                 ink = "white" if sum(colour) < 380 else "black"
-                pen.text((x + wide / 2, y + HIGH / 2), _number(value), fill=ink, font=letters, anchor="mm")
+                pen.text(middle, _number(value), fill=ink, font=letters, anchor="mm")
         else:
-            pen.rectangle(box, fill=FAILED if failed[row, column] else "white", outline=(215, 215, 215))
-            pen.text(
-                (x + wide / 2, y + HIGH / 2),
-                "failed" if failed[row, column] else "-",
-                fill=(150, 60, 60),
-                font=letters,
-                anchor="mm",
-            )
+            fill, text = (FAILED, "failed") if failed[row, column] else ("white", "-")
+            pen.rectangle(box, fill=fill, outline=(215, 215, 215))
+            pen.text(middle, text, fill=(150, 60, 60), font=letters, anchor="mm")
     for column, text in enumerate(xs):
         pen.text((left + (column + 0.5) * wide, 22 + HIGH * rows + 8), text, fill="black", font=letters, anchor="mm")
     for row, text in enumerate(ys):
         pen.text((left - 4, 22 + (rows - 0.5 - row) * HIGH), text, fill="black", font=letters, anchor="rm")
     pen.text((left, 22 + HIGH * rows + 25), _along(one), fill="black", font=letters, anchor="lm")
-    place = 6
-    for number, text in enumerate(one.names):
-        base = 22 + HIGH * rows + 36
+    _draw_names(pen, one.names, 22 + HIGH * rows + 36)
+    return np.asarray(picture)
+
+
+def _draw_names(pen: Any, names: Sequence[str], base: int) -> None:
+    """What colours stand for, in a line."""
+    place, letters = 6, font(LETTERS)
+    for number, text in enumerate(names):
         pen.rectangle((place, base, place + 10, base + 10), fill=tuple(int(c) for c in NAMED[number % len(NAMED)]))
         pen.text((place + 14, base + 5), text, fill="black", font=letters, anchor="lm")
         place += 26 + round(letters.getlength(text))
-    return np.asarray(picture)
 
 
 def _colours(values: Any, named: bool) -> Any:
@@ -177,14 +178,15 @@ def _colours(values: Any, named: bool) -> Any:
     return np.stack([np.interp(share, np.arange(len(VIRIDIS)), VIRIDIS[:, c]) for c in range(3)], axis=-1)
 
 
+def _title(one: SmallMap) -> str:
+    title = f"{one.variable}{f', {one.unit}' if one.unit not in ('', '1') else ''}{f' at {one.at}' if one.at else ''}"
+    return title + (f", without {', '.join(one.without)}" if one.without else "")
+
+
 def _along(one: SmallMap) -> str:
     """What stands along the sides."""
     names = [f"{name}{f', {unit}' if unit not in ('', '1') else ''}" for name, _, unit in one.sides]
     return f"{names[0]} →" + (f"   {names[1]} ↑" if len(names) > 1 else "")
-
-
-def _unit(axis: Axis) -> str:
-    return f" {axis.units}" if axis.units not in (None, "", "1") else ""
 
 
 def _text(value: Any) -> str:

@@ -8,7 +8,6 @@ Out: a ``Plot``. Importing this file registers the accessors; ``etendue.simulate
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -45,7 +44,9 @@ class Plots:
     def __call__(self, kind: str = "", *figures: str, **words: Any) -> Plot:
         """A plot of a kind, of a variable, or without words of what fits."""
         own = {name: words.pop(name) for name in ("x", "y", "lines") if name in words}
-        panels, better = (_tuple(words.pop(name, ())) for name in ("panels", "better"))
+        listed = [words.pop(name, ()) for name in ("panels", "better")]
+        texts = [one.split(",") if isinstance(one, str) else one for one in listed]
+        panels, better = (tuple(text.strip() for text in one) for one in texts)
         at = {**dict(words.pop("at", {})), **words}
         return draw(Holdings(self._tree), kind, Asked(figures, panels=panels, better=better, at=at, **own))
 
@@ -130,10 +131,6 @@ def show(what: Any, variable: str = "", **at: Any) -> Plot:
             f"show takes an array, dataset or tree of xarray, or the folder of an archive, not {type(what).__name__}"
         )
     return TreeAccessor(what).show(variable, **at)
-
-
-def _tuple(words: str | Sequence[str]) -> tuple[str, ...]:
-    return tuple(part.strip() for part in words.split(",")) if isinstance(words, str) else tuple(words)
 
 
 register()

@@ -84,8 +84,7 @@ def dims_of(held: Sequence[Held], counted: bool = False) -> list[Dim]:
 def arranged(
     dims: Sequence[Dim],
     sides: int,
-    x: str = "",
-    y: str = "",
+    along: Sequence[str] = (),
     panels: Sequence[str] = (),
     at: Mapping[str, Any] | None = None,
     most: int = MOST_PANELS,
@@ -101,41 +100,55 @@ def arranged(
     RequestError
         A dim that is asked for is not there, or is asked for twice.
     """
-    at, middle = dict(at or {}), middle or {}
+    at = dict(at or {})
+    x, y = (*along, "", "")[:2]
     free = {dim.name: dim for dim in dims if dim.name not in at}
-    for asked in [name for name in (x, y, *panels) if name]:
-        if asked not in free:
-            why = "it is fixed" if asked in at else f"it is no dim of what is drawn{nearest(asked, free)}"
-            raise RequestError(f"{asked}: {why}")
-    if len({n for n in (x, y, *panels) if n}) < len([n for n in (x, y, *panels) if n]):
+    asked = [name for name in (x, y, *panels) if name]
+    _check(asked, free, at)
+    x, y = _sides(x, y, sides, [dim for dim in free.values() if dim.name not in asked and len(dim.values) > 1])
+    rest = [dim for dim in free.values() if dim.name not in (x, y, *panels)]
+    chosen, left = _over_panels([free[name] for name in panels], rest, most)
+    single = [(dim, dim.values[0]) for dim in rest if len(dim.values) == 1]
+    fixed = [*single, *((dim, _value(dim, middle or {})) for dim in left)]
+    said = [dim.text(at[dim.name]) for dim in dims if dim.name in at] + [dim.text(value) for dim, value in fixed]
+    at |= {dim.name: value for dim, value in fixed}
+    return Arrangement(free.get(x), free.get(y), tuple(chosen), at, tuple(said))
+
+
+def _check(asked: Sequence[str], free: Mapping[str, Dim], at: Mapping[str, Any]) -> None:
+    for name in asked:
+        if name not in free:
+            why = "it is fixed" if name in at else f"it is no dim of what is drawn{nearest(name, free)}"
+            raise RequestError(f"{name}: {why}")
+    if len(set(asked)) < len(asked):
         raise RequestError("a dim can stand in one place: name it once as x, y or panels")
-    said = [dim.text(at[dim.name]) for dim in dims if dim.name in at]
-    taken = {name for name in (x, y, *panels) if name}
-    order = [dim for dim in free.values() if dim.name not in taken]
-    candidates = [dim.name for dim in order if len(dim.values) > 1 and dim.counted] + [
-        dim.name for dim in order if len(dim.values) > 1 and not dim.counted
-    ]
+
+
+def _sides(x: str, y: str, sides: int, free: Sequence[Dim]) -> tuple[str, str]:
+    """What stands along the sides: as it was asked for, else what is counted before names."""
+    candidates = [dim.name for dim in sorted(free, key=lambda dim: not dim.counted)]
     if not x and candidates:
         x = candidates.pop(0)
     if sides > 1 and not y and candidates:
         y = candidates.pop(0)
-    rest = [free[name] for name in free if name not in (x, y) and name not in panels]
-    chosen = [free[name] for name in panels]
-    fixed = dict(at)
-    open_ = [dim for dim in rest if len(dim.values) > 1]
-    for dim in rest:
-        if len(dim.values) == 1:
-            fixed[dim.name] = dim.values[0]
-            said.append(dim.text(dim.values[0]))
-    room = most // max(1, math.prod(len(dim.values) for dim in chosen))
-    for dim in sorted(open_, key=lambda dim: len(dim.values)):  # as many dims as fit
+    return x, y
+
+
+def _over_panels(chosen: list[Dim], rest: Sequence[Dim], most: int) -> tuple[list[Dim], list[Dim]]:
+    """The dims of panels, as many as fit, rows last; and those for which there is no room."""
+    left, room = [], most // max(1, math.prod(len(dim.values) for dim in chosen))
+    for dim in sorted((dim for dim in rest if len(dim.values) > 1), key=lambda dim: len(dim.values)):
         if len(chosen) < 2 and len(dim.values) <= room:
             chosen.append(dim)
             room //= len(dim.values)
         else:
-            value = middle.get(dim.name, dim.values[len(dim.values) // 2])
-            fixed[dim.name] = value if value in dim.values else dim.values[len(dim.values) // 2]
-            said.append(dim.text(fixed[dim.name]))
+            left.append(dim)
     if len(chosen) == 2 and len(chosen[1].values) > len(chosen[0].values):
         chosen.reverse()  # rows: the shorter one last
-    return Arrangement(free.get(x), free.get(y), tuple(chosen), fixed, tuple(said))
+    return chosen, left
+
+
+def _value(dim: Dim, middle: Mapping[str, Any]) -> Any:
+    """Where a dim is fixed that does not fit: as ``middle`` says, if it has that value, else in its middle."""
+    value = middle.get(dim.name)
+    return value if value in dim.values else dim.values[len(dim.values) // 2]

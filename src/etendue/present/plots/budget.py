@@ -37,75 +37,10 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
     whole = new_figure(11.0, high + below)
     figure, second = whole.subfigures(2, 1, height_ratios=(high, below)) if losses else (whole, None)
     time, error, left = figure.subplots(1, 3, sharey=True, width_ratios=(1.0, 1.25, 1.0))
-    rank = np.arange(len(rows))
     at = {name: [row[number] for row in rows] for number, name in enumerate(COLUMNS)}
-    seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
-    time.barh(rank, seconds, color="#4477aa", label="spent")
-    time.barh(
-        rank,
-        saved,
-        left=seconds,
-        color="none",
-        edgecolor="#4477aa",
-        hatch="////",
-        linewidth=0.6,
-        label="saved, as planned",
-    )
-    top = max(float((seconds + saved).max()), 1e-9)
-    for row, (own, more) in enumerate(zip(seconds, saved, strict=True)):
-        time.text(own + more + 0.01 * top, row, _seconds(own), va="center", fontsize=7)
-    time.set_xlim(0, 1.22 * top)
-    time.set_title(f"thread time: {_seconds(float(seconds.sum()))} in all", fontsize=9)
-    time.set_yticks(
-        rank,
-        [
-            f"{name}  ({cells} {'cell' if cells == 1 else 'cells'})"
-            for name, cells in zip(at["stage"], at["cells"], strict=True)
-        ],
-        fontsize=7.5,
-    )
-    time.invert_yaxis()
-    stated = np.array([np.nan if v is None else v for v in at["error"]], float)
-    bound = np.array(at["bound"], float)
-    positive = np.concatenate([stated[stated > 0], bound[bound > 1e-12]])
-    low = 10.0 ** np.floor(np.log10(max(float(positive.min()), 1e-12)) - 0.3) if positive.size else 1e-9
-    error.set_xscale("log")
-    error.barh(
-        rank - 0.19,
-        np.where(stated > low, stated - low, 0),
-        left=low,
-        height=0.36,
-        color="#cc6677",
-        label="of the stage itself",
-    )
-    error.barh(
-        rank + 0.19,
-        np.where(bound > low, bound - low, 0),
-        left=low,
-        height=0.36,
-        color="#ddcc77",
-        label="added by omissions, at most",
-    )
-    error.set_xlim(low, max(2.0 * float(positive.max()), 10 * low) * 12 if positive.size else 1.0)
-    for row, (own, how) in enumerate(zip(stated, at["how"], strict=True)):
-        text = "unknown" if np.isnan(own) else f"{'exact' if own == 0 else f'{own:.0e}'.replace('e-0', 'e-')}, {how}"
-        error.text(own * 1.15 if own > low else low * 1.15, row - 0.19, text, va="center", fontsize=6.5)
-    error.set_title("largest error, share of full scale", fontsize=9)
-    shares = {
-        name: np.array(at[name], float) / np.maximum(np.array(at["cells"], float), 1)
-        for name in ("left_out", "approximated", "failed")
-    }
-    start = np.zeros(len(rows))
-    for name, colour, words in (
-        ("left_out", "#117733", "left out"),
-        ("approximated", "#88ccee", "coarser"),
-        ("failed", "#c03028", "failed or skipped"),
-    ):
-        if name != "failed" or shares[name].any():
-            left.barh(rank, 100 * shares[name], left=100 * start, color=colour, label=words)
-            start = start + shares[name] if name != "approximated" else start
-    left.set_xlim(0, 105)
-    left.set_title("share of the cells, %", fontsize=9)
+    _draw_time(time, at)
+    _draw_error(error, at)
+    _draw_cells(left, at)
     for axes in (time, error, left):
         axes.tick_params(labelsize=7.5, length=2)
         axes.grid(axis="x", color="0.93")
@@ -135,6 +70,88 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
     return Plot(
         whole, (*COLUMNS, *(f"{loss['what'].lower()}_share" for loss in losses)), _with_shares(rows, losses), notes
     )
+
+
+def _draw_time(axes: Any, at: Mapping[str, list[Any]]) -> None:
+    """Bars of thread time by stage, spent and saved."""
+    rank = np.arange(len(at["stage"]))
+    seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
+    axes.barh(rank, seconds, color="#4477aa", label="spent")
+    axes.barh(
+        rank,
+        saved,
+        left=seconds,
+        color="none",
+        edgecolor="#4477aa",
+        hatch="////",
+        linewidth=0.6,
+        label="saved, as planned",
+    )
+    top = max(float((seconds + saved).max()), 1e-9)
+    for row, (own, more) in enumerate(zip(seconds, saved, strict=True)):
+        axes.text(own + more + 0.01 * top, row, _seconds(own), va="center", fontsize=7)
+    axes.set_xlim(0, 1.22 * top)
+    axes.set_title(f"thread time: {_seconds(float(seconds.sum()))} in all", fontsize=9)
+    axes.set_yticks(
+        rank,
+        [
+            f"{name}  ({cells} {'cell' if cells == 1 else 'cells'})"
+            for name, cells in zip(at["stage"], at["cells"], strict=True)
+        ],
+        fontsize=7.5,
+    )
+    axes.invert_yaxis()
+
+
+def _draw_error(axes: Any, at: Mapping[str, list[Any]]) -> None:
+    """Bars of stated errors by stage, on a logarithmic axis."""
+    rank = np.arange(len(at["stage"]))
+    stated = np.array([np.nan if v is None else v for v in at["error"]], float)
+    bound = np.array(at["bound"], float)
+    positive = np.concatenate([stated[stated > 0], bound[bound > 1e-12]])
+    low = 10.0 ** np.floor(np.log10(max(float(positive.min()), 1e-12)) - 0.3) if positive.size else 1e-9
+    axes.set_xscale("log")
+    axes.barh(
+        rank - 0.19,
+        np.where(stated > low, stated - low, 0),
+        left=low,
+        height=0.36,
+        color="#cc6677",
+        label="of the stage itself",
+    )
+    axes.barh(
+        rank + 0.19,
+        np.where(bound > low, bound - low, 0),
+        left=low,
+        height=0.36,
+        color="#ddcc77",
+        label="added by omissions, at most",
+    )
+    axes.set_xlim(low, max(2.0 * float(positive.max()), 10 * low) * 12 if positive.size else 1.0)
+    for row, (own, how) in enumerate(zip(stated, at["how"], strict=True)):
+        text = "unknown" if np.isnan(own) else f"{'exact' if own == 0 else f'{own:.0e}'.replace('e-0', 'e-')}, {how}"
+        axes.text(own * 1.15 if own > low else low * 1.15, row - 0.19, text, va="center", fontsize=6.5)
+    axes.set_title("largest error, share of full scale", fontsize=9)
+
+
+def _draw_cells(axes: Any, at: Mapping[str, list[Any]]) -> None:
+    """Bars of the share of cells that were left out, coarser or failed."""
+    rank = np.arange(len(at["stage"]))
+    shares = {
+        name: np.array(at[name], float) / np.maximum(np.array(at["cells"], float), 1)
+        for name in ("left_out", "approximated", "failed")
+    }
+    start = np.zeros(len(rank))
+    for name, colour, words in (
+        ("left_out", "#117733", "left out"),
+        ("approximated", "#88ccee", "coarser"),
+        ("failed", "#c03028", "failed or skipped"),
+    ):
+        if name != "failed" or shares[name].any():
+            axes.barh(rank, 100 * shares[name], left=100 * start, color=colour, label=words)
+            start = start + shares[name] if name != "approximated" else start
+    axes.set_xlim(0, 105)
+    axes.set_title("share of the cells, %", fontsize=9)
 
 
 def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:

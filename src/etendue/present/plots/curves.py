@@ -17,7 +17,7 @@ import numpy as np
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import first
 from etendue.errors import RequestError, nearest
-from etendue.present.plots.arrangement import Dim, arranged, dims_of
+from etendue.present.plots.arrangement import Arrangement, Dim, arranged, dims_of
 from etendue.present.plots.holdings import Held, Holdings
 from etendue.present.plots.labels import name_text, unit_text
 from etendue.present.plots.maps import preferred
@@ -53,12 +53,8 @@ def curves(
     dims = [dim for dim in dims_of([held]) if dim.name not in free]
     along, beside = _along(held, x, free, dims)
     rest = [dim for dim in dims if dim.name != along]
-    if lines and lines not in [dim.name for dim in rest]:
-        raise RequestError(
-            f"--lines {lines}: it is no dim that lines could tell apart{nearest(lines, [dim.name for dim in rest])}"
-        )
-    lines = lines or _told_apart(rest, chosen)
-    place = arranged(rest, 0 if not lines else 1, lines, "", panels, chosen, MOST_PANELS, middle)
+    lines = _told_apart(lines, rest, chosen)
+    place = arranged(rest, 0 if not lines else 1, (lines,), panels, chosen, MOST_PANELS, middle)
     hue = place.x if lines else None
     figure, grid = _figure(place.panels)
     columns = [
@@ -68,49 +64,66 @@ def curves(
         beside or along,
         held.variable,
     ]
-    rows: list[list[Any]] = []
-    units, title, ended, log = "", "", "", False
-    for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
-        own = {**place.fixed, **dict(zip((dim.name for dim in place.panels), where, strict=True))}
-        colours, seen = _colours(hue), set()
-        for colour, value in zip(colours, hue.values if hue else [None], strict=True):
-            full = {**own, **({hue.name: value} if hue else {})}
-            values = held.values(full)
-            values = values.sel({d: v for d, v in full.items() if d in values.dims})
-            xs, units, title = _x_of(held, along, beside, full)
-            ys = np.asarray(values.values, float)
-            text = hue.text(value) if hue else None
-            axes.plot(
-                xs,
-                ys,
-                color=colour,
-                label=text,
-                linewidth=1.4,
-                **({"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}),
-            )
-            rows += [[*full.values(), float(a), float(b)] for a, b in zip(xs, ys, strict=True)]
-            log = log or (along in held.axes and _dim(dims, along).spread)
-            end = _end(holdings, held, full, units)
-            if end is not None and end not in seen:
-                seen.add(end)
-                ended = end[1]
-                axes.axvline(end[0], color="0.6", linestyle="--", linewidth=0.9, zorder=0)
-        axes.set_title(", ".join(dim.text(v) for dim, v in zip(place.panels, where, strict=True)), fontsize=9)
-        axes.grid(color="0.93")
-        axes.tick_params(labelsize=7.5)
-        axes.set_xlabel(title, fontsize=8.5)
-    unit = unit_text(held.units)
-    for axes in grid:
-        if log:
-            axes.set_xscale("log")
-            _plain_ticks(axes, [v for v in _dim(dims, along).values])
-        if held.known.base and held.units == "1":
-            axes.axhline(0, color="0.8", linewidth=0.7, zorder=0)
-    grid[0].set_ylabel(wrapped(f"{held.title}{f', {unit}' if unit else ''}", 3.4), fontsize=8.5)
+    rows, ended = _draw_panels(grid, place, holdings, held, (along, beside), hue)
+    spread = next((dim for dim in dims if dim.name == along and along in held.axes and dim.spread), None)
+    _scale(grid, held, spread)
     words = f"{holdings.pipeline}: {held.title}" if holdings.pipeline else held.title
     figure.suptitle(wrapped(f"{words}, at {place.at}" if place.at else words, figure.get_figwidth()), fontsize=10)
     _legend(figure, grid[0], ended)
     return Plot(figure, columns, rows)
+
+
+def _scale(grid: Sequence[Any], held: Held, spread: Dim | None) -> None:
+    """``spread``: the axis along x, if its values are far apart."""
+    unit = unit_text(held.units)
+    for axes in grid:
+        if spread is not None:
+            axes.set_xscale("log")
+            _plain_ticks(axes, spread.values)
+        if held.known.base and held.units == "1":
+            axes.axhline(0, color="0.8", linewidth=0.7, zorder=0)
+    grid[0].set_ylabel(wrapped(f"{held.title}{f', {unit}' if unit else ''}", 3.4), fontsize=8.5)
+
+
+def _draw_panels(
+    grid: Sequence[Any], place: Arrangement, holdings: Holdings, held: Held, x: tuple[str, str], hue: Dim | None
+) -> tuple[list[list[Any]], str]:
+    """All panels: their numbers, and what the last end of x is called."""
+    rows: list[list[Any]] = []
+    ended = ""
+    for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
+        own = {**place.fixed, **dict(zip((dim.name for dim in place.panels), where, strict=True))}
+        drawn, title, end = _draw_lines(axes, holdings, held, x, hue, own)
+        rows += drawn
+        ended = end or ended
+        axes.set_title(", ".join(dim.text(v) for dim, v in zip(place.panels, where, strict=True)), fontsize=9)
+        axes.grid(color="0.93")
+        axes.tick_params(labelsize=7.5)
+        axes.set_xlabel(title, fontsize=8.5)
+    return rows, ended
+
+
+def _draw_lines(
+    axes: Any, holdings: Holdings, held: Held, x: tuple[str, str], hue: Dim | None, at: Mapping[str, Any]
+) -> tuple[list[list[Any]], str, str]:
+    """The lines of a panel and where x ends: their numbers, the title of x, and what the last end is called."""
+    rows: list[list[Any]] = []
+    title, ended, seen = "", "", set()
+    for colour, value in zip(_colours(hue), hue.values if hue else [None], strict=True):
+        full = {**at, **({hue.name: value} if hue else {})}
+        values = held.values(full)
+        values = values.sel({d: v for d, v in full.items() if d in values.dims})
+        xs, units, title = _x_of(held, *x, full)
+        ys = np.asarray(values.values, float)
+        dots: dict[str, Any] = {"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}
+        axes.plot(xs, ys, color=colour, label=hue.text(value) if hue else None, linewidth=1.4, **dots)
+        rows += [[*full.values(), float(a), float(b)] for a, b in zip(xs, ys, strict=True)]
+        end = _end(holdings, held, full, units)
+        if end is not None and end not in seen:
+            seen.add(end)
+            ended = end[1]
+            axes.axvline(end[0], color="0.6", linestyle="--", linewidth=0.9, zorder=0)
+    return rows, title, ended
 
 
 def _preferred(holdings: Holdings) -> Held:
@@ -148,8 +161,15 @@ def _along(held: Held, x: str, free: Sequence[str], dims: Sequence[Dim]) -> tupl
     )
 
 
-def _told_apart(rest: Sequence[Dim], chosen: Mapping[str, Any]) -> str:
-    """Names first (stages, factors), then the axis with the most values that lines can show."""
+def _told_apart(lines: str, rest: Sequence[Dim], chosen: Mapping[str, Any]) -> str:
+    """What lines tell apart: as it was asked for, else names first (stages, factors), then the axis with the most
+    values that lines can show.
+    """
+    names = [dim.name for dim in rest]
+    if lines and lines not in names:
+        raise RequestError(f"--lines {lines}: it is no dim that lines could tell apart{nearest(lines, names)}")
+    if lines:
+        return lines
     open_ = [dim for dim in rest if dim.name not in chosen and 1 < len(dim.values) <= MOST_LINES]
     named = [dim for dim in open_ if not dim.counted]
     return (named or open_)[0].name if open_ else ""
@@ -188,10 +208,6 @@ def _end(holdings: Holdings, held: Held, at: Mapping[str, Any], units: str) -> t
         if end and str(array.attrs.get("units", "")) == units and set(map(str, array.dims)) <= set(at):
             return float(array.sel({d: at[str(d)] for d in array.dims})), end
     return None
-
-
-def _dim(dims: Sequence[Dim], name: str) -> Dim:
-    return next(dim for dim in dims if dim.name == name)
 
 
 def _figure(panels: Sequence[Dim]) -> tuple[Any, list[Any]]:

@@ -8,6 +8,7 @@ Out: a ``Glance``: numbers, texts and small pictures. Texts may be a stranger's:
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import shlex
@@ -274,31 +275,27 @@ def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Figure]:
         *(name for name in front if name in able),
         *(name for name in able if name not in front and able[name].axes),
     ]
-    found = []
-    for one in (able[name] for name in names):
-        behind = f" behind {one.values_of('stage')[-1]}" if one.dims else ""
-        cells = math.prod(len(one.values_of(dim)) for dim in one.axes)
-        ranged = cells <= RANGED
-        place = {dim: value for dim, value in at.items() if dim in one.axes}
-        if not ranged and not _is_finished(one, at):
-            continue
-        values = one.values({} if ranged else place)
-        values = values.isel(stage=-1) if one.dims else values
-        own = float(values.sel(place if ranged else {}).values)
-        finite = values.values[np.isfinite(values.values)] if ranged and cells > 1 else np.empty(0)
-        if not (math.isfinite(own) or finite.size):
-            continue
-        least, most = (float(finite.min()), float(finite.max())) if finite.size else (math.nan, math.nan)
-        found.append(Figure(one.variable, _placed(one.title, behind), one.units, own, least, most))
-        if len(found) == MOST_FIGURES:
-            break
-    return found
+    found = (own for name in names if (own := _figure(able[name], at)) is not None)
+    return list(itertools.islice(found, MOST_FIGURES))
 
 
-def _placed(title: str, behind: str) -> str:
-    """The stage goes before what a figure leaves out: 'level behind filter, without sharpen'."""
-    name, without, rest = title.partition(", without ")
-    return f"{name}{behind}{without}{rest}"
+def _figure(one: Held, at: Mapping[str, Any]) -> Figure | None:
+    """A figure of one cell and its range over the sweep; None where neither is known."""
+    cells = math.prod(len(one.values_of(dim)) for dim in one.axes)
+    ranged = cells <= RANGED
+    place = {dim: value for dim, value in at.items() if dim in one.axes}
+    if not ranged and not _is_finished(one, at):
+        return None
+    values = one.values({} if ranged else place)
+    values = values.isel(stage=-1) if one.dims else values
+    own = float(values.sel(place if ranged else {}).values)
+    finite = values.values[np.isfinite(values.values)] if ranged and cells > 1 else np.empty(0)
+    if not (math.isfinite(own) or finite.size):
+        return None
+    least, most = (float(finite.min()), float(finite.max())) if finite.size else (math.nan, math.nan)
+    behind = f" behind {one.values_of('stage')[-1]}" if one.dims else ""
+    name, without, rest = one.title.partition(", without ")  # 'level behind filter, without sharpen'
+    return Figure(one.variable, f"{name}{behind}{without}{rest}", one.units, own, least, most)
 
 
 def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:
@@ -350,13 +347,17 @@ def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, st
     ]
 
 
+def _places(one: Held, at: Mapping[str, Any]) -> str:
+    """The values of what is swept, as words of a call."""
+    axes = {dim: one.values_of(dim) for dim in one.axes if dim.isidentifier()}
+    return "".join(f", {dim}={at.get(dim, values[0])!r}" for dim, values in axes.items() if len(values) > 1)
+
+
 def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tuple[str, str]]:
     """In Python for any tree; as commands for what is stored."""
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
-    named = next(
-        (one.variable for name in first("glance") for one in varying if one.variable == name),
-        varying[-1].variable if varying else "",
-    )
+    names = [one.variable for one in varying]
+    named = next((name for name in first("glance") if name in names), names[-1] if names else "")
     pictured = {one.variable: one for one in holdings.of_kind("picture")}
     front = [name for name in first("picture") if name in pictured]
     picture = next((name for name in (*front, *reversed(pictured)) if _is_finished(pictured[name], at)), "")
@@ -367,12 +368,7 @@ def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tup
         else []
     )
     if picture:
-        one = pictured[picture]
-        places = "".join(
-            f", {dim}={at.get(dim, one.values_of(dim)[0])!r}"
-            for dim in one.axes
-            if len(one.values_of(dim)) > 1 and dim.isidentifier()
-        )
+        places = _places(pictured[picture], at)
         found.append((f'tree.etendue.show("{picture}"{places})', "one picture of one cell"))
     if not place:
         return found

@@ -82,7 +82,10 @@ def failed_cells(
     """(stage, where, message) of every cell that failed."""
     if ledger is not None:
         return _failed_of(ledger, units)
-    return _failed_in(journal) if journal else _failed_by_status(holdings, units)
+    if not journal:
+        return _failed_by_status(holdings, units)
+    told = [name for name, event, status, *_ in journal.said.told() if event == status == "failed"]
+    return [(stage, where, "") for stage, _, where in (name.partition(" ") for name in told)]  # why is told at its end
 
 
 def _failed_of(ledger: xarray.Dataset, units: Mapping[str, str]) -> list[tuple[str, str, str]]:
@@ -97,21 +100,10 @@ def _failed_of(ledger: xarray.Dataset, units: Mapping[str, str]) -> list[tuple[s
             (
                 str(ledger["stage"].values[row]),
                 places_text(known, dict(units)),
-                _last_line(str(ledger["message"].values[row])),
+                str(ledger["message"].values[row]).strip().rpartition("\n")[2].strip(),  # the rest is in the ledger
             )
         )
     return found
-
-
-def _last_line(message: str) -> str:
-    """What an error says, without the places that it came through; they are in the ledger."""
-    return (message.strip().split("\n") or [""])[-1].strip()
-
-
-def _failed_in(journal: Any) -> list[tuple[str, str, str]]:
-    """Of a run that has no ledger yet: where; what went wrong is told at its end."""
-    names = [name for name, event, status, *_ in journal.said.told() if event == "failed" and status == "failed"]
-    return [(stage, where, "") for stage, _, where in (name.partition(" ") for name in names)]
 
 
 def _failed_by_status(holdings: Holdings, units: Mapping[str, str]) -> list[tuple[str, str, str]]:

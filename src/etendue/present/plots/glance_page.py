@@ -14,7 +14,7 @@ from html import escape
 from typing import Any
 
 from etendue.contract.wording import words as called
-from etendue.present.plots.glance import MOST_PICTURES, MOST_ROWS, Figure, Glance
+from etendue.present.plots.glance import MOST_PICTURES, MOST_ROWS, Glance
 from etendue.present.plots.strip import Tile
 from etendue.present.terminal.html_tables import table
 from etendue.present.terminal.terminal import human_seconds
@@ -69,12 +69,7 @@ def page(one: Glance, run: str = "") -> str:
     if one.pictures:
         parts.append(_strip(one.pictures, one.at))
     if one.figures:
-        heads = (
-            "figure",
-            f"at {one.at}".replace(" ", "\N{NO-BREAK SPACE}") if one.at else "value",
-            *(("over the sweep",) if one.axes else ()),
-        )
-        parts.append(table("Figures", heads, [_figure_row(own, bool(one.axes)) for own in one.figures]))
+        parts.append(_figures(one))
     if one.omitted:
         rows = [
             (stage, f"{n} of {of}", why, _bound(most), _seconds(saved))
@@ -85,6 +80,21 @@ def page(one: Glance, run: str = "") -> str:
     parts += [f"<div>{safe(note)}</div>" for note in one.notes]
     parts.append(_commands(one.commands))
     return f'<div class="etendue" style="max-width:70em;line-height:1.45">{"".join(parts)}</div>'
+
+
+def _figures(one: Glance) -> str:
+    """The table of figures; numbers stay with their units."""
+    heads = (
+        "figure",
+        f"at {one.at}".replace(" ", "\N{NO-BREAK SPACE}") if one.at else "value",
+        *(("over the sweep",) if one.axes else ()),
+    )
+    rows = []
+    for own in one.figures:
+        title = own.title if own.title.replace(" ", "_") == own.name else f"{own.title} ({own.name})"
+        values = (own.said, own.spanned) if one.axes else (own.said,)
+        rows.append((title, *(value.replace(" ", "\N{NO-BREAK SPACE}") for value in values)))
+    return table("Figures", heads, rows)
 
 
 def _style(style: str) -> str:
@@ -115,12 +125,6 @@ def _where(row: tuple[str, str, str]) -> str:
 
 def _more(rows: Sequence[Any]) -> list[str]:
     return [f"and {len(rows) - MOST_ROWS} more"] if len(rows) > MOST_ROWS else []
-
-
-def _figure_row(own: Figure, swept: bool) -> tuple[str, ...]:
-    title = own.title if own.title.replace(" ", "_") == own.name else f"{own.title} ({own.name})"
-    values = (own.said, own.spanned) if swept else (own.said,)
-    return (title, *(value.replace(" ", "\N{NO-BREAK SPACE}") for value in values))  # a number keeps its unit
 
 
 def _bound(most: float) -> str:

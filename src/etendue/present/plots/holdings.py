@@ -7,7 +7,7 @@ Out: ``Held`` by stage and variable; its values over the whole sweep, the shapes
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -144,16 +144,8 @@ class Held:
         finished = failed.copy()
         dims: tuple[str, ...] = ()
         coords: dict[str, Any] = {}
-        for group in self.groups:
-            if any(value not in group[dim].values.tolist() for dim, value in at.items() if dim in self.axes):
-                continue
-            chosen = group[[variable, *(["status"] if "status" in group else [])]].sel(
-                {k: v for k, v in at.items() if k in group.coords}
-            )
-            array, status = (
-                _loaded(chosen[variable], self),
-                _loaded(chosen["status"], self) if "status" in chosen else None,
-            )
+        for group in self.groups_at(at):
+            array, flags = self._cells(group, variable, at, axes)
             dims = tuple(str(dim) for dim in array.dims if dim not in axes)
             coords |= {dim: group[dim] for dim in dims if dim in group.coords}
             own = array.transpose(*axes, *dims).values.astype(np.float64)
@@ -166,7 +158,6 @@ class Held:
             place: Any = (
                 np.ix_(*([labels[dim].index(v) for v in group[dim].values.tolist()] for dim in axes)) if axes else ...
             )
-            flags = np.zeros(own.shape[: len(axes)]) if status is None else status.transpose(*axes).values
             there = np.isin(flags, FINISHED)
             whole[place] = np.where(there[(..., *[None] * len(dims))], own, whole[place])
             finished[place] |= there
@@ -177,6 +168,25 @@ class Held:
         over = {dim: xarray.Variable((dim,), np.array(own), first[dim].attrs) for dim, own in labels.items()}
         values = xarray.DataArray(whole, {**over, **coords}, (*axes, *dims), variable, dict(first[variable].attrs))
         return values, xarray.DataArray(failed, over, tuple(axes)), xarray.DataArray(finished, over, tuple(axes))
+
+    def groups_at(self, at: Mapping[str, Any]) -> list[xarray.Dataset]:
+        """The groups that have cells at some values of the axes."""
+        own = {dim: value for dim, value in at.items() if dim in self.axes}
+        return [
+            group for group in self.groups if all(value in group[dim].values.tolist() for dim, value in own.items())
+        ]
+
+    def _cells(
+        self, group: xarray.Dataset, variable: str, at: Mapping[str, Any], axes: Sequence[str]
+    ) -> tuple[xarray.DataArray, Any]:
+        """A variable of a group at some values, and over the axes what became of each cell."""
+        chosen = group[[variable, *(["status"] if "status" in group else [])]].sel(
+            {k: v for k, v in at.items() if k in group.coords}
+        )
+        array = _loaded(chosen[variable], self)
+        if "status" not in chosen:
+            return array, np.zeros([array.sizes[dim] for dim in axes])
+        return array, _loaded(chosen["status"], self).transpose(*axes).values
 
 
 class Holdings:

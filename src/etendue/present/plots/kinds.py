@@ -138,28 +138,31 @@ def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple
     """
     if kind in kinds():
         return kind, tuple(figures)
-    if kind:  # the name of a variable in the place of a kind
-        named = [one for one in holdings if kind in (one.variable, one.name)]
-        if not named:
-            names = [*kinds(), *(one.variable for one in holdings)]
-            raise RequestError(
-                f"{kind!r} is no kind of plot ({', '.join(kinds())}) and no variable here{nearest(kind, names)}; "
-                f"etendue plot {holdings.archive} --list"
-            )
-        figures = (kind, *figures)
-        if len(figures) == 2:
-            return "pareto", tuple(figures)
-        held = {one.kind for one in named}
-        if "figure" in held:
-            one = next(one for one in reversed(named) if one.kind == "figure")
-            return next((name for name, own in kinds().items() if own.index and one.known.index), "map"), tuple(figures)
-        return ("curves" if "curve" in held else "show"), tuple(figures)
+    if kind:
+        return _of_variable(holdings, kind, len(figures)), (kind, *figures)
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
     if varying:
         return "map", ()
     if holdings.of_kind("picture") or holdings.table("frames") is not None:
         return "strip", ()
     return ("curves", ()) if holdings.of_kind("curve") else ("budget", ())
+
+
+def _of_variable(holdings: Holdings, variable: str, others: int) -> str:
+    """What shows a variable whose name stands in the place of a kind, beside so many others."""
+    named = [one for one in holdings if variable in (one.variable, one.name)]
+    if not named:
+        kind, names = variable, [*kinds(), *(one.variable for one in holdings)]
+        raise RequestError(
+            f"{kind!r} is no kind of plot ({', '.join(kinds())}) and no variable here{nearest(kind, names)}; "
+            f"etendue plot {holdings.archive} --list"
+        )
+    if others == 1:
+        return "pareto"
+    one = next((one for one in reversed(named) if one.kind == "figure"), None)
+    if one is not None:
+        return next((name for name, own in kinds().items() if own.index and one.known.index), "map")
+    return "curves" if "curve" in {one.kind for one in named} else "show"
 
 
 def shown_at(holdings: Holdings) -> dict[str, Any]:

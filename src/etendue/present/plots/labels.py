@@ -92,12 +92,9 @@ def places_text(places: dict[str, Any], units: dict[str, str]) -> str:
     for dim, value in places.items():
         unit = units.get(dim, "")
         text = value_text(value, unit, dim)
-        texts.append(text if _says_itself(dim, unit, value) else f"{dim.replace('_', ' ')} {text}")
+        says_itself = isinstance(value, str) or wording.prefix(dim) or unit_text(unit) not in ("", "°")
+        texts.append(text if says_itself else f"{dim.replace('_', ' ')} {text}")
     return ", ".join(texts)
-
-
-def _says_itself(dim: str, units: str, value: Any) -> bool:
-    return isinstance(value, str) or bool(wording.prefix(dim)) or unit_text(units) not in ("", "°")
 
 
 def _is_number(value: Any) -> bool:

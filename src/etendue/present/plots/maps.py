@@ -42,7 +42,7 @@ def figure_map(
     held = holdings.find(figure, "figure") if figure else preferred(holdings)
     if held.known.index:
         return factor_map(holdings, held.name, x, y, panels, at, middle)
-    place = arranged(dims_of([held]), 2, x, y, panels, resolved([held], at or {}), middle=middle)
+    place = arranged(dims_of([held]), 2, (x, y), panels, resolved([held], at or {}), middle=middle)
     values, failed, there = laid_out(held, place)
     drawn = map_of_figures(
         values, _sides(place), _title(held.title, holdings, place), unit_text(held.units), failed=failed, there=there
@@ -73,7 +73,7 @@ def factor_map(
     names = names_of(held)
     if not names:
         raise RequestError(f"{held.name} is a plain number, no index into names; map draws it")
-    place = arranged(dims_of([held]), 2, x, y, panels, resolved([held], at or {}), middle=middle)
+    place = arranged(dims_of([held]), 2, (x, y), panels, resolved([held], at or {}), middle=middle)
     values, failed, _ = laid_out(held, place)
     what = f"{held.known.asks}{without(held.attrs)}" if held.known.asks else held.title
     title = _title(what, holdings, place)

@@ -82,7 +82,8 @@ def map_of_figures(
                 _mark(panel, row, column, FAILED, "#c03028", room)
             elif math.isfinite(value):
                 if room:
-                    colour = "white" if _is_dark(norm, value) else "black"
+                    dark = norm.vmax == norm.vmin or float(norm(value)) < 0.6  # one number alone has the darkest
+                    colour = "white" if dark else "black"
                     panel.text(
                         column, row, number_text(value, digits), ha="center", va="center", fontsize=room, color=colour
                     )
@@ -169,10 +170,6 @@ def scale_of(values: Any) -> Any:
     if low > 0 and high / low > SPREAD:
         return LogNorm(low, high)
     return Normalize(low, high)
-
-
-def _is_dark(norm: Any, value: float) -> bool:
-    return norm.vmax == norm.vmin or float(norm(value)) < 0.6  # one number alone has the darkest colour
 
 
 def _mark(panel: Any, row: int, column: int, text: str, colour: str, room: float) -> None:

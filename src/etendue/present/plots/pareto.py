@@ -83,7 +83,34 @@ def pareto(
     sense = [_better(one, place, better) for place, one in enumerate(held)]
     place = resolved(held, at or {})
     said = [dim.text(place[dim.name]) for dim in dims_of(held) if dim.name in place]
-    for one in held:  # the last entry of a dim of names, such as the last of the stages that blur
+    said += _behind(held, place)
+    arrays = [_at(one, place) for one in held]
+    a, b = xarray.broadcast(*arrays)
+    dims = [dim for dim in dims_of(held) if dim.name in a.dims]
+    order = [dim.name for dim in dims]
+    values = np.stack([np.ravel(one.transpose(*order).values) for one in (a, b)], axis=1)
+    index: Any = np.argwhere(np.ones([len(dim.values) for dim in dims], bool))
+    signs = np.array([1.0 if s == HIGHER else -1.0 for s in sense])
+    best = front(values * signs)
+    if not np.isfinite(values).all(axis=1).any():
+        raise RequestError(f"no cell has both {held[0].name} and {held[1].name}")
+    words = [f"{held[1].title} against {held[0].title}", *said]
+    title = f"{holdings.pipeline}: {', '.join(words)}" if holdings.pipeline else ", ".join(words)
+    figure = _draw(held, sense, values, best, index, dims, title)
+    alike = held[0].variable == held[1].variable
+    columns = [*order, *(one.name if alike else one.variable for one in held), "front"]
+    rows = [
+        [*(d.values[i] for d, i in zip(dims, own, strict=True)), *map(float, v), bool(on)]
+        for own, v, on in zip(index, values, best, strict=True)
+    ]
+    lost = int((~np.isfinite(values).all(axis=1)).sum())
+    return Plot(figure, columns, rows, [f"{lost} of {len(values)} cells have no such values"] if lost else [])
+
+
+def _behind(held: Sequence[Held], place: dict[str, Any]) -> list[str]:
+    """The last entry of a dim of names, such as the last of the stages that blur, into the place; and what says so."""
+    said = []
+    for one in held:
         for dim in one.dims:
             if dim not in place:
                 names = one.values_of(dim)
@@ -94,27 +121,7 @@ def pareto(
                     )
                 place[dim] = names[-1]
                 said.append(f"behind {names[-1]}")
-    arrays = [_at(one, place) for one in held]
-    a, b = xarray.broadcast(*arrays)
-    dims = [dim for dim in dims_of(held) if dim.name in a.dims]
-    order = [dim.name for dim in dims]
-    values = np.stack([np.ravel(one.transpose(*order).values) for one in (a, b)], axis=1)
-    grid: Any = np.meshgrid(*(np.arange(len(dim.values)) for dim in dims), indexing="ij")
-    index: Any = np.stack([g.ravel() for g in grid], axis=1) if dims else np.zeros((1, 0), int)
-    signs = np.array([1.0 if s == HIGHER else -1.0 for s in sense])
-    best = front(values * signs)
-    if not np.isfinite(values).all(axis=1).any():
-        raise RequestError(f"no cell has both {held[0].name} and {held[1].name}")
-    words = [f"{held[1].title} against {held[0].title}", *said]
-    title = f"{holdings.pipeline}: {', '.join(words)}" if holdings.pipeline else ", ".join(words)
-    figure = _draw(held, sense, values, best, index, dims, title)
-    columns = [*order, *(one.name if held[0].variable == held[1].variable else one.variable for one in held), "front"]
-    rows = [
-        [*(d.values[i] for d, i in zip(dims, own, strict=True)), *map(float, v), bool(on)]
-        for own, v, on in zip(index, values, best, strict=True)
-    ]
-    lost = int((~np.isfinite(values).all(axis=1)).sum())
-    return Plot(figure, columns, rows, [f"{lost} of {len(values)} cells have no such values"] if lost else [])
+    return said
 
 
 def _chosen(holdings: Holdings, first: str, second: str) -> list[Held]:
@@ -170,11 +177,12 @@ def _draw(
     hue, shape = (*varying, None, None)[:2]
     if shape is not None and len(dims[shape].values) > len(MARKERS):
         shape = None
-    colours = (
-        colormaps["plasma"](np.linspace(0.05, 0.9, len(dims[hue].values))) if hue is not None else [(0.2, 0.4, 0.7, 1)]
-    )
-    for mark in range(len(dims[shape].values)) if shape is not None else (0,):
-        own = index[:, shape] == mark if shape is not None else np.ones(len(index), bool)
+    colours: Any = [(0.2, 0.4, 0.7, 1)]
+    if hue is not None:
+        colours = colormaps["plasma"](np.linspace(0.05, 0.9, len(dims[hue].values)))
+    marks = np.zeros(len(index), int) if shape is None else index[:, shape]
+    for mark in range(1 if shape is None else len(dims[shape].values)):
+        own = marks == mark
         tint = [colours[i] for i in index[own, hue]] if hue is not None else colours[0]
         axes.scatter(*values[own].T, c=tint, marker=MARKERS[mark], s=26, linewidths=0, alpha=0.75, zorder=2)
     axes.step(
@@ -186,12 +194,7 @@ def _draw(
         where="pre" if sense[0] == HIGHER else "post",
     )
     axes.scatter(*values[on].T, facecolors="none", edgecolors="black", s=70, linewidths=1.1, zorder=3)
-    lines = []
-    for number, place in enumerate(named, 1):
-        axes.annotate(str(number), values[place], (5, 5), textcoords="offset points", fontsize=7.5, zorder=4)
-        where = {dim.name: dim.values[i] for dim, i in zip(dims, index[place], strict=True)}
-        text = places_text(where, {dim.name: dim.units for dim in dims}) or "the only cell"
-        lines.append(f"{number:2d}  {text}:  {number_text(values[place, 0])}, {number_text(values[place, 1])}")
+    lines = _name_points(axes, values, named, index, dims)
     more = f"\n({len(on) - len(named)} more)" if len(on) > len(named) else ""
     head = f"The front, {len(on)} of {int(np.isfinite(values).all(axis=1).sum())} cells"
     handles = [Line2D([], [], linestyle="none", label=line) for line in [head, *lines]]
@@ -205,27 +208,36 @@ def _draw(
         handletextpad=0,
     )
     legend.get_texts()[0].set_fontweight("bold")
-    marks = []
-    if hue is not None:
-        marks += [
-            Line2D([], [], linestyle="none", marker="o", markersize=5, color=c, label=dims[hue].text(v))
-            for c, v in _few(colours, dims[hue].values)
-        ]
-    if shape is not None:
-        marks += [
-            Line2D([], [], linestyle="none", marker=MARKERS[i], markersize=5, color="0.4", label=dims[shape].text(v))
-            for i, v in enumerate(dims[shape].values)
-        ]
-    if marks:
+    if meant := _marks(dims, hue, shape, colours):
         figure.legend(
-            handles=marks,
+            handles=meant,
             loc="outside lower center",
-            ncols=min(10, len(marks)),
+            ncols=min(10, len(meant)),
             fontsize=7.5,
             frameon=False,
             columnspacing=1.0,
             handletextpad=0.2,
         )
+    _name_sides(axes, held, sense, values)
+    axes.margins(0.09)  # numbers beside the outermost points stay clear of the frame
+    axes.tick_params(labelsize=8)
+    axes.grid(color="0.92", zorder=0)
+    axes.set_title(wrapped(title, 6.2), fontsize=10)
+    return figure
+
+
+def _name_points(axes: Any, values: Any, named: Any, index: Any, dims: Sequence[Dim]) -> list[str]:
+    """Numbers beside some points, and a line for each: where it is, and both figures."""
+    lines = []
+    for number, place in enumerate(named, 1):
+        axes.annotate(str(number), values[place], (5, 5), textcoords="offset points", fontsize=7.5, zorder=4)
+        where = {dim.name: dim.values[i] for dim, i in zip(dims, index[place], strict=True)}
+        text = places_text(where, {dim.name: dim.units for dim in dims}) or "the only cell"
+        lines.append(f"{number:2d}  {text}:  {number_text(values[place, 0])}, {number_text(values[place, 1])}")
+    return lines
+
+
+def _name_sides(axes: Any, held: Sequence[Held], sense: Sequence[str], values: Any) -> None:
     for number, (one, word, name) in enumerate(zip(held, sense, "xy", strict=True)):
         unit = unit_text(one.units)
         own = values[:, number][np.isfinite(values[:, number])]
@@ -234,13 +246,20 @@ def _draw(
         )
         if own.min() > 0 and own.max() / own.min() > 30:
             getattr(axes, f"set_{name}scale")("log")
-    axes.margins(0.09)  # numbers beside the outermost points stay clear of the frame
-    axes.tick_params(labelsize=8)
-    axes.grid(color="0.92", zorder=0)
-    axes.set_title(wrapped(title, 6.2), fontsize=10)
-    return figure
 
 
-def _few(colours: Any, values: Sequence[Any], most: int = 8) -> list[tuple[Any, Any]]:
-    chosen = np.unique(np.linspace(0, len(values) - 1, min(most, len(values))).round().astype(int))
-    return [(colours[i], values[i]) for i in chosen]
+def _marks(dims: Sequence[Dim], hue: int | None, shape: int | None, colours: Any) -> list[Any]:
+    """What colours and markers stand for; of many colours some."""
+    from matplotlib.lines import Line2D
+
+    marks: list[tuple[str, Any, str]] = []
+    if hue is not None:
+        values = dims[hue].values
+        some = np.unique(np.linspace(0, len(values) - 1, min(8, len(values))).round().astype(int))
+        marks += [("o", colours[i], dims[hue].text(values[i])) for i in some]
+    if shape is not None:
+        marks += [(MARKERS[i], "0.4", dims[shape].text(value)) for i, value in enumerate(dims[shape].values)]
+    return [
+        Line2D([], [], linestyle="none", marker=marker, markersize=5, color=colour, label=label)
+        for marker, colour, label in marks
+    ]

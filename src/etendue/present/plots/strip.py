@@ -8,7 +8,7 @@ Out: a ``Plot``: a sample is a whole number of dots where it can be, the first r
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,12 +88,8 @@ def _of_stages(holdings: Holdings, variable: str, stage: str, at: Mapping[str, A
 def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str, Any]) -> tuple[list[Tile], str]:
     held = holdings.find(f"{stage}.{variable}" if stage else variable, "picture")
     asked = resolved([held], at)
-    open_ = [dim for dim in held.axes if dim not in asked and len(held.values_of(dim)) > 1]
-    if len(open_) > 1:
-        chosen = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_[1:])
-        raise RequestError(
-            f"{held.name} has {' and '.join(open_)} open: choose a value of all but one, such as {chosen}"
-        )
+    swept = [dim for dim in held.axes if len(held.values_of(dim)) > 1]
+    open_ = _one_open(held, [dim for dim in swept if dim not in asked])
     fixed = {dim: asked.get(dim, held.values_of(dim)[0]) for dim in held.axes if dim not in open_}
     units = {dim: held.units_of(dim) for dim in held.axes}
     found: list[tuple[str, str, xarray.DataArray, bool, float]] = []
@@ -104,9 +100,18 @@ def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str,
             label = value_text(value, units[open_[0]], open_[0]) if open_ else held.stage
             found.append((label, held.variable, *picture, 0.0 if picture[1] else white_of(holdings, held, place)))
     bright = max((white for *_, white in found), default=1.0)  # one for all, so that what is darker looks darker
-    found = [(label, name, array, failed, bright) for label, name, array, failed, _ in found]
-    said = places_text({dim: v for dim, v in fixed.items() if len(held.values_of(dim)) > 1}, units)
+    found = [(*one[:-1], bright) for one in found]
+    said = places_text({dim: v for dim, v in fixed.items() if dim in swept}, units)
     return _with_parts(found), f"{held.title}{', ' + said if said else ''}"
+
+
+def _one_open(held: Held, open_: list[str]) -> list[str]:
+    if len(open_) > 1:
+        chosen = _words_at(held, open_[1:])
+        raise RequestError(
+            f"{held.name} has {' and '.join(open_)} open: choose a value of all but one, such as {chosen}"
+        )
+    return open_
 
 
 def picture_of(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool]:
@@ -136,8 +141,7 @@ def _open_text(held: Held, open_: list[str]) -> str:
         values = held.values_of(dim)
         more = f", ... ({len(values)})" if len(values) > MOST_SAID else ""
         said.append(f"{dim} is {', '.join(value_text(v, held.units_of(dim), dim) for v in values[:MOST_SAID])}{more}")
-    chosen = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_)
-    others = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_[1:])
+    chosen, others = _words_at(held, open_), _words_at(held, open_[1:])
     shapes = (
         ", in pictures of several sizes"
         if len({tuple(g.sizes[d] for d in ("y", "x")) for g in held.groups}) > 1
@@ -150,18 +154,18 @@ def _open_text(held: Held, open_: list[str]) -> str:
     )
 
 
-def _typed(value: Any) -> str:
-    """A value of an axis as it is typed in a shell."""
-    return shlex.quote(f"{value:.6g}" if isinstance(value, float) else str(value))
+def _words_at(held: Held, dims: Sequence[str]) -> str:
+    """The first value of each of some axes, as it is typed in a shell."""
+    first = {dim: held.values_of(dim)[0] for dim in dims}
+    typed = {dim: f"{value:.6g}" if isinstance(value, float) else str(value) for dim, value in first.items()}
+    return " ".join(f"--at {dim}={shlex.quote(text)}" for dim, text in typed.items())
 
 
 def _picture(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool] | None:
     """One cell of a variable, in the shape that has it; None where no shape does."""
     values = {dim: value for dim, value in at.items() if dim in held.axes}
     inner = {dim: value for dim, value in at.items() if dim in held.dims}
-    for group in held.groups:
-        if any(value not in group[dim].values.tolist() for dim, value in values.items()):
-            continue
+    for group in held.groups_at(at):
         one = group[[held.variable, *(["status"] if "status" in group else [])]].sel(values)
         status = int(one["status"]) if "status" in one else 0
         if status == 4 and group is not held.groups[-1]:  # another shape has it
@@ -274,7 +278,7 @@ def _draw(tiles: list[Tile], title: str) -> Any:
             linespacing=1.1,
         )
         indent = left + (wide - size[1]) // 2
-        axes = _placed(figure, one.picture, indent, top, size, width, height)
+        axes = _placed(figure, one.picture, indent, top, size)
         if one.part is not None and one.where is not None:
             from matplotlib.patches import Rectangle
 
@@ -282,7 +286,7 @@ def _draw(tiles: list[Tile], title: str) -> Any:
             y, x, h, w = (s * n for s, n in zip(one.where, (rows, columns, rows, columns), strict=True))
             axes.add_patch(Rectangle((x - 0.5, y - 0.5), w, h, fill=False, edgecolor="#ff2222", linewidth=0.8))
             side = _fitted(one.part.shape[:2], inset)
-            _placed(figure, one.part, left + (wide - side[1]) // 2, top + high + 6, side, width, height, "#ff2222")
+            _placed(figure, one.part, left + (wide - side[1]) // 2, top + high + 6, side, "#ff2222")
     return figure
 
 
@@ -293,10 +297,9 @@ def _fitted(shape: tuple[int, int], box: int) -> tuple[int, int]:
     return max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
 
 
-def _placed(
-    figure: Any, picture: Any, left: int, top: int, size: tuple[int, int], width: int, height: int, edge: str = ""
-) -> Any:
+def _placed(figure: Any, picture: Any, left: int, top: int, size: tuple[int, int], edge: str = "") -> Any:
     """A picture at its place in dots, upright, samples as squares."""
+    width, height = (round(DPI * length) for length in figure.get_size_inches())
     axes = figure.add_axes((left / width, 1 - (top + size[0]) / height, size[1] / width, size[0] / height))
     small = size[0] < picture.shape[0]
     axes.imshow(picture, origin="upper", interpolation="antialiased" if small else "none", aspect="auto")
@@ -358,5 +361,5 @@ def show_array(array: xarray.DataArray, failed: bool = False, title: str = "", w
         va="center",
         fontsize=min(8, 1.55 * width / max(len(t) for t in text.split("\n")) if text else 8),
     )
-    _placed(figure, picture, (width - size[1]) // 2, head, size, width, height)
+    _placed(figure, picture, (width - size[1]) // 2, head, size)
     return Plot(figure, ("height", "width"), [[rows, columns]], [text] if failed or lost else [], DPI)

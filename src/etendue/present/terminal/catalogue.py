@@ -11,6 +11,7 @@ import re
 from inspect import cleandoc
 from typing import Any
 
+from rich.console import Console
 from rich.padding import Padding
 
 from etendue.contract import quantities
@@ -110,28 +111,32 @@ def print_stage(document: dict[str, Any]) -> None:
         for declaration in document[what].values():
             console.print(f"{what:7s} {escape(declaration)}")
     for key, p in document["parameters"].items():
-        units = f" {p['units']}" if p["units"] not in ("1", "") else ""
-        value = f" in{units}" if units else ""
-        if not p["required"]:
-            value = " = ''" if p["default"] == "" else f" = {p['default']}{units}"
-        allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
-        notes = [
-            text
-            for text in (
-                "required" if p["required"] else "",
-                f"under [{next(iter(tables()))}]" if p["shared"] else "",
-                allowed,
-            )
-            if text
-        ]
-        console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
-        settings = f"; from the cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
+        _print_parameter(console, key, p)
+
+
+def _print_parameter(console: Console, key: str, p: dict[str, Any]) -> None:
+    units = f" {p['units']}" if p["units"] not in ("1", "") else ""
+    value = f" in{units}" if units else ""
+    if not p["required"]:
+        value = " = ''" if p["default"] == "" else f" = {p['default']}{units}"
+    allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
+    notes = [
+        text
         for text in (
-            p["doc"],
-            f"a finer setting costs time; reference: {p['fidelity']}{settings}" if p["fidelity"] else "",
-        ):
-            if text:
-                console.print(Padding(escape(text), (0, 0, 0, 4)))
+            "required" if p["required"] else "",
+            f"under [{next(iter(tables()))}]" if p["shared"] else "",
+            allowed,
+        )
+        if text
+    ]
+    console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
+    settings = f"; from the cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
+    for text in (
+        p["doc"],
+        f"a finer setting costs time; reference: {p['fidelity']}{settings}" if p["fidelity"] else "",
+    ):
+        if text:
+            console.print(Padding(escape(text), (0, 0, 0, 4)))
 
 
 def quantity_document(name: str, registry: Registry | None = None) -> dict[str, Any]:

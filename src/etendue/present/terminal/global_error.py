@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from rich.console import Console
+
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds, short_axes
 
 SHOWN = 10  # rows; what is smaller is told in one line
@@ -107,6 +109,12 @@ def print_global_error(document: dict[str, Any]) -> None:
                 "",
             )
     out.print(rows)
+    _print_held(out, document, errors)
+
+
+def _print_held(out: Console, document: dict[str, Any], errors: list[tuple[str, dict[str, Any]]]) -> None:
+    """Whether what is wanted is within its tolerance, and where that was measured."""
+    told = document["measured"]
     if len(errors) > SHOWN:
         out.print(f"{len(errors) - SHOWN} further variables, rms at most {_number(errors[SHOWN][1]['rms'])}")
     for why in dict.fromkeys(error["why"] for _, error in errors if "why" in error):

@@ -9,6 +9,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from rich.console import Console
+
 from etendue.present.terminal.terminal import _out, _product, escape, human_rate, human_seconds, short_axes
 from etendue.telling import human_bytes
 
@@ -48,18 +50,23 @@ def print_archive(document: dict[str, Any]) -> None:
         console.print(f"axis {short(axis)}: {shown}")
     axes = {re.sub(r"\.use$", "", key).replace(".", "_"): name for key, name in short_axes(document["axes"]).items()}
     for stage in document["stages"]:
-        cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not begun"
-        if document["running"] and stage["planned"]:
-            cells = f"{stage['finished']} of {stage['planned']}"
-        groups = dict.fromkeys(v["group"] for v in stage["variables"]) or {f"{stage['name']} (not kept)": None}
-        parts: dict[tuple[Any, ...], list[Any]] = {}
-        for v in stage["variables"]:
-            parts.setdefault((v["variable"], v["units"], *(d for d in v["dims"] if d not in axes)), []).append(v)
-        reach = list(dict.fromkeys(axes[d] for v in stage["variables"] for d in v["dims"] if d in axes))
-        title = next(iter(groups)) if len(groups) == 1 else f"{stage['name']} ({len(groups)} sizes)"
-        console.print(f"{title:28s} {cells:20s} {_product(reach)}")
-        for (variable, units, *dims), own in parts.items():
-            inner = " ".join(f"{d}={_span([v['dims'][d] for v in own])}" for d in dims)
-            unit = f"[{short(units)}]" if units not in ("", "1") else ""
-            console.print(escape(f"    {variable:24s} {inner:27s} {unit}").rstrip())
+        _print_stage(console, document, stage, axes)
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)
+
+
+def _print_stage(console: Console, document: dict[str, Any], stage: dict[str, Any], axes: dict[str, str]) -> None:
+    """Its cells, and each of its variables once: cells of several sizes have one group for each."""
+    cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not begun"
+    if document["running"] and stage["planned"]:
+        cells = f"{stage['finished']} of {stage['planned']}"
+    groups = dict.fromkeys(v["group"] for v in stage["variables"]) or {f"{stage['name']} (not kept)": None}
+    parts: dict[tuple[Any, ...], list[Any]] = {}
+    for v in stage["variables"]:
+        parts.setdefault((v["variable"], v["units"], *(d for d in v["dims"] if d not in axes)), []).append(v)
+    reach = list(dict.fromkeys(axes[d] for v in stage["variables"] for d in v["dims"] if d in axes))
+    title = next(iter(groups)) if len(groups) == 1 else f"{stage['name']} ({len(groups)} sizes)"
+    console.print(f"{title:28s} {cells:20s} {_product(reach)}")
+    for (variable, units, *dims), own in parts.items():
+        inner = " ".join(f"{d}={_span([v['dims'][d] for v in own])}" for d in dims)
+        unit = f"[{short(units)}]" if units not in ("", "1") else ""
+        console.print(escape(f"    {variable:24s} {inner:27s} {unit}").rstrip())

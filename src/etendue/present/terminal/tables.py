@@ -129,10 +129,6 @@ def _at(plan: Plan, axis: Axis) -> Column:
     )
 
 
-def plan_axes(plan: Plan, node: str) -> tuple[str, ...]:
-    return plan.node(node).axes
-
-
 def stage_rows(plan: Plan, reports: Reports) -> list[dict[str, Any]]:
     """One row per stage: cells computed, reused, left out and failed, seconds, share, worst error."""
     rows = []

@@ -1,15 +1,13 @@
-"""What a terminal sees: plan, progress, the table at the end.
+"""What a terminal sees: plan, the table at the end.
 
-Results go to stdout, progress and notes to stderr. rich does the drawing; NO_COLOR and pipes are honoured by it.
+Results go to stdout, notes to stderr. rich does the drawing; NO_COLOR and pipes are honoured by it.
 """
 
 from __future__ import annotations
 
 import shlex
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
@@ -17,18 +15,12 @@ from rich.console import Console
 from rich.markup import escape as without_markup
 from rich.table import Table
 
-from etendue.contract.ports import CellReport
 from etendue.contract.stage import parameters_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, printable
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
-    from rich.status import Status
-
 
 MOST_STORED = 6  # variables whose bytes are told one by one
 
@@ -203,89 +195,6 @@ def print_plan(document: dict[str, Any]) -> None:
         notes.print(f"note: {escape(text)}")
 
 
-class TerminalProgress:
-    """A bar on stderr; silent where stderr is no terminal."""
-
-    def __init__(self, plan: Plan) -> None:
-        self.console = Console(stderr=True)
-        self.progress: Progress | None = None
-
-    def begin(self, cells: int) -> None:
-        if not self.console.is_terminal or not cells:
-            return
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
-
-        self.progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("cells {task.fields[rate]}"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            console=self.console,
-            transient=True,
-        )
-        self.progress.start()
-        self.task = self.progress.add_task("starting", total=cells, rate="")
-
-    def starting(self, stages: tuple[str, ...]) -> None:
-        if self.progress:
-            self.progress.update(
-                self.task, description=stages[-1][:24] if len(stages) == 1 else f"{stages[0]} .. {stages[-1]}"[:40]
-            )
-
-    def finished(self, reports: tuple[CellReport, ...]) -> None:
-        if self.progress:
-            self.progress.advance(self.task, len(reports))
-            speed = self.progress.tasks[0].speed  # of late
-            self.progress.update(self.task, rate=human_rate(speed) if speed else "")
-
-    def end(self) -> None:
-        if self.progress:
-            self.progress.stop()
-            self.progress = None
-
-
-@contextmanager
-def trying(silent: bool = False) -> Iterator[Callable[[str], None]]:
-    """A line on stderr that says what is being tried; where stderr is no terminal nothing is said."""
-    console = Console(stderr=True)
-    if silent or not console.is_terminal:
-        yield lambda text: None
-        return
-    with console.status("") as status:
-        yield lambda text: status.update(f"trying {escape(text)}")
-
-
-@contextmanager
-def planning() -> Iterator[Callable[[int, int], None]]:
-    """A line on stderr that says how far a plan is, once it takes longer than a second."""
-    console, began = Console(stderr=True), time.monotonic()
-    said: Status | None = None
-
-    def told(done: int, total: int) -> None:
-        nonlocal said
-        if said is None and time.monotonic() - began > 1.0:
-            said = console.status("")
-            said.start()
-        if said is not None:
-            said.update(f"planning {done} of {total} cells")
-
-    try:
-        yield told
-    finally:
-        if said is not None:
-            said.stop()
-
-
 def outcome_document(outcome: Any) -> dict[str, Any]:
     """``etendue run --json``."""
     stages = stage_rows(outcome.plan, outcome.reports)
@@ -390,6 +299,21 @@ def print_outcome(outcome: Any) -> None:
     for row in rows:
         for text in told(row["name"], row["left_out"], row["approximated"]):
             console.print(escape(text))
+    _print_changes(console, outcome)
+    _print_doubts(console, outcome)
+    _print_figures(console, outcome)
+    if outcome.archive:
+        console.print(f"archive        {outcome.archive}", soft_wrap=True)
+    for picture in outcome.pictures:
+        console.print(f"contact sheet  {picture}", soft_wrap=True)
+    if outcome.archive:
+        for text in next_commands(outcome):
+            console.print(text, soft_wrap=True)
+    console.print(f"{human_seconds(outcome.seconds)} in all")
+
+
+def _print_changes(console: Console, outcome: Any) -> None:
+    """What a run has done to what was there before."""
     for why, names in together(outcome.reasons).items():
         more = f" and {len(names) - 4} more" if len(names) > 5 else ""
         console.print(f"computed again: {', '.join(names[:4] if more else names)}{more}, because {escape(why)}")
@@ -415,6 +339,10 @@ def print_outcome(outcome: Any) -> None:
             f"bytes computed"
         )
         console.print(f"rewritten: {what}", soft_wrap=True)
+
+
+def _print_doubts(console: Console, outcome: Any) -> None:
+    """Where light is cut off, and what failed."""
     worst = outcome.reports.most_clipped()
     if worst is not None:
         console.print(
@@ -431,6 +359,9 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"  again, alone: {escape(replay(outcome.plan, ref))}", soft_wrap=True)
     if len(outcome.failed) > 5:
         console.print(f"failed: {len(outcome.failed) - 5} more; see the ledger")
+
+
+def _print_figures(console: Console, outcome: Any) -> None:
     figures = headlines(outcome.plan, outcome.arrays)
     if figures and outcome.shown_at:
         console.print(f"figures and pictures{escape(outcome.shown_at)}:")
@@ -439,11 +370,3 @@ def print_outcome(outcome: Any) -> None:
         console.print(
             f"{name:32s} {value:.5g} {unit if unit != '1' else ''}".rstrip() + escape(without), soft_wrap=True
         )
-    if outcome.archive:
-        console.print(f"archive        {outcome.archive}", soft_wrap=True)
-    for picture in outcome.pictures:
-        console.print(f"contact sheet  {picture}", soft_wrap=True)
-    if outcome.archive:
-        for text in next_commands(outcome):
-            console.print(text, soft_wrap=True)
-    console.print(f"{human_seconds(outcome.seconds)} in all")

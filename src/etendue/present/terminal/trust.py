@@ -49,6 +49,11 @@ def print_reproduction(document: dict[str, Any]) -> None:
             ),
         )
     console.print(table)
+    _print_reasons(console, document)
+
+
+def _print_reasons(console: Console, document: dict[str, Any]) -> None:
+    """Why cells and files come out otherwise, and what was not looked at."""
     for name, pair in document["platform"]["differs"].items():
         console.print(escape(f"platform  {name}: {pair['then']} then, {pair['now']} now"), soft_wrap=True)
     if document["platform"]["same"]:
@@ -109,6 +114,11 @@ def print_differences(document: dict[str, Any]) -> None:
             *(_figure(stage[name]) if stage["differing"] else "" for name in ("largest", "rms", "relative")),
         )
     console.print(table)
+    _print_where(console, document)
+
+
+def _print_where(console: Console, document: dict[str, Any]) -> None:
+    """Since what cells differ, and which only one archive has."""
     if any(stage["differing"] for stage in document["stages"]):
         console.print(
             "of the worst cell: largest and rms difference, and as a share rms over full scale (inf: there is none to "

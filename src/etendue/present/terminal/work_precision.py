@@ -65,6 +65,14 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
         axes.scatter([p.seconds for p in some], [p.error for p in some], s=38, color=colour, zorder=3)
     axes.grid(True, which="major", color="#dddddd", lw=0.6)
     figure.canvas.draw()
+    _label(axes, points, canvas.get_renderer())  # type: ignore[no-untyped-call]
+    picture = BytesIO()
+    figure.savefig(picture, format="png")
+    return picture.getvalue()
+
+
+def _label(axes: Any, points: list[Point], renderer: Any) -> None:
+    """A name beside each point, where it covers no other and no name."""
     taken = [axes.transData.transform((p.seconds, p.error)) for p in points]
     boxes: list[Any] = []
     for p in points:
@@ -78,7 +86,7 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
                 fontsize=8,
                 color="black" if p.best else "#555555",
             )
-            box = text.get_window_extent(canvas.get_renderer())  # type: ignore[no-untyped-call]
+            box = text.get_window_extent(renderer)
             free = not any(box.overlaps(other) for other in boxes) and not any(box.contains(*place) for place in taken)
             within = (
                 axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and axes.bbox.y0 <= box.y0 and box.y1 <= axes.bbox.y1
@@ -87,9 +95,6 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
                 boxes.append(box)
                 break
             text.remove()
-    picture = BytesIO()
-    figure.savefig(picture, format="png")
-    return picture.getvalue()
 
 
 @dataclass(frozen=True)

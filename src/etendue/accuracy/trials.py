@@ -1,0 +1,272 @@
+"""Runs of a pipeline at settings of its knobs, each once: their errors and their seconds.
+
+In:  a pipeline, the knobs that are tried.
+Out: a ``Trial`` for a combination of settings, a ``Curve`` for a knob alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from etendue.accuracy.differences import difference
+from etendue.accuracy.frontier import Convergence, convergence, remaining
+from etendue.accuracy.measuring import GlobalError, Measurement, Wanted
+from etendue.accuracy.reference import Knob, reference_of, with_settings
+from etendue.compute.tables import TABLES
+from etendue.contract.dims import banded
+from etendue.contract.registry import Registry
+from etendue.contract.variables import variable as known_variable
+from etendue.errors import RequestError
+from etendue.pipeline.file import Pipeline
+from etendue.plan.ancestry import behind
+from etendue.plan.model import Plan
+from etendue.plan.planner import make_plan
+from etendue.session import Collected, Options, collect
+
+PRECISION = "precision"
+COARSEST = 0.5  # settings cheaper than one with such an error are not tried
+Told = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One combination of settings, by knob; those that are not named stand at their reference."""
+
+    settings: Mapping[str, Any]
+    error: float | None  # rms of the wanted variable that is furthest from the reference, relative to full scale
+    variable: str  # which that is
+    stage_errors: Mapping[str, float | None]  # by knob: at the first picture or figures behind its stage
+    seconds: Mapping[str, float]  # by stage
+    why: str = ""  # where it could not be run
+
+    def setting(self, knob: Knob) -> Any:
+        return self.settings.get(knob.key, knob.reference)
+
+    @property
+    def whole(self) -> float:
+        return sum(self.seconds.values())
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A knob alone, from its cheapest setting to its reference."""
+
+    knob: Knob
+    measured_at: str  # where the error of the stage is found
+    trials: tuple[Trial, ...]
+    affected: frozenset[str]  # stages whose work it may change
+    convergence: Convergence
+
+    def seconds(self, trial: Trial, stages: Iterable[str] | None = None) -> float:
+        chosen = self.affected if stages is None else frozenset(stages)
+        return sum(s for name, s in trial.seconds.items() if name in chosen)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is run, and who hears of it."""
+
+    cells: int  # places of the sweep
+    repeat: int  # runs of each trial
+    told: Told
+
+
+class Trials:
+    """All trials of a pipeline, run beside its reference."""
+
+    def __init__(
+        self, pipeline: Pipeline, registry: Registry, knobs: tuple[Knob, ...], given: frozenset[str], effort: Effort
+    ) -> None:
+        self.registry, self.effort, self.options = registry, effort, Options("serial")
+        base = Measurement(pipeline, registry, effort.cells, self.options)
+        others = [k for k in base.reference.knobs if k.key not in {one.key for one in knobs}]
+        try:
+            base.plan(reference_of(pipeline, registry, [k for k in knobs if k.stage]).pipeline)
+        except RequestError:
+            knobs = tuple(base.within(k) if k.stage and k.key not in given else k for k in knobs)
+        self.knobs = knobs
+        reference = reference_of(pipeline, registry, [*(k for k in knobs if k.stage), *others])
+        unstudied = {(k.stage, k.use, k.name): k.before_reference for k in others if k.before_reference != k.reference}
+        coarser = with_settings(reference.pipeline, unstudied) if unstudied else None
+        reference = replace(reference, coarser=coarser)
+        plan = base.plan(replace(reference.pipeline, sweep=base.pipeline.sweep))
+        self.own = {k.key: own_variables(plan, k.stage) if k.stage else () for k in knobs}
+        self.measurement = Measurement(pipeline, registry, effort.cells, self.options, reference=reference)
+        self.measurement.also = tuple(dict.fromkeys(place for places in self.own.values() for place in places))
+        self.exact = self.measurement.reference.pipeline
+        self.affected = {k.key: affected(plan, k) for k in knobs}
+        self.trials: dict[tuple[tuple[str, Any], ...], Trial] = {}
+        self.notes: list[str] = []
+        self.floor = 0.0
+
+    def trial(self, settings: Mapping[str, Any]) -> Trial:
+        """A combination, run once or remembered."""
+        moved = {k.key: settings[k.key] for k in self.knobs if k.key in settings and settings[k.key] != k.reference}
+        name = tuple(sorted(moved.items()))
+        if name not in self.trials:
+            self.effort.told(", ".join(f"{key} = {value}" for key, value in moved.items()) or "the reference")
+            knobs = {k.key: k for k in self.knobs}
+            written = {
+                (knobs[key].stage, knobs[key].use, knobs[key].name): v for key, v in moved.items() if key != PRECISION
+            }
+            pipeline = replace(with_settings(self.exact, written), precision=moved.get(PRECISION, "float64"))
+            self.trials[name] = self.run(pipeline, moved)
+        return self.trials[name]
+
+    def planned(self, pipeline: Pipeline) -> Trial:
+        """The pipeline as its file has it."""
+        self.effort.told("as planned")
+        own = replace(
+            self.measurement.pipeline,
+            tolerance=pipeline.tolerance,
+            leave_out=pipeline.leave_out,
+            precision=pipeline.precision,
+        )
+        values = {k.key: k.value for k in self.knobs}
+        return self.run(own, values)
+
+    def run(self, pipeline: Pipeline, settings: Mapping[str, Any]) -> Trial:
+        try:
+            plan = self.measurement.plan(pipeline)
+        except RequestError as error:
+            text = "; ".join(fault.message for fault in error.faults)
+            shown = ", ".join(f"{key} = {value}" for key, value in settings.items())
+            self.notes.append(f"{shown} is refused: {text}")
+            return Trial(settings, None, "", {}, {}, text)
+        seconds: dict[str, float] = {}
+        for _ in range(self.effort.repeat):
+            TABLES.clear()
+            found = self.measurement.run(plan)
+            own = seconds_by_stage(found)
+            seconds = {name: min(s, seconds.get(name, s)) for name, s in own.items()}
+        errors = self.measurement.compared(plan, found).errors
+        known = self.known(plan, errors)
+        worst = max(known, key=lambda name: known[name], default="")
+        stage_errors = {}
+        for key, places in self.own.items():
+            own_errors = [errors.get(f"{s}.{v}", errors.get(v)) for s, v in places]
+            values = [e.rms for e in own_errors if e is not None and e.rms is not None]
+            stage_errors[key] = max(values) if values else known.get(worst)
+        return Trial(dict(settings), known.get(worst), worst, stage_errors, seconds)
+
+    def known(self, plan: Plan, errors: Mapping[str, GlobalError]) -> dict[str, float]:
+        """The rms error of what is wanted, as far as it is known; a note where it is not."""
+        names = [name for _, name in plan.wanted]
+        wanted = {name: e for name, e in errors.items() if name in names or tuple(name.split(".")) in plan.wanted}
+        for name, e in wanted.items():
+            if e.rms is None and (note := f"{name} is not counted: {e.why}") not in self.notes:
+                self.notes.append(note)
+        self.floor = max([self.floor, *(e.below for e in wanted.values() if e.below < float("inf"))])
+        return {name: e.rms for name, e in wanted.items() if e.rms is not None}
+
+    def curve(self, knob: Knob, reference: Trial) -> Curve:
+        """From the reference towards cheaper settings, as long as anything is left of the picture."""
+        trials = [reference]
+        for setting in reversed(knob.settings[:-1]):
+            trials.insert(0, self.trial({knob.key: setting}))
+            if (trials[0].error or 0.0) > COARSEST:
+                self.notes.append(f"{knob.key}: settings cheaper than {setting} are not tried")
+                break
+        places = self.own[knob.key]
+        where = f"{places[0][0]}.{places[0][1]}" if len(places) == 1 else places[0][0] if places else "what is wanted"
+        used = [t for t in trials if not t.why]
+        shown = [t.setting(knob) for t in used]
+        finite = not knob.closed_form and len(used) > 1
+        number = finite and isinstance(shown[-1], int | float) and not isinstance(shown[-1], bool)
+        last = shown[-1] if number and shown[-1] > 0 else None
+        power = last is not None and last < shown[0]  # of a width: the law says what a finite reference lacks itself
+        lost = 0 if not finite else 1 if power else 2  # one refinement before the reference shows half of its error
+        counted = len(used) - lost
+        law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)
+        if finite:
+            self.floor = max(self.floor, remaining(shown, used[-2].error or 0.0, law))
+        return Curve(knob, where, tuple(used), self.affected[knob.key], law)
+
+    def choices(self, curves: Sequence[Curve]) -> dict[str, list[tuple[Any, float, float]]]:
+        """By knob: settings, their error, and the seconds of the stages that it affects."""
+        return {
+            c.knob.key: [(t.setting(c.knob), t.error or 0.0, c.seconds(t)) for t in c.trials if t.error is not None]
+            for c in curves
+        }
+
+    def settled(self) -> list[Trial]:
+        """All trials. The work of a stage hangs on the knobs that affect it: where these stand alike, the least of
+        its times counts.
+        """
+        least: dict[tuple[Any, ...], float] = {}
+        for trial in self.trials.values():
+            for stage, seconds in trial.seconds.items():
+                work = self.work(trial, stage)
+                least[work] = min(seconds, least.get(work, seconds))
+        return [
+            replace(t, seconds={stage: least[self.work(t, stage)] for stage in t.seconds}) for t in self.trials.values()
+        ]
+
+    def work(self, trial: Trial, stage: str) -> tuple[Any, ...]:
+        return stage, *((k.key, trial.setting(k)) for k in self.knobs if stage in self.affected[k.key])
+
+    def settled_curves(self, curves: Sequence[Curve]) -> list[Curve]:
+        settled = {tuple(sorted(t.settings.items())): t for t in self.settled()}
+        return [replace(c, trials=tuple(settled[tuple(sorted(t.settings.items()))] for t in c.trials)) for c in curves]
+
+    def noise(self) -> tuple[float | None, str]:
+        """How far a frame is from its mean: rms of the last wanted picture behind a draw, of the reference."""
+        self.effort.told("the noise of a frame")
+        exact = self.measurement.exact
+        drawing = behind(exact, (node.name for node in exact.nodes if node.is_random))
+        pictures = [(s, v) for s, v in exact.wanted if s in drawing and {"y", "x"} <= set(exact.node(s).writes[v].dims)]
+        if not pictures:
+            return None, ""
+        order = [node.name for node in exact.nodes]
+        stage, name = max(
+            pictures, key=lambda place: (known_variable(place[1]).shown == "encoded", order.index(place[0]))
+        )
+        plan = make_plan(self.exact, self.registry)
+        ref = self.measurement.cells_of(plan, stage)[0][0]
+        frame = collect(plan, {ref: [name]}, self.options)
+        if ref not in frame.arrays or ref not in self.measurement.truth.arrays:
+            return None, ""
+        cell = exact.cells[ref]
+        found = difference(
+            frame.arrays[ref][name],
+            self.measurement.truth.arrays[ref][name],
+            exact.node(stage).writes[name],
+            cell.stage,
+        )
+        return found.rms, name
+
+
+def seconds_by_stage(found: Collected) -> dict[str, float]:
+    seconds: dict[str, float] = {}
+    for (stage, _), report in found.reports.items():
+        seconds[stage] = seconds.get(stage, 0.0) + report.seconds
+    return seconds
+
+
+def affected(plan: Plan, knob: Knob) -> frozenset[str]:
+    """The stages whose work a knob may change: its own, those that are joined with it into one pass, and behind
+    another grid all.
+    """
+    if not knob.stage:
+        return frozenset(node.name for node in plan.nodes)
+    found = behind(plan, [knob.stage]) if knob.studied else {knob.stage}
+    if knob.studied:  # other bands or another grid are other work for those too that look at transfer functions
+        found |= {node.name for node in plan.nodes if any(set(names) & found for _, _, names in node.looks_at)}
+    joined = [set(node.segment) for node in plan.nodes if knob.stage in node.segment]
+    return frozenset(found.union(*joined))
+
+
+def own_variables(plan: Plan, stage: str) -> tuple[Wanted, ...]:
+    """Where the error of a stage is found: all figures of a probe, else the first variable without bands from the
+    stage on.
+    """
+    reached = behind(plan, [stage])
+    for node in plan.nodes:
+        if node.name == stage and node.is_probe:
+            return tuple((stage, name) for name in node.writes)
+        for name, declaration in node.writes.items() if node.name in reached and not node.is_probe else ():
+            if not banded(declaration.dims) and declaration.dims:
+                return ((node.name, name),)
+    return ()

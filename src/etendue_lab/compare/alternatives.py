@@ -1,0 +1,131 @@
+"""The alternatives of a comparison: which there are, and the plan of those that can serve.
+
+In:  a camera without a sweep, the axis that is compared.
+Out: the camera as it is compared, values for the axis, the plan of all that fit, a row for each that does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from etendue.contract.registry import Registry
+from etendue.errors import Fault, RequestError
+from etendue.pipeline.derived import wanting
+from etendue.pipeline.file import Pipeline
+from etendue.pipeline.presets import preset_names
+from etendue.plan.model import Node, Plan
+from etendue.plan.planner import make_plan
+from etendue_lab.compare.axis import SENSOR, Asked, candidates, check_writes
+from etendue_lab.compare.branches import Branched, Place, nodes_of, noise_free, writer
+from etendue_lab.compare.compared import Row
+
+
+def camera_of(base: Pipeline, asked: Asked, expected: bool, registry: Registry) -> tuple[Pipeline, tuple[Node, ...]]:
+    """The camera as it is compared, and its nodes.
+
+    Raises
+    ------
+    RequestError
+        A fault of the file, or nothing depends on the axis.
+    """
+    nodes = nodes_of(base, registry)
+    if expected:
+        base = noise_free(base, nodes, registry)
+        nodes = nodes_of(base, registry)
+    if asked.stage and asked.stage not in [n.name for n in nodes]:
+        what = "expected values take no part of it" if expected else "nothing that is computed depends on it"
+        raise RequestError([Fault(f"--axis {asked.key}", f"{asked.stage} has no effect here: {what}")], base.file)
+    return base, nodes
+
+
+def values_of(asked: Asked, nodes: Sequence[Node], registry: Registry) -> tuple[Any, list[str]]:
+    """What stands on the axis: as it was asked for, else what is installed, with notes of what is not."""
+    if asked.values is None and asked.key == SENSOR:
+        return preset_names(), []
+    node = next((n for n in nodes if n.name == asked.stage), None)
+    if node is None or asked.values is not None:
+        if node is not None:
+            check_writes(asked, node, registry)
+        return asked.values, []
+    found, broken = candidates(node, registry)
+    notes = [f"not looked at: {text}" for text in broken]
+    if len(found) == 1:
+        notes.append(
+            f"no other installed stage writes what {asked.stage} writes and reads no more: etendue stages lists "
+            f"them all"
+        )
+    return tuple(found), notes
+
+
+def wanted_of(branched: Branched) -> tuple[Place, ...]:
+    """What is measured, and what the colours are seen by."""
+    places = [*branched.places()]
+    for variable in ("white_xyz", "white"):
+        node = writer(branched.nodes, variable)
+        if node is not None:
+            places.append((node.name, variable))
+    return tuple(dict.fromkeys(places))
+
+
+def planned(
+    branched: Branched, wanted: tuple[Place, ...], asked: Asked, values: Any, registry: Registry
+) -> tuple[Plan, Any, list[Row]]:
+    """The plan of all alternatives that can serve, and rows of those that cannot."""
+    pipeline = wanting(branched.pipeline, wanted, kept=True)
+
+    def plan_of(chosen: Any) -> Plan:
+        return make_plan(replace(pipeline, sweep=branched.axes(asked.key, chosen)), registry, False)
+
+    try:
+        return plan_of(values), values, []
+    except RequestError as whole:
+        asked_wrongly = asked.values is not None and any(  # a word or value that does not fit, not the stage's affair
+            fault.place.startswith(f"sweep.{asked.key}") for fault in whole.faults
+        )
+        if not isinstance(values, tuple) or asked_wrongly:
+            raise _as_asked(whole, asked) from None
+        good, refused, last = [], [], whole
+        for value in values:
+            try:
+                plan_of((value,))
+                good.append(value)
+            except RequestError as error:
+                last = error
+                refused.append(
+                    _refused(value, asked, registry, "; ".join(dict.fromkeys(f.message for f in error.faults)))
+                )
+        if not good:
+            raise _as_asked(last, asked) from None
+        return plan_of(tuple(good)), tuple(good), refused
+
+
+def keeping_inputs(plan: Plan, asked: Asked) -> Plan:
+    """What the compared stage reads stays in memory, so that the stage can be run again."""
+    node = next((n for n in plan.nodes if n.name == asked.stage), None)
+    if node is None or node.is_transfer:
+        return plan
+    return replace(
+        plan, kept=plan.kept | {(source, variable) for bound in node.inputs for _, source, variable in bound}
+    )
+
+
+def _as_asked(error: RequestError, asked: Asked) -> RequestError:
+    """The same faults, at the place where the axis was written."""
+    key = f"sweep.{asked.key}"
+    own = f"--axis {asked.key}"
+    wrong = [f for f in error.faults if f.place.startswith(key)]
+    faults = [replace(f, place=f.place.replace(key, own, 1), line=None) for f in wrong] or list(error.faults)
+    return RequestError(faults, "" if all(f.place.startswith("--axis") for f in faults) else error.file)
+
+
+def _refused(value: Any, asked: Asked, registry: Registry, reason: str) -> Row:
+    table = value if isinstance(value, dict) else {"use": value}
+    use = str(table.get("use", "")) if asked.swaps else ""
+    row = Row(
+        use or value, str(table.get("label", use)) if asked.swaps else str(value), use, status="refused", reason=reason
+    )
+    if use in registry:
+        row.distribution, row.version = registry.installed(use).distribution, registry.installed(use).version
+    return row
