@@ -43,16 +43,16 @@ class LeafChart(NamedTuple):
 
     ``width`` and ``height``, um, above 0: of the area that they cover, about 0. ``smallest`` and ``largest``, um, 0 <
     smallest < largest: range of the radii, whose density is r^-exponent; 3 makes the chart look alike at every scale.
-    Levels are uniform from ``low`` to ``high``, reflectances. ``seed``, 0 or above, is of the chart: the same chart for
-    the same seed and geometry, whatever noise a camera adds.
+    Levels are uniform from ``darkest`` to ``lightest``, reflectances. ``seed``, 0 or above, is of the chart: the
+    same chart for the same seed and geometry, whatever noise a camera adds.
     """
 
     width: float
     height: float
     smallest: float
     largest: float
-    low: float
-    high: float
+    darkest: float
+    lightest: float
     seed: int
     exponent: float = 3.0
 
