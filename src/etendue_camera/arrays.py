@@ -1,5 +1,7 @@
 """What kernels take and give: arrays of floating-point numbers of any precision."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

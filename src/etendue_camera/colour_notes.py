@@ -6,6 +6,8 @@ Sources: ICC.1; ISO/IEC 15948 (PNG: gAMA, cHRM, cICP); ITU-T H.273 (code points 
 interoperability index).
 """
 
+from __future__ import annotations
+
 import re
 from typing import Any
 

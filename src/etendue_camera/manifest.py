@@ -5,6 +5,8 @@ Out: stages, variables, camera quantities, sensors, roles and spectra by name; w
      called.
 """
 
+from __future__ import annotations
+
 import csv
 import tomllib
 from functools import cache

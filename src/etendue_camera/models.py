@@ -5,6 +5,8 @@ Out: the class; its module is imported when it is asked for. Names stand as long
      move.
 """
 
+from __future__ import annotations
+
 from importlib.metadata import EntryPoint
 from typing import Any
 

@@ -4,6 +4,8 @@ In:  a PNG, JPEG or TIFF file: grey or colour, 1 to 32 bits or floats, sRGB-enco
 Out: its size before it is decoded; its values, 0 to 1, (rows, columns, 1 or 3), still in the file's own numbers.
 """
 
+from __future__ import annotations
+
 import lzma
 import math
 import os

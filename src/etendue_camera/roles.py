@@ -5,6 +5,8 @@ Out: bases to derive a stage from; names of roles. Whether a stage is one of the
      of its name.
 """
 
+from __future__ import annotations
+
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any

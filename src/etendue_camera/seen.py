@@ -2,6 +2,8 @@
 filters.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

@@ -207,8 +207,9 @@ class _Expansion:
                 decisions = self.decider.decide(draft, input_facts, by_dim, declared)
                 if like:
                     self.decisions[like] = decisions
-            stage = decisions.stage
-            draft = draft._replace(stage=stage)
+            if decisions.stage is not stage:
+                stage = decisions.stage
+                draft = draft._replace(stage=stage)
             seed, open_words = self.recipes.seed(draft)
         except PluginError as error:
             self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))

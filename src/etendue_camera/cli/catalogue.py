@@ -1,5 +1,7 @@
 """What a camera has installed: ``sensors``."""
 
+from __future__ import annotations
+
 from etendue.cli.catalogue import tell_one
 from etendue.cli.options import JSON, NAME
 from etendue.cli.saying import command

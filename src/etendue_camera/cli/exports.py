@@ -1,5 +1,7 @@
 """Commands that write an archive's pictures for other programs: ``export``."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
 from typing import Any

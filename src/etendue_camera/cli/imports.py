@@ -1,5 +1,7 @@
 """Commands that take files of other programs in: ``import``."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 

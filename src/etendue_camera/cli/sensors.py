@@ -4,6 +4,8 @@ In:  a preset.
 Out: its values with their sources, on the terminal or as JSON.
 """
 
+from __future__ import annotations
+
 from decimal import Decimal
 from typing import Any
 

@@ -5,6 +5,8 @@ Out: covariance between channels at one pixel and between neighbours.
 Sources: linear propagation of covariance, C = sum over pixels of v h h^T.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

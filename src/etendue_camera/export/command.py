@@ -4,6 +4,8 @@ In:  the folder of an archive, what was asked for.
 Out: files; what was written and what could not be.
 """
 
+from __future__ import annotations
+
 import importlib.metadata
 import os
 import re

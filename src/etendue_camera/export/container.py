@@ -6,6 +6,8 @@ Sources: TIFF revision 6.0; EXIF 2.32 (JEITA CP-3451) for the second directory. 
 photometric interpretation and a directory that TIFF libraries do not write.
 """
 
+from __future__ import annotations
+
 import struct
 from collections.abc import Sequence
 from typing import Any, BinaryIO

@@ -5,6 +5,8 @@ Out: an uncompressed DNG 1.4 file: the digital numbers bit for bit.
 Sources: Adobe, Digital Negative Specification 1.4.0.0; EXIF 2.32 for exposure time, f-number, focal length, ISO.
 """
 
+from __future__ import annotations
+
 import hashlib
 from dataclasses import dataclass
 from fractions import Fraction

@@ -4,6 +4,8 @@ In:  the folder of an archive.
 Out: a ``Shelf`` for a variable, its pictures by axis values; arrays are read when one of them is asked for.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -4,6 +4,8 @@ In:  a frame of an archive.
 Out: one period of the mask as the frame's first pixel sees it, rows of letters.
 """
 
+from __future__ import annotations
+
 from etendue.errors import ArchiveError
 from etendue_camera.export.frames import ArchivedFrame, Shelf
 from etendue_camera.sensor import cfa

@@ -4,6 +4,8 @@ In:  a frame of an archive.
 Out: a true-colour PNG, the first row of the array on top; encoded sRGB, with provenance as text.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

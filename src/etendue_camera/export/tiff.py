@@ -4,6 +4,8 @@ In:  (y, x) or (channel, y, x) array.
 Out: an uncompressed TIFF file; encoded sRGB carries its profile.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 

@@ -5,6 +5,8 @@ Out: the blurred plane. Beyond the border stands the mirror image of the plane a
 Sources: see ``field_blur``; fast convolution by the discrete Fourier transform, on blocks (overlap-add).
 """
 
+from __future__ import annotations
+
 from typing import Any, Literal
 
 import numpy as np

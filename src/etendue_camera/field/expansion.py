@@ -5,6 +5,8 @@ Out: a basis whose every truncation keeps the flux, and the coefficients of the 
 Sources: as in `blur.py`.
 """
 
+from __future__ import annotations
+
 import numpy as np
 import scipy
 

@@ -4,6 +4,8 @@ In:  positions on the image grid (um), kernels of any image point, the error tha
 Out: nodes, their kernels and the error of mixing them.
 """
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

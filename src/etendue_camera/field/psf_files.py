@@ -13,6 +13,8 @@ of n numbers, first line lowest y, first number lowest x. Lines that start with 
 every wavelength, and all pictures have the same n.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

@@ -5,6 +5,8 @@ Out: kernels with a sum of exactly 1.
 Sources: the sampling theorem; spline interpolation (Unser, IEEE Signal Processing Magazine 16(6), 22, 1999).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, Literal
 

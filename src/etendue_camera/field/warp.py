@@ -9,6 +9,8 @@ Values are carried over without the change of area: it is radiance that is image
 under any distortion. How illumination falls off at the real image position is a matter of its own.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

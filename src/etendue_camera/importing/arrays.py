@@ -4,6 +4,8 @@ In:  a path, the name of the array where there are several.
 Out: a ``Cube``; axes as in the file, wavelength last or first by its size.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -4,6 +4,8 @@ In:  a file, its format by its name; words of the command line.
 Out: a ``Cube`` that is light: wavelengths ascend, values are finite, nowhere below 0.
 """
 
+from __future__ import annotations
+
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace

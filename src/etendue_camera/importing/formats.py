@@ -5,6 +5,8 @@ Out: a reader, imported when it is asked for. One more is a row here, its functi
      ``docs/python.md``.
 """
 
+from __future__ import annotations
+
 import importlib
 from typing import Any, NamedTuple
 

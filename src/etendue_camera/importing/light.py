@@ -4,6 +4,8 @@ In:  a file, and the words of the command.
 Out: a ``Cube`` of spectral radiance or of reflectance, and its unit.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any

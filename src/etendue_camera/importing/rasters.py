@@ -4,6 +4,8 @@ In:  a path.
 Out: a ``Cube``, wavelength in front.
 """
 
+from __future__ import annotations
+
 import glob
 import math
 import re

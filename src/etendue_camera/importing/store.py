@@ -4,6 +4,8 @@ In:  a ``Cube`` that is light, its unit, the distance between samples.
 Out: a folder, whole or not there.
 """
 
+from __future__ import annotations
+
 import math
 import os
 import shutil

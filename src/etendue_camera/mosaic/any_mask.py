@@ -11,6 +11,8 @@ weights, with the smallest sum of (weight x squared distance)^2 among them. On a
 and four neighbours: inside the border and at it the result is that of `demosaic.bilinear`.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
 
 import numpy as np

@@ -5,6 +5,8 @@ Out: mean of every patch and its covariance; colour differences with intervals.
 Sources: the plane homography through four points (Hartley and Zisserman 2004, section 4.1); CIEDE2000.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,6 +6,8 @@ Sources: ISO 12233:2014 (straight edge, Hamming window) and 2023 (polynomial up 
 for the three-point derivative is (2 pi f d)/sin(2 pi f d) for bins of d: the step between the two points is 2 d.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

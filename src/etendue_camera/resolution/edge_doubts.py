@@ -5,6 +5,8 @@ In:  a measured edge.
 Out: names of what speaks against it.
 """
 
+from __future__ import annotations
+
 import math
 from itertools import pairwise
 

@@ -6,6 +6,8 @@ Sources: the wild bootstrap by rows (Liu 1988; Shao 2010 where rows depend on ea
 White (2004).
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

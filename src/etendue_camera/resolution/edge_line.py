@@ -5,6 +5,8 @@ Out: whether the edge is nearer to a column than to a row, its polynomial, the d
 Sources: moments of the squared gradient; Gauss-Newton.
 """
 
+from __future__ import annotations
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray

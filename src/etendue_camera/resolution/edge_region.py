@@ -5,6 +5,8 @@ Out: windows (pixels) and the pixels in them that belong to the strip.
 Sources: the structure tensor; every other threshold is stated beside its name.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 

@@ -6,6 +6,8 @@ Out: MTF50 and MTF10 of edges that were written again.
 Source: the parametric bootstrap (Efron and Tibshirani 1993).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -5,6 +5,8 @@ Out: angle, the axis that it is nearer to, the largest distance from a straight 
 Sources: half-level crossings by row, of a mean over 3 x 3 pixels; least squares.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

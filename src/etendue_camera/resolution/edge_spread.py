@@ -6,6 +6,8 @@ Out: a curve that is linear in the values, its Fourier transform in closed form,
 Sources: least squares with uniform cubic B-splines.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

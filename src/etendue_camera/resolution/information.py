@@ -10,6 +10,8 @@ All three stand on one function of frequency. Detail is relative: what is seen i
 gain, or a pointwise curve that noise does not leave, changes none of them.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

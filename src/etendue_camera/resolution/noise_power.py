@@ -5,6 +5,8 @@ Out: cross power of channels at spatial frequencies (cycles/pixel), the picture'
 Sources: linear propagation, power = sum over places of v |H|^2; Bartlett's mean of periodograms.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

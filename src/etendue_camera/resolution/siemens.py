@@ -5,6 +5,8 @@ Out: frequencies (cycles/pixel), response, MTF50 with flags, the refined centre.
 Sources: ISO 12233 (s-SFR), Loebich et al. (2007); the star's own transform is a Hankel transform of order ``cycles``.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

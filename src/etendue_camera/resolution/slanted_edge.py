@@ -6,6 +6,8 @@ Sources: ISO 12233:2023 (e-SFR); its bins of a quarter pixel are replaced by a l
 and stand beside it as ``method="iso"``.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

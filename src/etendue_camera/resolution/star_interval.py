@@ -5,6 +5,8 @@ Out: the star's response; frequencies of half and tenth contrast with intervals;
 Sources: as `siemens`; draws about the response with its own standard error (parametric bootstrap).
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

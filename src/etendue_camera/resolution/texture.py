@@ -6,6 +6,8 @@ Sources: Kirk et al. (2014), cross spectrum with the known chart; Cao, Guichard 
 power spectrum less that of the noise; Hann windows, means over rings.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

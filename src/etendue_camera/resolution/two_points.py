@@ -7,6 +7,8 @@ and where no ring is dark the same dip as two Airy discs then have. `diffraction
 disc.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

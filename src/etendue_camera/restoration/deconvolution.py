@@ -10,6 +10,8 @@ Tech. 69 (2006) 260; the discrepancy principle of V. A. Morozov (1966).
 Planes are continued by their mirror image, without a seam (``sampling.pad``): neither filter sees the other border.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -11,6 +11,8 @@ nothing to tune; because it takes five box means whatever the window, is linear 
 round; and because it keeps the sum.
 """
 
+from __future__ import annotations
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray

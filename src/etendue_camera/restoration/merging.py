@@ -7,6 +7,8 @@ section 3 (weights from the expected signal, not from the noisy value, which wou
 Clipped mean: Stetson, PASP 99 (1987).
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

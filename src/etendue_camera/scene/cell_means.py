@@ -6,6 +6,8 @@ Out: mean over each cell, in the dtype of the positions.
 Sources: the integrals of the normal distribution; the area of a half plane in a square; Gauss-Legendre quadrature.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from math import pi, sqrt
 

@@ -9,6 +9,8 @@ Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with
 grid, or another softness, shows the same leaves.
 """
 
+from __future__ import annotations
+
 import math
 from functools import lru_cache
 from typing import NamedTuple

@@ -11,6 +11,8 @@ A letter is a name, and the column of a sensitivity table: R, G, B, W or C for c
 periodic and belong to the sensor: pixel (i, j) has the letter at (i mod rows, j mod columns), whatever window is read.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 

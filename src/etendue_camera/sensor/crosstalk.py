@@ -14,6 +14,8 @@ kept being the charge of the depletion layer. Each Gaussian is separable and its
 functions, so that kernels are never negative, symmetric, and sum to 1.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -4,6 +4,8 @@ In:  the path of a table.
 Out: nothing, or a refusal that names the column.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

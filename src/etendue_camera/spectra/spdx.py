@@ -5,6 +5,8 @@ Out: a name, wavelengths (nm), values in the units of the file.
 Source: ANSI/IES TM-27-14, Electronic Transfer of Spectral Data.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
 from xml.etree import ElementTree
 

@@ -4,6 +4,8 @@ In:  ``xyz_scene``.
 Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; a variable's name says its colour state.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

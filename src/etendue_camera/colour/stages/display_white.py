@@ -4,6 +4,8 @@ In:  the name of an illuminant, of a measured display, or of an RGB space.
 Out: XYZ with Y = 1.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 from etendue_camera import spectra

@@ -4,6 +4,8 @@ In:  ``rgb_camera`` and what is known of the light (``white_radiance``, ``white_
 Out: ``xyz_scene``; what becomes of it on a display is in ``display.py``.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar

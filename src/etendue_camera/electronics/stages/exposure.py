@@ -4,6 +4,8 @@ In:  ``photocurrent`` (y, x), electron/s.
 Out: ``expected_charge`` and ``charge``, electron, (y, x).
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

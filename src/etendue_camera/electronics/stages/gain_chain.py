@@ -4,6 +4,8 @@ In:  camera quantities of pixel, amplifier and converter.
 Out: full well and saturation (electrons), analogue gain, DN per electron.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

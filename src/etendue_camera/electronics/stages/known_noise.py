@@ -4,6 +4,8 @@ Figures of a sensor look at datasheets for the rest: what stages add whose noise
 rows and columns.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,6 +4,8 @@ In:  ``photocurrent`` (y, x), electron/s; a time.
 Out: ``integration_time``, s, of one exposure or of each frame. Stages behind take it from here.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -4,6 +4,8 @@ In:  ``photocurrent`` (y, x), electron/s; ``rgb_camera`` (channel, y, x), 1 at t
 Out: ``mosaic_linear`` and ``rgb_camera``, 1 at the full well.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -4,6 +4,8 @@ In:  ``raw`` (frame, y, x), DN, of a uniform light; the time of each frame.
 Out: signal and variance by channel and level, the line through them, figures with 95 % intervals.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -4,6 +4,8 @@ In:  camera quantities; the irradiance of all stages.
 Out: scalars, each at the axes that reach it; ``mean_irradiance`` with a dimension ``stage``.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

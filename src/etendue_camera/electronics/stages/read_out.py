@@ -4,6 +4,8 @@ In:  ``charge`` (y, x) or (frame, y, x), electron.
 Out: ``raw``, DN, and ``mosaic_linear``, 1 where pixels saturate.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -4,6 +4,8 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, positions from the axis of t
 Out: ``irradiance``, blurred or moved.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from dataclasses import dataclass

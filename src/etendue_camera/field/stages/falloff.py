@@ -4,6 +4,8 @@ In:  ``irradiance`` on the image plane.
 Out: ``irradiance``, each place with the factor of its angle or of a table.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

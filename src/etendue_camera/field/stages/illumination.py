@@ -4,6 +4,8 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, and its positions relative t
 Out: ``irradiance``, weaker away from the axis.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -4,6 +4,8 @@ In:  the path of a CSV file, what its first column may be.
 Out: the curve, remembered until the file changes.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -4,6 +4,8 @@ In:  ``mosaic_linear`` (y, x), 1 at clipping; ``defect_map``, where the sensor h
 Out: ``mosaic_linear``, and how many pixels were replaced, missed, and replaced for nothing.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -4,6 +4,8 @@ In:  ``mosaic_linear`` (y, x), 1 at clipping, of a Bayer array; channels balance
 Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -4,6 +4,8 @@ In:  ``mosaic_linear`` (y, x), 1 at clipping, positions from the axis.
 Out: ``mosaic_linear``, as a lens without fall-off would give it, noisier away from the axis.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

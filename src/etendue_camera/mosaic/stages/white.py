@@ -6,6 +6,8 @@ Out: ``white`` (channel), the camera's linear signal that is shown as display wh
      channels for it.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

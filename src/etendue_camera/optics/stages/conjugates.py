@@ -4,6 +4,8 @@ In:  camera quantities.
 Out: the magnification in force, the working f-number, the place of the exit pupil.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

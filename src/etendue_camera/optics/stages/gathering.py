@@ -4,6 +4,8 @@ In:  ``radiance`` of the scene on the image-plane grid.
 Out: ``irradiance`` (wavelength, y, x), W m-2 nm-1, in front of the sensor.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar

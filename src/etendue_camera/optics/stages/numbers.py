@@ -4,6 +4,8 @@ In:  camera quantities; the irradiance of a white diffuser.
 Out: scalars, each at the axes that reach it.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -4,6 +4,8 @@ In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
 Out: ``irradiance``, blurred. It holds diffraction already: in a pipeline it takes the place of ``diffraction``.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

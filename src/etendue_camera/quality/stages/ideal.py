@@ -9,6 +9,8 @@ Full planes are a mosaic run plane by plane: between ``no_mask`` and ``no_demosa
 mosaic is given one plane after the other, each as the mosaic of a sensor with one filter.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

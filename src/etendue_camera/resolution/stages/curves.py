@@ -11,6 +11,8 @@ contrast where the cut-off of the lens lies above half a cycle a pixel, and the 
 its contrast is in the first five samples.
 """
 
+from __future__ import annotations
+
 import math
 from typing import Any
 

@@ -5,6 +5,8 @@ Out: measured MTF50 with its interval, the analytic one along the same normal, t
      what limits.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -4,6 +4,8 @@ In:  an ``Edge`` in samples of its picture.
 Out: columns of the probe ``edge_resolution``, flags, the direction across it.
 """
 
+from __future__ import annotations
+
 import math
 from typing import Any
 

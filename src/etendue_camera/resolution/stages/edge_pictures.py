@@ -4,6 +4,8 @@ In:  a linear plane (y, x), with or without noise; a window (pixels) or none.
 Out: an ``Edge``, or None where there is none that can be measured.
 """
 
+from __future__ import annotations
+
 import hashlib
 import math
 import threading

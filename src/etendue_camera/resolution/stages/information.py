@@ -4,6 +4,8 @@ In:  the transfer functions of all stages, the white of the light, the expected 
 Out: bits a pixel and SNRi by ``stage``, NEQ of the whole camera by frequency.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -4,6 +4,8 @@ In:  transfer functions, matrices and white of all stages, pictures.
 Out: planes (y, x), linear in light.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar

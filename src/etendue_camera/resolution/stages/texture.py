@@ -4,6 +4,8 @@ In:  the pictures and white of all stages.
 Out: MTF50 and MTF10 of the star, MTF50 of the texture, by ``stage``; NaN where there is nothing to be measured.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -4,6 +4,8 @@ In:  ``rgb_camera`` (channel, y, x), linear, 1 at clipping; the transfer functio
 Out: ``rgb_camera``; where they are asked for, ``mtf50_gain`` and ``noise_gain``.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

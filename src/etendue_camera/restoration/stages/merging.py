@@ -4,6 +4,8 @@ In:  ``rgb_camera`` of every frame, its ``integration_time``, ``white`` and ``cl
 Out: the same of one picture, and the variance that is left.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -4,6 +4,8 @@ In:  ``rgb_camera`` (channel, y, x), linear, 1 at clipping; ``mosaic_linear`` (y
 Out: the same variable. What knows the camera's transfer function is in ``deconvolve``.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

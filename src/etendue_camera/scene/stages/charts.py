@@ -4,6 +4,8 @@ In:  a chart's geometry (um on the image plane), an illuminant, the luminance of
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar

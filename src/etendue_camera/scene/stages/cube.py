@@ -5,6 +5,8 @@ In:  a Zarr store with a variable (wavelength, y, x), as xarray writes it: anoth
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

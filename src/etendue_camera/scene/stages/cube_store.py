@@ -8,6 +8,8 @@ A chunk that is not there reads as the fill value without an error, so every chu
 array's folder (0.1 s for 10,000 chunks) and 16 bytes a chunk of every shard's index.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
 import os

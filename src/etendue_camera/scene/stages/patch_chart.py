@@ -5,6 +5,8 @@ In:  a table of reflectances, a column a patch; the chart's geometry (um on the 
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -4,6 +4,8 @@ In:  a picture file and what all scenes take.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
+from __future__ import annotations
+
 import math
 import os
 from dataclasses import dataclass

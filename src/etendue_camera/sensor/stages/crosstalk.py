@@ -4,6 +4,8 @@ In:  ``photocurrent`` (y, x) behind the mosaic; ``white_irradiance``, which weig
 Out: ``photocurrent``; the transfer functions between channels.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -4,6 +4,8 @@ In:  ``photocurrent``, electron/s (hot, dead); ``raw``, DN (stuck).
 Out: the same with its defects, and the map of them, which nothing in a camera knows but a test may.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

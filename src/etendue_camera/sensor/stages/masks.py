@@ -4,6 +4,8 @@ In:  the camera quantity ``pattern``: a name, letters, or the path of a CSV file
 Out: a ``cfa.Mask``; the first pixel of the window.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
 from typing import Any
 

@@ -5,6 +5,8 @@ In:  weights of the channels, the stages in front, what the light holds; numbers
 Out: the rms of what is missing, relative to what a channel reads in the brightest light.
 """
 
+from __future__ import annotations
+
 import math
 from functools import lru_cache
 from typing import Any

@@ -4,6 +4,8 @@ In:  ``photon_rate`` (channel, y, x), electron/s, behind each filter of the sens
 Out: ``photocurrent`` (y, x), electron/s.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

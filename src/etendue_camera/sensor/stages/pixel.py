@@ -4,6 +4,8 @@ In:  ``irradiance`` on the image-plane grid (um).
 Out: ``photon_rate`` (channel, y, x), electron/s, on the pixel grid.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple

@@ -5,6 +5,8 @@ In:  camera quantities of filters and photodiode; the colour filter array; bin e
 Out: electrons per photon and per irradiance, (channel, wavelength), in the order of the mask's channels.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any
