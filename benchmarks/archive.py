@@ -33,8 +33,8 @@ def best(work, repeats):  # type: ignore[no-untyped-def]
 
 def small_chunks() -> float:
     """Microseconds for a chunk of 1 kB: encoded, checksummed, appended, settled every 100 cells."""
-    from etendue.archive.chunks import RAW, CellFiles, Chunk
-    from etendue.archive.parts import PARTS
+    from etendue.archive.sharding.chunks import RAW, CellFiles, Chunk
+    from etendue.archive.sharding.segments import PARTS
 
     folder, array = tempfile.mkdtemp(), np.random.default_rng(1).random(256).astype("f4")
     (Path(folder) / "run.id").write_text("own")
@@ -54,8 +54,8 @@ def small_chunks() -> float:
 
 def bytes_of(folder: Path) -> tuple[int, int, int]:
     """Bytes of all chunks: as stored, raw, and through lz4 (of one cell in five)."""
-    from etendue.archive.chunks import encode
-    from etendue.archive.reading import open_archive
+    from etendue.archive.read.reading import open_archive
+    from etendue.archive.sharding.chunks import encode
 
     archive, stored, raw, packed = open_archive(folder), 0, 0, 0.0
     seen: dict[tuple[str, str], list[float]] = {}

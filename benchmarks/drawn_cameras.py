@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract import quantities as camera
 from etendue.contract.capabilities import is_source
-from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage, parameters_of, reads_of
+from etendue.contract.values import quantities as camera
+from etendue.contract.values.parameter import MISSING, Parameter
 from etendue_camera.sensor import cfa
 from etendue_camera.spectra.names import rgb_space_names, tables
 

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 
 import etendue
 from etendue_camera.optics.stages.lens import Diffraction
-from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
 
 F_NUMBERS = [1.4, 2.8, 5.6, 11.0, 22.0]

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import etendue
-from etendue.plan.engine import ENGINE
+from etendue.plan.identity.engine import ENGINE
 
 SHOWN = ("present", "cli", "archive")
 HOUSES = ("etendue", "etendue_camera", "etendue_lab")

@@ -20,7 +20,7 @@ import numpy as np
 
 from etendue.compute.random import philox
 from etendue.compute.tables import PatternRandom
-from etendue.contract.grid import Grid, Line
+from etendue.contract.arrays.grid import Grid, Line
 from etendue_camera.electronics import dynamic_range, emva
 from etendue_camera.electronics.stages.exposure import Exposure, FullWell, ShotNoise
 from etendue_camera.electronics.stages.read_out import Adc, ReadNoise

@@ -42,7 +42,7 @@ def row(claim: str, bound: str, measured: str) -> None:
 
 
 def point_in_cells(otf: Otf, spacing: float, size: int = 160) -> Any:
-    axis = cells.Axis(size, spacing)
+    axis = cells.PeriodicAxis(size, spacing)
     table = cells.folded(
         otf, cells.reach_of(otf, spacing), axis, axis, cells.mean_rule(axis, False), cells.mean_rule(axis, True)
     )
@@ -87,7 +87,7 @@ def pixels() -> None:
     found, parts = [], np.array([9, 15, 25])
     for count in parts:
         size, spacing = 41 * int(count), 5.4 / count
-        axis = cells.Axis(size, spacing)
+        axis = cells.PeriodicAxis(size, spacing)
         rules = [cells.window_rule(axis, 5.4, 0.0, half) for half in (False, True)]
         otf = airy(0.55, 2.8)
         table = cells.folded(otf, cells.reach_of(otf, spacing), axis, axis, *rules)
@@ -105,7 +105,7 @@ def pixels() -> None:
     )
     rng, worst = np.random.default_rng(0), 0.0
     for otf in (airy(0.55, 2.8), silicon_at(0.65), lambda fy, fx: lens.gaussian_otf(fy, fx, 0.8)):
-        y, x = cells.Axis(60, 2.0), cells.Axis(64, 2.0)
+        y, x = cells.PeriodicAxis(60, 2.0), cells.PeriodicAxis(64, 2.0)
         half, reach = np.fft.rfft2(rng.uniform(0, 1, (60, 64))), cells.reach_of(otf, 2.0)
         rules = [cells.window_rule(y, 2.9, 0.3, False), cells.window_rule(x, 2.9, -0.4, True)]
         first = cells.planes_of(half * cells.folded(otf, reach, y, x, *rules), y, x)
@@ -114,7 +114,7 @@ def pixels() -> None:
         worst = max(worst, np.abs(second - first).max())
     row("cells: folding against the extended transform, at any offset", "1e-13", f"{worst:.1e}")
     for spacing in (1.0, 2.0, 5.0):
-        otf, axis = silicon_at(0.65), cells.Axis(24, spacing)
+        otf, axis = silicon_at(0.65), cells.PeriodicAxis(24, spacing)
         rules = [cells.mean_rule(axis, False), cells.mean_rule(axis, True)]
         reach = cells.reach_of(otf, spacing)
         far = 4 * reach.radius
@@ -215,7 +215,7 @@ def times() -> None:
     for number in (1.4, 2.8, 5.6):
         took = []
         for spacing in (1.0, 2.0, 3.5, 5.0):
-            axis = cells.Axis(320, spacing)
+            axis = cells.PeriodicAxis(320, spacing)
             began = time.perf_counter()
             for wavelength in np.linspace(0.4, 0.7, 31):
                 otf = airy(float(wavelength), number)

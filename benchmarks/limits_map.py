@@ -20,8 +20,8 @@ import numpy as np
 import xarray
 
 import etendue
-from etendue.contract.variables import variable
-from etendue.present.plots.panels import Sides, map_of_figures, map_of_names
+from etendue.contract.arrays.variables import variable
+from etendue.present.plots.drawing.panels import Sides, map_of_figures, map_of_names
 from etendue.present.plots.plot import Plot
 
 PIPELINE = Path(__file__).parent.parent / "pipelines" / "resolution.toml"

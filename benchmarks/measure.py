@@ -23,7 +23,7 @@ from etendue.errors import RequestError
 from etendue_camera.colour.encoding import srgb_encode
 from etendue_camera.quality.patch_noise import patch_noise
 from etendue_camera.resolution.star_interval import star_resolution
-from etendue_lab.measure.study import Asked, measure
+from etendue_lab.measure.study import MeasurementRequest, measure
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 SIGMA = 1.0
@@ -68,7 +68,9 @@ def edges(seeds: int) -> None:
                     picture = rng.uniform(0.95, 1.05) * slanted(5.0) + rng.normal(
                         0, noise, (120, 120)
                     )  # rounded elsewhere in each
-                    one = measure(written(Path(folder), kind, picture), Asked(edges=("0,0,120,120",)))["edges"][0]
+                    one = measure(written(Path(folder), kind, picture), MeasurementRequest(edges=("0,0,120,120",)))[
+                        "edges"
+                    ][0]
                     held += one["mtf50_low"] <= truth <= one["mtf50_high"]
                     found.append(one["mtf50"] / truth - 1)
             print(
@@ -110,7 +112,7 @@ def found_edges(seeds: int) -> None:
                 for seed in range(seeds):
                     picture = squares(side) + np.random.default_rng(seed).normal(0, noise, (240, 300))
                     try:
-                        one = measure(written(Path(folder), "TIFF, 16 bits", picture), Asked())["edges"][0]
+                        one = measure(written(Path(folder), "TIFF, 16 bits", picture), MeasurementRequest())["edges"][0]
                     except RequestError:
                         none += 1
                         continue
@@ -163,7 +165,9 @@ def rounded_noise(seeds: int) -> None:
             for seed in range(seeds):
                 rng = np.random.default_rng([seed, round(1e4 * sigma)])
                 picture = rng.uniform(0.1, 0.7) + rng.normal(0, sigma, (64, 64))
-                one = measure(written(Path(folder), "PNG, 8 bits", picture), Asked(noise=("0,0,64,64",)))["noise"][0]
+                one = measure(written(Path(folder), "PNG, 8 bits", picture), MeasurementRequest(noise=("0,0,64,64",)))[
+                    "noise"
+                ][0]
                 found = one["channels"][0]["linear"]["sigma"]
                 held += found["low"] <= sigma <= found["high"]
                 hidden += bool(one["hidden"])

@@ -25,7 +25,7 @@ from PIL import Image
 
 from etendue.errors import RequestError
 from etendue_camera.colour.encoding import srgb_encode
-from etendue_lab.measure.study import Asked, measure
+from etendue_lab.measure.study import MeasurementRequest, measure
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 SIGMAS, NOISES = (0.35, 0.5, 0.7, 1.0, 2.0), (0.0, 0.005, 0.02)
@@ -61,9 +61,9 @@ def cell(folder: Path, file: str, sigma: float, noise: float, draws: int, seed: 
     for draw in range(draws):
         rng = np.random.default_rng([draw, round(1000 * sigma), round(1e4 * noise), *([seed] if seed else [])])
         try:
-            one = measure(written(folder, file, edge(rng, sigma, noise)), Asked(edges=(f"0,0,{SIDE},{SIDE}",)))[
-                "edges"
-            ][0]
+            one = measure(
+                written(folder, file, edge(rng, sigma, noise)), MeasurementRequest(edges=(f"0,0,{SIDE},{SIDE}",))
+            )["edges"][0]
         except RequestError:
             refused += 1
             continue

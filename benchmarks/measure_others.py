@@ -21,7 +21,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from etendue.errors import RequestError
 from etendue_camera.colour.encoding import srgb_encode
-from etendue_lab.measure.study import Asked, measure
+from etendue_lab.measure.study import MeasurementRequest, measure
 
 SIDE, FINER = 112, 4
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
@@ -222,7 +222,7 @@ def answer(path: Path, region: bool, side: float) -> str:
     it is, is an edge.
     """
     try:
-        one = measure(path, Asked(edges=(f"0,0,{SIDE},{SIDE}",) if region else ()))["edges"][0]
+        one = measure(path, MeasurementRequest(edges=(f"0,0,{SIDE},{SIDE}",) if region else ()))["edges"][0]
     except RequestError as error:
         return "refused: " + str(error).partition(": ")[2][:90]
     if side and not region and not one["doubts"] and one["mtf50_low"] <= FIFTY / side <= one["mtf50_high"]:

@@ -33,7 +33,7 @@ import drawn_cameras
 import etendue
 from etendue.errors import PluginError, RequestError
 from etendue_lab.stability import camera_laws
-from etendue_lab.stability.camera_laws import Broken, Document, Fault, Refused
+from etendue_lab.stability.camera_laws import Broken, Document, Failure, Refused
 
 MOST_REFUSED = 0.1
 
@@ -76,13 +76,13 @@ def run(document: Document, folder: Path) -> Any:
         last = str(error).strip().rpartition("\n")[2]
         stage = re.match(r"\d+ cells failed; the first: (\S+)", str(error))
         own = f"{stage[1]}: " if stage else ""
-        raise Fault(
+        raise Failure(
             "failed cell", own + (last if "\n" in str(error) else str(error).partition("}: ")[2] or str(error))
         ) from None
     except Warning as warning:
-        raise Fault("leaked warning", f"{type(warning).__name__}: {warning}") from None
+        raise Failure("leaked warning", f"{type(warning).__name__}: {warning}") from None
     except Exception as error:
-        raise Fault("traceback", f"{type(error).__name__}: {error}") from error
+        raise Failure("traceback", f"{type(error).__name__}: {error}") from error
 
 
 @dataclass
@@ -108,7 +108,7 @@ def judge(seed: int, folder: Path, small: bool = False) -> Verdict:
         verdict.broken = list(camera_laws.laws(document, tree, lambda twin: run(twin, folder)))
     except Refused as refused:
         verdict.refused = str(refused)
-    except Fault as fault:
+    except Failure as fault:
         verdict.broken = [Broken(fault.kind, str(fault))]
     return verdict
 

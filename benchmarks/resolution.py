@@ -21,10 +21,11 @@ from slanted_edge import edge, profile, systems
 from threadpoolctl import threadpool_limits
 
 from etendue_camera.optics import diffraction
-from etendue_camera.resolution import edge_bins, two_points
-from etendue_camera.resolution.edge_interval import edge_resolution
+from etendue_camera.resolution import two_points
+from etendue_camera.resolution.edges import edge_bins
+from etendue_camera.resolution.edges.edge_interval import edge_resolution
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.resolution.siemens import Star, star_response
-from etendue_camera.resolution.slanted_edge import slanted_edge
 from etendue_camera.resolution.texture import texture_response
 from etendue_camera.scene.dead_leaves import LeafChart, dead_leaves, leaves
 

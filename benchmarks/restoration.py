@@ -32,7 +32,7 @@ from scipy.interpolate import CubicSpline
 from etendue.transfer import sampling
 from etendue_camera.optics import diffraction
 from etendue_camera.resolution import restoration_gain
-from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.restoration import deconvolution, denoise, sharpening
 
 FILE = Path(__file__).parent.parent / "tests" / "data" / "physics_reference.json"

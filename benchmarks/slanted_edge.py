@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 
 BOUND = 0.5  # percent of MTF50
 ANGLES = (2.0, 5.0, 10.0, 40.0, 88.0)

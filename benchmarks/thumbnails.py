@@ -83,7 +83,7 @@ def child(rows: int, columns: int) -> None:
     try:
         from etendue.present.pictures import thumbnails
 
-        timed(thumbnails.Look, "__call__", spent)
+        timed(thumbnails.Observer, "__call__", spent)
     except ImportError:  # of a checkout that makes pictures at the end
         pass
     timed(pictures, "render", spent)

@@ -21,11 +21,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from etendue.contract import quantities as camera
 from etendue.contract.capabilities import is_source
-from etendue.contract.parameter import Parameter
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.contract.values import quantities as camera
+from etendue.contract.values.parameter import Parameter
 from etendue.errors import MachineError, RequestError
 from etendue.pipeline.file import from_document
 from etendue.plan.planner import make_plan

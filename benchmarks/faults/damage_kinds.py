@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import google_crc32c
 import numpy as np
 
-from etendue.archive.chunks import decode, encode
-from etendue.archive.shards import index_bytes
+from etendue.archive.sharding.chunks import decode, encode
+from etendue.archive.sharding.shards import index_bytes
 
 if TYPE_CHECKING:
     from damages import Sound

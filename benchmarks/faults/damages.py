@@ -26,10 +26,10 @@ from pathlib import Path
 
 from damage_kinds import KINDS
 
-from etendue.archive.reading import open_archive
-from etendue.archive.remembered import remember
-from etendue.archive.stored import Stored
-from etendue.archive.verify import verify
+from etendue.archive.checks.verify import verify
+from etendue.archive.read.reading import open_archive
+from etendue.archive.read.stored import Stored
+from etendue.archive.records.remembered import remember
 from etendue.contract.registry import installed_stages
 from etendue.errors import EtendueError
 from etendue.pipeline.file import read_pipeline

@@ -19,7 +19,7 @@ from forgery_kinds import FORGERIES, SAID, Forge, sealed
 from forgery_words import SAID_WORDS, WORDS
 from hostile_kinds import sound_archive
 
-from etendue.archive.verify import verify
+from etendue.archive.checks.verify import verify
 from etendue.errors import EtendueError
 from etendue.session import Options
 from etendue.trust.reproducing import reproduce

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from hostile_kinds import reseal
 
-from etendue.archive.chunks import decode, encode
-from etendue.archive.frames import digest
-from etendue.archive.journal import summed
-from etendue.archive.metadata import text_chunk, texts_of
+from etendue.archive.journaling.journal import summed
+from etendue.archive.read.earlier_pictures import digest
+from etendue.archive.sharding.chunks import decode, encode
+from etendue.archive.structure.metadata import text_chunk, texts_of
 
 Forge = Callable[[Path], object]
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from forgery_kinds import Forge, chunk_edited, lines, record, sealed, several, values
 
-from etendue.archive.journal import summed
+from etendue.archive.journaling.journal import summed
 
 
 def lines_more(*events: dict[str, Any]) -> Forge:

@@ -59,7 +59,11 @@ def import_all(words: list[str], said: Path) -> None:
 
     if code_of(start(words, said, after=tell)):
         raise RuntimeError(said.read_text())
-    for name in (*said.with_suffix(".modules").read_text().split(), "etendue.archive.verify", "etendue.archive.stored"):
+    for name in (
+        *said.with_suffix(".modules").read_text().split(),
+        "etendue.archive.checks.verify",
+        "etendue.archive.read.stored",
+    ):
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
     sys.modules["__main__"] = importlib.import_module(
@@ -147,7 +151,7 @@ def differs(archive: Path, whole: Path) -> str:
     """
 
     def compared() -> str:
-        from etendue.archive.verify import verify
+        from etendue.archive.checks.verify import verify
         from tests.archive.tiny import store_of
 
         own, was = (
@@ -179,7 +183,7 @@ def misread(archive: Path, whole: Path) -> str:
     """
 
     def read() -> str:
-        from etendue.archive.stored import Stored
+        from etendue.archive.read.stored import Stored
         from etendue.errors import EtendueError
 
         if not (archive / "journal.jsonl").exists():

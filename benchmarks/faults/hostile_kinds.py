@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from etendue.archive.journal import summed
+from etendue.archive.journaling.journal import summed
 
 Act = Callable[[Path, Path], object]
 LIGHT = "wavelength_nm,power\n300,1\n900,1\n"

@@ -20,7 +20,7 @@ import numpy as np
 from hostile_kinds import RAW, Act, added, line_added, metadata_edited, pipeline_edited, replaced, reseal
 from numcodecs import Zstd
 
-from etendue.archive.journal import summed
+from etendue.archive.journaling.journal import summed
 
 JOURNAL = "journal.jsonl"
 HUGE = "1" + "0" * 5000  # more digits than Python's int() takes

@@ -17,10 +17,10 @@ from PIL import Image
 
 import etendue
 from etendue.builder.stages import Placed
-from etendue.contract.parameter import MISSING
+from etendue.contract.arrays.variables import variable
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
-from etendue.contract.variables import variable
+from etendue.contract.values.parameter import MISSING
 from etendue.errors import EtendueError
 from etendue.present.plots import pictures
 from etendue.present.terminal.catalogue import first_sentence, stage_document

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from etendue.contract.units import as_written
+from etendue.contract.values.units import as_written
 from etendue.pipeline.presets import preset, preset_names
 from making.markdown import shown, table
 

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from etendue.contract import quantities as camera
+from etendue.contract.arrays.variables import parse_declaration, variable
 from etendue.contract.registry import Registry, installed_stages
-from etendue.contract.variables import parse_declaration, variable
+from etendue.contract.values import quantities as camera
 from etendue.plugins import discovery
 from etendue.present.terminal.catalogue import first_sentence, quantity_document, stage_document
 from making.markdown import paragraphs, shown, table, toctree

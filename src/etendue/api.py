@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from etendue.plugins.hookspecs import hookimpl
 
 if TYPE_CHECKING:
+    from etendue.contract.arrays.facts import UNKNOWN, Facts
+    from etendue.contract.arrays.grid import RGB, XYZ, Bands, Grid, Labels, Line
     from etendue.contract.capabilities import (
         Banded,
         Bounded,
@@ -26,14 +28,12 @@ if TYPE_CHECKING:
         Viewed,
         moves_light,
     )
-    from etendue.contract.facts import UNKNOWN, Facts
-    from etendue.contract.found import ends
-    from etendue.contract.grid import RGB, XYZ, Bands, Grid, Labels, Line
     from etendue.contract.labelled import labelled
-    from etendue.contract.parameter import param
-    from etendue.contract.quantities import quantity
     from etendue.contract.stage import Stage, file_state
     from etendue.contract.stated import fitted, measured, proved
+    from etendue.contract.values.late_bound import ends
+    from etendue.contract.values.parameter import param
+    from etendue.contract.values.quantities import quantity
     from etendue.errors import EtendueError, Fault, PluginError, RequestError
 
 __all__ = [
@@ -78,8 +78,10 @@ __all__ = [
 
 def _imported() -> dict[str, Any]:
     """All of them. Import statements, so that what stands behind a name is found by reading this file
-    (``plan.code``).
+    (``plan.identity.code``).
     """
+    from etendue.contract.arrays.facts import UNKNOWN, Facts
+    from etendue.contract.arrays.grid import RGB, XYZ, Bands, Grid, Labels, Line
     from etendue.contract.capabilities import (
         Banded,
         Bounded,
@@ -96,14 +98,12 @@ def _imported() -> dict[str, Any]:
         Viewed,
         moves_light,
     )
-    from etendue.contract.facts import UNKNOWN, Facts
-    from etendue.contract.found import ends
-    from etendue.contract.grid import RGB, XYZ, Bands, Grid, Labels, Line
     from etendue.contract.labelled import labelled
-    from etendue.contract.parameter import param
-    from etendue.contract.quantities import quantity
     from etendue.contract.stage import Stage, file_state
     from etendue.contract.stated import fitted, measured, proved
+    from etendue.contract.values.late_bound import ends
+    from etendue.contract.values.parameter import param
+    from etendue.contract.values.quantities import quantity
     from etendue.errors import EtendueError, Fault, PluginError, RequestError
 
     return locals()

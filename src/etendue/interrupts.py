@@ -29,7 +29,7 @@ class Interrupted(KeyboardInterrupt):
         self.exit_code = 128 + number
 
 
-class _State:
+class _SignalState:
     """What is known of signals in this process."""
 
     owner = 0  # the process whose signals are all answered here; 0: a library in somebody's process
@@ -45,50 +45,50 @@ def install() -> None:
     """Answer signals from now on, for as long as the process lives. What the process was started to ignore it goes
     on ignoring.
     """
-    _State.owner = os.getpid()
-    _State.answered = tuple(number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN)
+    _SignalState.owner = os.getpid()
+    _SignalState.answered = tuple(number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN)
     _arm()
 
 
 def owns() -> bool:
     """Whether this is a process of ours, all of whose signals are answered here."""
-    return _State.owner == os.getpid()
+    return _SignalState.owner == os.getpid()
 
 
 def ends() -> None:
     """All is done but what was asked to be done at the very end."""
-    _State.ending = True
+    _SignalState.ending = True
 
 
 def ending() -> bool:
     """Whether that is so."""
-    return _State.ending
+    return _SignalState.ending
 
 
 def _arm() -> None:
-    for number in _State.answered:
+    for number in _SignalState.answered:
         if signal.getsignal(number) is not _answer:
             signal.signal(number, _answer)
 
 
 def say(line: str) -> None:
     """What is said from now on when a signal comes."""
-    _State.line = line
+    _SignalState.line = line
 
 
 def line() -> str:
     """What is said now when a signal comes."""
-    return _State.line
+    return _SignalState.line
 
 
 def _answer(number: int, frame: FrameType | None) -> None:
-    _State.noted = _State.noted or number
-    _State.count += 1
-    if _State.holding and _State.count < PATIENCE:
+    _SignalState.noted = _SignalState.noted or number
+    _SignalState.count += 1
+    if _SignalState.holding and _SignalState.count < PATIENCE:
         return
     if owns():
         leave()
-    if not _State.owner:
+    if not _SignalState.owner:
         raise KeyboardInterrupt
     end_now(128 + number)  # a child that was forked
 
@@ -96,18 +96,22 @@ def _answer(number: int, frame: FrameType | None) -> None:
 def leave() -> None:
     """End the process now, with the line and the code of the signal that was noted."""
     try:
-        os.write(2, f"{_State.line}\n".encode())
+        os.write(2, f"{_SignalState.line}\n".encode())
     except OSError:  # nobody listens
         pass
-    end_now(128 + (_State.noted or signal.SIGINT))
+    end_now(128 + (_SignalState.noted or signal.SIGINT))
 
 
 def check() -> None:
     """Raise ``Interrupted`` if a signal was noted. In somebody else's process it is the main thread's: other threads
     go on.
     """
-    if _State.noted and _State.holding and (_State.owner or threading.current_thread() is threading.main_thread()):
-        raise Interrupted(_State.noted)
+    if (
+        _SignalState.noted
+        and _SignalState.holding
+        and (_SignalState.owner or threading.current_thread() is threading.main_thread())
+    ):
+        raise Interrupted(_SignalState.noted)
 
 
 @contextmanager
@@ -120,21 +124,21 @@ def held() -> Iterator[None]:
         yield
         return
     before = signal.getsignal(signal.SIGINT)
-    ours = not _State.owner and not _State.holding and before is signal.default_int_handler
+    ours = not _SignalState.owner and not _SignalState.holding and before is signal.default_int_handler
     if ours:
         signal.signal(signal.SIGINT, _answer)
-    elif _State.owner:
+    elif _SignalState.owner:
         _arm()  # a plugin may have taken them
-    _State.holding += 1
+    _SignalState.holding += 1
     try:
         yield
         check()
     finally:
-        _State.holding -= 1
+        _SignalState.holding -= 1
         if ours:
             signal.signal(signal.SIGINT, before)
-        if not _State.owner and not _State.holding:
-            _State.noted = _State.count = 0
+        if not _SignalState.owner and not _SignalState.holding:
+            _SignalState.noted = _SignalState.count = 0
 
 
 def is_ours(error: BaseException) -> bool:

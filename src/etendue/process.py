@@ -23,7 +23,7 @@ from etendue.telling import here
 _Found = TypeVar("_Found")
 
 
-class Shared:
+class SharedChange:
     """A change that several need at once. Use as a context manager, as often and in as many threads as it is needed."""
 
     def __init__(self, change: Callable[[], AbstractContextManager[Any]]) -> None:
@@ -46,7 +46,7 @@ class Shared:
                 made.__exit__(None, None, None)
 
 
-class Before(Generic[_Found]):
+class StateBefore(Generic[_Found]):
     """What stood before the first began of all who are still at it: that is put back behind each of them."""
 
     def __init__(self, now: Callable[[], _Found]) -> None:
@@ -142,4 +142,4 @@ def return_to(folder: str) -> None:
         os.chdir(folder)
 
 
-FOLDER, WARNED = Before(here), Before(Warned)  # in front of all foreign code that is under way
+FOLDER, WARNED = StateBefore(here), StateBefore(Warned)  # in front of all foreign code that is under way

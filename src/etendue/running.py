@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from etendue import interrupts
 from etendue.compute.job import Job
 from etendue.compute.jobs import make_jobs
-from etendue.contract.ports import Keeper, Progress, Sheet
+from etendue.contract.ports import ContactSheet, Keeper, Progress
 from etendue.plan.model import CellRef
 from etendue.plan.reports import DONE, LEFT_OUT, Reports
 from etendue.plan.resume import Work
@@ -107,7 +107,7 @@ class Running:
         """The shown cells that an earlier run has computed."""
         return [ref for ref in self.shown.values() if ref not in self.work.todo]
 
-    def sheet(self, at: str) -> Sheet | None:
+    def sheet(self, at: str) -> ContactSheet | None:
         """Pictures of the shown cells, whose axis values are ``at``; None where those of an earlier run stay."""
         keeper = self.keeper
         if keeper.draws and (self.arrays or keeper.lacks_pictures(self.shown.values())):

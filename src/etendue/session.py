@@ -18,11 +18,11 @@ from etendue.calls import called
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import CellReport, Keeper, Progress
 from etendue.contract.registry import installed_stages
-from etendue.contract.tables import SHARED
+from etendue.contract.values.tables import SHARED
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.file import (
-    Pipeline,
-    Source,
+    PipelineFile,
+    PipelineSource,
     from_document,
     overridden,
     parse_pipeline,
@@ -68,7 +68,7 @@ class Options:
 
     def how(self, stop: Stop, mark: tuple[str, bytes] | None = None) -> How:
         """How the scheduler is to run batches; ``mark``: a file that all workers must see."""
-        from etendue.archive.provenance import platform_record
+        from etendue.archive.records.provenance import platform_record
 
         workers = workers_of(self.scheduler, self.workers)
         return How(self.scheduler, workers, stop, self.cell_timeout, platform_record, mark)
@@ -104,12 +104,12 @@ class Outcome:
         return self.reports.count(DONE, LEFT_OUT)
 
     def __repr__(self) -> str:
-        from etendue.present.plots.outcomes import outcome_text
+        from etendue.present.plots.summary.outcomes import outcome_text
 
         return outcome_text(self)
 
     def _repr_html_(self) -> str:
-        from etendue.present.plots.outcomes import outcome_page
+        from etendue.present.plots.summary.outcomes import outcome_page
 
         return outcome_page(self)
 
@@ -134,9 +134,11 @@ class _Silent:
     def end(self) -> None: ...
 
 
-def load(source: str | Path | Mapping[str, Any] | Source, overrides: Mapping[str, Any] | None = None) -> Pipeline:
+def load(
+    source: str | Path | Mapping[str, Any] | PipelineSource, overrides: Mapping[str, Any] | None = None
+) -> PipelineFile:
     """A pipeline from a file, TOML text or mapping, or one that was read or written in Python."""
-    if isinstance(source, Source):
+    if isinstance(source, PipelineSource):
         return overridden(source.written(), overrides) if overrides else source.written()
     if isinstance(source, Mapping):
         refuse_large(source)  # before it is copied, level by level
@@ -178,7 +180,7 @@ def execute(
     from etendue.running import Running  # seconds of imports, while a signal may still end everything
 
     if archive is not None:
-        from etendue.archive import keeper  # noqa: F401
+        from etendue.archive.write import keeper  # noqa: F401
     TREES_OUT.collect()
     with interrupts.held(), SELDOM_COLLECTING:  # signals are answered where nothing is torn
         drawn = archive is not None or options.pictures
@@ -266,10 +268,10 @@ def collect(
 
 def _keeper(archive: str | Path | None, options: Options) -> Keeper:
     if archive is None:
-        from etendue.archive.memory import MemoryKeeper
+        from etendue.archive.write.memory import MemoryKeeper
 
         return MemoryKeeper(options.pictures)
-    from etendue.archive.keeper import ArchiveKeeper
+    from etendue.archive.write.keeper import ArchiveKeeper
 
     return ArchiveKeeper(Path(archive), options)
 
@@ -283,7 +285,7 @@ def check_timeout(options: Options) -> None:
 
 @called
 def simulate(
-    pipeline: str | Path | Mapping[str, Any] | Source,
+    pipeline: str | Path | Mapping[str, Any] | PipelineSource,
     *,
     archive: str | Path | None = None,
     want: str | Iterable[str] | None = None,

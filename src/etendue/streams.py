@@ -16,7 +16,7 @@ from typing import Any, TextIO
 from etendue.telling import plain, shown_path
 
 
-class _State:
+class _StreamState:
     kept: int | None = None  # the stdout of this process, while plugins have stderr in its place
     stream: TextIO | None = None
 
@@ -24,44 +24,44 @@ class _State:
 @contextmanager
 def plugins_on_stderr() -> Iterator[None]:
     """stdout is stderr in here, for Python and for C; warnings are one line each."""
-    if _State.stream is not None:
+    if _StreamState.stream is not None:
         yield
         return
     before, shown = sys.stdout, warnings.showwarning
-    _State.stream = before
+    _StreamState.stream = before
     if _is_fd_1(before):
         before.flush()
-        _State.kept = os.dup(1)
+        _StreamState.kept = os.dup(1)
         os.dup2(2, 1)
     sys.stdout, warnings.showwarning = sys.stderr, show_warning
     try:
         yield
     finally:
         sys.stdout, warnings.showwarning = before, shown
-        if _State.kept is not None:
+        if _StreamState.kept is not None:
             _flush_c()
-            os.dup2(_State.kept, 1)
-            os.close(_State.kept)
-        _State.kept = _State.stream = None
+            os.dup2(_StreamState.kept, 1)
+            os.close(_StreamState.kept)
+        _StreamState.kept = _StreamState.stream = None
 
 
 @contextmanager
 def results() -> Iterator[None]:
     """stdout is stdout again in here."""
-    stream = _State.stream
+    stream = _StreamState.stream
     if stream is None:
         yield
         return
-    if _State.kept is not None:
+    if _StreamState.kept is not None:
         _flush_c()
-        os.dup2(_State.kept, 1)
+        os.dup2(_StreamState.kept, 1)
     sys.stdout = stream
     try:
         yield
         stream.flush()
     finally:
         sys.stdout = sys.stderr
-        if _State.kept is not None:
+        if _StreamState.kept is not None:
             os.dup2(2, 1)
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from etendue import plain_files, require
-from etendue.contract.bounds import beyond
+from etendue.contract.values.bounds import beyond
 from etendue.process import unwarned
 from etendue_camera.colour_notes import colour_note, exif_note, png_note
 

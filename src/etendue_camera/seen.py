@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.drawn import Drawn
+from etendue.contract.arrays.drawn import Drawn
 from etendue_camera import spectra
 from etendue_camera.colour import matrices
 from etendue_camera.sensor import cfa

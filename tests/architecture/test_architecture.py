@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from etendue.contract.arrays.variables import variable
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage, parameters_of, reads_of, writes_of
-from etendue.contract.variables import variable
 from etendue.plugins.discovery import installed
 from etendue_camera import manifest
 
@@ -76,7 +76,7 @@ def test_no_import_stands_in_a_function_to_break_a_circle():
         "etendue/api.py",
         "etendue/session.py",
         "etendue/archive/places.py",
-        "etendue/contract/dims.py",
+        "etendue/contract/arrays/dims.py",
         "etendue/plugins/guests.py",  # which discovery starts
         "etendue_camera/export/archived.py",  # a method of archives
     }

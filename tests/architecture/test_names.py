@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from etendue.contract import quantities as camera
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.contract.values import quantities as camera
 
 PACKAGE = Path(__file__).parents[2] / "src"
 FILES = sorted(PACKAGE.rglob("*.py"))

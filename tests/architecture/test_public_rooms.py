@@ -80,7 +80,7 @@ def test_a_model_is_there_while_the_registry_waits_for_the_plugin_that_asks():
 
 def test_the_code_of_a_stage_that_builds_upon_another_is_that_of_both(tmp_path, monkeypatch):
     """An edit in the model's kernel makes other keys, as one in the plugin's own file does."""
-    from etendue.plan import code
+    from etendue.plan.identity import code
 
     for path, text in files(beginning(installed_stages(), "begun", "demosaicing", None)).items():
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)

@@ -2,7 +2,8 @@
 
 import pytest
 
-from etendue.archive import cutting, pieces
+from etendue.archive.sharding import partition
+from etendue.archive.structure import cutting
 from etendue.session import Options, execute
 from tests.archive.tiny import LARGEST, SMALL, tiny_plan
 
@@ -14,7 +15,7 @@ def in_bands(request):
     """
     with pytest.MonkeyPatch.context() as patch:
         if not getattr(request.module, "WHOLE_CELLS", False):
-            patch.setattr(pieces, "LARGEST_CHUNK", LARGEST)
+            patch.setattr(partition, "LARGEST_CHUNK", LARGEST)
             patch.setattr(cutting, "SMALL", SMALL)
         yield
 

@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 import xarray
 
-from etendue.archive import chunks, finding
-from etendue.archive.journal import read_journal
-from etendue.archive.naming import cell_name
-from etendue.archive.reading import open_archive
-from etendue.archive.strangers import other_stages
+from etendue.archive.journaling.journal import read_journal
+from etendue.archive.read.reading import open_archive
+from etendue.archive.sharding import chunks, finding
+from etendue.archive.structure.naming import cell_name
+from etendue.archive.write.foreign_files import other_stages
 from etendue.errors import ArchiveError, ArchiveInUse
 from tests.archive.tiny import index_of, slots_of
 from tests.run.small import BARE, SWEEP, assert_same_archives, command, plan_of, run
@@ -561,7 +561,7 @@ def test_what_to_type_for_other_stages_or_axes_is_said(tmp_path):
 
 
 def test_another_platform_is_refused_and_nothing_changes(copy, plan, monkeypatch):
-    from etendue.archive import provenance
+    from etendue.archive.records import provenance
 
     there = {**provenance.platform_record(), "cpu_features": "another"}
     monkeypatch.setattr(provenance, "platform_record", lambda: there)
@@ -576,8 +576,8 @@ def test_cells_of_an_accepted_platform_stay_and_are_marked(copy, monkeypatch):
     """Keys of random stages, and of what reads them, name the versions of libraries: nothing of them is computed
     again.
     """
-    from etendue.archive import provenance
-    from etendue.plan import recipes
+    from etendue.archive.records import provenance
+    from etendue.plan.expansion import recipes
 
     def version_of(name):
         return "99.1" if name == "numpy" else versions(name)
@@ -664,15 +664,15 @@ def test_who_asks_whether_an_archive_is_in_use_keeps_no_run_out(copy, plan):
 
 def test_a_run_whose_archive_is_taken_over_stops(copy, plan, monkeypatch):
     """On a file system without locks another run may write its id: no chunk is written after that."""
-    from etendue.archive.store import Archive
+    from etendue.archive.write.store import ArchiveWriter
 
-    reported = Archive.reported
+    reported = ArchiveWriter.reported
 
     def taken(self, reports):
         (copy / "run.id").write_text("another")
         return reported(self, reports)
 
-    monkeypatch.setattr(Archive, "reported", taken)
+    monkeypatch.setattr(ArchiveWriter, "reported", taken)
     with pytest.raises(ArchiveInUse, match="another run"):
         run(plan, copy, recompute=True, batch_seconds=0.0)
 

@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from zarr.codecs import BloscCodec, Crc32cCodec
 
-from etendue.archive import disk
-from etendue.archive.chunks import CODEC, LEVEL, RAW, CellFiles, Chunk, decode, encode
-from etendue.archive.parts import GATHERED, PARTS, Part
-from etendue.archive.shards import (
+from etendue.archive.records import disk
+from etendue.archive.sharding.chunks import CODEC, LEVEL, RAW, CellFiles, Chunk, decode, encode
+from etendue.archive.sharding.segments import GATHERED, PARTS, ShardSegment
+from etendue.archive.sharding.shards import (
     MOST,
-    Place,
+    ChunkPlace,
     block_of,
     index_bytes,
     index_size,
@@ -154,7 +154,7 @@ def write(folder, array, codec, axes, order):
         target = target_of(folder, (chunk,))
         (written,) = target.write({"v": flat[slot]})
         target.settle()
-        found[int(slot)] = written, Place(part_path(written), written.offset, written.size, written.digest)
+        found[int(slot)] = written, ChunkPlace(part_path(written), written.offset, written.size, written.digest)
     PARTS.close(str(folder))
     return put_shard(folder, PATH, slots, found)
 
@@ -280,7 +280,7 @@ def test_threads_that_share_a_part_lose_nothing(tmp_path, size):
             (one,) = target.write({"v": arrays[slot]})
             if slot % 5 == 0:
                 target.settle()
-            found[slot] = one, Place(part_path(one), one.offset, one.size, one.digest)
+            found[slot] = one, ChunkPlace(part_path(one), one.offset, one.size, one.digest)
         target.settle()
 
     threads = [threading.Thread(target=work, args=(n,)) for n in range(16)]
@@ -304,14 +304,14 @@ def test_a_thread_has_settled_when_its_chunks_stand_in_the_file_whoever_settles_
     first, second = (target_of(tmp_path, (Chunk("v", PATH, slot, 2, "float64", (3,), RAW),)) for slot in (0, 1))
     for target in (first, second):
         target.write({"v": np.arange(3.0)})
-    under_way, go, put = threading.Event(), threading.Event(), Part._put
+    under_way, go, put = threading.Event(), threading.Event(), ShardSegment._put
 
     def held(part, pieces, size):
         under_way.set()
         assert go.wait(60)
         put(part, pieces, size)
 
-    monkeypatch.setattr(Part, "_put", held)
+    monkeypatch.setattr(ShardSegment, "_put", held)
     one, other = threading.Thread(target=first.settle), threading.Thread(target=second.settle)
     one.start()
     assert under_way.wait(60)
@@ -333,7 +333,7 @@ def test_parts_of_several_processes_become_one_shard(tmp_path):
         target = target_of(tmp_path, (Chunk("v", PATH, slot, 9, "float64", (600,), RAW),))
         (one,) = target.write({"v": array[slot]})
         target.settle()
-        found[slot] = one, Place(part_path(one), one.offset, one.size, one.digest)
+        found[slot] = one, ChunkPlace(part_path(one), one.offset, one.size, one.digest)
         if slot in (1, 6):
             PARTS.close(str(tmp_path))  # as another process, which begins a part of its own
     PARTS.close(str(tmp_path))
@@ -353,7 +353,7 @@ def test_a_part_that_has_become_a_shard_is_left_alone(tmp_path):
     target = target_of(tmp_path, (Chunk("v", PATH, 1, 2, "float64", (3,), RAW),))
     (first,) = target.write({"v": np.arange(3.0)})
     target.settle()
-    put_shard(tmp_path, PATH, 2, {1: (first, Place(part_path(first), first.offset, first.size, first.digest))})
+    put_shard(tmp_path, PATH, 2, {1: (first, ChunkPlace(part_path(first), first.offset, first.size, first.digest))})
     before = (tmp_path / PATH).read_bytes()
     (again,) = target.write({"v": np.arange(3.0)})
     target.settle()
@@ -370,7 +370,7 @@ def test_a_part_with_a_second_name_is_copied(tmp_path):
     PARTS.close(str(tmp_path))
     os.link(tmp_path / part_path(one), tmp_path / "backup")
     before = (tmp_path / "backup").read_bytes()
-    put_shard(tmp_path, PATH, 1, {0: (one, Place(part_path(one), one.offset, one.size, one.digest))})
+    put_shard(tmp_path, PATH, 1, {0: (one, ChunkPlace(part_path(one), one.offset, one.size, one.digest))})
     assert (tmp_path / "backup").read_bytes() == before
     assert index_of((tmp_path / PATH).read_bytes(), 1) == {0: (0, one.size)}
 

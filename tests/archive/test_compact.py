@@ -13,15 +13,15 @@ import pytest
 import xarray
 
 import etendue
-from etendue.archive import in_place
-from etendue.archive.chunks import encode
-from etendue.archive.compact import compact
-from etendue.archive.in_place import compact_in_place
-from etendue.archive.journal import summed
-from etendue.archive.manifest import write_manifest
-from etendue.archive.reading import open_archive
-from etendue.archive.store import Archive
-from etendue.archive.verify import verify
+from etendue.archive.checks.verify import verify
+from etendue.archive.journaling.journal import summed
+from etendue.archive.read.reading import open_archive
+from etendue.archive.records.manifest import write_manifest
+from etendue.archive.sharding.chunks import encode
+from etendue.archive.write import in_place
+from etendue.archive.write.compact import compact
+from etendue.archive.write.in_place import compact_in_place
+from etendue.archive.write.store import ArchiveWriter
 from etendue.cli import main
 from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.session import Options, execute
@@ -160,7 +160,7 @@ def test_in_place_it_is_refused_where_it_cannot_be_done(grown, tmp_path, monkeyp
     archive = tmp_path / "a"
     shutil.copytree(grown, archive)
     before = state(archive)
-    with Archive(archive), pytest.raises(ArchiveInUse):
+    with ArchiveWriter(archive), pytest.raises(ArchiveInUse):
         compact_in_place(archive)
     monkeypatch.setattr(in_place, "EXCHANGE", 1 << 20)  # which no system knows
     with pytest.raises(ArchiveError, match=r"cannot exchange two folders .* compact .* NEW"):

@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from etendue.archive.verify import verify
+from etendue.archive.checks.verify import verify
 from etendue.session import Options, execute
 from tests.archive.tiny import store_of, tiny_plan
 

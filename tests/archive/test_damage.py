@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from etendue.archive.compact import compact
-from etendue.archive.journal import Journal
-from etendue.archive.verify import verify
+from etendue.archive.checks.verify import verify
+from etendue.archive.journaling.journal import Journal
+from etendue.archive.write.compact import compact
 from etendue.cli import main
 from etendue.errors import ArchiveError, EtendueError
 from etendue.session import Options, execute

@@ -10,16 +10,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etendue.archive.blocks import Held
-from etendue.archive.entries import EVENTS, Entries, Entry
-from etendue.archive.journal import Read, _checked, _take, _take_own, read, summed
-from etendue.archive.layout import STATUS
-from etendue.archive.shards import Index, Place
-from etendue.contract.ports import Written
+from etendue.archive.journaling.blocks import ShardContents
+from etendue.archive.journaling.entries import EVENTS, Entries, Entry
+from etendue.archive.journaling.journal import Read, _checked, _take, _take_own, read, summed
+from etendue.archive.sharding.shards import ChunkPlace, Index
+from etendue.archive.structure.layout import STATUS
+from etendue.contract.ports import WrittenChunk
 
 NUMBER = st.integers(0, 2**62)
 WRITTEN = st.builds(
-    Written, st.sampled_from(["a/c.0", "a/c.1"]), st.integers(0, 7), st.sampled_from(["p", "q"]), NUMBER, NUMBER, NUMBER
+    WrittenChunk,
+    st.sampled_from(["a/c.0", "a/c.1"]),
+    st.integers(0, 7),
+    st.sampled_from(["p", "q"]),
+    NUMBER,
+    NUMBER,
+    NUMBER,
 )
 KEYS = st.one_of(
     st.binary(min_size=16, max_size=16).map(bytes.hex), st.sampled_from(["", "AB" * 16, "no digest", "ab"])
@@ -74,14 +80,14 @@ def test_columns_say_what_a_dict_of_entries_says(said):
 @settings(max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 5), st.one_of(st.none(), WRITTEN), st.booleans()), max_size=20))
 def test_the_chunks_of_a_shard_are_held_as_in_a_dict(steps):
-    held, plain = Held("a/c.0", 6), {}
+    held, plain = ShardContents("a/c.0", 6), {}
     for slot, one, moved in steps:
         if one is None:
             assert held.pop(slot, None) == plain.pop(slot, None)
             continue
         held[slot] = plain[slot] = (
             one,
-            Place("a/c.0" if moved else f"{one.part}.part", one.offset, one.size, one.digest),
+            ChunkPlace("a/c.0" if moved else f"{one.part}.part", one.offset, one.size, one.digest),
         )
     assert dict(held) == plain
     assert held.lying() == {place.file for _, place in plain.values()}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from etendue.archive.verify import sha256_of
+from etendue.archive.checks.verify import sha256_of
 from etendue.session import Options, execute
 from etendue.trust.comparing import NOT_CHECKED
 from etendue.trust.reproducing import reproduce

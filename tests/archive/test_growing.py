@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import xarray
 
-from etendue.archive.keeper import ArchiveKeeper
-from etendue.archive.layout import layout_of
-from etendue.archive.naming import Names
-from etendue.archive.reading import open_archive
-from etendue.archive.verify import verify
+from etendue.archive.checks.verify import verify
+from etendue.archive.read.reading import open_archive
+from etendue.archive.structure.layout import layout_of
+from etendue.archive.structure.naming import Names
+from etendue.archive.write.keeper import ArchiveKeeper
 from etendue.errors import ArchiveError
 from tests.archive.dying import Died, dying
 from tests.run.small import plan_of

@@ -220,17 +220,17 @@ def test_a_variable_named_like_something_of_the_archive_is_no_stage(writes, why)
 
 
 def test_show_says_how_much_of_all_is_done_while_a_run_goes_on(place, plan, tmp_path, capsys, monkeypatch):
-    from etendue.archive.describe import describe_archive
-    from etendue.archive.store import Archive
+    from etendue.archive.checks.describe import describe_archive
+    from etendue.archive.write.store import ArchiveWriter
 
-    reported, seen = Archive.reported, []
+    reported, seen = ArchiveWriter.reported, []
 
     def look(self, reports):
         reported(self, reports)
         seen.append(describe_archive(tmp_path / "a"))
         main(["show", str(tmp_path / "a")], prog_name="etendue", standalone_mode=False)
 
-    monkeypatch.setattr(Archive, "reported", look)
+    monkeypatch.setattr(ArchiveWriter, "reported", look)
     run(plan, tmp_path / "a", batch_seconds=0.0)
     done = [document["finished"] for document in seen]
     assert done == sorted(done)
@@ -258,9 +258,9 @@ def test_show_says_how_much_of_all_is_done_while_a_run_goes_on(place, plan, tmp_
 def test_the_time_that_is_left_follows_what_cells_of_each_stage_have_taken():
     import time
 
-    from etendue.archive.describe import _pace
-    from etendue.archive.entries import Entry
-    from etendue.archive.journal import Going, Read
+    from etendue.archive.checks.describe import _pace
+    from etendue.archive.journaling.entries import Entry
+    from etendue.archive.journaling.journal import Going, Read
 
     took = {"scene []": 4.0, "pixel [0]": 0.25, "pixel [1]": 0.75}  # 5 s; 8 more pixels of 0.5 s are left
     entries = {cell: Entry("done", "", seconds=seconds) for cell, seconds in took.items()}

@@ -180,7 +180,7 @@ def test_a_run_killed_at_every_stage_of_its_journal_is_finished_by_the_next(whol
 
 BETWEEN = """
 import os
-from etendue.archive.store import Archive
+from etendue.archive.write.store import Archive
 
 left = [int(os.environ["DIE_AFTER"])]
 reported = Archive.reported

@@ -8,9 +8,9 @@ import time
 
 import pytest
 
-from etendue.archive import disk
-from etendue.archive.chunks import CellFiles, Chunk
-from etendue.archive.parts import PARTS
+from etendue.archive.records import disk
+from etendue.archive.sharding.chunks import CellFiles, Chunk
+from etendue.archive.sharding.segments import PARTS
 from etendue.cli import main
 from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.session import Options, execute

@@ -10,7 +10,7 @@ import pytest
 import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec, ZstdCodec
 
-from etendue.archive.metadata import text_chunk
+from etendue.archive.structure.metadata import text_chunk
 
 
 def compressors(codecs):

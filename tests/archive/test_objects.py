@@ -17,10 +17,11 @@ import pytest
 import xarray
 
 import etendue
-from etendue.archive import lease, mirror, places
-from etendue.archive.describe import describe_archive
-from etendue.archive.differences import differences
-from etendue.archive.verify import verify
+from etendue.archive import mirror, places
+from etendue.archive.checks.describe import describe_archive
+from etendue.archive.checks.verify import verify
+from etendue.archive.read.differences import differences
+from etendue.archive.remote import lease
 from etendue.errors import ArchiveError, ArchiveInUse, RequestError, StoreLost
 from etendue.session import Options, execute
 from etendue.trust.repairing import repair
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.long
 
 obstore = pytest.importorskip("obstore", reason="object stores need obstore: pip install 'etendue[objects]'")
 
-from etendue.archive import objects  # noqa: E402
+from etendue.archive.remote import objects  # noqa: E402
 
 SHARD = "data.zarr/pixel/4x4/photon_rate/c.0.0.0.0.0.0"
 

@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etendue.archive import inputs
-from etendue.archive.inputs import copy_inputs, resolve_pipeline
-from etendue.archive.naming import cell_name
+from etendue.archive.records import inputs
+from etendue.archive.records.inputs import copy_inputs, resolve_pipeline
+from etendue.archive.structure.naming import cell_name
 from etendue.cli import main
 from etendue.cli.options import Given
 from etendue.contract.registry import installed_stages

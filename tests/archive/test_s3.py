@@ -100,7 +100,7 @@ def command(*words, **more):
 
 
 def downloaded(url, folder):
-    from etendue.archive.objects import Objects
+    from etendue.archive.remote.objects import Objects
 
     door = Objects(url)
     for path in door.list():
@@ -124,7 +124,7 @@ def test_a_run_killed_at_s3_is_finished_here_and_elsewhere(machine, place, plan,
         run.send_signal(signal.SIGKILL)
         run.wait()
         if number % 2:
-            from etendue.archive import lease
+            from etendue.archive.remote import lease
 
             with monkeypatch.context() as patch:
                 patch.setenv("ETENDUE_WORK", str(machine / "elsewhere"))

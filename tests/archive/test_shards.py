@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import xarray
 
-from etendue.archive import disk
-from etendue.archive.journal import Journal
-from etendue.archive.reading import open_archive
+from etendue.archive.journaling.journal import Journal
+from etendue.archive.read.reading import open_archive
+from etendue.archive.records import disk
 from etendue.errors import EtendueError
 from etendue.session import Options, execute
 from tests.archive.tiny import index_of, slots_of, store_of, tiny_file
@@ -26,7 +26,7 @@ from tests.run.small import assert_same_archives, environment
 DIES = """
 import os, sys
 from etendue.archive import cutting, pieces
-from etendue.archive.store import Archive
+from etendue.archive.write.store import Archive
 from tests.archive.tiny import LARGEST, SMALL
 pieces.LARGEST_CHUNK, cutting.SMALL = LARGEST, SMALL
 left, reported = [int(os.environ["DIE_AFTER"])], Archive.reported
@@ -131,7 +131,7 @@ def test_whoever_computes_the_shards_hold_the_same(whole, plan, tmp_path, schedu
 
 
 def test_more_shards_than_files_may_be_open(whole, plan, tmp_path, monkeypatch):
-    from etendue.archive import parts as rooms
+    from etendue.archive.sharding import segments as rooms
 
     monkeypatch.setattr(rooms, "HANDLES", 2)
     run(plan, tmp_path / "a")

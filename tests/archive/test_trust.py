@@ -16,12 +16,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rocrate.rocrate import ROCrate
 
-from etendue.archive.again import recorded
-from etendue.archive.comparing import Compared
-from etendue.archive.differences import differences
-from etendue.archive.differing import between
-from etendue.archive.stored import Stored
-from etendue.archive.verify import verify
+from etendue.archive.checks.verify import verify
+from etendue.archive.read.comparing import Compared
+from etendue.archive.read.differences import differences
+from etendue.archive.read.differing import between
+from etendue.archive.read.stored import Stored
+from etendue.archive.records.rerun import recorded
 from etendue.cli import main
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, RequestError

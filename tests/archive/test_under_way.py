@@ -9,11 +9,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from etendue.archive import in_place, places
-from etendue.archive.compact import aside_of
-from etendue.archive.describe import describe_archive
-from etendue.archive.in_place import compact_in_place
-from etendue.archive.verify import verify
+from etendue.archive import places
+from etendue.archive.checks.describe import describe_archive
+from etendue.archive.checks.verify import verify
+from etendue.archive.write import in_place
+from etendue.archive.write.compact import aside_of
+from etendue.archive.write.in_place import compact_in_place
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.pipeline.file import read_pipeline

@@ -17,9 +17,9 @@ import pytest
 from numcodecs import Blosc, Zstd
 
 from etendue import plain_files
-from etendue.archive import unfolding
-from etendue.archive.chunks import decode, encode
-from etendue.archive.metadata import text_chunk, texts_of
+from etendue.archive.sharding import unfolding
+from etendue.archive.sharding.chunks import decode, encode
+from etendue.archive.structure.metadata import text_chunk, texts_of
 from etendue.errors import ArchiveError
 from etendue_camera.picture_files import read_picture
 from tests.archive.test_hostile import called, outside, sound  # noqa: F401

@@ -12,14 +12,14 @@ import pytest
 import xarray
 
 import etendue
-from etendue.archive.describe import describe_archive
-from etendue.archive.differences import differences
-from etendue.archive.journal import read_journal
-from etendue.archive.keeper import ArchiveKeeper
-from etendue.archive.layout import STATUS
-from etendue.archive.naming import cell_label
-from etendue.archive.store import Archive
-from etendue.archive.verify import verify
+from etendue.archive.checks.describe import describe_archive
+from etendue.archive.checks.verify import verify
+from etendue.archive.journaling.journal import read_journal
+from etendue.archive.read.differences import differences
+from etendue.archive.structure.layout import STATUS
+from etendue.archive.structure.naming import cell_label
+from etendue.archive.write.keeper import ArchiveKeeper
+from etendue.archive.write.store import ArchiveWriter
 from etendue.errors import ArchiveError
 from etendue.session import Options, execute
 from etendue_camera.export.command import ExportRequest, export
@@ -188,7 +188,7 @@ def test_a_run_that_goes_on_is_read_through_its_parts_becoming_shards(plan, whol
 
 
 def test_a_killed_run_can_be_exported_compared_and_verified(plan, whole, tmp_path, monkeypatch):
-    archive, reported = tmp_path / "a", Archive.reported
+    archive, reported = tmp_path / "a", ArchiveWriter.reported
     with dying(archive) as operations:
 
         def dies(self, reports):
@@ -196,7 +196,7 @@ def test_a_killed_run_can_be_exported_compared_and_verified(plan, whole, tmp_pat
             if len(self.ended) - self.ended.count(0) >= 9:
                 operations.at = 1
 
-        monkeypatch.setattr(Archive, "reported", dies)
+        monkeypatch.setattr(ArchiveWriter, "reported", dies)
         with pytest.raises(Died):
             run(plan, archive)
     cells = {name for name, entry in read_journal(archive / "journal.jsonl").items() if entry.event == "done"}

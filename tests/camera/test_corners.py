@@ -7,7 +7,7 @@ import pytest
 
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
-from etendue.plan.parameters import LARGEST, SMALLEST
+from etendue.plan.wiring.parameters import LARGEST, SMALLEST
 
 DRIVER = Path(__file__).parents[2] / "benchmarks" / "faults" / "corners.py"
 

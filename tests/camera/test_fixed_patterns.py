@@ -11,7 +11,7 @@ import pytest
 import etendue
 from etendue.compute.random import tiled_normal
 from etendue.compute.tables import PatternRandom
-from etendue.contract.grid import Grid, Line
+from etendue.contract.arrays.grid import Grid, Line
 
 SIDE = 384  # pixels: half of them, the hot ones, scatter a correlation by 0.0037, a fifth of what is allowed
 APART = 0.02

@@ -13,8 +13,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from etendue.compute.tables import coordinates_of
-from etendue.contract.facts import Facts
-from etendue.contract.grid import Bands, Grid, Line
+from etendue.contract.arrays.facts import Facts
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.contract.registry import installed_stages
 from etendue.transfer import expansion, sampling
 from etendue.transfer.products import Product

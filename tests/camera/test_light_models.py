@@ -315,7 +315,7 @@ def test_a_uniform_scene_in_cells_is_handed_on_bit_by_bit():
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["diffraction", "lens_gaussian", "pixel"])
 def test_transfer_stages_keep_every_law_on_cells(name):
-    from etendue.contract.grid import Bands, Grid, Line
+    from etendue.contract.arrays.grid import Bands, Grid, Line
     from etendue.testing import check_stage
     from etendue.testing.examples import EDGES
 

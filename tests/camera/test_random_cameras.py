@@ -38,7 +38,7 @@ def test_a_seed_is_a_camera_and_its_file_says_the_same(tmp_path):
 
 
 def test_the_ranges_that_are_drawn_from_are_those_declared():
-    from etendue.contract import quantities as camera
+    from etendue.contract.values import quantities as camera
 
     drawn = [drawn_cameras.Drawn(seed, Path()) for seed in range(300)]
     for one in drawn:
@@ -148,6 +148,6 @@ def test_a_warning_a_failed_cell_and_a_refusal_are_told_apart(tmp_path, monkeypa
     import warnings
 
     monkeypatch.setattr("etendue.simulate", lambda *_, **__: warnings.warn("careless", RuntimeWarning, stacklevel=1))
-    with pytest.raises(camera_laws.Fault, match="careless") as found:
+    with pytest.raises(camera_laws.Failure, match="careless") as found:
         random_cameras.run(document, tmp_path)
     assert found.value.kind == "leaked warning"

@@ -13,7 +13,7 @@ from xarray.testing import assert_identical
 
 import etendue
 from etendue_camera.optics.stages.lens import Diffraction
-from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.resolution.stages import curves
 from etendue_camera.resolution.stages.analytic import FACTORS
 from etendue_camera.resolution.stages.edge import EVERY_FACTOR

@@ -22,7 +22,8 @@ from etendue.plan.planner import make_plan
 from etendue.transfer import sampling
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.optics.stages.lens import Diffraction
-from etendue_camera.resolution import contrast, slanted_edge
+from etendue_camera.resolution import contrast
+from etendue_camera.resolution.edges import slanted_edge
 from etendue_camera.restoration import deconvolution
 from etendue_camera.restoration.stages.deconvolution import RichardsonLucy, Wiener
 from etendue_camera.restoration.stages.figures import System

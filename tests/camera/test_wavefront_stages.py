@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etendue.contract.grid import Bands, Grid, Line
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.transfer import sampling
 from etendue_camera.field.stages.aberrations import Aberrations
 from etendue_camera.optics import diffraction, focus, imaging

@@ -127,7 +127,7 @@ def test_a_run_with_nothing_to_do_imports_no_scheduler_and_nothing_of_kernels(fi
     assert etendue("run", file, "--archive", "kept", cwd=tmp_path).returncode == 0
     code, modules = imported(["run", file, "--archive", "kept"], tmp_path)
     assert code == 0
-    assert "etendue.archive.keeper" in modules
+    assert "etendue.archive.write.keeper" in modules
     assert not modules & {
         "dask",
         "colour",

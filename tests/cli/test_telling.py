@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etendue.contract.units import UnitError, to_unit
+from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import ArchiveError, PluginError
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.telling import LONGEST_LINE, MOST_LINES, foreign, plain, printable, said, told, where, without_folders

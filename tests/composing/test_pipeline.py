@@ -9,9 +9,9 @@ import pytest
 import etendue
 from etendue import stages as s
 from etendue.builder.stages import maker
-from etendue.contract.parameter import MISSING
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
+from etendue.contract.values.parameter import MISSING
 from etendue.errors import RequestError
 from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan

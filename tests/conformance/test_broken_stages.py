@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from etendue.contract.grid import Grid, Labels, Line
+from etendue.contract.arrays.grid import Grid, Labels, Line
 from etendue.testing import Finding, StageConformance, check_stage, laws
 from tests.conformance import broken
 

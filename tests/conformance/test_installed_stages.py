@@ -4,12 +4,12 @@ is not.
 
 import pytest
 
-from etendue.contract.parameter import MISSING
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
+from etendue.contract.values.parameter import MISSING
 from etendue.testing import StageConformance
 from etendue.testing.cases import ordinary
-from etendue.testing.extreme_laws import ExtremeLaws
+from etendue.testing.laws.extreme_laws import ExtremeLaws
 
 CELLS = {"light": "cells"}
 HARD = {"light": "cells", "softness": 0.0}

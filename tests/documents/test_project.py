@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from etendue.contract.registry import installed_stages
-from etendue.plan.code import libraries_of
+from etendue.plan.identity.code import libraries_of
 from tests.documents.pages import DOCS, ROOT
 
 WRITTEN = [*ROOT.glob("*.md"), *DOCS.glob("*.md"), *(DOCS / "making").glob("*.py"), DOCS / "conf.py"]

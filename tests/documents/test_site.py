@@ -14,9 +14,9 @@ import pytest
 import etendue
 import etendue.api
 from etendue.cli import main
-from etendue.contract import quantities as camera
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.contract.values import quantities as camera
 from etendue.pipeline.presets import preset, preset_names
 from tests.documents.pages import DOCS, ROOT
 

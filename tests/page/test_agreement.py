@@ -19,9 +19,9 @@ from etendue.present.page.live import Live
 from etendue.present.page.looks import picture, pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.shots import shots
+from etendue.present.plots.drawing.strip import show
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.opening import opened as tree_of
-from etendue.present.plots.strip import show
 from tests.fresh import process
 
 SITE = Path(__file__).parents[1] / "plugins" / "halation"  # brings `halo`, a map from 0 to 20 percent

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import xarray
 
-from etendue.archive.entries import Entry
-from etendue.archive.journal import Journal
+from etendue.archive.journaling.entries import Entry
+from etendue.archive.journaling.journal import Journal
 from etendue.present.page.document import document, start_of
 from etendue.present.page.looks import picture, pictured
 from etendue.present.page.opened import Opened

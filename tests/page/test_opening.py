@@ -8,18 +8,21 @@ import numpy as np
 import pytest
 
 from etendue.present.page.document import document, start_of
-from etendue.present.page.figures import Figure
-from etendue.present.page.opened import Axis, Opened
+from etendue.present.page.figures import MetricColumn
+from etendue.present.page.opened import ArchivedAxis, Opened
 from etendue.present.page.opening import MOST_OPEN, opening
 
-F, T = Axis("f_number", "f_number", "f-number", "", (2.0, 4.0, 8.0)), Axis("t", "t", "time", "s", (1.0, 2.0))
-P = Axis("p", "p", "pitch", "um", (1.0, 2.0, 3.0))
+F, T = (
+    ArchivedAxis("f_number", "f_number", "f-number", "", (2.0, 4.0, 8.0)),
+    ArchivedAxis("t", "t", "time", "s", (1.0, 2.0)),
+)
+P = ArchivedAxis("p", "p", "pitch", "um", (1.0, 2.0, 3.0))
 AXES = (F, T, P)
 EMPTY = {"stage": np.array([]), "error": np.array([]), "bound": np.array([]), "how": np.array([]), "at": {}}
 
 
 def figure(variable, values, axes=("f_number", "t", "p"), stage="numbers", units="", dims=(), meanings=()):
-    return Figure(stage, variable, variable, units, tuple(axes), dims, np.asarray(values, float), {}, meanings)
+    return MetricColumn(stage, variable, variable, units, tuple(axes), dims, np.asarray(values, float), {}, meanings)
 
 
 def drawn(seed=1, units=""):

@@ -38,7 +38,7 @@ def nothing(fy, fx):
 
 def means(otf, plane, step):
     """Cell means behind a transfer function, on the plane taken as periodic."""
-    y, x = (cells.Axis(size, step) for size in plane.shape)
+    y, x = (cells.PeriodicAxis(size, step) for size in plane.shape)
     table = cells.folded(otf, cells.reach_of(otf, step), y, x, cells.mean_rule(y, False), cells.mean_rule(x, True))
     return cells.planes_of(np.fft.rfft2(plane) * table, y, x)
 
@@ -116,7 +116,7 @@ def test_pixels_hold_the_exact_energy_of_an_airy_pattern(pitch, wavelength, numb
     """
     parts, frame = 21, 25
     spacing, size = pitch / parts, frame * parts
-    axis = cells.Axis(size, spacing)
+    axis = cells.PeriodicAxis(size, spacing)
     otf = airy(wavelength, number)
     rules = [cells.window_rule(axis, pitch, 0.0, half) for half in (False, True)]
     table = cells.folded(otf, cells.reach_of(otf, spacing), axis, axis, *rules)
@@ -149,7 +149,7 @@ def test_a_pixel_of_the_paper_converges_to_its_exact_energy_in_the_second_order(
     found, parts = [], np.array([9, 15, 25])
     for count in parts:
         size, spacing = 41 * count, 5.4 / count
-        axis = cells.Axis(size, spacing)
+        axis = cells.PeriodicAxis(size, spacing)
         otf = airy(0.55, 2.8)
         rules = [cells.window_rule(axis, 5.4, 0.0, half) for half in (False, True)]
         table = cells.folded(otf, cells.reach_of(otf, spacing), axis, axis, *rules)
@@ -190,7 +190,7 @@ def test_folding_and_the_extended_transform_agree_on_pixels_between_the_cells(na
     otf, rng = BLURS[name], np.random.default_rng(3)
     for ny, nx, spacing, width in ((36, 45, 2.0, 2.9), (45, 40, 3.1, 0.7)):
         plane = rng.uniform(0, 1, (ny, nx))
-        y, x = cells.Axis(ny, spacing), cells.Axis(nx, spacing)
+        y, x = cells.PeriodicAxis(ny, spacing), cells.PeriodicAxis(nx, spacing)
         reach, half = cells.reach_of(otf, spacing), np.fft.rfft2(plane)
         rules = cells.window_rule(y, width, 0.3, False), cells.window_rule(x, width, -0.45, True)
         first = cells.planes_of(half * cells.folded(otf, reach, y, x, *rules), y, x)
@@ -201,7 +201,7 @@ def test_folding_and_the_extended_transform_agree_on_pixels_between_the_cells(na
 
 def test_without_optics_a_pixel_is_the_exact_area_of_its_cells():
     plane = np.random.default_rng(0).uniform(0, 1, (20, 21))
-    y, x = cells.Axis(20, 1.5), cells.Axis(21, 1.5)
+    y, x = cells.PeriodicAxis(20, 1.5), cells.PeriodicAxis(21, 1.5)
     reach = cells.reach_of(nothing, 1.5)
     at = np.array([4.0, 7.3, 19.8]), np.array([0.1, 12.5])
     found = cell_pixels.evaluated([nothing], [reach], np.ones((1, 1)), np.fft.rfft2(plane)[None], y, x, at, (4.2, 0.6))[
@@ -276,7 +276,7 @@ def test_the_end_of_a_transfer_function_is_found_from_either_side():
 
 def test_what_lies_beyond_the_aliases_kept_is_as_small_as_stated():
     """Diffusion in silicon never ends: 16 aliases against 48."""
-    axis = cells.Axis(30, 2.0)
+    axis = cells.PeriodicAxis(30, 2.0)
     rules = cells.mean_rule(axis, False), cells.mean_rule(axis, True)
     reach = cells.reach_of(silicon_at_650, 2.0)
     far = 3 * reach.radius
@@ -304,4 +304,4 @@ def test_what_is_no_window_is_said_to_be_none():
 @pytest.mark.parametrize("width", [-1.0, float("inf"), float("nan")])
 def test_widths_that_cannot_be_are_refused(width):
     with pytest.raises(ValueError, match="width"):
-        cells.window_rule(cells.Axis(8, 1.0), width, 0.0, False)
+        cells.window_rule(cells.PeriodicAxis(8, 1.0), width, 0.0, False)

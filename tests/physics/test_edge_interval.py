@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import uniform_filter
 from scipy.special import ndtr
 
-from etendue_camera.resolution.edge_interval import edge_resolution
-from etendue_camera.resolution.edge_region import find_edge
-from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edges.edge_interval import edge_resolution
+from etendue_camera.resolution.edges.edge_region import find_edge
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 
 SIGMA = 0.6
 TRUE = np.sqrt(np.log(2) / 2) / (np.pi * SIGMA)

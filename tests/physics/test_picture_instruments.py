@@ -14,7 +14,7 @@ from scipy.special import ive, ndtr
 
 from etendue_camera.quality.chart_patches import chart_patches, homography, turning
 from etendue_camera.quality.patch_noise import patch_noise
-from etendue_camera.resolution.edge_shape import edge_shape
+from etendue_camera.resolution.edges.edge_shape import edge_shape
 from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, star_resolution
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms

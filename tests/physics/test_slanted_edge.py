@@ -7,8 +7,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from etendue_camera.resolution.edge_bins import binned
-from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edges.edge_bins import binned
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 
 FINE, PERIOD = 32, 8192
 

@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import etendue
-from etendue.contract.parameter import MISSING
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
+from etendue.contract.values.parameter import MISSING
 from etendue.plan.planner import make_plan
 from etendue.session import from_document
 from etendue_camera.colour.stages.display import Display, ToXyz

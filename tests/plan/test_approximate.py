@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
-from etendue.plan.approximate import choose
 from etendue.plan.cost import knobs_cost
+from etendue.plan.expansion.approximate import choose
 from etendue.plan.planner import summary
 from tests.plan.given import CAMERA, SCENE, SENSOR, plan_of
 

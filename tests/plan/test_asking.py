@@ -14,12 +14,12 @@ import pytest
 
 from etendue.api import Bands, Bounded, Facts, Grid, Line, Noisy, Source, Stage, hookimpl, param, quantity
 from etendue.contract.capabilities import check_class
-from etendue.contract.found import Found
 from etendue.contract.registry import Registry
+from etendue.contract.values.late_bound import LateValue
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.file import parse_pipeline
-from etendue.plan import asking
-from etendue.plan.approximate import choose
+from etendue.plan import stage_calls
+from etendue.plan.expansion.approximate import choose
 from etendue.plan.planner import make_plan
 from etendue.plugins.discovery import Discovery
 from tests.distributions import distribution
@@ -252,13 +252,13 @@ class Hiss(Noisy):
 @pytest.mark.parametrize("name", RAISED)
 def test_a_variance_that_breaks_off_or_is_no_number_names_itself(name):
     with pytest.raises(PluginError, match=f"variance broke off.*{name}"):
-        asking.variance_of(spoilt(Hiss, "variance", raising(RAISED[name]))(integration_time=1.0), 10.0)
+        stage_calls.variance_of(spoilt(Hiss, "variance", raising(RAISED[name]))(integration_time=1.0), 10.0)
     with pytest.raises(PluginError, match="a number from 0"):
-        asking.variance_of(spoilt(Hiss, "variance", lambda self, charge: "loud")(integration_time=1.0), 10.0)
+        stage_calls.variance_of(spoilt(Hiss, "variance", lambda self, charge: "loud")(integration_time=1.0), 10.0)
 
 
 def test_what_a_run_finds_is_not_known_to_variance_and_stands_in_the_way_of_no_knob():
-    stage = asking.made(Hiss, {"integration_time": Found("integration_time", 1e-3, 1.0), "terms": 8})
-    assert asking.variance_of(stage, 10.0) is None
+    stage = stage_calls.made(Hiss, {"integration_time": LateValue("integration_time", 1e-3, 1.0), "terms": 8})
+    assert stage_calls.variance_of(stage, 10.0) is None
     chosen, (one,) = choose(stage, ("terms",), 1e-2, lambda s: s.error(None, None, "float64"))
     assert (chosen.terms, one.value, one.reference) == (1, 1, 8)

@@ -9,9 +9,9 @@ import pytest
 
 from etendue.contract.capabilities import is_random, is_transfer
 from etendue.contract.registry import installed_stages
-from etendue.plan import code as code_of
-from etendue.plan import distributions, sources
-from etendue.plan.engine import ENGINE, HELD, MOVES, TRANSFER_KERNELS, only_moves
+from etendue.plan.identity import code as code_of
+from etendue.plan.identity import distributions, sources
+from etendue.plan.identity.engine import ENGINE, HELD, MOVES, TRANSFER_KERNELS, only_moves
 from etendue.plugins import discovery
 
 BUILT_IN = sorted(
@@ -189,17 +189,17 @@ def test_the_lists_name_modules_that_there_are_once_and_with_a_reason():
         assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file(), module
     assert all(len(reason) > 5 for reason in MOVES.values())
     for module in (
-        "etendue.archive.store",
+        "etendue.archive.write.store",
         "etendue.cli",
-        "etendue.plan.graph",
+        "etendue.plan.wiring.graph",
         "etendue.present.terminal.tables",
-        "etendue.contract.dims",
+        "etendue.contract.arrays.dims",
     ):
         assert only_moves(module)
     for module in (
         "etendue.compute.rows",
         "etendue.compute.tables",
-        "etendue.contract.units",
+        "etendue.contract.values.units",
         "etendue.transfer.sampling",
         "etendue.transfer.effects",
     ):

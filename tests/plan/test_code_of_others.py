@@ -10,8 +10,8 @@ import sys
 
 import pytest
 
-from etendue.plan import code as code_of
-from etendue.plan import sources
+from etendue.plan.identity import code as code_of
+from etendue.plan.identity import sources
 from tests.plan.layouts import LAYOUTS, install, named, ours
 from tests.plan.test_code import copied, forget
 

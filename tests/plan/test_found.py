@@ -12,9 +12,9 @@ from etendue.api import Bounded, Facts, Source, Stage, Transfer, ends, hookimpl,
 from etendue.compute.cell import compute
 from etendue.compute.jobs import make_jobs
 from etendue.compute.joined.segments import Result
-from etendue.contract.found import Found, NotKnown
-from etendue.contract.grid import Bands, Grid, Line
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.contract.registry import Registry
+from etendue.contract.values.late_bound import LateValue, NotKnown
 from etendue.errors import RequestError
 from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan, summary
@@ -120,7 +120,7 @@ def arrays_of(plan):
 def test_while_planning_a_found_quantity_is_an_interval_and_nothing_is_claimed_of_it():
     plan = plan_of("lamp", "iris", "dimmer")
     (cell,) = plan.of("dimmer")
-    assert cell.stage.f_number == Found("f_number", 2.0, 16.0)
+    assert cell.stage.f_number == LateValue("f_number", 2.0, 16.0)
     assert (cell.facts.low, cell.facts.high) == (1 / 256, 1 / 4)  # what can be said of an interval
     assert cell.left_out is None
     assert cell.error == (None, "unknown")
@@ -157,7 +157,7 @@ def test_from_names_the_stage_that_finds_a_quantity_too():
     [float, int, bool, round, abs, str.format, lambda f: f + 1, lambda f: 2 / f, lambda f: f < 3, np.sqrt, np.asarray],
 )
 def test_who_reckons_with_what_is_not_known_is_stopped(use):
-    found = Found("f_number", 2.0, 16.0)
+    found = LateValue("f_number", 2.0, 16.0)
     with pytest.raises(NotKnown):
         format(found, "g") if use is str.format else use(found)
 

@@ -10,11 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import etendue
-from etendue.contract.grid import Grid, Labels, Line
-from etendue.contract.parameter import MISSING
+from etendue.contract.arrays.grid import Grid, Labels, Line
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, quantities_of
-from etendue.plan import binding, cells, cost, forms, keys, recipes
+from etendue.contract.values.parameter import MISSING
+from etendue.plan import cost
+from etendue.plan.expansion import cells, forms, recipes
+from etendue.plan.identity import keys
+from etendue.plan.wiring import binding
 from tests.plan.given import CAMERA, SCENE, chain, changed, keys_of, plan_of
 
 BEHIND_PIXEL = {"pixel", "mosaic", "exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import xarray
 
-from etendue.archive.inputs import resolve_pipeline
+from etendue.archive.records.inputs import resolve_pipeline
 from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.pipeline.file import parse_pipeline

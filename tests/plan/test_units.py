@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etendue.contract.parameter import Parameter
-from etendue.contract.units import UnitError, parse_unit, same_unit, to_unit
-from etendue.plan.parameters import Unfit, axis_values, resolve
+from etendue.contract.values.parameter import Parameter
+from etendue.contract.values.units import UnitError, parse_unit, same_unit, to_unit
+from etendue.plan.wiring.parameters import Unfit, axis_values, resolve
 
 HERE = Path()
 ANY = Parameter()

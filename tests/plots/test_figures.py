@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from etendue.errors import RequestError
-from etendue.present.plots.arrangement import Dim, arranged
-from etendue.present.plots.asked import Asked
-from etendue.present.plots.budget import by_stage
-from etendue.present.plots.curves import curves
+from etendue.present.plots.arrangement import PlotDim, arranged
+from etendue.present.plots.asked import PlotRequest
+from etendue.present.plots.drawing.budget import by_stage
+from etendue.present.plots.drawing.curves import curves
+from etendue.present.plots.drawing.maps import factor_map, figure_map
+from etendue.present.plots.drawing.pareto import front, pareto
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.kinds import OWN, draw, kind_of, listed
 from etendue.present.plots.labels import number_text, unit_text, value_text
-from etendue.present.plots.maps import factor_map, figure_map
-from etendue.present.plots.pareto import front, pareto
 
 
 def texts(axes):
@@ -84,7 +84,7 @@ def test_a_refusal_calls_the_archive_by_its_name(tree):
     data = tree["exposure_report"].to_dataset()[["status", "mean_snr"]]
     for kind, *names in (("mapp",), ("map", "nothing"), ("pareto",), ("pareto", "mean_snr")):
         with pytest.raises(RequestError, match="etendue plot 'my own' ") as refused:
-            draw(Holdings(data, "'my own'"), kind, Asked(tuple(names)))
+            draw(Holdings(data, "'my own'"), kind, PlotRequest(tuple(names)))
         assert "ARCHIVE" not in str(refused.value)
 
 
@@ -202,7 +202,7 @@ def test_a_budget_is_the_ledger_by_stage(tree, holdings):
 def test_every_kind_is_drawn_without_a_word_and_saved_the_same_twice(holdings, tmp_path):
     for kind in (*OWN, "limits"):  # one that is drawn of a stage of its own has a law there
         at = {"f_number": 2, "pixel_pitch": 3, "integration_time": 0.008} if kind == "show" else {}
-        assert draw(holdings, kind, Asked(at=at)).figure.axes
+        assert draw(holdings, kind, PlotRequest(at=at)).figure.axes
     plot = draw(holdings, "limits")
     for ending, begins in (
         ("png", b"\x89PNG"),
@@ -234,16 +234,16 @@ def test_the_name_of_a_variable_says_how_it_is_drawn(holdings, word, kind):
 @pytest.mark.parametrize(
     ("kind", "asked", "says"),
     [
-        ("map", Asked(("mean_snt",)), "did you mean 'mean_snr'"),
-        ("map", Asked(("rgb_display",)), "draw it with show or strip"),
-        ("map", Asked(("mean_snr",), x="f_numbr"), "did you mean 'f_number'"),
-        ("map", Asked(("mean_snr",), at={"f_number": 3}), "it is f/2, f/2.8, f/5.6"),
-        ("mp", Asked(), "no kind of plot"),
-        ("pareto", Asked(("mean_snr", "fit_condition")), "--better fit_condition=higher"),
-        ("pareto", Asked(("mean_snr",)), "a front is of two figures"),
-        ("budget", Asked(x="f_number"), "--x is for"),
-        ("show", Asked(("rgb_display",)), "choose a value of each"),
-        ("map", Asked(("mean_snr", "dr_elgamal", "raw")), "map draws 1"),
+        ("map", PlotRequest(("mean_snt",)), "did you mean 'mean_snr'"),
+        ("map", PlotRequest(("rgb_display",)), "draw it with show or strip"),
+        ("map", PlotRequest(("mean_snr",), x="f_numbr"), "did you mean 'f_number'"),
+        ("map", PlotRequest(("mean_snr",), at={"f_number": 3}), "it is f/2, f/2.8, f/5.6"),
+        ("mp", PlotRequest(), "no kind of plot"),
+        ("pareto", PlotRequest(("mean_snr", "fit_condition")), "--better fit_condition=higher"),
+        ("pareto", PlotRequest(("mean_snr",)), "a front is of two figures"),
+        ("budget", PlotRequest(x="f_number"), "--x is for"),
+        ("show", PlotRequest(("rgb_display",)), "choose a value of each"),
+        ("map", PlotRequest(("mean_snr", "dr_elgamal", "raw")), "map draws 1"),
     ],
 )
 def test_what_cannot_be_drawn_is_answered_with_what_can(holdings, kind, asked, says):
@@ -260,7 +260,7 @@ def test_the_list_names_everything(holdings):
 @given(sizes=st.lists(st.integers(1, 30), min_size=0, max_size=5), sides=st.sampled_from([1, 2]))
 @settings(max_examples=60, deadline=None)
 def test_every_dim_has_one_place_and_panels_are_few(sizes, sides):
-    dims = [Dim(f"d{n}", tuple(range(size))) for n, size in enumerate(sizes)]
+    dims = [PlotDim(f"d{n}", tuple(range(size))) for n, size in enumerate(sizes)]
     place = arranged(dims, sides)
     placed = [dim.name for dim in (place.x, place.y, *place.panels) if dim] + list(place.fixed)
     assert sorted(placed) == sorted(dim.name for dim in dims)

@@ -17,7 +17,7 @@ from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError
 from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.present.plots.glance import Figure, glance
+from etendue.present.plots.summary.contents import Metric, glance
 from etendue.session import Options, execute
 from tests.plots.conftest import PIPELINE
 
@@ -254,7 +254,7 @@ def test_a_ledger_that_cannot_be_read_or_has_lost_rows_is_said_to_be_so(archive,
 
 
 def test_a_figure_that_is_constant_as_printed_is_said_once():
-    own = Figure("fit_residual", "residual", "1", 0.0073312, 0.0073311, 0.0073313)
+    own = Metric("fit_residual", "residual", "1", 0.0073312, 0.0073311, 0.0073313)
     assert own.spanned == "" and replace(own, value=math.nan).spanned == "0.007331"
     assert replace(own, most=0.00735).spanned == "0.007331 … 0.00735"
 

@@ -5,8 +5,8 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from etendue.contract.variables import variable
-from etendue.present.plots.panels import Sides, map_of_figures, map_of_names
+from etendue.contract.arrays.variables import variable
+from etendue.present.plots.drawing.panels import Sides, map_of_figures, map_of_names
 from etendue.present.plots.plot import Plot
 
 TINTS = variable("limiting_factor").tints

@@ -8,13 +8,13 @@ from PIL import Image
 
 import etendue
 from etendue.cli import main
-from etendue.contract.drawn import Drawn
-from etendue.contract.grid import Grid, Line
+from etendue.contract.arrays.drawn import Drawn
+from etendue.contract.arrays.grid import Grid, Line
 from etendue.errors import RequestError
 from etendue.present.pictures import contact_sheet, details, small_maps
 from etendue.present.pictures.appearance import HATCH, appearance
 from etendue.present.plots import engine, pictures
-from etendue.present.plots.strip import show_array, strip
+from etendue.present.plots.drawing.strip import show_array, strip
 
 AT = {"f_number": 2, "pixel_pitch": 3, "integration_time": "8 ms"}
 

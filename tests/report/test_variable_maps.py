@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from etendue.contract.drawn import Drawn
-from etendue.contract.variables import Variable
+from etendue.contract.arrays.drawn import Drawn
+from etendue.contract.arrays.variables import Variable
 from etendue.present.pictures.appearance import appearance
 
 PLANE = np.array([[1.0, 10.0, 100.0], [np.nan, np.inf, 0.0]])

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result
-from etendue.contract.grid import Grid
+from etendue.contract.arrays.grid import Grid
+from etendue.contract.arrays.variables import parse_declaration
 from etendue.contract.stage import Stage
-from etendue.contract.variables import parse_declaration
 from etendue.run.batches import partition, run_batch
 from etendue.run.order import depth_first
 from etendue.run.schedulers import SCHEDULERS, How

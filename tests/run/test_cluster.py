@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from etendue.archive.provenance import platform_record
+from etendue.archive.records.provenance import platform_record
 from etendue.compute.jobs import make_jobs
 from etendue.errors import MachineError
 from etendue.run.batches import partition

@@ -121,7 +121,7 @@ def test_a_probe_of_transfer_functions_sees_a_change_of_a_left_out_stage(tmp_pat
 
 
 def test_changed_code_of_a_joined_stage_changes_the_key_of_the_whole_segment_behind_it(monkeypatch):
-    from etendue.plan import alternatives
+    from etendue.plan.wiring import alternatives
 
     before = plan_of()
     kept = alternatives.code_digest

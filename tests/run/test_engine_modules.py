@@ -20,8 +20,9 @@ from etendue.compute import rows as strips
 from etendue.compute.jobs import make_jobs
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.registry import Registry
-from etendue.plan import code, cost
-from etendue.plan.engine import ENGINE, HELD, MOVES, TRANSFER_KERNELS
+from etendue.plan import cost
+from etendue.plan.identity import code
+from etendue.plan.identity.engine import ENGINE, HELD, MOVES, TRANSFER_KERNELS
 from etendue.plan.planner import make_plan
 from etendue.plugins.discovery import Discovery, installed
 from etendue.plugins.hookspecs import GROUP
@@ -173,7 +174,7 @@ def test_a_module_that_nobody_has_listed_is_found(tmp_path, monkeypatch):
     """The law fails where it should: a cell that imports what is neither in its key nor on a list."""
     plan = make_plan(load(BARE, {}), Registry(installed()))
     found = {
-        "modules": [*ENGINE, "etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later"],
+        "modules": [*ENGINE, "etendue.present.terminal.terminal", "etendue.plan.wiring.graph", "etendue.run.later"],
         "opened": [code.__file__],
     }
     tables = (
@@ -182,5 +183,5 @@ def test_a_module_that_nobody_has_listed_is_found(tmp_path, monkeypatch):
         "etendue_camera/data/variables.toml",
     )
     found["opened"] += [PACKAGES + table for table in tables]
-    expected = {"etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later", tables[0]}
+    expected = {"etendue.present.terminal.terminal", "etendue.plan.wiring.graph", "etendue.run.later", tables[0]}
     assert unlisted(plan, found) == expected

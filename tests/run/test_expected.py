@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from etendue.compute import random
 from etendue.compute.tables import PatternRandom
+from etendue.contract.arrays.grid import Grid, Line
 from etendue.contract.capabilities import Sampled, has_no_mean, is_random, mean_arguments_of, rounds
-from etendue.contract.grid import Grid, Line
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import arguments_of
 from etendue.pipeline.file import read_pipeline

@@ -15,8 +15,8 @@ from etendue.compute.cell import compute
 from etendue.compute.form import form_of
 from etendue.compute.job import Job
 from etendue.compute.ownership import undisturbed
-from etendue.contract.grid import Grid, Line
-from etendue.contract.variables import parse_declaration
+from etendue.contract.arrays.grid import Grid, Line
+from etendue.contract.arrays.variables import parse_declaration
 
 
 @dataclass(frozen=True, kw_only=True)

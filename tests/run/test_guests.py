@@ -19,9 +19,9 @@ import pytest
 
 from etendue.compute.ownership import handed
 from etendue.compute.tables import PatternRandom
-from etendue.contract.grid import Grid, Line
+from etendue.contract.arrays.grid import Grid, Line
 from etendue.plugins.guests import Guest, ordinary
-from etendue.process import Before
+from etendue.process import StateBefore
 from etendue_camera.mosaic.stages.demosaic import DemosaicBilinear
 from tests.cli.test_plugins import MODULE, install
 from tests.run.small import environment
@@ -190,7 +190,7 @@ def test_distributions_that_are_only_installed_end_nothing_and_leave_files_that_
 def test_who_begins_while_another_ends_takes_nothing_of_what_it_left_for_what_stood_before():
     """Slowly: the folder is being put back while somebody else begins."""
     stands, begun = ["before"], threading.Event()
-    state = Before(lambda: stands[0])
+    state = StateBefore(lambda: stands[0])
     who, before = state.begin()
     stands[0] = "left behind"
     seen = []

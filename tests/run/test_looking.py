@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 from etendue.compute.joined.otf import Otf
 from etendue.contract.registry import Registry
 from etendue.errors import RequestError
+from etendue.plan.expansion.recipes import Recipes
 from etendue.plan.planner import make_plan
-from etendue.plan.recipes import Recipes
 from etendue.plugins.discovery import Discovery, installed
 from etendue.plugins.hookspecs import GROUP
 from etendue.session import load
@@ -131,12 +131,12 @@ def test_a_library_behind_a_looked_at_stage_is_part_of_the_key(monkeypatch):
     for library in ("colour-science", "numpy", "scipy"):
         with monkeypatch.context() as patched:
             patched.setattr(
-                "etendue.plan.recipes.version_of",
+                "etendue.plan.expansion.recipes.version_of",
                 lambda name, library=library: "another" if name == library else "this",
             )
             assert plan_of(tail="parts").of("parts")[0].key != before
             one = plan_of(tail="parts").of("parts")[0].key
-            patched.setattr("etendue.plan.recipes.version_of", lambda name: "this")
+            patched.setattr("etendue.plan.expansion.recipes.version_of", lambda name: "this")
             assert plan_of(tail="parts").of("parts")[0].key != one
 
 

@@ -18,7 +18,7 @@ import pytest
 from threadpoolctl import ThreadpoolController, threadpool_info
 
 import etendue
-from etendue.archive.verify import verify
+from etendue.archive.checks.verify import verify
 from etendue.errors import ArchiveInUse
 from etendue.run.one_thread import ONE_THREAD
 from tests.run.small import environment

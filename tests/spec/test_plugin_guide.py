@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etendue.contract import quantities as camera
-from etendue.contract import variables
+from etendue.contract.arrays import variables
 from etendue.contract.registry import Registry
+from etendue.contract.values import quantities as camera
 from etendue.plugins import discovery
 from etendue.plugins.discovery import Discovery
 from etendue.testing import check_stage

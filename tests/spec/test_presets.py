@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from etendue.contract import quantities as camera
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
-from etendue.contract.units import to_unit
+from etendue.contract.values import quantities as camera
+from etendue.contract.values.units import to_unit
 from etendue.errors import RequestError
 from etendue.pipeline.file import parse_pipeline, read_pipeline
 from etendue.pipeline.presets import SPOKEN, preset, preset_names
-from etendue.plan.parameters import resolve
 from etendue.plan.planner import make_plan
+from etendue.plan.wiring.parameters import resolve
 from etendue_camera import spectra
 from tests.fresh import process
 

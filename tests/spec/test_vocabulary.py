@@ -5,13 +5,14 @@ from types import ModuleType
 import pytest
 
 import etendue
-from etendue.contract import quantities as camera
-from etendue.contract import tables, variables
+from etendue.contract.arrays import variables
 from etendue.contract.registry import Registry
+from etendue.contract.values import quantities as camera
+from etendue.contract.values import tables
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline import presets
 from etendue.pipeline.file import from_document
-from etendue.plan.keys import parameters_for_key
+from etendue.plan.identity.keys import parameters_for_key
 from etendue.plan.planner import make_plan
 from etendue.plugins import discovery
 from etendue.plugins.discovery import Discovery

@@ -28,9 +28,9 @@ from etendue_camera.colour import difference
 from etendue_camera.colour.stages.tristimulus import CameraToXyz
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_lab.compare import ranking
-from etendue_lab.compare.axis import Asked, candidates, labels_of, parse_axis
+from etendue_lab.compare.axis import AxisRequest, candidates, labels_of, parse_axis
 from etendue_lab.compare.branches import nodes_of
-from etendue_lab.compare.compared import Row
+from etendue_lab.compare.compared import ComparedRow
 from etendue_lab.compare.figures import colour_figures
 from etendue_lab.compare.ranking import document, print_comparison
 from etendue_lab.compare.study import Comparison, compare, ranked
@@ -489,10 +489,10 @@ def test_what_fails_for_all_alike_is_said_once(monkeypatch):
 def test_the_front_holds_what_nothing_beats_in_both():
     rng = np.random.default_rng(5)
     rows = [
-        Row(i, str(i), psnr=float(p), seconds_per_mpixel=float(t))
+        ComparedRow(i, str(i), psnr=float(p), seconds_per_mpixel=float(t))
         for i, (p, t) in enumerate(rng.uniform(1, 2, (40, 2)))
     ]
-    for row in ranked([*rows, Row("x", "x", status="failed")]):
+    for row in ranked([*rows, ComparedRow("x", "x", status="failed")]):
         better = [
             r
             for r in rows
@@ -684,7 +684,7 @@ def test_a_pipeline_without_pixels_is_refused_with_what_is_lacking(run, tmp_path
     ],
 )
 def test_an_axis_is_read_as_it_would_stand_in_a_file(text, values):
-    assert parse_axis(text, number) == Asked(text.partition("=")[0], values)
+    assert parse_axis(text, number) == AxisRequest(text.partition("=")[0], values)
 
 
 def test_document_says_inf_where_there_is_no_end(registry):
@@ -762,7 +762,7 @@ def test_behind_a_lens_with_a_parameter_named_weights_the_edge_has_its_figures(t
 
 def test_crops_and_plot_say_which_alternatives_they_do_not_show(tmp_path):
     rows = [
-        Row(n, f"s{n}", psnr=40.0 - n, error=0.01, seconds_per_mpixel=1.0, position=n)
+        ComparedRow(n, f"s{n}", psnr=40.0 - n, error=0.01, seconds_per_mpixel=1.0, position=n)
         for n in range(ranking.MOST_CROPS + 2)
     ]
     rows[0].psnr, rows[0].error = math.inf, 0.0

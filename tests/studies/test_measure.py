@@ -30,8 +30,8 @@ from etendue_camera.export import dng
 from etendue_camera.sensor import cfa
 from etendue_lab.measure import photograph
 from etendue_lab.measure.chart import reference, to_lab
-from etendue_lab.measure.photograph import Photograph
-from etendue_lab.measure.study import Asked, curves, measure
+from etendue_lab.measure.photograph import PhotographFile
+from etendue_lab.measure.study import MeasurementRequest, curves, measure
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 SHAPE = (160, 150)
@@ -70,7 +70,7 @@ def inside(row, name, truth, slack=0.0):
 
 def refused(path, **asked):
     with pytest.raises(RequestError) as caught:
-        measure(path, Asked(**asked))
+        measure(path, MeasurementRequest(**asked))
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -84,7 +84,7 @@ def test_a_known_mtf_comes_back_within_its_interval(tmp_path, name, angle, sigma
     """And within 2 %, which is some three standard errors of this noise."""
     picture = slanted(angle, sigma) if angle < 45 else slanted(90 - angle, sigma, shape=SHAPE[::-1]).T
     colour = np.stack([picture] * 3, -1) if name == "a.tif" else picture
-    found = measure(saved(tmp_path / name, colour), Asked(edges=(ALL,), pitch=4.0))["edges"][0]
+    found = measure(saved(tmp_path / name, colour), MeasurementRequest(edges=(ALL,), pitch=4.0))["edges"][0]
     inside(found, "mtf50", FIFTY / sigma, 1e-3 * FIFTY / sigma)  # of rounding and method
     assert_allclose(found["mtf50"], FIFTY / sigma, rtol=0.02)
     assert_allclose(abs(found["angle"]), min(abs(angle), 90 - abs(angle)), atol=0.05)
@@ -101,10 +101,10 @@ def test_without_noise_the_interval_holds_what_rounding_moves(tmp_path_factory, 
     tried."""
     folder = tmp_path_factory.mktemp("rounded")
     picture = level * (0.4 + contrast * (slanted(5.0, noise=0.0) - 0.4))
-    found = measure(saved(folder / "a.png", picture), Asked(edges=(ALL,)))["edges"][0]
+    found = measure(saved(folder / "a.png", picture), MeasurementRequest(edges=(ALL,)))["edges"][0]
     assert abs(found["mtf50"] / FIFTY - 1) <= 1.3 * found["rounding"] + 2e-3
     assert found["mtf50_high"] / found["mtf50"] - 1 >= 0.99 * found["rounding"]
-    finer = measure(saved(folder / "a.tif", picture), Asked(edges=(ALL,)))["edges"][0]
+    finer = measure(saved(folder / "a.tif", picture), MeasurementRequest(edges=(ALL,)))["edges"][0]
     assert finer["rounding"] < 0.01 * found["rounding"]  # 16 bits have 256 times as many numbers
 
 
@@ -114,9 +114,10 @@ def test_brightness_and_quarter_turns_change_no_mtf(tmp_path_factory, gain, turn
     folder = tmp_path_factory.mktemp("turned")
     picture = slanted(5.0, shape=(100, 100))
     one, other = (
-        measure(saved(folder / "a.tif", own, encode=lambda v: v), Asked(edges=("0,0,100,100",), encoding="linear"))[
-            "edges"
-        ][0]
+        measure(
+            saved(folder / "a.tif", own, encode=lambda v: v),
+            MeasurementRequest(edges=("0,0,100,100",), encoding="linear"),
+        )["edges"][0]
         for own in (picture, gain * np.rot90(picture, turns))
     )
     assert_allclose(other["mtf50"], one["mtf50"], rtol=1e-3)  # rounding to 16 bits at another place
@@ -126,7 +127,9 @@ def test_brightness_and_quarter_turns_change_no_mtf(tmp_path_factory, gain, turn
 def test_an_encoding_that_is_said_is_taken_off(tmp_path):
     """Of the right one MTF50 is right; of the wrong one it is not, by more than its interval."""
     path = saved(tmp_path / "a.tif", slanted(5.0), bt709_encode)
-    right, wrong = (measure(path, Asked(edges=(ALL,), encoding=word))["edges"][0] for word in ("BT.709", "linear"))
+    right, wrong = (
+        measure(path, MeasurementRequest(edges=(ALL,), encoding=word))["edges"][0] for word in ("BT.709", "linear")
+    )
     inside(right, "mtf50", FIFTY)
     assert not wrong["mtf50_low"] <= FIFTY <= wrong["mtf50_high"]
 
@@ -138,7 +141,8 @@ def test_without_a_region_the_strongest_slanted_edge_is_found(tmp_path):
     picture[150:310, 180:330] = slanted(7.0, low=0.3, high=0.8, noise=0)
     picture[145:150, 175:335] = picture[310:315, 175:335] = 0.8
     found = measure(
-        saved(tmp_path / "a.tif", picture + np.random.default_rng(0).normal(0, 0.003, picture.shape)), Asked()
+        saved(tmp_path / "a.tif", picture + np.random.default_rng(0).normal(0, 0.003, picture.shape)),
+        MeasurementRequest(),
     )["edges"]
     assert len(found) == 1
     x, y, width, height = (int(one) for one in found[0]["region"].split(","))
@@ -166,7 +170,7 @@ def test_edges_of_a_small_square_are_found_beside_stronger_things(tmp_path):
     picture = np.where(far < 28, 0.5 + 0.45 * np.cos(far * far / 40), picture) + np.random.default_rng(0).normal(
         0, 0.005, picture.shape
     )
-    found = measure(saved(tmp_path / "a.tif", picture), Asked())["edges"][0]
+    found = measure(saved(tmp_path / "a.tif", picture), MeasurementRequest())["edges"][0]
     assert_allclose(abs(found["angle"]), 5, atol=0.3)
     inside(found, "mtf50", FIFTY, 2e-3)
 
@@ -180,8 +184,8 @@ def test_the_region_of_an_edge_that_was_found_gives_it_again(tmp_path, angle, ha
     path = saved(
         tmp_path / "a.tif", 0.2 + 0.5 * box(half, angle) + np.random.default_rng(0).normal(0, 0.003, (200, 220))
     )
-    found = measure(path, Asked())["edges"][0]
-    again = measure(path, Asked(edges=(found["region"],)))["edges"][0]
+    found = measure(path, MeasurementRequest())["edges"][0]
+    again = measure(path, MeasurementRequest(edges=(found["region"],)))["edges"][0]
     assert_allclose(again["mtf50"], found["mtf50"], atol=0.1 * (found["mtf50_high"] - found["mtf50_low"]))
     assert_allclose(again["angle"], found["angle"], atol=0.02)
 
@@ -207,7 +211,8 @@ def test_why_no_edge_is_found_by_itself_is_told_as_it_is(tmp_path, picture, said
 
 def test_an_edge_that_distortion_bends_is_followed(tmp_path):
     straight, bent = (
-        measure(saved(tmp_path / "a.tif", slanted(5.0, bend=b)), Asked(edges=(ALL,)))["edges"][0] for b in (0.0, 1.5)
+        measure(saved(tmp_path / "a.tif", slanted(5.0, bend=b)), MeasurementRequest(edges=(ALL,)))["edges"][0]
+        for b in (0.0, 1.5)
     )
     assert_allclose(bent["mtf50"], straight["mtf50"], rtol=0.01)
     assert_allclose(bent["bend"], 2.0, atol=0.3)
@@ -229,7 +234,9 @@ def test_what_is_no_slanted_edge_is_refused_with_what_was_found(tmp_path, pictur
 
 
 def test_clipped_edges_are_flagged(tmp_path):
-    found = measure(saved(tmp_path / "a.png", slanted(5.0, low=0.0, high=1.0)), Asked(edges=(ALL,)))["edges"][0]
+    found = measure(saved(tmp_path / "a.png", slanted(5.0, low=0.0, high=1.0)), MeasurementRequest(edges=(ALL,)))[
+        "edges"
+    ][0]
     assert "clipped" in found["flags"] and found["clipped"] > 0.4
 
 
@@ -246,7 +253,7 @@ def star(cycles, shape=(240, 244), centre=(118.3, 123.8)):
 
 def test_a_star_comes_back_with_its_cycles_and_its_middle(tmp_path):
     path = saved(tmp_path / "a.tif", star(72))
-    found = measure(path, Asked(stars=("124,118,110",)))["stars"][0]
+    found = measure(path, MeasurementRequest(stars=("124,118,110",)))["stars"][0]
     assert found["cycles"] == 72
     inside(found, "mtf50", FIFTY, 1e-3 * FIFTY)
     assert_allclose([float(one) for one in found["star"].split(",")], [123.8, 118.3, 110], atol=0.05)
@@ -265,9 +272,9 @@ def test_white_noise_comes_back_in_light_and_in_the_numbers_of_the_file(tmp_path
     level, sigma = np.array([0.2, 0.4, 0.6]), 0.004
     picture = level + np.random.default_rng(3).normal(0, sigma, (96, 80, 3))
     encode = srgb_encode if encoding == "sRGB" else (lambda values: values)
-    rows = measure(saved(tmp_path / "a.tif", picture, encode), Asked(noise=("4,8,64,80",), encoding=encoding))["noise"][
-        0
-    ]["channels"]
+    rows = measure(
+        saved(tmp_path / "a.tif", picture, encode), MeasurementRequest(noise=("4,8,64,80",), encoding=encoding)
+    )["noise"][0]["channels"]
     assert [row["channel"] for row in rows] == ["red", "green", "blue", "luminance"]
     slope = 65535 * (encode(level + 1e-6) - encode(level - 1e-6)) / 2e-6
     for row, mean, steep in zip(rows[:3], level, slope, strict=True):
@@ -325,7 +332,7 @@ def chart(lab, space=SPACE, gain=1.0, noise=0.0):
 
 
 def of_chart(path, **more):
-    return measure(path, Asked(chart=CORNERS, encoding="linear", space=SPACE, **more))["chart"]
+    return measure(path, MeasurementRequest(chart=CORNERS, encoding="linear", space=SPACE, **more))["chart"]
 
 
 def linear_file(tmp_path, picture):
@@ -371,7 +378,7 @@ def test_srgb_and_its_curve_give_the_chart_but_for_cyan(tmp_path):
     """Which lies outside sRGB: its red is below 0, and what is clipped is said."""
     lab = reference()[1]
     path = saved(tmp_path / "chart.tif", chart(lab, space="sRGB"))
-    document = measure(path, Asked(chart=CORNERS))
+    document = measure(path, MeasurementRequest(chart=CORNERS))
     rows = {row["patch"]: row["delta_e"] for row in document["chart"]["patches"]}
     assert rows.pop("cyan") > 1 and max(rows.values()) < 0.02
     assert len(document["notes"]) == 1 and "cyan (100 %)" in document["notes"][0]
@@ -397,7 +404,7 @@ def test_a_note_of_colours_goes_only_where_its_own_space_is_named(tmp_path, monk
     monkeypatch.setattr(
         photograph, "read_picture", lambda *asked: replace(read(*asked), note=not_applied(f"its colours ({said})"))
     )
-    notes = measure(path, Asked(space=space, encoding=encoding))["notes"]
+    notes = measure(path, MeasurementRequest(space=space, encoding=encoding))["notes"]
     assert len(notes) == (not quiet)
     assert quiet or f"values are read as {space}, encoding {encoding} (" in notes[0]
 
@@ -406,7 +413,7 @@ def test_a_profile_of_a_file_is_said_when_nothing_is_named(tmp_path):
     path = saved(tmp_path / "a.png", slanted(5))
     with Image.open(path) as picture:
         picture.save(path, icc_profile=bytes(128) + b"Display P3")
-    (note,) = measure(path, Asked())["notes"]
+    (note,) = measure(path, MeasurementRequest())["notes"]
     assert "(Display P3) is not applied" in note
 
 
@@ -425,9 +432,9 @@ def test_a_chart_that_is_turned_or_mirrored_in_the_picture_is_read_by_its_corner
     places = np.reshape([float(one) for one in CORNERS.split(",")], (4, 2))
     turned = np.stack([places[:, 1], columns - 1 - places[:, 0]], 1)  # by a quarter
     text = ",".join(f"{one:g}" for one in turned.ravel())
-    found = measure(linear_file(tmp_path, np.rot90(picture)), Asked(chart=text, encoding="linear", space=SPACE))[
-        "chart"
-    ]
+    found = measure(
+        linear_file(tmp_path, np.rot90(picture)), MeasurementRequest(chart=text, encoding="linear", space=SPACE)
+    )["chart"]
     assert found["as_is"]["max"] < 0.02
 
 
@@ -454,7 +461,7 @@ def raw_file(path, mask, linear):
 def test_a_raw_file_is_measured_on_its_own_mosaic(tmp_path, mask):
     pytest.importorskip("rawpy")
     path = raw_file(tmp_path / "a.dng", mask, slanted(6.0, sigma=0.8))
-    found = measure(path, Asked(edges=(ALL,), noise=("0,0,40,160",)))
+    found = measure(path, MeasurementRequest(edges=(ALL,), noise=("0,0,40,160",)))
     inside(found["edges"][0], "mtf50", FIFTY / 0.8, 1e-3)
     assert found["edges"][0]["channel"] == ("grey" if mask is None else "green")
     rows = {row["channel"]: row for row in found["noise"][0]["channels"]}
@@ -467,7 +474,9 @@ def test_a_raw_file_is_measured_on_its_own_mosaic(tmp_path, mask):
 
 def test_a_grey_raw_file_has_grey_patches_and_is_told_to_be_no_chart(tmp_path):
     pytest.importorskip("rawpy")
-    document = measure(raw_file(tmp_path / "a.dng", "RGGB", np.full((140, 202), 0.3)), Asked(chart=CORNERS))
+    document = measure(
+        raw_file(tmp_path / "a.dng", "RGGB", np.full((140, 202), 0.3)), MeasurementRequest(chart=CORNERS)
+    )
     lab = np.array([row["lab"] for row in document["chart"]["patches"]])
     assert_allclose(lab[:, 1:], 0, atol=0.5)  # LibRaw's matrices have four digits
     assert_allclose(lab[:, 0], lab[0, 0], atol=0.1)
@@ -505,7 +514,9 @@ def test_an_exported_picture_says_what_the_run_has_measured(tmp_path, monkeypatc
         assert CliRunner().invoke(main, words).exit_code == 0, words
     own = open_archive("edge")["edge_resolution"].edge_mtf50_cycles
     for name, stage in (("edge.dng", "linearise"), ("edge.tif", "encode")):
-        assert_allclose(measure(Path(name), Asked())["edges"][0]["mtf50"], own.sel(stage=stage).item(), rtol=0.01)
+        assert_allclose(
+            measure(Path(name), MeasurementRequest())["edges"][0]["mtf50"], own.sel(stage=stage).item(), rtol=0.01
+        )
 
 
 # ------------------------------------------------------------------------------------------------------ the command
@@ -595,6 +606,6 @@ def test_luminance_is_that_of_the_space():
     planes = np.zeros((1, 1, 3), np.uint8)
     planes[..., 1] = 255
     weights = tuple(spectra.rgb_space_matrix("Display P3")[0][1])
-    found, _ = Photograph(Path("a"), planes, 255.0, "sRGB", weights).linear("luminance")
+    found, _ = PhotographFile(Path("a"), planes, 255.0, "sRGB", weights).linear("luminance")
     assert_allclose(found, weights[1])
     assert_allclose(to_lab("Display P3")(np.ones(3)), [100, 0, 0], atol=0.05)  # printed white points have four digits

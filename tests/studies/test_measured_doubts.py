@@ -14,7 +14,7 @@ from etendue.errors import RequestError
 from etendue_camera.colour.encoding import srgb_encode
 from etendue_camera.electronics.rounding import both, in_front
 from etendue_camera.quality.block_coding import coded
-from etendue_lab.measure.study import Asked, measure
+from etendue_lab.measure.study import MeasurementRequest, measure
 
 FIFTY, SIDE = math.sqrt(math.log(2) / 2) / math.pi, 80  # MTF50 of a Gaussian of 1 pixel rms
 WHOLE = f"0,0,{SIDE},{SIDE}"
@@ -31,7 +31,7 @@ def saved(path, linear, **how):
 
 
 def seen(path, linear, **how):
-    return measure(saved(path, linear, **how), Asked(edges=(WHOLE,)))["edges"][0]
+    return measure(saved(path, linear, **how), MeasurementRequest(edges=(WHOLE,)))["edges"][0]
 
 
 @pytest.mark.parametrize(("quality", "sigma"), [(75, 0.5), (95, 0.7)])
@@ -87,7 +87,7 @@ def test_what_no_noise_moves_is_said_to_be_conservative(tmp_path):
         for noise in (0.0, 0.01):
             linear = 0.1 + 0.5 * ndtr(across() / sigma) + np.random.default_rng(3).normal(0, noise, (SIDE, SIDE))
             tifffile.imwrite(tmp_path / "a.tif", np.rint(65535 * srgb_encode(np.clip(linear, 0, 1))).astype(np.uint16))
-            one = measure(tmp_path / "a.tif", Asked(edges=(WHOLE,)))["edges"][0]
+            one = measure(tmp_path / "a.tif", MeasurementRequest(edges=(WHOLE,)))["edges"][0]
             assert one["conservative"] == (noise == 0)
             if noise == 0:
                 assert one["mtf50_low"] <= FIFTY / sigma <= one["mtf50_high"]
@@ -172,7 +172,7 @@ def test_noise_below_a_number_of_the_file_is_held(tmp_path, sigma):
     for seed in range(12):
         rng = np.random.default_rng(seed)
         path = saved(tmp_path / "a.png", rng.uniform(0.2, 0.6) + rng.normal(0, sigma, (64, 64)))
-        patch = measure(path, Asked(noise=("0,0,64,64",)))["noise"][0]
+        patch = measure(path, MeasurementRequest(noise=("0,0,64,64",)))["noise"][0]
         own = patch["channels"][0]["linear"]["sigma"]
         held += own["low"] <= sigma <= own["high"]
         assert bool(patch["hidden"]) or sigma > 0.001
@@ -192,7 +192,7 @@ def test_a_variance_behind_rounding_has_noise_in_front():
 
 def test_noise_that_a_jpeg_took_off_is_not_covered(tmp_path):
     path = saved(tmp_path / "a.jpg", 0.4 + np.random.default_rng(0).normal(0, 0.003, (64, 64)), quality=80)
-    assert measure(path, Asked(noise=("0,0,64,64",)))["noise"][0]["not_covered"]
+    assert measure(path, MeasurementRequest(noise=("0,0,64,64",)))["noise"][0]["not_covered"]
 
 
 # ------------------------------------------------------------------------------------------------------------ what is
@@ -202,7 +202,7 @@ def test_noise_that_a_jpeg_took_off_is_not_covered(tmp_path):
 def test_the_picture_shows_region_and_line_where_they_stand(tmp_path):
     """The line that is drawn runs through half level: the picture is even there on either side."""
     path = saved(tmp_path / "a.png", 0.1 + 0.5 * ndtr(across(12, (0.0, 6.0))))
-    one = measure(path, Asked(edges=(WHOLE,)))["edges"][0]
+    one = measure(path, MeasurementRequest(edges=(WHOLE,)))["edges"][0]
     for x, y in one["line"]:
         assert abs((x - 46) * math.cos(math.radians(12)) - (y - 40) * math.sin(math.radians(12))) < 0.1
     found = CliRunner().invoke(

@@ -15,10 +15,10 @@ from etendue.accuracy.measuring import Measurement, measure
 from etendue.accuracy.pilot import places
 from etendue.accuracy.reference import knobs_of, reference_of
 from etendue.cli.program import main
-from etendue.contract.parameter import param
+from etendue.contract.arrays.variables import parse_declaration
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
-from etendue.contract.variables import parse_declaration
+from etendue.contract.values.parameter import param
 from etendue.errors import RequestError
 from etendue.session import load, simulate
 from tests.run.small import BARE

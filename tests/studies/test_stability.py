@@ -14,7 +14,7 @@ from etendue.contract.stage import parameters_of
 from etendue.errors import RequestError
 from etendue.testing.cases import CORNER, END, INSIDE, ORDINARY, cases, ordinary
 from etendue_lab.stability import cameras, kernels, study
-from etendue_lab.stability.rows import Row, counts, document, groups
+from etendue_lab.stability.rows import LawCase, counts, document, groups
 from tests.fresh import process
 
 SITE = Path(__file__).parents[1] / "plugins" / "naive"
@@ -126,7 +126,7 @@ def test_every_closed_form_serves_a_stage_and_holds():
 
 
 def test_a_kernel_that_loses_digits_is_told_by_its_closed_form():
-    naive = kernels.Form(lambda linear: linear**0.45 * (1 + 1e-12))
+    naive = kernels.ClosedForm(lambda linear: linear**0.45 * (1 + 1e-12))
     told = kernels.judged("encode", naive, "closed form", "v = 0.5", [0.5], 0.5**0.45, 1.0, kernels.DOUBLE)
     assert not told.ok
     assert told.error == pytest.approx(1e-12, rel=1e-2)  # a few roundings of 1e-16 beside it
@@ -159,10 +159,10 @@ def test_a_camera_that_cannot_be_is_refused_once_in_words():
 
 def test_a_group_shows_what_broke_before_what_came_near():
     rows = [
-        Row("a", "x", "near", True, 0.9, 1.0, 5.0),
-        Row("a", "x", "broken", False, why="so"),
-        Row("a", "x", "far", True, 0.1, 1.0, 7.0),
-        Row("b", "x", "untried", None, why="no example"),
+        LawCase("a", "x", "near", True, 0.9, 1.0, 5.0),
+        LawCase("a", "x", "broken", False, why="so"),
+        LawCase("a", "x", "far", True, 0.1, 1.0, 7.0),
+        LawCase("b", "x", "untried", None, why="no example"),
     ]
     first, second = groups(rows)
     assert (first.worst.case, first.cases, first.failed, first.condition) == ("broken", 3, 1, 7.0)

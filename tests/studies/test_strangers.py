@@ -12,7 +12,7 @@ from etendue.contract.registry import installed_stages
 from etendue.pipeline.file import StageEntry, parse_pipeline
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
-from etendue_lab.compare.axis import Asked
+from etendue_lab.compare.axis import AxisRequest
 from etendue_lab.compare.compared import FIGURES
 from etendue_lab.compare.study import compare
 from etendue_lab.noise.study import noise
@@ -57,7 +57,7 @@ def camera(stages=WHOLE, scene="slanted_edge", crosstalk="per_plane", **values):
 
 def rows(registry, pipeline, key, values, monkeypatch, expected=False, edges=False):
     monkeypatch.setattr("etendue_lab.compare.study.installed_stages", lambda: registry)
-    found = compare(pipeline, Asked(key, values), 1, expected, SERIAL, edges=edges)
+    found = compare(pipeline, AxisRequest(key, values), 1, expected, SERIAL, edges=edges)
     return {row.label.removeprefix(strangers.PREFIX): row for row in found.rows}, found
 
 

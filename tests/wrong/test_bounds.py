@@ -11,8 +11,8 @@ import etendue
 from etendue.contract.registry import installed_stages
 from etendue.errors import Fault, RequestError, escaped
 from etendue.pipeline.file import from_document, parse_pipeline
-from etendue.plan import lacking
 from etendue.plan.planner import make_plan
+from etendue.plan.wiring import missing
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"
 LINE = '[[stages]]\nuse = "lens_numbers"\n'
@@ -117,7 +117,7 @@ def test_many_faults_are_shown_in_part_and_kept_whole():
 def test_a_lacking_plugin_is_named_once_with_the_command_that_installs_it(monkeypatch, tmp_path):
     """By its stages where they are known, by `requires` where they are not; both ways name it once."""
     known = {"lens_of_theirs": "etendue-theirs", "numbers_of_theirs": "etendue-theirs"}
-    monkeypatch.setattr(lacking, "known_plugins", lambda: known)
+    monkeypatch.setattr(missing, "known_plugins", lambda: known)
     text = '[camera]\ntheir_quantity = 1\n[[stages]]\nuse = "lens_of_theirs"\n[[stages]]\nuse = "numbers_of_theirs"\n'
     assert refused(text).splitlines() == [
         "file.toml:3: stages[1] lens_of_theirs: etendue-theirs, which has lens_of_theirs, numbers_of_theirs, is not "
@@ -142,12 +142,12 @@ def test_the_plugins_of_this_repository_are_known_by_all_their_stages():
     written = {}
     for file in PIPELINES.parent.glob("plugins/*/src/*/manifest.py"):
         written |= dict.fromkeys(runpy.run_path(str(file))["etendue_stages"](), file.parents[2].name)
-    assert lacking.known_plugins() == written
+    assert missing.known_plugins() == written
 
 
 def test_a_distribution_that_is_installed_is_not_lacking():
     document = {"stages": [{"use": "lens_numbers"}], "requires": ["etendue", "numpy"]}
-    assert lacking.lacking(from_document(document), installed_stages()) == []
+    assert missing.lacking(from_document(document), installed_stages()) == []
 
 
 @pytest.mark.parametrize(

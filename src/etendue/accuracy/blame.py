@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from etendue.accuracy.measuring import LEFT_OUT, PRECISION, GlobalError, Measured, Measurement
+from etendue.accuracy.measuring import LEFT_OUT, PRECISION, GlobalError, MeasuredErrors, Measurement
 from etendue.accuracy.reference import with_settings
 from etendue.contract.stage import parameters_of
 from etendue.plan.ancestry import in_front
@@ -21,7 +21,7 @@ SHARE = 0.05  # of the error, below which nobody is named
 
 
 def blamed(
-    measurement: Measurement, plan: Plan, found: Measured, missed: tuple[str, ...], asked: float, norm: str
+    measurement: Measurement, plan: Plan, found: MeasuredErrors, missed: tuple[str, ...], asked: float, norm: str
 ) -> dict[str, float]:
     """What brings the variables in ``missed`` further from the reference than ``asked``, the largest share first.
 
@@ -37,7 +37,9 @@ def blamed(
     return {name: share for name, share in sorted(shares.items(), key=lambda item: -item[1]) if share > SHARE * most}
 
 
-def _of_decisions(measurement: Measurement, plan: Plan, found: Measured, far: list[str], norm: str) -> dict[str, float]:
+def _of_decisions(
+    measurement: Measurement, plan: Plan, found: MeasuredErrors, far: list[str], norm: str
+) -> dict[str, float]:
     """By how much the worst variable comes nearer, by stage; where no single stage brings it nearer, all of them
     together.
     """

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.stage import Stage
-from etendue.contract.variables import Declaration, variable
 from etendue.contract.wording import Unit, units
 
 
 @dataclass(frozen=True)
-class Difference:
+class VariableError:
     """``rms`` and ``largest`` relative to ``scale``; None where the two cannot be compared, and ``why``."""
 
     rms: float | None
@@ -31,7 +31,7 @@ class Difference:
     why: str = ""
 
 
-def difference(found: Any, reference: Any, declaration: Declaration, stage: Stage) -> Difference:
+def difference(found: Any, reference: Any, declaration: Declaration, stage: Stage) -> VariableError:
     """Of two arrays of one variable that ``stage`` has written.
 
     Values that are undefined in both runs do not count; where only one of them is undefined, nothing can be said. Of
@@ -39,22 +39,22 @@ def difference(found: Any, reference: Any, declaration: Declaration, stage: Stag
     """
     found, reference = np.asarray(found), np.asarray(reference)
     if found.shape != reference.shape:
-        return Difference(None, None, math.nan, f"{found.shape} values beside {reference.shape} of the reference")
+        return VariableError(None, None, math.nan, f"{found.shape} values beside {reference.shape} of the reference")
     if (declaration.dtype != "float" and declaration.unit == "1") or variable(declaration.variable).index:
         same = (found == reference) | ((found != found) & (reference != reference))
         share = 1.0 - float(np.mean(same)) if found.size else 0.0
-        return Difference(math.sqrt(share), float(share > 0), 1.0)
+        return VariableError(math.sqrt(share), float(share > 0), 1.0)
     found, reference = found.astype(np.float64), reference.astype(np.float64)
     known = np.isfinite(reference)
     if not np.array_equal(known, np.isfinite(found)):
-        return Difference(None, None, math.nan, "undefined at other places than the reference")
+        return VariableError(None, None, math.nan, "undefined at other places than the reference")
     if not known.any():
-        return Difference(0.0, 0.0, 1.0)
+        return VariableError(0.0, 0.0, 1.0)
     scale = full_scale(reference, known, declaration, stage)
     away = np.abs(found - reference)[known] / np.broadcast_to(scale, known.shape)[known]
     largest = float(away.max())
     rms = largest * float(np.sqrt(np.mean((away / largest) ** 2))) if largest > 0 else 0.0
-    return Difference(rms, largest, float(np.max(scale)))
+    return VariableError(rms, largest, float(np.max(scale)))
 
 
 def full_scale(reference: Any, known: Any, declaration: Declaration, stage: Stage) -> Any:

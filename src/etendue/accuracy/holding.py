@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from etendue.accuracy.blame import blamed
-from etendue.accuracy.measuring import Measured, Measurement, from_document
+from etendue.accuracy.measuring import MeasuredErrors, Measurement, from_document
 from etendue.accuracy.pilot import MOST
-from etendue.archive.remembered import recall, remember
+from etendue.archive.records.remembered import recall, remember
 from etendue.contract.registry import Registry
-from etendue.pipeline.file import Pipeline
-from etendue.plan.keys import digest
+from etendue.pipeline.file import PipelineFile
+from etendue.plan.identity.keys import digest
 from etendue.plan.model import Plan
 from etendue.result_files import finite
 from etendue.session import Options
@@ -26,7 +26,7 @@ LADDER = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldTolerance:
     """What was found: with ``tolerance`` the wanted variables are as far from the reference as ``measured`` says.
 
     ``missed`` are variables whose error is larger than asked for, or not known; ``blame`` the stages that this is due
@@ -36,7 +36,7 @@ class Held:
     asked: float
     tolerance: float
     norm: str
-    measured: Measured
+    measured: MeasuredErrors
     missed: tuple[str, ...]
     blame: Mapping[str, float] = field(default_factory=dict)
     seconds: float = 0.0
@@ -62,14 +62,14 @@ class Held:
 
 
 def hold(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     asked: float,
     cells: int = MOST,
     options: Options | None = None,
     progress: Any = None,
     archive: Path | None = None,
-) -> Held:
+) -> HeldTolerance:
     """Find the tolerance for a pipeline. What ``keep`` has put into an archive is used until a cell that it was found
     on changes.
 
@@ -86,7 +86,7 @@ def hold(
     return replace(found, places=measurement.places)
 
 
-def keep(held: Held, archive: Path) -> None:
+def keep(held: HeldTolerance, archive: Path) -> None:
     """Remember in an archive that exists now what was found for it."""
     if not held.remembered:
         remember(archive, held.key, finite({**held.document(), "measured": held.measured.document()}))
@@ -97,12 +97,12 @@ def _rung(asked: float) -> float:
     return min((rung for rung in LADDER if rung >= asked), default=LADDER[0])
 
 
-def _search(measurement: Measurement, asked: float, norm: str) -> Held:
+def _search(measurement: Measurement, asked: float, norm: str) -> HeldTolerance:
     """Up the ladder as long as the error is held, down it until it is."""
-    tried: dict[float, Measured] = {}
+    tried: dict[float, MeasuredErrors] = {}
     plans: dict[float, Plan] = {}
 
-    def measured(rung: float) -> Measured:
+    def measured(rung: float) -> MeasuredErrors:
         plans[rung] = measurement.plan(replace(measurement.pipeline, tolerance=rung))
         same = next((other for other in tried if _equal(plans[rung], plans[other])), None)
         tried[rung] = measurement.errors(rung) if same is None else tried[same]
@@ -112,18 +112,18 @@ def _search(measurement: Measurement, asked: float, norm: str) -> Held:
     if not missed(measured(LADDER[at]), asked, norm):
         while at > 0 and not missed(measured(LADDER[at - 1]), asked, norm):
             at -= 1
-        return Held(asked, LADDER[at], norm, tried[LADDER[at]], (), seconds=measurement.seconds)
+        return HeldTolerance(asked, LADDER[at], norm, tried[LADDER[at]], (), seconds=measurement.seconds)
     while at + 1 < len(LADDER):
         at += 1
         if not missed(measured(LADDER[at]), asked, norm):
-            return Held(asked, LADDER[at], norm, tried[LADDER[at]], (), seconds=measurement.seconds)
+            return HeldTolerance(asked, LADDER[at], norm, tried[LADDER[at]], (), seconds=measurement.seconds)
     best = min(tried, key=lambda rung: (len(missed(tried[rung], asked, norm)), tried[rung].worst or 0.0, -rung))
     lacking = missed(tried[best], asked, norm)
     blame = blamed(measurement, plans[best], tried[best], lacking, asked, norm)
-    return Held(asked, best, norm, tried[best], lacking, blame, measurement.seconds)
+    return HeldTolerance(asked, best, norm, tried[best], lacking, blame, measurement.seconds)
 
 
-def missed(found: Measured, asked: float, norm: str) -> tuple[str, ...]:
+def missed(found: MeasuredErrors, asked: float, norm: str) -> tuple[str, ...]:
     """The variables of which it is not known that they are within what is asked for."""
     return tuple(name for name, error in found.errors.items() if error.held(asked, norm) is not True)
 
@@ -132,7 +132,7 @@ def _equal(one: Plan, other: Plan) -> bool:
     return one.precision == other.precision and all(cell.key == other.cells[ref].key for ref, cell in one.cells.items())
 
 
-def _remembered(document: Mapping[str, Any] | None, asked: float, norm: str) -> Held | None:
+def _remembered(document: Mapping[str, Any] | None, asked: float, norm: str) -> HeldTolerance | None:
     """What an earlier run has found; None where it is no such thing."""
     try:
         if document is None:
@@ -140,7 +140,7 @@ def _remembered(document: Mapping[str, Any] | None, asked: float, norm: str) -> 
         measured = from_document(document["measured"])
         if measured is None:
             return None
-        return Held(
+        return HeldTolerance(
             asked,
             float(document["tolerance"]),
             norm,

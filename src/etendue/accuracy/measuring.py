@@ -16,21 +16,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from etendue.accuracy.differences import Difference, difference
+from etendue.accuracy.differences import VariableError, difference
 from etendue.accuracy.pilot import MOST, chosen_places, narrowed
-from etendue.accuracy.reference import Knob, Reference, reference_of, with_settings
-from etendue.archive.remembered import recall, remember
+from etendue.accuracy.reference import Knob, ReferencePipeline, reference_of, with_settings
+from etendue.archive.records.remembered import recall, remember
+from etendue.contract.arrays.variables import variable as known
 from etendue.contract.capabilities import has_no_mean
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
-from etendue.contract.variables import variable as known
 from etendue.errors import RequestError
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
-from etendue.plan.graph import build_graph
-from etendue.plan.keys import digest
+from etendue.plan.identity.keys import digest
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
+from etendue.plan.wiring.graph import build_graph
 from etendue.result_files import finite
 from etendue.session import Collected, Options, collect
 
@@ -66,7 +66,7 @@ class GlobalError:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredErrors:
     """``errors`` by the variable's name (with its stage in front where two stages write a variable of that name)."""
 
     errors: dict[str, GlobalError]
@@ -85,26 +85,26 @@ class Measured:
         return max((e.rms for e in self.errors.values() if e.rms is not None), default=None)
 
 
-def from_document(document: Mapping[str, Any]) -> Measured | None:
+def from_document(document: Mapping[str, Any]) -> MeasuredErrors | None:
     """What was remembered; None where it has another form."""
     try:
         errors = {
             str(name): GlobalError(**{**own, "linear": None if own["linear"] is None else tuple(own["linear"])})
             for name, own in document["errors"].items()
         }
-        return Measured(errors, int(document["cells"]), float(document["seconds"]), remembered=True)
+        return MeasuredErrors(errors, int(document["cells"]), float(document["seconds"]), remembered=True)
     except (KeyError, TypeError, ValueError, AttributeError):
         return None
 
 
 def measure(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     cells: int = MOST,
     options: Options | None = None,
     progress: Any = None,
     archive: Path | None = None,
-) -> Measured:
+) -> MeasuredErrors:
     """The global error of every wanted variable of a pipeline, on so many places of its sweep.
 
     ``archive``: where it is remembered: what depends on nothing that has changed is not measured again.
@@ -134,12 +134,12 @@ class Measurement:
 
     def __init__(
         self,
-        pipeline: Pipeline,
+        pipeline: PipelineFile,
         registry: Registry,
         cells: int = MOST,
         options: Options | None = None,
         progress: Any = None,
-        reference: Reference | None = None,
+        reference: ReferencePipeline | None = None,
     ) -> None:
         self.registry, self.options, self.progress = registry, options or Options(), progress
         graph = build_graph(pipeline, registry)
@@ -156,10 +156,10 @@ class Measurement:
         self.reference = reference
         self.seconds = 0.0
 
-    def plan(self, pipeline: Pipeline, computed: frozenset[str] = frozenset()) -> Plan:
+    def plan(self, pipeline: PipelineFile, computed: frozenset[str] = frozenset()) -> Plan:
         return make_plan(pipeline, self.registry, expected=True, computed=computed)
 
-    def possible(self, reference: Reference) -> Reference:
+    def possible(self, reference: ReferencePipeline) -> ReferencePipeline:
         """The reference; a knob whose best setting its stage refuses in this pipeline stands at the best that it takes.
 
         Raises
@@ -239,7 +239,7 @@ class Measurement:
         settings: Mapping[tuple[str, str, str], Any] = {},
         computed: frozenset[str] = frozenset(),
         precision: str | None = None,
-    ) -> Measured:
+    ) -> MeasuredErrors:
         """The global errors as planned: with another local tolerance, with knobs written in, with stages that are
         not left out.
         """
@@ -253,7 +253,7 @@ class Measurement:
         plan = self.plan(pipeline, computed)
         return self.compared(plan, self.run(plan), before)
 
-    def compared(self, plan: Plan, found: Collected, before: float = 0.0) -> Measured:
+    def compared(self, plan: Plan, found: Collected, before: float = 0.0) -> MeasuredErrors:
         """A run of this plan, held against the reference."""
         errors, truth, coarser = {}, self.truth, self.coarser
         unknown = behind(
@@ -271,13 +271,13 @@ class Measurement:
                 )
             plain = names.count(name) == 1 and (stage, name) in plan.wanted
             errors[name if plain else f"{stage}.{name}"] = own
-        return Measured(errors, len(self.places), self.seconds - before)
+        return MeasuredErrors(errors, len(self.places), self.seconds - before)
 
     def _error(
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
     ) -> GlobalError:
         """The worst cell of one variable."""
-        worst: tuple[Difference, CellRef, Mapping[str, Any]] | None = None
+        worst: tuple[VariableError, CellRef, Mapping[str, Any]] | None = None
         doubt = self.own_error_behind(stage)
         for ref, at in self.cells_of(plan, stage):
             own = _difference(plan, found, self.exact, truth, ref, name)
@@ -317,7 +317,7 @@ class Measurement:
                 )
         return found
 
-    def remembered(self, archive: Path) -> Measured:
+    def remembered(self, archive: Path) -> MeasuredErrors:
         """The errors as planned; what an archive remembers of the same cells is not measured again."""
         key = self.key()
         known = from_document(recall(archive, key) or {})
@@ -348,7 +348,7 @@ def in_front(plan: Plan, ref: CellRef, name: str) -> tuple[CellRef, str] | None:
     return cell.inputs[0][1], cell.inputs[0][2]
 
 
-def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref: CellRef, name: str) -> Difference:
+def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref: CellRef, name: str) -> VariableError:
     for run in (found, truth):
         report = run.reports.get(ref)
         if report is None or report.status not in ("done", "left_out"):
@@ -356,8 +356,8 @@ def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref
                 "the reference" if run is truth else "the cell",
                 f"{report.status}: {report.message}" if report else "was not computed",
             )
-            return Difference(None, None, float("nan"), f"{who} {what}")
+            return VariableError(None, None, float("nan"), f"{who} {what}")
     if plan.cells[ref].grids[name] != exact.cells[ref].grids[name]:
-        return Difference(None, None, float("nan"), "the reference stands on another grid")
+        return VariableError(None, None, float("nan"), "the reference stands on another grid")
     cell = exact.cells[ref]
     return difference(found.arrays[ref][name], truth.arrays[ref][name], exact.node(ref[0]).writes[name], cell.stage)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Axis
 
 MOST = 8  # places, unless somebody asks for more
@@ -71,7 +71,7 @@ def chosen_places(axes: Sequence[Axis], most: int = MOST) -> tuple[dict[str, Any
     return tuple({axis.dim: axis.values[i] for axis, i in zip(axes, place, strict=True)} for place in found)
 
 
-def narrowed(pipeline: Pipeline, axes: Sequence[Axis], chosen: Sequence[dict[str, Any]]) -> Pipeline:
+def narrowed(pipeline: PipelineFile, axes: Sequence[Axis], chosen: Sequence[dict[str, Any]]) -> PipelineFile:
     """The pipeline with a sweep over the values at some places alone, in the order of the file."""
     sweep = {key: written for key, written in pipeline.sweep.items() if key in {axis.key for axis in axes}}
     for axis in axes:

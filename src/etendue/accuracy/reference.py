@@ -14,12 +14,12 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
+from etendue.contract.values.parameter import MISSING, Parameter
 from etendue.errors import PluginError
 from etendue.pipeline.derived import each, given
-from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.pipeline.file import PipelineFile, StageEntry
 
 Name = tuple[str, str]  # stage of the pipeline, parameter
 
@@ -53,17 +53,17 @@ class Knob:
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferencePipeline:
     """``pipeline`` with the knobs written in; ``coarser``: the same one refinement below, None where every reference
     is a closed form.
     """
 
-    pipeline: Pipeline
+    pipeline: PipelineFile
     knobs: tuple[Knob, ...]
-    coarser: Pipeline | None
+    coarser: PipelineFile | None
 
 
-def knobs_of(pipeline: Pipeline, registry: Registry) -> tuple[Knob, ...]:
+def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[Knob, ...]:
     """Every fidelity parameter of every stage, those of stages that a sweep swaps in too."""
     found = []
     for entry in pipeline.stages:
@@ -103,7 +103,7 @@ def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
     return tuple(dict.fromkeys(step for step in steps if parameter.allows(step) and low <= step <= high))
 
 
-def reference_of(pipeline: Pipeline, registry: Registry, knobs: Iterable[Knob] | None = None) -> Reference:
+def reference_of(pipeline: PipelineFile, registry: Registry, knobs: Iterable[Knob] | None = None) -> ReferencePipeline:
     """The reference of a pipeline; of ``knobs`` where they are given, else of all that the file does not write."""
     chosen = (
         tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied))
@@ -114,10 +114,10 @@ def reference_of(pipeline: Pipeline, registry: Registry, knobs: Iterable[Knob] |
     moved = [k for k in chosen if k.settings and k.before_reference != k.reference]
     best = {(k.stage, k.use, k.name): k.reference for k in chosen if k.settings}
     coarser = best | {(k.stage, k.use, k.name): k.before_reference for k in moved}
-    return Reference(with_settings(exact, best), chosen, with_settings(exact, coarser) if moved else None)
+    return ReferencePipeline(with_settings(exact, best), chosen, with_settings(exact, coarser) if moved else None)
 
 
-def with_settings(pipeline: Pipeline, settings: Mapping[tuple[str, str, str], Any]) -> Pipeline:
+def with_settings(pipeline: PipelineFile, settings: Mapping[tuple[str, str, str], Any]) -> PipelineFile:
     """The pipeline with values for (stage, use, parameter) written in, in its sweep too where it swaps stages."""
 
     def own(stage: str, use: Any, but: Collection[str] = ()) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def with_settings(pipeline: Pipeline, settings: Mapping[tuple[str, str, str], An
     return replace(each(pipeline, lambda entry: given(entry, own(entry.name, entry.use))), sweep=sweep)
 
 
-def _uses(pipeline: Pipeline, entry: StageEntry) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _uses(pipeline: PipelineFile, entry: StageEntry) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """What may stand at an entry, each once, and the values written for it."""
     swapped = pipeline.sweep.get(f"{entry.name}.use")
     if not isinstance(swapped, list | tuple):

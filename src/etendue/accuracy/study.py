@@ -16,12 +16,12 @@ from typing import Any
 
 from etendue.accuracy.frontier import ROUNDING, cheapest, combinations, front
 from etendue.accuracy.reference import Knob, knobs_of
-from etendue.accuracy.trials import PRECISION, Curve, Effort, Told, Trial, Trials
+from etendue.accuracy.trials import PRECISION, Effort, SettingCurve, SettingTrial, Told, Trials
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.errors import Fault, RequestError, nearest
-from etendue.pipeline.file import Pipeline
-from etendue.plan.parameters import Unfit, resolve
+from etendue.pipeline.file import PipelineFile
+from etendue.plan.wiring.parameters import Unfit, resolve
 
 TOLERANCES = tuple(10.0**-n for n in range(1, 9))
 WORTH = 0.9  # by so much a slower setting betters the error, or it is not on the front
@@ -33,11 +33,11 @@ class Accuracy:
 
     pipeline: str
     at: Mapping[str, Any]  # axis values of the cells
-    curves: list[Curve]
-    trials: list[Trial]  # all, the reference first
-    frontier: list[Trial]
-    planned: Trial  # as the file has it
-    cheapest: list[tuple[float, Trial | None]]
+    curves: list[SettingCurve]
+    trials: list[SettingTrial]  # all, the reference first
+    frontier: list[SettingTrial]
+    planned: SettingTrial  # as the file has it
+    cheapest: list[tuple[float, SettingTrial | None]]
     floor: float  # how far the reference itself may be wrong
     noise_floor: float | None
     noise_of: str
@@ -49,14 +49,14 @@ class Accuracy:
 
 
 def accuracy(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     asked: Mapping[str, tuple[Any, ...]] = {},
     cells: int = 1,
     repeat: int = 3,
     most: int = 24,
     told: Told = lambda text: None,
-    elsewhere: Pipeline | None = None,
+    elsewhere: PipelineFile | None = None,
     verify: Mapping[str, Any] = {},
 ) -> Accuracy:
     """Try every knob alone, then combinations.
@@ -94,7 +94,7 @@ def accuracy(
     done = [t for t in trials if t.error is not None]
     floor = max(study.floor, ROUNDING)
 
-    def of(trial: Trial) -> tuple[float, float]:
+    def of(trial: SettingTrial) -> tuple[float, float]:
         return figures(trial, floor)
 
     found = Accuracy(
@@ -116,7 +116,7 @@ def accuracy(
     return found
 
 
-def chosen_knobs(pipeline: Pipeline, registry: Registry, asked: Mapping[str, tuple[Any, ...]]) -> tuple[Knob, ...]:
+def chosen_knobs(pipeline: PipelineFile, registry: Registry, asked: Mapping[str, tuple[Any, ...]]) -> tuple[Knob, ...]:
     """The knobs that are tried: those that are asked for, else all that the file does not write and that change no
     grid.
 
@@ -159,7 +159,7 @@ def chosen_knobs(pipeline: Pipeline, registry: Registry, asked: Mapping[str, tup
     return tuple(chosen)
 
 
-def _resolved(knob: Knob, values: tuple[Any, ...], pipeline: Pipeline, registry: Registry) -> tuple[Any, ...]:
+def _resolved(knob: Knob, values: tuple[Any, ...], pipeline: PipelineFile, registry: Registry) -> tuple[Any, ...]:
     """Settings in the unit of the knob; ``Unfit`` where it does not take one."""
     if not knob.stage:
         if not set(values) <= set(knob.settings):
@@ -169,6 +169,6 @@ def _resolved(knob: Knob, values: tuple[Any, ...], pipeline: Pipeline, registry:
     return tuple(resolve(value, parameter, kind, pipeline.folder) for value in values)
 
 
-def figures(trial: Trial, floor: float) -> tuple[float, float]:
+def figures(trial: SettingTrial, floor: float) -> tuple[float, float]:
     """Error and seconds; errors below what the reference may be wrong by are all the same."""
     return (float("inf") if trial.error is None else max(trial.error, floor)), trial.whole

@@ -15,11 +15,11 @@ from etendue.accuracy.frontier import Convergence, convergence, remaining
 from etendue.accuracy.measuring import GlobalError, Measurement, Wanted
 from etendue.accuracy.reference import Knob, reference_of, with_settings
 from etendue.compute.tables import TABLES
-from etendue.contract.dims import banded
+from etendue.contract.arrays.dims import banded
+from etendue.contract.arrays.variables import variable as known_variable
 from etendue.contract.registry import Registry
-from etendue.contract.variables import variable as known_variable
 from etendue.errors import RequestError
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.ancestry import behind
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
@@ -31,7 +31,7 @@ Told = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Trial:
+class SettingTrial:
     """One combination of settings, by knob; those that are not named stand at their reference."""
 
     settings: Mapping[str, Any]
@@ -50,16 +50,16 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Curve:
+class SettingCurve:
     """A knob alone, from its cheapest setting to its reference."""
 
     knob: Knob
     measured_at: str  # where the error of the stage is found
-    trials: tuple[Trial, ...]
+    trials: tuple[SettingTrial, ...]
     affected: frozenset[str]  # stages whose work it may change
     convergence: Convergence
 
-    def seconds(self, trial: Trial, stages: Iterable[str] | None = None) -> float:
+    def seconds(self, trial: SettingTrial, stages: Iterable[str] | None = None) -> float:
         chosen = self.affected if stages is None else frozenset(stages)
         return sum(s for name, s in trial.seconds.items() if name in chosen)
 
@@ -77,7 +77,7 @@ class Trials:
     """All trials of a pipeline, run beside its reference."""
 
     def __init__(
-        self, pipeline: Pipeline, registry: Registry, knobs: tuple[Knob, ...], given: frozenset[str], effort: Effort
+        self, pipeline: PipelineFile, registry: Registry, knobs: tuple[Knob, ...], given: frozenset[str], effort: Effort
     ) -> None:
         self.registry, self.effort, self.options = registry, effort, Options("serial")
         base = Measurement(pipeline, registry, effort.cells, self.options)
@@ -97,11 +97,11 @@ class Trials:
         self.measurement.also = tuple(dict.fromkeys(place for places in self.own.values() for place in places))
         self.exact = self.measurement.reference.pipeline
         self.affected = {k.key: affected(plan, k) for k in knobs}
-        self.trials: dict[tuple[tuple[str, Any], ...], Trial] = {}
+        self.trials: dict[tuple[tuple[str, Any], ...], SettingTrial] = {}
         self.notes: list[str] = []
         self.floor = 0.0
 
-    def trial(self, settings: Mapping[str, Any]) -> Trial:
+    def trial(self, settings: Mapping[str, Any]) -> SettingTrial:
         """A combination, run once or remembered."""
         moved = {k.key: settings[k.key] for k in self.knobs if k.key in settings and settings[k.key] != k.reference}
         name = tuple(sorted(moved.items()))
@@ -115,7 +115,7 @@ class Trials:
             self.trials[name] = self.run(pipeline, moved)
         return self.trials[name]
 
-    def planned(self, pipeline: Pipeline) -> Trial:
+    def planned(self, pipeline: PipelineFile) -> SettingTrial:
         """The pipeline as its file has it."""
         self.effort.told("as planned")
         own = replace(
@@ -127,14 +127,14 @@ class Trials:
         values = {k.key: k.value for k in self.knobs}
         return self.run(own, values)
 
-    def run(self, pipeline: Pipeline, settings: Mapping[str, Any]) -> Trial:
+    def run(self, pipeline: PipelineFile, settings: Mapping[str, Any]) -> SettingTrial:
         try:
             plan = self.measurement.plan(pipeline)
         except RequestError as error:
             text = "; ".join(fault.message for fault in error.faults)
             shown = ", ".join(f"{key} = {value}" for key, value in settings.items())
             self.notes.append(f"{shown} is refused: {text}")
-            return Trial(settings, None, "", {}, {}, text)
+            return SettingTrial(settings, None, "", {}, {}, text)
         seconds: dict[str, float] = {}
         for _ in range(self.effort.repeat):
             TABLES.clear()
@@ -149,7 +149,7 @@ class Trials:
             own_errors = [errors.get(f"{s}.{v}", errors.get(v)) for s, v in places]
             values = [e.rms for e in own_errors if e is not None and e.rms is not None]
             stage_errors[key] = max(values) if values else known.get(worst)
-        return Trial(dict(settings), known.get(worst), worst, stage_errors, seconds)
+        return SettingTrial(dict(settings), known.get(worst), worst, stage_errors, seconds)
 
     def known(self, plan: Plan, errors: Mapping[str, GlobalError]) -> dict[str, float]:
         """The rms error of what is wanted, as far as it is known; a note where it is not."""
@@ -161,7 +161,7 @@ class Trials:
         self.floor = max([self.floor, *(e.below for e in wanted.values() if e.below < float("inf"))])
         return {name: e.rms for name, e in wanted.items() if e.rms is not None}
 
-    def curve(self, knob: Knob, reference: Trial) -> Curve:
+    def curve(self, knob: Knob, reference: SettingTrial) -> SettingCurve:
         """From the reference towards cheaper settings, as long as anything is left of the picture."""
         trials = [reference]
         for setting in reversed(knob.settings[:-1]):
@@ -182,16 +182,16 @@ class Trials:
         law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)
         if finite:
             self.floor = max(self.floor, remaining(shown, used[-2].error or 0.0, law))
-        return Curve(knob, where, tuple(used), self.affected[knob.key], law)
+        return SettingCurve(knob, where, tuple(used), self.affected[knob.key], law)
 
-    def choices(self, curves: Sequence[Curve]) -> dict[str, list[tuple[Any, float, float]]]:
+    def choices(self, curves: Sequence[SettingCurve]) -> dict[str, list[tuple[Any, float, float]]]:
         """By knob: settings, their error, and the seconds of the stages that it affects."""
         return {
             c.knob.key: [(t.setting(c.knob), t.error or 0.0, c.seconds(t)) for t in c.trials if t.error is not None]
             for c in curves
         }
 
-    def settled(self) -> list[Trial]:
+    def settled(self) -> list[SettingTrial]:
         """All trials. The work of a stage hangs on the knobs that affect it: where these stand alike, the least of
         its times counts.
         """
@@ -204,10 +204,10 @@ class Trials:
             replace(t, seconds={stage: least[self.work(t, stage)] for stage in t.seconds}) for t in self.trials.values()
         ]
 
-    def work(self, trial: Trial, stage: str) -> tuple[Any, ...]:
+    def work(self, trial: SettingTrial, stage: str) -> tuple[Any, ...]:
         return stage, *((k.key, trial.setting(k)) for k in self.knobs if stage in self.affected[k.key])
 
-    def settled_curves(self, curves: Sequence[Curve]) -> list[Curve]:
+    def settled_curves(self, curves: Sequence[SettingCurve]) -> list[SettingCurve]:
         settled = {tuple(sorted(t.settings.items())): t for t in self.settled()}
         return [replace(c, trials=tuple(settled[tuple(sorted(t.settings.items()))] for t in c.trials)) for c in curves]
 

@@ -24,17 +24,17 @@ from typing import Any
 
 import msgspec
 
-from etendue.archive import disk
-from etendue.archive.clearing import CHUNK
-from etendue.archive.journal import NAME as JOURNAL
-from etendue.archive.journal import UNFIT
-from etendue.archive.lease import CLOSED, Seen
-from etendue.archive.manifest import DATA
-from etendue.archive.objects import Found, Objects
-from etendue.archive.reading import StoredArchive
-from etendue.archive.shards import Shard, index_bytes, index_size
-from etendue.archive.standins import STORE
-from etendue.contract.ports import Written
+from etendue.archive.journaling.journal import NAME as JOURNAL
+from etendue.archive.journaling.journal import UNFIT
+from etendue.archive.read.reading import StoredArchive
+from etendue.archive.records import disk
+from etendue.archive.records.manifest import DATA
+from etendue.archive.remote.lease import CLOSED, SeenOwner
+from etendue.archive.remote.objects import Objects, StoredObject
+from etendue.archive.remote.stubs import STORE
+from etendue.archive.sharding.shards import Shard, index_bytes, index_size
+from etendue.archive.write.clearing import CHUNK
+from etendue.contract.ports import WrittenChunk
 
 TABLE = "objects.json"  # which objects belong to an archive: the tag of each as it was put
 PACK = "documents.zip"  # the small ones of these objects once more, for whoever would fetch them all
@@ -119,7 +119,7 @@ def is_ours(path: str) -> bool:
 
 
 def fetch(
-    objects: Objects, here: Here, seen: Seen, found: Mapping[str, Found], exact: bool, inputs: bool = True
+    objects: Objects, here: Here, seen: SeenOwner, found: Mapping[str, StoredObject], exact: bool, inputs: bool = True
 ) -> None:
     """Make a folder what is on the store; what a run of this folder has not put yet stays.
 
@@ -173,7 +173,7 @@ def _clear(here: Here, wanted: Collection[str], ours: bool) -> None:
     (here.folder / DATA).mkdir(parents=True, exist_ok=True)
 
 
-def _lacks(here: Here, path: str, one: Found, ours: bool) -> bool:
+def _lacks(here: Here, path: str, one: StoredObject, ours: bool) -> bool:
     """Whether an object is to be fetched."""
     known, state = here.there.get(path), here.state(path)
     same = known is not None and known[0] == one.tag
@@ -221,7 +221,7 @@ def packed(here: Here) -> bytes:
 
 
 def _pack(
-    objects: Objects, found: Mapping[str, Found], vouched: Mapping[str, str], todo: Collection[str]
+    objects: Objects, found: Mapping[str, StoredObject], vouched: Mapping[str, str], todo: Collection[str]
 ) -> dict[str, bytes]:
     """The documents that a run has packed, while the table has the tag of the pack: a run that has begun since has
     taken it out.
@@ -253,7 +253,7 @@ class _Indexes:
         return index_bytes(slots, places)
 
 
-def _backed(data: bytes, found: Mapping[str, Found]) -> bytes:
+def _backed(data: bytes, found: Mapping[str, StoredObject]) -> bytes:
     """The lines of a journal of which the bytes are on the store too: cells of a run that was broken off may lie in
     its own folder only.
     """
@@ -269,7 +269,7 @@ def _backed(data: bytes, found: Mapping[str, Found]) -> bytes:
             return one.get("path") in found
         if one.get("event") != "done":
             return True
-        files = [Written(*file) for file in one.get("files", ()) if len(file) == 6]
+        files = [WrittenChunk(*file) for file in one.get("files", ()) if len(file) == 6]
         return all(file.path in last and last[file.path].at(file) is not None for file in files)
 
     return b"".join(line + b"\n" for line, one in zip(lines, decoded, strict=True) if there(one))

@@ -24,16 +24,17 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from etendue import cache
-from etendue.archive import disk, standins
 from etendue.archive.fetching import PACK, TABLE, Here, at_once, fetch, is_shard, packed
-from etendue.archive.journal import NAME as JOURNAL
-from etendue.archive.lease import CLOSED, LEFT, OWNER, RUNNING, Lease, in_use, look
-from etendue.archive.manifest import DATA
-from etendue.archive.manifest import NAME as MANIFEST
-from etendue.archive.objects import Objects, endpoint_of, plain_url
-from etendue.archive.owner import Behind, stand
-from etendue.archive.reading import StoredArchive
-from etendue.archive.shards import index_size
+from etendue.archive.journaling.journal import NAME as JOURNAL
+from etendue.archive.read.reading import StoredArchive
+from etendue.archive.records import disk
+from etendue.archive.records.manifest import DATA
+from etendue.archive.records.manifest import NAME as MANIFEST
+from etendue.archive.records.owner import Behind, stand
+from etendue.archive.remote import stubs
+from etendue.archive.remote.lease import CLOSED, LEFT, OWNER, RUNNING, Lease, in_use, look
+from etendue.archive.remote.objects import Objects, endpoint_of, plain_url
+from etendue.archive.sharding.shards import index_size
 from etendue.errors import ArchiveError, ArchiveInUse, EtendueError, MachineError, StoreLost
 
 ROOT = f"{DATA}/zarr.json"
@@ -134,7 +135,7 @@ class Mirror(Behind):
         finally:
             self._stop()
             stand(self.folder, None)
-            standins.forget(self.folder)
+            stubs.forget(self.folder)
             os.close(self.held)
 
     def _stop(self) -> None:
@@ -261,7 +262,7 @@ class Mirror(Behind):
         for path in large:
             tag, *state = self.here.there[path]  # of the file as it went up
             if forms.get(path) and self.here.state(path) == tuple(state) and state[1] != disk.ELSEWHERE:
-                standins.stand_for(self.folder, path, index_size(forms[path]))
+                stubs.stand_for(self.folder, path, index_size(forms[path]))
                 with self.lock:
                     self.here.equal(path, tag)
 

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from etendue.archive.owner import Behind, stand, unless_written
+from etendue.archive.records.owner import Behind, stand, unless_written
 from etendue.calls import called
 from etendue.errors import ArchiveError, EtendueError, RequestError
 
@@ -73,10 +73,10 @@ def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iter
 
 
 def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
-    from etendue.archive import standins
     from etendue.archive.fetching import Here, fetch
-    from etendue.archive.lease import look
-    from etendue.archive.objects import Objects
+    from etendue.archive.remote import stubs
+    from etendue.archive.remote.lease import look
+    from etendue.archive.remote.objects import Objects
 
     objects = Objects(url)
     here, found = Here(own, objects.url), objects.list()
@@ -92,7 +92,7 @@ def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
             yield here.folder
     finally:
         stand(here.folder, None)
-        standins.forget(here.folder)
+        stubs.forget(here.folder)
 
 
 def _sweep(work: Path) -> None:
@@ -194,12 +194,12 @@ def open_archive(place: str | Path) -> xarray.DataTree:
         folder.
     """
     if not is_url(place):
-        from etendue.archive.vouched import open_archive as opened
+        from etendue.archive.read.verified_store import open_archive as opened
 
         return opened(place)
     import xarray
 
-    from etendue.archive.objects import zarr_store
+    from etendue.archive.remote.objects import zarr_store
 
     tree = xarray.open_datatree(zarr_store(str(place)), engine="zarr")
     tree.encoding["source"] = f"{str(place).rstrip('/')}/data.zarr"

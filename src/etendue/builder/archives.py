@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue.archive import places
-from etendue.archive.journal import NAME as JOURNAL
+from etendue.archive.journaling.journal import NAME as JOURNAL
 from etendue.builder.methods import Extended
 from etendue.calls import called_methods
-from etendue.present.plots import glance_page
 from etendue.present.plots.accessor import TreeAccessor
-from etendue.present.plots.glance import Glance, glance, glance_at
+from etendue.present.plots.summary import page
+from etendue.present.plots.summary.contents import Glance, glance, glance_at
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options
 
@@ -85,7 +85,7 @@ class Archive(Extended):
 
     def verify(self) -> dict[str, Any]:
         """Whether every byte is as it was written, and what is not: what ``etendue verify --json`` prints."""
-        from etendue.archive.verify import document, verify
+        from etendue.archive.checks.verify import document, verify
 
         with places.reading(self.place, exact=True) as folder:
             found: dict[str, Any] = places.named(document(verify(folder)), folder, self.place)
@@ -107,7 +107,7 @@ class Archive(Extended):
         """Which cells differ from those of another archive, by how much, and why: what ``etendue diff --json``
         prints.
         """
-        from etendue.archive.differences import differences, document
+        from etendue.archive.read.differences import differences, document
 
         place = other.place if isinstance(other, Archive) else other
         with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:
@@ -138,10 +138,10 @@ class Archive(Extended):
         return glance(self.tree) if isinstance(self.place, str) else glance_at(self.place)
 
     def __repr__(self) -> str:
-        return glance_page.text(self._glance())
+        return page.text(self._glance())
 
     def _repr_html_(self) -> str:
-        return glance_page.page(self._glance())
+        return page.page(self._glance())
 
 
 __all__ = ["Archive"]

@@ -18,14 +18,14 @@ from etendue.builder.methods import Extended
 from etendue.builder.shown import plan_page, table_page
 from etendue.builder.stages import Placed, maker, plain
 from etendue.calls import called_methods
-from etendue.contract import quantities as shared_quantities
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
-from etendue.contract.tables import SHARED, preset_keys, tables
+from etendue.contract.values import quantities as shared_quantities
+from etendue.contract.values.tables import SHARED, preset_keys, tables
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline import toml
-from etendue.pipeline.file import Pipeline as Written
-from etendue.pipeline.file import Source, parse_pipeline, read_pipeline
+from etendue.pipeline.file import PipelineFile as Written
+from etendue.pipeline.file import PipelineSource, parse_pipeline, read_pipeline
 from etendue.pipeline.overrides import TOP, axis_name
 from etendue.plan.planner import make_plan, summary
 from etendue.run.peak_memory import peak_memory, workers_of
@@ -78,7 +78,7 @@ class Planned:
 
 @called_methods
 @dataclass(frozen=True)
-class Pipeline(Extended, Source):
+class Pipeline(Extended, PipelineSource):
     """A graph of stages: placed stages in order, and all else a pipeline file says.
 
     Every method gives a new pipeline and leaves the one it is called on as it is.

@@ -15,11 +15,11 @@ from functools import cached_property
 from typing import Any
 
 from etendue.calls import called, called_methods
-from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
-from etendue.contract.tables import tables
-from etendue.contract.units import as_written
+from etendue.contract.values.parameter import MISSING, Parameter
+from etendue.contract.values.tables import tables
+from etendue.contract.values.units import as_written
 from etendue.errors import Fault, RequestError, nearest
 
 

@@ -8,7 +8,7 @@ import click
 
 from etendue.cli.options import installed
 from etendue.cli.saying import command
-from etendue.contract.tables import preset_keys
+from etendue.contract.values.tables import preset_keys
 
 FOLDER = click.option(
     "-o", "--output", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Where; default here."

@@ -54,8 +54,8 @@ def stages(name: str | None, as_json: bool) -> None:
 @JSON
 def quantities(name: str | None, as_json: bool) -> None:
     """The quantities that stages share: meaning, unit, range, default, and which stages take one."""
-    from etendue.contract import quantities as shared
-    from etendue.contract.tables import tables
+    from etendue.contract.values import quantities as shared
+    from etendue.contract.values.tables import tables
     from etendue.present.terminal.catalogue import print_quantities, print_quantity, quantity_document
 
     head, _, tail = (name or "").partition(".")

@@ -27,12 +27,12 @@ def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
     if new is None:
         if not isinstance(place, Path):
             raise click.UsageError(f"{place} is not written anew in its place: name a folder, NEW, and copy that up")
-        from etendue.archive.in_place import compact_in_place
+        from etendue.archive.write.in_place import compact_in_place
 
         done = compact_in_place(place)
     else:
         from etendue.archive import places
-        from etendue.archive.compact import compact as write_anew
+        from etendue.archive.write.compact import compact as write_anew
 
         with places.reading(place) as folder:
             done = write_anew(folder, new)

@@ -59,7 +59,7 @@ def plot(
     Other kinds come with what is installed: --list names them.
     """
     from etendue.archive import places
-    from etendue.present.plots.asked import Asked
+    from etendue.present.plots.asked import PlotRequest
     from etendue.present.plots.holdings import Holdings
     from etendue.present.plots.kinds import draw, kind_of, listed
     from etendue.present.plots.opening import opened
@@ -67,7 +67,7 @@ def plot(
     from etendue.present.plots.plot import check_suffix
 
     sides |= {name: _parts(sides[name]) for name in ("panels", "better")} | {"at": read_at(sides["at"])}
-    asked = Asked((), **sides)
+    asked = PlotRequest((), **sides)
     if output is not None:
         check_suffix(output)
     with places.reading(place) as folder:

@@ -188,7 +188,7 @@ def rerun(place: Path | str, way: Way, **how: Any) -> None:
     interrupts.say(interrupts.INTACT)
     place = from_here(Path.cwd(), place)  # a plugin may change it
     from etendue.archive import places
-    from etendue.archive.again import recorded
+    from etendue.archive.records.rerun import recorded
     from etendue.present.terminal.terminal import outcome_document, print_outcome
     from etendue.run.schedulers import far
     from etendue.session import check_timeout, execute
@@ -247,7 +247,7 @@ def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:
 def archive(place: Path | str, as_json: bool) -> None:
     """What is in an archive: stages, variables, cells; how far a running or broken sweep is."""
     from etendue.archive import places
-    from etendue.archive.describe import describe_archive
+    from etendue.archive.checks.describe import describe_archive
     from etendue.present.terminal.stored import print_archive
 
     with places.reading(place, inputs=False) as folder:

@@ -79,7 +79,7 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
     """
     interrupts.say(UNCHANGED)
     from etendue.archive import places
-    from etendue.archive.differences import differences, document
+    from etendue.archive.read.differences import differences, document
     from etendue.present.terminal.trust import print_differences
 
     with places.reading(first, inputs=False) as a, places.reading(second, inputs=False) as b:
@@ -125,14 +125,14 @@ def verify(place: Path | str, repair: bool, sources: tuple[Path, ...], digest: b
     interrupts.say(interrupts.INTACT if repair else UNCHANGED)
     here = Path.cwd()  # a plugin may change it
     from etendue.archive import places
-    from etendue.archive.verify import sha256_of
+    from etendue.archive.checks.verify import sha256_of
     from etendue.present.terminal.trust import print_repaired, print_verified, reading
 
     place = from_here(here, place)
     with reading(silent=way.silent) as told:
         if not repair:
-            from etendue.archive.verify import document as of_verified
-            from etendue.archive.verify import verify as look
+            from etendue.archive.checks.verify import document as of_verified
+            from etendue.archive.checks.verify import verify as look
 
             with places.reading(place, exact=True) as folder:
                 checked = places.named(of_verified(look(folder, told)), folder, place)

@@ -21,15 +21,15 @@ import numpy as np
 from etendue.compute.job import Job
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed
 from etendue.compute.tables import prepared_of
+from etendue.contract.arrays.coordinates import coordinates_of
+from etendue.contract.arrays.grid import Bands, Grid
 from etendue.contract.capabilities import is_source
-from etendue.contract.coordinates import coordinates_of
-from etendue.contract.grid import Bands, Grid
 from etendue.contract.stage import arguments_of, reads_of
 from etendue.errors import PluginError, refused_by_the_machine
 from etendue.telling import foreign
 
 
-class Banded(ABC):
+class BandArray(ABC):
     """A (band, y, x) array that is made band by band."""
 
     shape: tuple[int, ...]
@@ -60,7 +60,7 @@ class Banded(ABC):
 
 
 @dataclass(eq=False)
-class StoredBands(Banded):
+class StoredBands(BandArray):
     """Bands read back from where they are stored."""
 
     job: Job
@@ -78,7 +78,7 @@ class StoredBands(Banded):
 
 
 @dataclass(eq=False)
-class StageBands(Banded):
+class StageBands(BandArray):
     """Bands made by a stage's ``run`` from the same bands of what it reads."""
 
     job: Job
@@ -120,7 +120,7 @@ def _cut(grid: Grid, bands: slice) -> Grid:
 def _of_bands(array: Any, dims: tuple[str, ...], grid: Grid, bands: slice) -> Any:
     if not grid.banded or dims[:1] != (grid.banded,):
         return array
-    if isinstance(array, Banded):
+    if isinstance(array, BandArray):
         return np.stack([array[band] for band in range(bands.start, bands.stop)])
     return array[bands]
 
@@ -161,7 +161,7 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
                     f"{port} holds negative values (smallest {cut.min():.3g}), which {job.ref[0]!r} refuses"
                 )
             cut = np.maximum(cut, 0)
-        known[port] = cut if isinstance(cut, Banded) else frozen(cut)
+        known[port] = cut if isinstance(cut, BandArray) else frozen(cut)
     own = handed(stage, {name: for_reading(known[name]) for name in arguments_of(type(stage))})
     with foreign(f"{type(stage).__name__}.run"), guests_of(job):
         found: Mapping[str, Any] = stage.run(**own)
@@ -185,7 +185,7 @@ def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:
 class Timed:
     """Bands that are made while they are stored: the time of their making is their cell's."""
 
-    def __init__(self, bands: Banded) -> None:
+    def __init__(self, bands: BandArray) -> None:
         self.bands, self.seconds = bands, 0.0
 
     def __getitem__(self, band: int) -> Any:

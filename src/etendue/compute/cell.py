@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.compute.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
+from etendue.compute.bands import BandArray, StoredBands, Timed, elsewhere, made_by_band
 from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
 from etendue.compute.given import Clipped, arguments
@@ -44,7 +44,7 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
         variable, wanted = output.variable, output.dtype
         array = arrays.pop(variable)
         if type(array) is not np.ndarray:
-            if isinstance(array, Banded):
+            if isinstance(array, BandArray):
                 checked[variable] = array  # checked band by band, as it is made
                 continue
             array = as_array(name, variable, array)
@@ -88,7 +88,7 @@ def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
     """NaN for each float array that holds undefined values; refuses those that were not declared."""
     found = {}
     for variable, array in arrays.items():
-        if type(array) is not np.ndarray and isinstance(array, Banded):
+        if type(array) is not np.ndarray and isinstance(array, BandArray):
             continue
         if array.dtype.kind != "f" or array.size == 0 or finite(array):
             continue
@@ -141,11 +141,11 @@ def kept(
     seconds = seconds_of()
     written: tuple[Any, ...] = ()
     if job.target and job.store:
-        given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
+        given = {v: Timed(arrays[v]) if isinstance(arrays[v], BandArray) else arrays[v] for v in job.store}
         with refused_by_the_machine():
             written = job.target.write(given)
         seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
-        arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
+        arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], BandArray)}
     result.arrays = {v: arrays[v] for v in job.deliver if v in arrays} if arrays else {}
     share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
     status = "left_out" if job.left_out else "done"
@@ -209,4 +209,4 @@ def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str
     assert job.target is not None
     with refused_by_the_machine():
         arrays = {v: StoredBands(job, v) if v in job.by_band else job.target.read(v) for v in job.deliver}
-    return result, {v: array if isinstance(array, Banded) else frozen(array) for v, array in arrays.items()}
+    return result, {v: array if isinstance(array, BandArray) else frozen(array) for v, array in arrays.items()}

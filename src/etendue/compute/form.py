@@ -16,10 +16,10 @@ import numpy as np
 
 from etendue.compute.job import Job
 from etendue.compute.tables import Key, key_of_prepared
+from etendue.contract.arrays.coordinates import coordinates_of
+from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.capabilities import is_transfer
-from etendue.contract.coordinates import coordinates_of
 from etendue.contract.stage import SPECIAL, Stage, optional_ports, patterns_of
-from etendue.contract.variables import Declaration, variable
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Output:
         return math.prod(self.shape)
 
 
-class Form:
+class StageForm:
     """What does not depend on the parameters of a cell, only on its stage's class and its grids."""
 
     def __init__(self, job: Job) -> None:
@@ -106,15 +106,15 @@ class Form:
         return key
 
 
-_LAST: dict[str, Form] = {}
+_LAST: dict[str, StageForm] = {}
 
 
-def form_of(job: Job) -> Form:
+def form_of(job: Job) -> StageForm:
     """The form of a cell: that of the cell before it of the same name, as long as it fits."""
-    form: Form | None = job.form
+    form: StageForm | None = job.form
     if form is None:
         form = _LAST.get(job.ref[0])
         if form is None or not form.fits(job):
-            form = _LAST[job.ref[0]] = Form(job)
+            form = _LAST[job.ref[0]] = StageForm(job)
         job.form = form
     return form

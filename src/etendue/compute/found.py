@@ -13,9 +13,9 @@ from typing import Any
 
 from etendue.compute.job import Found, Job
 from etendue.contract.stage import Stage, quantities_of
-from etendue.plan.asking import made
+from etendue.plan.expansion.seed_words import line, seed_of
 from etendue.plan.model import CellRef
-from etendue.plan.words import line, seed_of
+from etendue.plan.stage_calls import made
 
 
 def with_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...] = ()) -> Job:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.compute.bands import Banded
+from etendue.compute.bands import BandArray
 from etendue.compute.form import form_of
 from etendue.compute.job import Job, Looking
 from etendue.compute.joined.otf import transfers_of, weights_of
@@ -42,7 +42,7 @@ def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: 
     """An array that is read: looked through for what its stage refuses."""
     result, policy = results[ref], job.stage.negative
     array = result.arrays[variable]
-    if type(array) is not np.ndarray and isinstance(array, Banded):  # a stage that needs the whole of it
+    if type(array) is not np.ndarray and isinstance(array, BandArray):  # a stage that needs the whole of it
         array = np.asarray(array)
     if array.dtype.kind != "f" or not array.size:
         return array
@@ -123,7 +123,7 @@ class _Seen(Sequence[tuple[Any, ...]]):
 
     def given(self) -> Sequence[tuple[Any, ...]]:
         """A list of arrays where all of them are there."""
-        return self if any(isinstance(array, Banded) for _, array in self.seen) else list(self)
+        return self if any(isinstance(array, BandArray) for _, array in self.seen) else list(self)
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -132,7 +132,7 @@ class _Seen(Sequence[tuple[Any, ...]]):
         if isinstance(number, slice):
             return [self[n] for n in range(*number.indices(len(self)))]
         name, array = self.seen[number]
-        whole = for_reading(frozen(np.asarray(array)) if isinstance(array, Banded) else array)
+        whole = for_reading(frozen(np.asarray(array)) if isinstance(array, BandArray) else array)
         return (name, whole, self.grids[number]) if self.grids else (name, whole)
 
 

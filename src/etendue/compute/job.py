@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
+from etendue.contract.arrays.grid import Coordinate, Grid
+from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import Sampled, Sheet, Summed, Transfer, mean_arguments_of
-from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.ports import Target
 from etendue.contract.stage import Stage, arguments_of, looks_at_stages
-from etendue.contract.variables import Declaration
+from etendue.plan.expansion.seed_words import Open
 from etendue.plan.model import CellRef
-from etendue.plan.words import Open
 
 Found = tuple[tuple[str, CellRef, str], ...]  # shared quantities, and the cells and variables that hold them
 
@@ -77,7 +77,7 @@ class Mapped:
     leading: Mapping[tuple[str, str], tuple[int, ...]]  # which of them lead a (stage, variable) that it depends on
 
 
-class Look(Protocol):
+class CellObserver(Protocol):
     """What the caller makes of the arrays of a cell, where they are made."""
 
     def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]: ...
@@ -133,7 +133,7 @@ class Job:
     mapped: Mapped | None = None
     expected: bool = False  # means in the place of draws and rounding
     walk: Walk | None = None
-    look: Look | None = None  # what the caller makes of what it is given, where that is made
+    look: CellObserver | None = None  # what the caller makes of what it is given, where that is made
 
     form: Any = field(init=False, default=None, repr=False)  # once somebody asked ``run.form`` for it
 

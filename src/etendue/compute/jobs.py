@@ -13,11 +13,11 @@ from itertools import accumulate
 from types import MappingProxyType
 from typing import Any
 
-from etendue.compute.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
+from etendue.compute.job import CellObserver, Found, Job, Looking, Mapped, Segment, Waiting
 from etendue.compute.rows import by_band, is_large, walker
 from etendue.compute.walks import with_walks
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Sheet, Summed, Transfer
-from etendue.contract.grid import Grid
 from etendue.contract.ports import Target
 from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
@@ -31,7 +31,7 @@ def make_jobs(
     deliver_all: bool = False,
     show: frozenset[CellRef] = frozenset(),
     place: Callable[[CellRef, str], Any] | None = None,
-    looks: Mapping[CellRef, Look] = MappingProxyType({}),
+    looks: Mapping[CellRef, CellObserver] = MappingProxyType({}),
 ) -> Mapping[CellRef, Job]:
     """Jobs for the cells to compute and for the stored cells they read, in order.
 
@@ -65,7 +65,7 @@ class Jobs(Mapping[CellRef, Job]):
         target: Callable[[Cell], Target | None],
         deliver_all: bool,
         show: frozenset[CellRef],
-        looks: Mapping[CellRef, Look],
+        looks: Mapping[CellRef, CellObserver],
     ) -> None:
         self.plan, self.todo, self.target, self.deliver_all = plan, todo, target, deliver_all
         self.show, self.looks = show, looks

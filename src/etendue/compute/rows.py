@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Banded, Probe, halo_of, is_source, is_transfer
-from etendue.contract.grid import Grid
 from etendue.contract.stage import looks_at_stages, reads_of
 from etendue.plan import cost
 from etendue.plan.model import Cell, Node, Plan

@@ -26,8 +26,8 @@ from etendue.compute.joined.segments import Result
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed, undisturbed
 from etendue.compute.rows import has_rows
 from etendue.compute.tables import PatternRandom
+from etendue.contract.arrays.grid import Line
 from etendue.contract.capabilities import Haloed, halo_of
-from etendue.contract.grid import Line
 from etendue.contract.ports import CellReport
 from etendue.contract.stage import patterns_of, reads_of
 from etendue.errors import ArchiveInUse, MachineError

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from etendue.compute.random import tiled_normal, tiled_uniform
+from etendue.contract.arrays.coordinates import coordinates_of
+from etendue.contract.arrays.grid import Bands, Grid, Line
 from etendue.contract.capabilities import bands_of
-from etendue.contract.coordinates import coordinates_of
-from etendue.contract.grid import Bands, Grid, Line
 from etendue.contract.stage import Stage, state_of
 from etendue.telling import foreign
 

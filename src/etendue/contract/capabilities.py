@@ -16,9 +16,9 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from etendue.contract.dims import banded, is_light
-from etendue.contract.facts import Facts
-from etendue.contract.grid import Bands, Grid, Labels, Line
+from etendue.contract.arrays.dims import banded, is_light
+from etendue.contract.arrays.facts import Facts
+from etendue.contract.arrays.grid import Bands, Grid, Labels, Line
 from etendue.contract.stage import (
     Stage,
     arguments_of,

@@ -11,10 +11,10 @@ import inspect
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from etendue.contract.dims import PLACE, dim
+from etendue.contract.arrays.dims import PLACE, dim
+from etendue.contract.arrays.variables import Declaration, variable
 from etendue.contract.stage import SPECIAL, Stage, identity_of, reads_of, writes_of
-from etendue.contract.units import same_unit
-from etendue.contract.variables import Declaration, variable
+from etendue.contract.values.units import same_unit
 from etendue.errors import PluginError
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class WrittenChunk:
     """One stored chunk: its slot in a shard, and where its bytes were put when it was written."""
 
     path: str  # of the shard, below the archive
@@ -31,7 +31,7 @@ class Written:
 class Target(Protocol):
     """Where the variables of one cell are kept. Picklable: it travels with the work."""
 
-    def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]: ...
+    def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]: ...
 
     def read(self, variable: str) -> Any: ...
 
@@ -49,7 +49,7 @@ class CellReport:
     index: tuple[int, ...]
     status: str  # done | left_out | failed | skipped
     seconds: float = 0.0
-    written: tuple[Written, ...] = ()
+    written: tuple[WrittenChunk, ...] = ()
     message: str = ""
     clipped: float = 0.0
     clipped_flux: float = 0.0
@@ -71,7 +71,7 @@ class Progress(Protocol):
 
 
 @dataclass(frozen=True)
-class Sheet:
+class ContactSheet:
     """Pictures of the shown cells: as a table of the archive, empty where that of an earlier run stays, and drawn
     into one PNG.
     """
@@ -134,7 +134,7 @@ class Keeper(Protocol):
 
     def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
 
-    def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
+    def close(self, tables: dict[str, Any], sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
         """End a run in order: the tree of its results where it is in memory, and the files of pictures."""
 
 

@@ -18,12 +18,12 @@ from collections.abc import Callable, Mapping
 from functools import cache, lru_cache
 from typing import Any, ClassVar, TypeVar
 
-from etendue.contract.dims import UNDECLARED, dim
-from etendue.contract.facts import UNKNOWN, Facts
-from etendue.contract.grid import Coordinate, Grid
-from etendue.contract.names import unfit_variable
-from etendue.contract.parameter import Parameter
-from etendue.contract.variables import Declaration, parse_declaration
+from etendue.contract.arrays.dims import UNDECLARED, dim
+from etendue.contract.arrays.facts import UNKNOWN, Facts
+from etendue.contract.arrays.grid import Coordinate, Grid
+from etendue.contract.arrays.variables import Declaration, parse_declaration
+from etendue.contract.values.names import unfit_variable
+from etendue.contract.values.parameter import Parameter
 from etendue.plugins import discovery
 from etendue.plugins.discovery import table_file
 

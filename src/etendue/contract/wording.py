@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
 
-from etendue.contract import quantities
+from etendue.contract.values import quantities
 from etendue.errors import PluginError
 from etendue.plugins import discovery
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from etendue.contract.units import as_written
+from etendue.contract.values.units import as_written
 from etendue.errors import Fault, nearest, unprintable
 
 KEYS = ("title", "license", "author")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.pipeline.presets import preset
 
 
@@ -20,23 +20,25 @@ def given(entry: StageEntry, values: Mapping[str, Any], but: Collection[str] = (
     return replace(entry, values={**own, **values})
 
 
-def each(pipeline: Pipeline, change: Callable[[StageEntry], StageEntry]) -> Pipeline:
+def each(pipeline: PipelineFile, change: Callable[[StageEntry], StageEntry]) -> PipelineFile:
     """Every stage as ``change`` gives it."""
     return replace(pipeline, stages=tuple(map(change, pipeline.stages)))
 
 
-def with_values(pipeline: Pipeline, stage: str, values: Mapping[str, Any], but: Collection[str] = ()) -> Pipeline:
+def with_values(
+    pipeline: PipelineFile, stage: str, values: Mapping[str, Any], but: Collection[str] = ()
+) -> PipelineFile:
     """The stage of a name with these values, as ``given``."""
     return each(pipeline, lambda entry: given(entry, values, but) if entry.name == stage else entry)
 
 
-def without_stages(pipeline: Pipeline, names: Collection[str]) -> Pipeline:
+def without_stages(pipeline: PipelineFile, names: Collection[str]) -> PipelineFile:
     """Without the stages of these names, which write what they read: who read from them reads what they read."""
     left = replace(pipeline, stages=tuple(entry for entry in pipeline.stages if entry.name not in names))
     return each(left, lambda entry: replace(entry, origin=origin_without(pipeline, entry, names)))
 
 
-def origin_without(pipeline: Pipeline, entry: StageEntry, names: Collection[str]) -> dict[str, str]:
+def origin_without(pipeline: PipelineFile, entry: StageEntry, names: Collection[str]) -> dict[str, str]:
     """``from`` of a stage without those that are gone: what those read, else nothing, for the nearest writer."""
     by_name = {one.name: one for one in pipeline.stages}
     found = {}
@@ -48,7 +50,7 @@ def origin_without(pipeline: Pipeline, entry: StageEntry, names: Collection[str]
     return found
 
 
-def stage_in_front(pipeline: Pipeline, stage: str, entry: StageEntry) -> Pipeline:
+def stage_in_front(pipeline: PipelineFile, stage: str, entry: StageEntry) -> PipelineFile:
     """One stage more, in front of the one of a name."""
     at = [one.name for one in pipeline.stages].index(stage)
     return replace(pipeline, stages=(*pipeline.stages[:at], entry, *pipeline.stages[at:]))
@@ -62,8 +64,8 @@ def free_name(name: str, taken: Collection[str]) -> str:
 
 
 def wanting(
-    pipeline: Pipeline, places: Iterable[tuple[str, str]] | None = None, kept: bool = False, exact: bool = False
-) -> Pipeline:
+    pipeline: PipelineFile, places: Iterable[tuple[str, str]] | None = None, kept: bool = False, exact: bool = False
+) -> PipelineFile:
     """Computed for the variables ``(stage, variable)``, None: for all there are; stored is what is computed, or with
     ``kept`` these alone; ``exact``: in 64 bits.
     """
@@ -72,7 +74,7 @@ def wanting(
     return replace(pipeline, wanted=wanted, keep=wanted if kept else None, precision=precision)
 
 
-def at_value(pipeline: Pipeline, key: str, value: Any) -> Pipeline:
+def at_value(pipeline: PipelineFile, key: str, value: Any) -> PipelineFile:
     """One value of an axis in the place where a file says it: a shared quantity, a preset, a stage, its parameter.
 
     A stage's own table goes with its own implementation, and not with others.

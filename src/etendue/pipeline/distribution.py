@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from inspect import cleandoc
 from typing import Any
 
+from etendue.contract.arrays.dims import dim
 from etendue.contract.capabilities import is_transfer
-from etendue.contract.dims import dim
-from etendue.contract.names import unfit_stage
 from etendue.contract.registry import OWN, Registry
 from etendue.contract.stage import identity_of, parameters_of, reads_of, writes_of
+from etendue.contract.values.names import unfit_stage
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plugins import discovery
 

@@ -2,7 +2,7 @@
 imported here.
 
 In:  TOML text (or the same as a mapping), overrides from the command line.
-Out: a ``Pipeline`` whose entries still hold values as written; ``plan.graph`` resolves them against the stages.
+Out: a ``Pipeline`` whose entries still hold values as written; ``plan.wiring.graph`` resolves them against the stages.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from etendue import plain_files
-from etendue.contract import quantities
-from etendue.contract.bounds import LARGEST_FILE, MOST_CELLS, MOST_LISTED, document_fault, dotted_fault
-from etendue.contract.names import unfit_stage
-from etendue.contract.tables import Table, table_in, tables
-from etendue.contract.units import as_written
+from etendue.contract.values import quantities
+from etendue.contract.values.bounds import LARGEST_FILE, MOST_CELLS, MOST_LISTED, document_fault, dotted_fault
+from etendue.contract.values.names import unfit_stage
+from etendue.contract.values.tables import Table, table_in, tables
+from etendue.contract.values.units import as_written
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.about import About, read_about
 from etendue.pipeline.form import Words
@@ -42,16 +42,16 @@ class StageEntry:
     place: str
 
 
-class Source(ABC):
+class PipelineSource(ABC):
     """Whatever a pipeline may be had from: one that was read, or one written in Python."""
 
     @abstractmethod
-    def written(self) -> Pipeline:
+    def written(self) -> PipelineFile:
         """The pipeline as if it had been read from a file."""
 
 
 @dataclass(frozen=True)
-class Pipeline(Source):
+class PipelineFile(PipelineSource):
     """A pipeline as written, checked for form only."""
 
     name: str
@@ -81,7 +81,7 @@ class Pipeline(Source):
     whole: bool = True  # whether every stage table could be read
     lines: Mapping[str, int] = field(default_factory=dict)  # of tables and keys in the file
 
-    def written(self) -> Pipeline:
+    def written(self) -> PipelineFile:
         return self
 
     @property
@@ -120,7 +120,7 @@ class Pipeline(Source):
         return self.lines.get(place, 0) or None
 
 
-def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pipeline:
+def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> PipelineFile:
     """Read a file and apply ``{"TABLE.NAME": "4", "sweep.NAME": [...]}`` on top of it.
 
     Raises
@@ -160,7 +160,7 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
 
 def parse_pipeline(
     text: str, file: str = "", folder: Path = Path("."), overrides: Mapping[str, Any] | None = None
-) -> Pipeline:
+) -> PipelineFile:
     """The pipeline in a TOML text; ``file`` and ``folder`` serve messages and relative paths.
 
     Faults of form (unknown keys, two stages of one name) are kept in ``faults``, so that the planner can report them
@@ -183,7 +183,7 @@ def parse_pipeline(
     return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=tuple(given.items()))
 
 
-def overridden(pipeline: Pipeline, overrides: Mapping[str, Any]) -> Pipeline:
+def overridden(pipeline: PipelineFile, overrides: Mapping[str, Any]) -> PipelineFile:
     """A pipeline that was read, with other values: as if they had been there when it was."""
     document = pipeline.document()
     given = by_one_name(overrides, document)
@@ -256,7 +256,7 @@ def _lines(text: str) -> dict[str, int]:
     return {**axes, **found}
 
 
-def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
+def from_document(document: Mapping[str, Any], file: str = "") -> PipelineFile:
     """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is
     refused.
     """
@@ -281,7 +281,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     sweep = axes_of(document, faults)
     named, values = _preset(table, shared, faults)
     stages, whole = _stages(document.get("stages"), faults)
-    return Pipeline(
+    return PipelineFile(
         name=words.name(Path(file).stem or "pipeline"),
         stages=stages,
         shared={key: value for key, value in shared.items() if not table.preset or key != table.preset},

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any, TypeVar
 
-from etendue.contract.names import LONGEST
-from etendue.contract.units import as_written
+from etendue.contract.values.names import LONGEST
+from etendue.contract.values.units import as_written
 from etendue.errors import Fault, unprintable
 
 T = TypeVar("T")

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from etendue.contract import quantities
-from etendue.contract.tables import table_in, tables
+from etendue.contract.values import quantities
+from etendue.contract.values.tables import table_in, tables
 from etendue.errors import Fault, RequestError, nearest
 
 TOP = (

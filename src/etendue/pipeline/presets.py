@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from etendue.contract.tables import Table, tables
+from etendue.contract.values.tables import Table, tables
 from etendue.errors import RequestError, nearest
 from etendue.plugins import discovery
 from etendue.telling import plain

@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 from inspect import cleandoc
 from typing import Any, get_args, get_origin
 
-from etendue.contract import quantities
-from etendue.contract.names import LONGEST
-from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, reads_of
-from etendue.contract.tables import Table, tables
+from etendue.contract.values import quantities
+from etendue.contract.values.names import LONGEST
+from etendue.contract.values.parameter import MISSING, Parameter
+from etendue.contract.values.tables import Table, tables
 from etendue.errors import PluginError
 from etendue.pipeline.about import KEYS, OF_AN_AUTHOR
 from etendue.pipeline.presets import preset_names

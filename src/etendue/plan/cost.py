@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from etendue.contract.arrays.grid import Grid
+from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import Summed
-from etendue.contract.grid import Grid
-from etendue.contract.parameter import Parameter
 from etendue.contract.stage import Stage, parameters_of
-from etendue.contract.variables import Declaration
+from etendue.contract.values.parameter import Parameter
 from etendue.plan.model import Cell, Node, told_by
 
 LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.contract.arrays.colouring import flat_dims
+from etendue.contract.arrays.drawn import Drawn
+from etendue.contract.arrays.variables import variable
 from etendue.contract.capabilities import Viewed
-from etendue.contract.drawn import Drawn
-from etendue.contract.seen import flat_dims
-from etendue.contract.variables import variable
 from etendue.plan.model import Cell, Plan
 
 

@@ -13,6 +13,10 @@ from math import prod
 from operator import mul
 from typing import Any
 
+from etendue.contract.arrays.dims import banded
+from etendue.contract.arrays.facts import Facts
+from etendue.contract.arrays.grid import Coordinate, Grid
+from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import (
     Probe,
     Source,
@@ -24,12 +28,8 @@ from etendue.contract.capabilities import (
     is_source,
     is_transfer,
 )
-from etendue.contract.dims import banded
-from etendue.contract.facts import Facts
-from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
-from etendue.contract.variables import Declaration
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 
 CellRef = tuple[str, tuple[int, ...]]
 
@@ -294,7 +294,7 @@ class Numbers:
 class Plan:
     """What will be computed, in which order, with what left out and why."""
 
-    pipeline: Pipeline
+    pipeline: PipelineFile
     axes: tuple[Axis, ...]
     nodes: tuple[Node, ...]
     cells: Mapping[CellRef, Cell]

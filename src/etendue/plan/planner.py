@@ -13,19 +13,19 @@ from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any
 
-from etendue.contract.names import LOOKS
 from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of
+from etendue.contract.values.names import LOOKS
 from etendue.errors import Fault, PluginError, RequestError
-from etendue.pipeline.file import Pipeline
-from etendue.plan import asking, cost, omissions
+from etendue.pipeline.file import PipelineFile
+from etendue.plan import cost, omissions, stage_calls
 from etendue.plan.agreement import met_twice, taken_differently
-from etendue.plan.cells import Told, expand
-from etendue.plan.fields import notes_on_the_scene
-from etendue.plan.graph import build_graph, resolve_keep
+from etendue.plan.expansion.cells import Told, expand
+from etendue.plan.expansion.fields import notes_on_the_scene
 from etendue.plan.model import Node, Plan
 from etendue.plan.request import Choice
-from etendue.plan.swapped import fitted_to_overrides
+from etendue.plan.wiring.graph import build_graph, resolve_keep
+from etendue.plan.wiring.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
 from etendue.telling import plain
 
@@ -54,7 +54,7 @@ def _asked() -> Iterator[None]:
 @without_collecting()
 @_asked()
 def make_plan(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     leave_out_allowed: bool = True,
     told: Told = lambda done, total: None,
@@ -114,10 +114,12 @@ def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
     for cell in cells.values():
         kind = type(cell.stage)
         try:
-            found = [] if kind.warn is Stage.warn else asking.texts(cell.stage, "warn", cell.facts, cell.input_grids)
+            found = (
+                [] if kind.warn is Stage.warn else stage_calls.texts(cell.stage, "warn", cell.facts, cell.input_grids)
+            )
             if kind.warn_among is not Stage.warn_among:
                 if cell.stage not in among:
-                    among[cell.stage] = asking.texts(cell.stage, "warn_among", uses)
+                    among[cell.stage] = stage_calls.texts(cell.stage, "warn_among", uses)
                 found += among[cell.stage]
         except ValueError as error:
             raise RequestError([Fault(places[cell.node], plain(str(error)))]) from None

@@ -10,9 +10,9 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 
 from etendue.contract.registry import Registry
-from etendue.contract.units import as_written
+from etendue.contract.values.units import as_written
 from etendue.errors import Fault, unprintable
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Request:
     whole : whether what every stage writes is known; else nothing is concluded from a lack
     """
 
-    def __init__(self, pipeline: Pipeline, registry: Registry) -> None:
+    def __init__(self, pipeline: PipelineFile, registry: Registry) -> None:
         self.pipeline = pipeline
         self.registry = registry
         self.faults: list[Fault] = list(pipeline.faults)

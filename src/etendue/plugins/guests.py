@@ -21,7 +21,7 @@ from functools import cache, partial
 from typing import Any, NoReturn
 
 from etendue import interrupts
-from etendue.process import Before, Shared
+from etendue.process import SharedChange, StateBefore
 
 _ONE, _HALF, _SMALLEST, _TIE_ABOVE, _TIE_BELOW = (
     1.0,
@@ -130,7 +130,7 @@ def _now() -> tuple[int, int]:
     return umask, sys.getrecursionlimit()
 
 
-_STATE = Before(_now)
+_STATE = StateBefore(_now)
 
 
 def _put_back(umask: int, limit: int) -> Iterator[str]:
@@ -204,7 +204,7 @@ def _exit_watched() -> Iterator[None]:
             os._exit = real
 
 
-class _Exit(Shared):
+class _Exit(SharedChange):
     stays = False  # until the process ends
 
 

@@ -66,8 +66,8 @@ def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[e
 
 @hookspec
 def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Dims that are cut into bands, or have a unit and a name of their own (``contract.dims.Dim``). Stages may ask for
-    the coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
+    """Dims that are cut into bands, or have a unit and a name of their own (``contract.arrays.dims.Dim``). Stages may
+    ask for the coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
 
     {"frequency": {"bins": True, "units": "Hz", "long_name": "frequency"}}
     """
@@ -129,7 +129,7 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
 @hookspec
 def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
     """The name of the table under which shared quantities stand, and how sets of values are named in it
-    (``contract.tables.Table``).
+    (``contract.values.tables.Table``).
 
     {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, brought by ``etendue_stocks()``, a
     file or mapping each

@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-from etendue.process import Shared
+from etendue.process import SharedChange
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 LARGEST_BLOCK = 32 << 20  # the largest glibc accepts; larger arrays are mapped as before
@@ -44,7 +44,7 @@ def _seldom() -> Iterator[None]:
             gc.set_threshold(young, middle, old)
 
 
-SELDOM_COLLECTING = Shared(_seldom)
+SELDOM_COLLECTING = SharedChange(_seldom)
 
 
 class Trees:

@@ -10,8 +10,8 @@ from typing import Any
 
 from etendue.compute.job import Job
 from etendue.compute.joined.segment_bands import TOGETHER
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Summed
-from etendue.contract.grid import Grid
 
 AHEAD = 2  # bands: one is used while the next one is made
 ON_CELLS = 0.27  # of a band with its border: the table of a transfer function on cells, which is even along y

@@ -23,7 +23,7 @@ In:  an instance of a stage.
 Out: nothing, or what it declares and does not do.
 """
 
-from etendue.contract.coordinates import coordinates_of
+from etendue.contract.arrays.coordinates import coordinates_of
 from etendue.testing.bench import Finding, LawBroken
 from etendue.testing.conformance import StageConformance, check_stage, laws
 

@@ -21,16 +21,18 @@ from etendue.compute.cell import compute, smallest
 from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
 from etendue.compute.strips import in_strips
-from etendue.contract import dims, quantities, variables, wording
+from etendue.contract import wording
+from etendue.contract.arrays import dims, variables
+from etendue.contract.arrays.facts import Facts
+from etendue.contract.arrays.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
+from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import is_random, is_source, no_coordinates
-from etendue.contract.facts import Facts
-from etendue.contract.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.contract.ports import CellReport
 from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writes_of
-from etendue.contract.variables import Declaration
-from etendue.plan.forms import output_grid
+from etendue.contract.values import quantities
+from etendue.plan.expansion.forms import output_grid
 from etendue.plan.model import CellRef
-from etendue.testing.examples import GUESSED, Blur, BlurAndSum, edges, edges_of, exemplary, sheet
+from etendue.testing.examples import GUESSED, BlurAndSum, GaussianTransfer, edges, edges_of, exemplary, sheet
 
 Frame = tuple[int, int]
 Arrays = Mapping[str, Any]
@@ -66,7 +68,7 @@ class Finding:
 
 
 @dataclasses.dataclass(frozen=True)
-class Trial:
+class BenchTrial:
     """What came of one cell."""
 
     arrays: dict[str, Any]
@@ -206,7 +208,7 @@ class Bench:
         transfers = "transfer" in self.looks.values()
         looking = Looking(
             ports=looks_at,
-            transfers=(Blur(), BlurAndSum() if summed else Blur()) if transfers else (),
+            transfers=(GaussianTransfer(), BlurAndSum() if summed else GaussianTransfer()) if transfers else (),
             bands=edges(),
             channel_weights=BlurAndSum() if summed and transfers else None,
             grids={
@@ -299,7 +301,7 @@ class Bench:
         seed: bytes = b"conformance",
         summed: bool = False,
         rows: int = 0,
-    ) -> Trial:
+    ) -> BenchTrial:
         """Compute one cell with the engine; in strips of so many ``rows``, if any, where whatever goes wrong is
         raised.
         """
@@ -326,9 +328,9 @@ class Bench:
             else:
                 result, report = compute(job, results)
         after = digests(given)
-        return Trial(result.arrays, report, tuple(port for port in given if before[port] != after[port]))
+        return BenchTrial(result.arrays, report, tuple(port for port in given if before[port] != after[port]))
 
-    def result(self, inputs: Arrays, precision: str = "float64", frame: Frame = FRAME, **how: Any) -> Trial:
+    def result(self, inputs: Arrays, precision: str = "float64", frame: Frame = FRAME, **how: Any) -> BenchTrial:
         """The same, where it must succeed."""
         trial = self.run(inputs, precision, frame, **how)
         if not trial.done:

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import Stage, parameters_of
-from etendue.plan.parameters import LARGEST, SMALLEST, Unfit, resolve_file
+from etendue.contract.values.parameter import MISSING, Parameter
+from etendue.plan.wiring.parameters import LARGEST, SMALLEST, Unfit, resolve_file
 
 ORDINARY, END, CORNER, INSIDE = "ordinary", "end", "corner", "inside"
 BEYOND = (

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract import quantities
+from etendue.contract.arrays.facts import Facts
 from etendue.contract.capabilities import is_source
-from etendue.contract.facts import Facts
-from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import Stage, parameters_of
-from etendue.contract.units import UnitError, parse_unit
-from etendue.plan.parameters import Unfit, resolve
+from etendue.contract.values import quantities
+from etendue.contract.values.parameter import MISSING, Parameter
+from etendue.contract.values.units import UnitError, parse_unit
+from etendue.plan.wiring.parameters import Unfit, resolve
 from etendue.testing.bench import (
     CLEAR,
     FRAME,
@@ -29,9 +29,9 @@ from etendue.testing.bench import (
     SMALL,
     Arrays,
     Bench,
+    BenchTrial,
     Frame,
     LawBroken,
-    Trial,
     facts_of,
     full_scale,
     largest_difference,
@@ -39,8 +39,8 @@ from etendue.testing.bench import (
 from etendue.testing.measured import hold, magnified, ratio_of, told, within
 
 
-def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> Trial:
-    found: list[Trial] = []
+def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> BenchTrial:
+    found: list[BenchTrial] = []
     thread = threading.Thread(target=lambda: found.append(bench.run(inputs, precision)))
     thread.start()
     thread.join()

@@ -14,9 +14,9 @@ from typing import ClassVar
 import numpy as np
 
 from etendue.compute.bands import run_bands
-from etendue.contract import dims
+from etendue.contract.arrays import dims
+from etendue.contract.arrays.grid import Coordinate, Grid
 from etendue.contract.capabilities import Banded, Bounded, is_source, is_transfer
-from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.stage import Stage
 from etendue.testing.bench import (
     EXTREMES,
@@ -45,13 +45,13 @@ from etendue.testing.checks import (
     with_value,
     worst_signs_of,
 )
-from etendue.testing.extreme_laws import ExtremeLaws
-from etendue.testing.knob_laws import KnobLaws
+from etendue.testing.laws.extreme_laws import ExtremeLaws
+from etendue.testing.laws.knob_laws import KnobLaws
+from etendue.testing.laws.row_laws import RowLaws
+from etendue.testing.laws.window_laws import WindowLaws
+from etendue.testing.laws.word_laws import WordLaws
 from etendue.testing.measured import hold, ratio_of, within
-from etendue.testing.row_laws import RowLaws
 from etendue.testing.transfer_checks import check_single_bands, check_transfer
-from etendue.testing.window_laws import WindowLaws
-from etendue.testing.word_laws import WordLaws
 
 
 class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):

@@ -16,8 +16,8 @@ import numpy as np
 
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, is_random
-from etendue.plan.parameters import SMALLEST
-from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, full_scale, largest_difference
+from etendue.plan.wiring.parameters import SMALLEST
+from etendue.testing.bench import FRAME, LARGE, Bench, BenchTrial, Frame, full_scale, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.examples import edges
 from etendue.testing.measured import ratio_of, within
@@ -108,7 +108,7 @@ def inputs_of(bench: Bench) -> Iterator[tuple[str, float, Frame]]:
         yield "ordinary", 1.0, LARGE
 
 
-def long_double(bench: Bench, given: Any, frame: Frame) -> Trial | None:
+def long_double(bench: Bench, given: Any, frame: Frame) -> BenchTrial | None:
     """The same in long double, where the stage and the libraries below it know that precision."""
     if is_random(bench.kind):
         return None  # draws are made in one of two precisions
@@ -127,7 +127,7 @@ def allowed(bench: Bench, given: Any, precision: str, frame: Frame) -> float:
 
 
 def compare(
-    bench: Bench, found: Trial, finer: Trial | None, where: str, precision: str, bound: float, frame: Frame
+    bench: Bench, found: BenchTrial, finer: BenchTrial | None, where: str, precision: str, bound: float, frame: Frame
 ) -> None:
     if finer is None:
         return

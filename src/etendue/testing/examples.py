@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract import dims
+from etendue.contract.arrays import dims
+from etendue.contract.arrays.grid import Coordinate, Labels, Line
 from etendue.contract.capabilities import Sheet, Summed, Transfer
-from etendue.contract.grid import Coordinate, Labels, Line
 from etendue.plugins import discovery
 
 EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # of bins, where their dim has no example
 GUESSED = Labels((0.0, 1.0, 2.0))  # of a dim of which nothing is known
 
 
-class Blur(Transfer):
+class GaussianTransfer(Transfer):
     """What probes look at: a Gaussian transfer function."""
 
     def transfer(self, fy: Any, fx: Any, band: Any) -> Any:

@@ -16,7 +16,7 @@ from etendue.testing.bench import LawBroken
 
 
 @dataclass
-class Measured:
+class WorstError:
     """The worst that one law has found of one instance: the error that comes nearest to its bound, and the largest
     condition number.
     """
@@ -38,13 +38,13 @@ def _nearness(error: float, bound: float) -> float:
     return error / bound if bound else (math.inf if error else 0.0)
 
 
-_now: ContextVar[Measured | None] = ContextVar("measured", default=None)
+_now: ContextVar[WorstError | None] = ContextVar("measured", default=None)
 
 
 @contextmanager
-def measuring() -> Iterator[Measured]:
+def measuring() -> Iterator[WorstError]:
     """What is measured in here."""
-    found = Measured()
+    found = WorstError()
     before = _now.set(found)
     try:
         yield found

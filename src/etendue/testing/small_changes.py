@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.stage import parameters_of
-from etendue.plan.parameters import SMALLEST
-from etendue.testing.bench import Arrays, Bench, Trial, full_scale, largest_difference
+from etendue.plan.wiring.parameters import SMALLEST
+from etendue.testing.bench import Arrays, Bench, BenchTrial, full_scale, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
@@ -79,7 +79,7 @@ def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> Non
         compare(bench, base, trials, f"{name} = {value:g}", inputs)
 
 
-def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> Trial | None:
+def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> BenchTrial | None:
     """The result with one parameter changed; None where the stage refuses it, or the grid is another."""
     try:
         stage = dataclasses.replace(bench.stage, **{name: value})
@@ -88,7 +88,7 @@ def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> Trial 
         return None
 
 
-def compare(bench: Bench, base: Trial, moved: dict[str, Trial], what: str, inputs: Arrays) -> None:
+def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: str, inputs: Arrays) -> None:
     """Relative to the largest value of a result, or of what it was made of where a stage writes what it reads."""
     if not base.done:
         return

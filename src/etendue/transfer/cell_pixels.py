@@ -14,8 +14,8 @@ import scipy
 from etendue.transfer.cells import (
     BLOCK,
     Array,
-    Axis,
     FloatArray,
+    PeriodicAxis,
     Reach,
     Transfer,
     factors_of,
@@ -30,8 +30,8 @@ def evaluated(
     reaches: list[Reach],
     weights: FloatArray,
     transforms: Array,
-    y: Axis,
-    x: Axis,
+    y: PeriodicAxis,
+    x: PeriodicAxis,
     centres: tuple[FloatArray, FloatArray],
     widths: tuple[float, float],
 ) -> FloatArray:
@@ -94,7 +94,13 @@ def evaluated(
 
 
 def _add_band(
-    sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, transform: Array, axes: tuple[Axis, Axis], k: Array
+    sums: Array,
+    otf: Transfer,
+    reach: Reach,
+    weights: FloatArray,
+    transform: Array,
+    axes: tuple[PeriodicAxis, PeriodicAxis],
+    k: Array,
 ) -> None:
     """Add one band's transform on the extended lattice, rows k and -k, to the sums of the channels."""
     y, x = axes
@@ -118,7 +124,7 @@ def _add_band(
 
 
 def _factors(
-    otf: Transfer, y: Axis, x: Axis, centres: tuple[FloatArray, FloatArray], widths: tuple[float, float]
+    otf: Transfer, y: PeriodicAxis, x: PeriodicAxis, centres: tuple[FloatArray, FloatArray], widths: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Matrices that take cells to windows along y and x, for a separable transfer function."""
     found = []
@@ -142,7 +148,7 @@ def _periodic(transform: Array, rows: Array, columns: Array, ny: int, nx: int) -
     return found
 
 
-def _waves(k: Array, axis: Axis, centres: FloatArray, width: float) -> Array:
+def _waves(k: Array, axis: PeriodicAxis, centres: FloatArray, width: float) -> Array:
     """(frequency, position): the wave at each position, behind the sincs of cell and window, over the axis' size."""
     factors = np.sinc(k / axis.size) * np.sinc(k * (width / (axis.size * axis.step))) / axis.size
     turns = (k[:, None] * centres[None, :]) / axis.size

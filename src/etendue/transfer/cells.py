@@ -35,7 +35,7 @@ LONGEST = 1024  # the same where it is a product over the axes, which costs one 
 BLOCK = 2**20  # frequencies in one call of a transfer function
 
 
-class Axis(NamedTuple):
+class PeriodicAxis(NamedTuple):
     """A periodic axis of cells: how many, and how long each is (um)."""
 
     size: int
@@ -56,7 +56,7 @@ class Reach(NamedTuple):
         return self.separable and self.rest != 0 and self.radius > 0
 
 
-class Rule(NamedTuple):
+class AliasRule(NamedTuple):
     """How aliases are weighted along one axis, and their sum over all aliases of a blur that does nothing."""
 
     weights: Weights
@@ -112,13 +112,13 @@ def _square(otf: Transfer, positive: FloatArray) -> Array:
 # -- weights ----------------------------------------------------------------------------------------------
 
 
-def mean_rule(axis: Axis, half: bool) -> Rule:
+def mean_rule(axis: PeriodicAxis, half: bool) -> AliasRule:
     """Means over cells of what comes from cells: sinc^2, whose sum over all aliases is 1."""
     size = axis.size // 2 + 1 if half else axis.size
-    return Rule(lambda k: np.sinc(k / axis.size) ** 2, np.ones(size))
+    return AliasRule(lambda k: np.sinc(k / axis.size) ** 2, np.ones(size))
 
 
-def window_rule(axis: Axis, width: float, offset: float, half: bool) -> Rule:
+def window_rule(axis: PeriodicAxis, width: float, offset: float, half: bool) -> AliasRule:
     """Means over windows of what comes from cells.
 
     Parameters
@@ -138,7 +138,7 @@ def window_rule(axis: Axis, width: float, offset: float, half: bool) -> Rule:
     unblurred = scipy.fft.ifft(shares) * axis.size  # the conjugate: cell j stands ahead by j
     if offset == 0:
         unblurred = unblurred.real
-    return Rule(weights, unblurred[: axis.size // 2 + 1] if half else unblurred)
+    return AliasRule(weights, unblurred[: axis.size // 2 + 1] if half else unblurred)
 
 
 def overlaps(centres: FloatArray, width: float, size: int) -> FloatArray:
@@ -177,7 +177,9 @@ def overlaps(centres: FloatArray, width: float, size: int) -> FloatArray:
 # -- tables on the cells' own frequencies -----------------------------------------------------------------
 
 
-def folded(otf: Transfer, reach: Reach, y: Axis, x: Axis, along_y: Rule, along_x: Rule) -> Array:
+def folded(
+    otf: Transfer, reach: Reach, y: PeriodicAxis, x: PeriodicAxis, along_y: AliasRule, along_x: AliasRule
+) -> Array:
     """The transfer function on cells: all aliases within reach, weighted and summed.
 
     Parameters
@@ -223,7 +225,9 @@ def folded(otf: Transfer, reach: Reach, y: Axis, x: Axis, along_y: Rule, along_x
     return table
 
 
-def _rows(otf: Transfer, reach: Reach, y: Axis, x: Axis) -> Iterator[tuple[NDArray[np.int_], Array, Array]]:
+def _rows(
+    otf: Transfer, reach: Reach, y: PeriodicAxis, x: PeriodicAxis
+) -> Iterator[tuple[NDArray[np.int_], Array, Array]]:
     """H - rest on the extended lattice: rows K, values at (K, 0...) and at (-K, 0...); the same array where H is even.
 
     Blocks never reach across a multiple of the axis, so that each of its rows folds onto another place.
@@ -276,7 +280,7 @@ def factors_of(otf: Transfer) -> tuple[Callable[[FloatArray], Array], Callable[[
     )
 
 
-def _line(otf: Callable[[FloatArray], Array], axis: Axis, rule: Rule) -> Array:
+def _line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis, rule: AliasRule) -> Array:
     """``folded`` along one axis."""
     values, rest = far_line(otf, axis)
     weights = rule.weights(np.arange(values.size, dtype=float))
@@ -287,7 +291,7 @@ def _line(otf: Callable[[FloatArray], Array], axis: Axis, rule: Rule) -> Array:
     return half + rest * rule.unblurred
 
 
-def far_line(otf: Callable[[FloatArray], Array], axis: Axis) -> tuple[Array, float]:
+def far_line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis) -> tuple[Array, float]:
     """A factor of a separable transfer function at K = 0, 1, ... as far as it lives, and what is left of it there."""
     aliases = 2
     while True:
@@ -300,6 +304,6 @@ def far_line(otf: Callable[[FloatArray], Array], axis: Axis) -> tuple[Array, flo
     return values, 0.0 if ended else float(values[-axis.size :].mean())
 
 
-def planes_of(half_transform: Array, y: Axis, x: Axis) -> FloatArray:
+def planes_of(half_transform: Array, y: PeriodicAxis, x: PeriodicAxis) -> FloatArray:
     """All cells of the periodic plane with this half transform, (..., y.size, x.size)."""
     return scipy.fft.irfft2(half_transform, s=(y.size, x.size), workers=1)

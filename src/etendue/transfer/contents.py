@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.bounds import MOST_VALUES
+from etendue.contract.arrays.coordinates import coordinates_of
+from etendue.contract.arrays.dims import is_light
+from etendue.contract.arrays.facts import Content
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Banded, Source, is_random
-from etendue.contract.coordinates import coordinates_of
-from etendue.contract.dims import is_light
-from etendue.contract.facts import Content
-from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, arguments_of, writes_of
+from etendue.contract.values.bounds import MOST_VALUES
 from etendue.errors import EtendueError
 from etendue.process import unwarned
 from etendue.telling import foreign

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.arrays.facts import Content
 from etendue.contract.capabilities import Transfer
-from etendue.contract.facts import Content
 from etendue.contract.stage import state_of
 from etendue.transfer import rings as scene_rings
 from etendue.transfer.products import Product, alone

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.contract.arrays.coordinates import coordinates_of
+from etendue.contract.arrays.dims import dim
+from etendue.contract.arrays.grid import Bands, Grid
 from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer, bands_of
-from etendue.contract.coordinates import coordinates_of
-from etendue.contract.dims import dim
-from etendue.contract.grid import Bands, Grid
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
 from etendue.telling import foreign

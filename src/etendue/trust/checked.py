@@ -12,17 +12,17 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from etendue.archive import crate, disk
-from etendue.archive.again import Recorded, every_record
-from etendue.archive.manifest import DATA
-from etendue.archive.provenance import record_paths
-from etendue.archive.stored import LEDGER, Stored
-from etendue.contract.names import TABLES
+from etendue.archive.read.stored import LEDGER, Stored
+from etendue.archive.records import crate, disk
+from etendue.archive.records.manifest import DATA
+from etendue.archive.records.provenance import record_paths
+from etendue.archive.records.rerun import Recorded, every_record
+from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, RequestError
 from etendue.trust import sayings
 from etendue.trust.comparing import ELSEWHERE, differences, of_array, shown, skipped
 from etendue.trust.remade import Again, array_of, as_document, chunks_out_of_place, record_again, store_files
-from etendue.trust.sayings import Difference
+from etendue.trust.sayings import Deviation
 
 OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installed then
 
@@ -31,18 +31,18 @@ OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installe
 # ------------------------------------------------------------------------------------------------------------
 
 
-def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Difference]:
+def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Deviation]:
     """Metadata, coordinates, status, tables and pictures."""
     ended, loose = stored.manifest is not None, ELSEWHERE if elsewhere else 0.0
     try:
         own = store_files(stored, again, ended)
         out = list(chunks_out_of_place(stored, again))
     except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError, AttributeError) as error:
-        yield Difference(
+        yield Deviation(
             "journal.jsonl", "axes, blocks, cells", f"{type(error).__name__}: {error}", "what can be laid out"
         )
         return
-    yield from (Difference("journal.jsonl", name, place, "another place") for name, place in out)
+    yield from (Deviation("journal.jsonl", name, place, "another place") for name, place in out)
     apart = {LEDGER} if any(path.startswith("frames/") for path in own) else {LEDGER, "frames"}  # not file by file
     for path in sorted(own.keys() | _said(stored, own)):
         top = path.split("/")[0]
@@ -72,12 +72,12 @@ def _said(stored: Stored, own: Mapping[str, bytes]) -> set[str]:
 
 def _of_file(
     path: str, data: bytes | None, has: bytes | None, own: Mapping[str, bytes], loose: float
-) -> Iterator[Difference]:
+) -> Iterator[Deviation]:
     file = f"{DATA}/{path}"
     if skipped(file, ""):
         return
     if has is None or data is None:
-        yield Difference(file, "", "" if data is None else "it is there", "" if has is None else "it is there")
+        yield Deviation(file, "", "" if data is None else "it is there", "" if has is None else "it is there")
     elif path.endswith("zarr.json"):
         says, made = as_document(data), as_document(has)
         if path == "zarr.json":
@@ -91,7 +91,7 @@ def _of_file(
         try:
             old = array_of(data, *form)
         except ArchiveError as error:
-            yield Difference(file, "", str(error), shown(fresh.tolist()))
+            yield Deviation(file, "", str(error), shown(fresh.tolist()))
             return
         yield from of_array(file, old, fresh, loose)
 
@@ -109,7 +109,7 @@ def _of_ours(says: Any, made: Any) -> Any:
         return says
 
 
-def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Iterator[Difference]:
+def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Iterator[Deviation]:
     """The row of every cell, in whatever order they stand: sorted axes leave them where they are."""
     nodes = {
         path.split("/")[1]: as_document(data)
@@ -119,9 +119,7 @@ def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Ite
     listed = disk.Listing(stored.folder)
     there = {path.split("/")[2] for path in listed.below(f"{DATA}/{LEDGER}") if path.count("/") > 2}
     for name in sorted(nodes.keys() ^ there):
-        yield Difference(
-            f"{DATA}/{LEDGER}/{name}", "", *(("it is there", "") if name in there else ("", "it is there"))
-        )
+        yield Deviation(f"{DATA}/{LEDGER}/{name}", "", *(("it is there", "") if name in there else ("", "it is there")))
     columns: dict[str, tuple[Any, Any]] = {}
     for path in sorted(path for path in own if path.startswith(f"{LEDGER}/") and path.endswith("zarr.json")):
         name, file = path.split("/")[1], f"{DATA}/{path}"
@@ -135,11 +133,11 @@ def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Ite
                 array_of(own.get(chunk), *form),
             )
         except ArchiveError as error:
-            yield Difference(f"{DATA}/{chunk}", "", str(error), "its column")
+            yield Deviation(f"{DATA}/{chunk}", "", str(error), "its column")
     yield from _of_columns(columns, elsewhere)
 
 
-def _of_columns(columns: Mapping[str, tuple[Any, Any]], elsewhere: bool) -> Iterator[Difference]:
+def _of_columns(columns: Mapping[str, tuple[Any, Any]], elsewhere: bool) -> Iterator[Deviation]:
     """By name as they stand, and as they are made again; the rows of both in the order of what tells them apart."""
     told = [name for name in columns if name in ("stage", "key") or name.startswith("at_")]
     if not told:
@@ -163,7 +161,7 @@ def _row(columns: list[list[Any]]) -> Any:
 # ----------------------------------------------------------------------------------------------------------
 
 
-def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Iterator[Difference]:
+def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Iterator[Deviation]:
     """What the line of each cell says beside its place, if it has ended; ``code``: whether it is the code of then."""
     for ref, name in again.names.items():
         entry, fresh = stored.journal.entries.get(name), again.reports.get(name)
@@ -172,17 +170,17 @@ def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Ite
         own, done = entry.key == again.keys[ref], entry.event == "done"
         if name in stored.journal.outdated:
             if code and own:
-                yield Difference("journal.jsonl", f"{name} outdated", entry.key, "another key")
+                yield Deviation("journal.jsonl", f"{name} outdated", entry.key, "another key")
             continue
         if code and done and not own:
-            yield Difference("journal.jsonl", f"{name} key", entry.key, again.keys[ref])
+            yield Deviation("journal.jsonl", f"{name} key", entry.key, again.keys[ref])
         if not done and entry.files:
-            yield Difference("journal.jsonl", f"{name} files", entry.files[0].path, "")
+            yield Deviation("journal.jsonl", f"{name} files", entry.files[0].path, "")
         if fresh is None or elsewhere or (fresh.status == "failed" if done else not own):
             continue
         for word in ("status", "clipped", "clipped_flux", "floored"):
             if getattr(entry, word) != getattr(fresh, word):
-                yield Difference(
+                yield Deviation(
                     "journal.jsonl", f"{name} {word}", shown(getattr(entry, word)), shown(getattr(fresh, word))
                 )
 
@@ -191,7 +189,7 @@ def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Ite
 # --------------------------------------------------------------------------------------------------------------
 
 
-def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | None) -> Iterator[Difference]:
+def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | None) -> Iterator[Deviation]:
     """Every record against the pipeline in it, its copy in the journal, the file beside it, and the runs in front of
     it.
     """
@@ -202,14 +200,14 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
     for path in record_paths(folder):
         file, run = f"runs/{path.name}", readable.get(path.name)
         if run is None:
-            yield Difference(file, "", "it cannot be read", "a record")
+            yield Deviation(file, "", "it cannot be read", "a record")
             continue
         kept, text = stored.journal.records.get(file), (disk.content_of(path) or b"").decode(errors="replace")
         if kept is not None and kept != text:
-            yield Difference(file, "", "another text", "that of the journal")
+            yield Deviation(file, "", "another text", "that of the journal")
         beside = disk.content_of(path.with_suffix(".toml"))
         if beside != run.text.encode():
-            yield Difference(
+            yield Deviation(
                 f"runs/{path.stem}.toml", "", "" if beside is None else "another pipeline", f"'resolved' of {file}"
             )
         own = json.dumps([run.record.get(word) for word in ("resolved", "text", "overrides", "axes", "options")])
@@ -217,7 +215,7 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
             try:
                 made[own] = record_again(run, newest[place[path.name] + 1 :], most_cells)
             except (ArchiveError, RequestError) as error:
-                yield Difference(file, "resolved", str(error).split("\n")[0], "a pipeline that can be read here")
+                yield Deviation(file, "resolved", str(error).split("\n")[0], "a pipeline that can be read here")
                 continue
             except (
                 ArithmeticError,
@@ -226,35 +224,35 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
                 TypeError,
                 ValueError,
             ) as error:  # words of another form
-                yield Difference(file, "axes, options", f"{type(error).__name__}: {error}", "what a run records")
+                yield Deviation(file, "axes, options", f"{type(error).__name__}: {error}", "what a run records")
                 continue
         yield from _of_record(file, run, made[own], known, elsewhere)
     for name in sorted(stored.journal.records.keys() - {f"runs/{path.name}" for path in record_paths(folder)}):
-        yield Difference(name, "", "", "it is there: the journal has it")
+        yield Deviation(name, "", "", "it is there: the journal has it")
     if stored.manifest is not None:
         yield from _of_axes(stored, again, known)
 
 
-def _of_axes(stored: Stored, again: Again, known: Mapping[str, set[str]]) -> Iterator[Difference]:
+def _of_axes(stored: Stored, again: Again, known: Mapping[str, set[str]]) -> Iterator[Deviation]:
     """The axis values that the journal has; ``known``: those that runs have asked for."""
     keys = {axis.dim: axis.key for axis in again.plan.axes}
     for dim, values in (pair for axes in stored.journal.axes.values() for pair in axes.items()):
         for value in sorted(set(map(str, values)) - known.get(keys.get(dim, dim), set())):
-            yield Difference("journal.jsonl", f"axes {dim}", value, "a value that a run has asked for")
+            yield Deviation("journal.jsonl", f"axes {dim}", value, "a value that a run has asked for")
 
 
 def _of_record(
     file: str, run: Recorded, again: Any, known: dict[str, set[str]], elsewhere: bool
-) -> Iterator[Difference]:
+) -> Iterator[Deviation]:
     made, asked = again
     made, other = _with_the_code_of_then(run.record, made)
     yield from differences(file, run.record, made, ELSEWHERE if elsewhere or other else 0.0)
     for key, values in asked.items():
         there = set(map(str, run.record["axes"].get(key, ())))
         for value in sorted(there - values - known.get(key, set())):
-            yield Difference(file, f"axes.{key}", value, "a value that it, or a run in front of it, has asked for")
+            yield Deviation(file, f"axes.{key}", value, "a value that it, or a run in front of it, has asked for")
         for value in sorted(values - there):
-            yield Difference(file, f"axes.{key}", "", value)
+            yield Deviation(file, f"axes.{key}", "", value)
         known.setdefault(key, set()).update(there)
 
 
@@ -276,12 +274,12 @@ def _with_the_code_of_then(says: Mapping[str, Any], made: Mapping[str, Any]) -> 
 # ----------------------------------------------------------------------------------------
 
 
-def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Difference]:
+def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Deviation]:
     """Every entity by its name."""
     if stored.manifest is None:
         return
     if crate.NAME not in stored.manifest.files:
-        yield Difference(crate.NAME, "", "", "it is there")
+        yield Deviation(crate.NAME, "", "", "it is there")
         return
     says, made = disk.read_document(stored.folder / crate.NAME), crate.crate_of(stored.folder, again.plan)
     held, own = _entities(says), _entities(made)
@@ -292,7 +290,7 @@ def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Differenc
         if name in held and name in own:
             yield from differences(crate.NAME, held[name], own[name], 0.0, name)
         elif not skipped(crate.NAME, f"{name}."):
-            yield Difference(
+            yield Deviation(
                 crate.NAME, name, "it is there" if name in held else "", "it is there" if name in own else ""
             )
     rest = [{key: value for key, value in (one or {}).items() if key != "@graph"} for one in (says, made)]

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from etendue.archive.manifest import DATA
-from etendue.archive.stored import Stored
+from etendue.archive.read.stored import Stored
+from etendue.archive.records.manifest import DATA
 from etendue.trust.remade import Again
-from etendue.trust.sayings import Difference
+from etendue.trust.sayings import Deviation
 
 ELSEWHERE = 1e-6  # relative: how far numbers of metadata may be on another platform
 
@@ -123,7 +123,7 @@ def skipped(file: str, where: str) -> bool:
     return any(one.pattern and re.fullmatch(one.pattern, f"{file}#{where}" if where else file) for one in NOT_CHECKED)
 
 
-def differences(file: str, says: Any, has: Any, loose: float, *at: str) -> Iterator[Difference]:
+def differences(file: str, says: Any, has: Any, loose: float, *at: str) -> Iterator[Deviation]:
     """Of two documents, field by field; ``at``: the fields on the way from the whole document to these."""
     if len(at) == 1 and repr(says) == repr(has):
         return  # most parts are the same, down to the sign of a zero
@@ -136,7 +136,7 @@ def differences(file: str, says: Any, has: Any, loose: float, *at: str) -> Itera
     elif type(says) is not type(has) or not alike(says, has, loose):
         # Asked of what differs alone: of documents by the thousand most is the same.
         if not any(skipped(file, ".".join(at[:depth])) for depth in range(len(at) + 1)):
-            yield Difference(file, ".".join(at), shown(says), shown(has))
+            yield Deviation(file, ".".join(at), shown(says), shown(has))
 
 
 NOTHING = object()
@@ -156,12 +156,10 @@ def shown(value: Any) -> str:
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
-def of_array(file: str, old: Any, fresh: Any, loose: float) -> Iterator[Difference]:
+def of_array(file: str, old: Any, fresh: Any, loose: float) -> Iterator[Deviation]:
     pairs = zip(old.ravel().tolist(), fresh.ravel().tolist(), strict=True)
     off = [n for n, (one, other) in enumerate(pairs) if not alike(one, other, loose)]
     if off:
         at = [int(n) for n in np.unravel_index(off[0], fresh.shape)] if fresh.ndim else []
         more = f" and {len(off) - 1} more" if len(off) > 1 else ""
-        yield Difference(
-            file, f"{at}{more}", shown(old.ravel().tolist()[off[0]]), shown(fresh.ravel().tolist()[off[0]])
-        )
+        yield Deviation(file, f"{at}{more}", shown(old.ravel().tolist()[off[0]]), shown(fresh.ravel().tolist()[off[0]]))

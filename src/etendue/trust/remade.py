@@ -21,20 +21,21 @@ from typing import Any
 
 import numpy as np
 
-from etendue.archive import disk, frames
-from etendue.archive.again import Recorded
-from etendue.archive.chunks import decode
-from etendue.archive.frames import FRAMES
-from etendue.archive.inputs import resolve_pipeline, sweep_of
-from etendue.archive.journal import is_done
-from etendue.archive.laid import Laid
-from etendue.archive.layout import STATUS
-from etendue.archive.manifest import DATA
-from etendue.archive.metadata import texts_of
-from etendue.archive.provenance import record_of
-from etendue.archive.stored import LEDGER, Stored
-from etendue.archive.tree import ROOT, Tree
-from etendue.contract.ports import CellReport, Sheet
+from etendue.archive.journaling.journal import is_done
+from etendue.archive.read import earlier_pictures
+from etendue.archive.read.earlier_pictures import FRAMES
+from etendue.archive.read.stored import LEDGER, Stored
+from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.records import disk
+from etendue.archive.records.inputs import resolve_pipeline, sweep_of
+from etendue.archive.records.manifest import DATA
+from etendue.archive.records.provenance import record_of
+from etendue.archive.records.rerun import Recorded
+from etendue.archive.sharding.chunks import decode
+from etendue.archive.structure.layout import STATUS
+from etendue.archive.structure.metadata import texts_of
+from etendue.archive.write.placement import Laid
+from etendue.contract.ports import CellReport, ContactSheet
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import from_document
@@ -56,7 +57,7 @@ class Again:
     names: Mapping[CellRef, str]
     keys: Mapping[CellRef, str]
     reports: Mapping[str, CellReport]
-    sheet: Sheet | None = None
+    sheet: ContactSheet | None = None
 
 
 def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
@@ -82,7 +83,7 @@ def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
         _put_table(tree, name, table)
     if again.sheet is not None and again.sheet.table:
         _put_table(tree, FRAMES, again.sheet.table)
-        tree.take(frames.sealed(tree.files(FRAMES), again.sheet.table["attrs"]))
+        tree.take(earlier_pictures.sealed(tree.files(FRAMES), again.sheet.table["attrs"]))
     return {**tree.held, "zarr.json": tree.consolidated({})}
 
 

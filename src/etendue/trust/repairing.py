@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from etendue.archive.again import recorded
-from etendue.archive.looking import Told, Verified
-from etendue.archive.rebuild import prepare
-from etendue.archive.verify import document as of_verified
-from etendue.archive.verify import verify
+from etendue.archive.checks.rebuild import prepare
+from etendue.archive.checks.verify import document as of_verified
+from etendue.archive.checks.verify import verify
+from etendue.archive.read.inspection import Told, Verified
+from etendue.archive.records.rerun import recorded
 from etendue.contract.ports import Progress
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError

@@ -16,23 +16,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from etendue.archive import disk, frames
-from etendue.archive.accepting import former_of
-from etendue.archive.again import Recorded, every_record, recorded
-from etendue.archive.comparing import Comparing, ComparingKeeper
-from etendue.archive.inputs import sweep_of
-from etendue.archive.keeping import staying
-from etendue.archive.manifest import NAME as MANIFEST
-from etendue.archive.manifest import digest_of
-from etendue.archive.naming import Names, cell_name
-from etendue.archive.owner import is_running
-from etendue.archive.provenance import node_records, platform_record
-from etendue.archive.stored import Stored
-from etendue.archive.verify import verify
-from etendue.contract.ports import CellReport, Progress, Sheet
+from etendue.archive.checks.verify import verify
+from etendue.archive.journaling.accepting import former_of
+from etendue.archive.read import earlier_pictures
+from etendue.archive.read.comparing import Comparing, ComparingKeeper
+from etendue.archive.read.stored import Stored
+from etendue.archive.records import disk
+from etendue.archive.records.inputs import sweep_of
+from etendue.archive.records.manifest import NAME as MANIFEST
+from etendue.archive.records.manifest import digest_of
+from etendue.archive.records.owner import is_running
+from etendue.archive.records.provenance import node_records, platform_record
+from etendue.archive.records.rerun import Recorded, every_record, recorded
+from etendue.archive.structure.naming import Names, cell_name
+from etendue.archive.write.keeping import staying
+from etendue.contract.ports import CellReport, ContactSheet, Progress
 from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError
-from etendue.plan.keys import version_of
+from etendue.plan.identity.keys import version_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.plan.resume import is_of_names, with_stored_values
@@ -41,7 +42,7 @@ from etendue.session import Options, execute
 from etendue.trust import checked
 from etendue.trust.comparing import unchecked
 from etendue.trust.remade import Again, column
-from etendue.trust.sayings import Difference
+from etendue.trust.sayings import Deviation
 from etendue.trust.verdict import CellResult, Reproduction, judged_cell
 
 WORST = 20  # cells that are named
@@ -158,14 +159,14 @@ def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: b
     found.not_checked = unchecked(stored, again, elsewhere, code, into)
 
 
-def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Difference]:
+def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Deviation]:
     """A stage of other code has other keys: one whose keys are those of now has the code of now."""
     other = {row["stage"]: row for row in found.software if row["what"] == "code"}
     for ref, name in again.names.items():
         entry = stored.journal.entries.get(name)
         if ref[0] in other and entry is not None and entry.event == "done" and entry.key == again.plan.cells[ref].key:
             row = other.pop(ref[0])
-            yield Difference(
+            yield Deviation(
                 "runs", f"nodes.{ref[0]}.code", str(row["then"]), f"{row['now']}, of which its keys are made"
             )
 
@@ -189,7 +190,7 @@ def _stopped(stored: Stored, again: Again) -> set[str]:
 def _shown(stored: Stored, again: Again) -> dict[str, CellRef]:
     """The cells of the pictures of an archive, one of each stage; nothing where there are none, or of others."""
     nodes = again.plan.nodes
-    held = frames.attributes(
+    held = earlier_pictures.attributes(
         {"frames/zarr.json": disk.content_of(stored.folder / "data.zarr/frames/zarr.json") or b"{}"}
     ).get("shown")
     held = held if isinstance(held, list) and len(held) == len(nodes) else []
@@ -212,7 +213,7 @@ def _drawn(stored: Stored) -> list[tuple[str, str]]:
     ]
 
 
-def _told(sheet: Sheet | None, again: Again, shown: Mapping[str, CellRef]) -> Sheet | None:
+def _told(sheet: ContactSheet | None, again: Again, shown: Mapping[str, CellRef]) -> ContactSheet | None:
     """Pictures with what a run says of them."""
     if sheet is None or not sheet.table:
         return None

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from etendue.archive.comparing import Compared
-from etendue.archive.looking import Damage
+from etendue.archive.read.comparing import Compared
+from etendue.archive.read.inspection import Damage
 from etendue.contract.ports import CellReport
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.trust.comparing import NotChecked
-from etendue.trust.sayings import Difference
+from etendue.trust.sayings import Deviation
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Reproduction:
     software: list[dict[str, Any]]
     order: list[str]
     cells: list[CellResult] = field(default_factory=list)
-    differences: list[Difference] = field(default_factory=list)
+    differences: list[Deviation] = field(default_factory=list)
     damages: list[Damage] = field(default_factory=list)
     not_checked: list[NotChecked] = field(default_factory=list)
     seconds: float = 0.0

@@ -16,19 +16,19 @@ from typing import Any
 
 import xarray
 
-from etendue.archive.describe import describe_archive
-from etendue.archive.journal import read_journal
-from etendue.archive.layout import STATUS
-from etendue.archive.naming import cell_label
-from etendue.archive.provenance import latest_record
-from etendue.archive.reading import metadata_of
-from etendue.archive.stored import Stored
-from etendue.archive.vouched import VouchedStore
+from etendue.archive.checks.describe import describe_archive
+from etendue.archive.journaling.journal import read_journal
+from etendue.archive.read.reading import metadata_of
+from etendue.archive.read.stored import Stored
+from etendue.archive.read.verified_store import VouchedStore
+from etendue.archive.records.provenance import latest_record
+from etendue.archive.structure.layout import STATUS
+from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError, Fault, RequestError, nearest
+from etendue.present.plots.drawing.strip import white_of
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import is_called, is_value
-from etendue.present.plots.strip import white_of
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from etendue import require
 from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.crossing import falls_to
-from etendue_camera.resolution.edge_line import Sites
+from etendue_camera.resolution.edges.edge_line import Sites
 
 NYQUIST = 0.5
 RING = 0.02  # width of a ring, of its radius

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.crossing import falls_to
-from etendue_camera.resolution.edge_line import Sites
+from etendue_camera.resolution.edges.edge_line import Sites
 from etendue_camera.resolution.siemens import Star, StarResponse, at_zero, star_response
 
 RINGS = (0.55, 0.62, 0.69, 0.76, 0.83, 0.9)  # of the radius: where cycles are counted

@@ -74,7 +74,7 @@ def measure(
 
     Exit codes: 0 done, 2 the request is wrong or the picture does not hold what was said.
     """
-    from etendue.contract.units import UnitError, to_unit
+    from etendue.contract.values.units import UnitError, to_unit
     from etendue.errors import RequestError
     from etendue.present.plots.plot import check_suffix
     from etendue_lab.measure import study
@@ -87,7 +87,7 @@ def measure(
         raise RequestError(f"--pitch {error}") from None
     if length is not None and not length > 0:
         raise RequestError(f"--pitch {pitch}: expected a length above 0, such as 4um")
-    asked = study.Asked(**words, pitch=length)
+    asked = study.MeasurementRequest(**words, pitch=length)
     if output is not None:
         check_suffix(output)
         if (asked.noise or asked.chart) and not (asked.edges or asked.stars):

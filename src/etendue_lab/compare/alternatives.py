@@ -13,16 +13,18 @@ from typing import Any
 from etendue.contract.registry import Registry
 from etendue.errors import Fault, RequestError
 from etendue.pipeline.derived import wanting
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.presets import preset_names
 from etendue.plan.model import Node, Plan
 from etendue.plan.planner import make_plan
-from etendue_lab.compare.axis import SENSOR, Asked, candidates, check_writes
+from etendue_lab.compare.axis import SENSOR, AxisRequest, candidates, check_writes
 from etendue_lab.compare.branches import Branched, Place, nodes_of, noise_free, writer
-from etendue_lab.compare.compared import Row
+from etendue_lab.compare.compared import ComparedRow
 
 
-def camera_of(base: Pipeline, asked: Asked, expected: bool, registry: Registry) -> tuple[Pipeline, tuple[Node, ...]]:
+def camera_of(
+    base: PipelineFile, asked: AxisRequest, expected: bool, registry: Registry
+) -> tuple[PipelineFile, tuple[Node, ...]]:
     """The camera as it is compared, and its nodes.
 
     Raises
@@ -40,7 +42,7 @@ def camera_of(base: Pipeline, asked: Asked, expected: bool, registry: Registry) 
     return base, nodes
 
 
-def values_of(asked: Asked, nodes: Sequence[Node], registry: Registry) -> tuple[Any, list[str]]:
+def values_of(asked: AxisRequest, nodes: Sequence[Node], registry: Registry) -> tuple[Any, list[str]]:
     """What stands on the axis: as it was asked for, else what is installed, with notes of what is not."""
     if asked.values is None and asked.key == SENSOR:
         return preset_names(), []
@@ -70,8 +72,8 @@ def wanted_of(branched: Branched) -> tuple[Place, ...]:
 
 
 def planned(
-    branched: Branched, wanted: tuple[Place, ...], asked: Asked, values: Any, registry: Registry
-) -> tuple[Plan, Any, list[Row]]:
+    branched: Branched, wanted: tuple[Place, ...], asked: AxisRequest, values: Any, registry: Registry
+) -> tuple[Plan, Any, list[ComparedRow]]:
     """The plan of all alternatives that can serve, and rows of those that cannot."""
     pipeline = wanting(branched.pipeline, wanted, kept=True)
 
@@ -101,7 +103,7 @@ def planned(
         return plan_of(tuple(good)), tuple(good), refused
 
 
-def keeping_inputs(plan: Plan, asked: Asked) -> Plan:
+def keeping_inputs(plan: Plan, asked: AxisRequest) -> Plan:
     """What the compared stage reads stays in memory, so that the stage can be run again."""
     node = next((n for n in plan.nodes if n.name == asked.stage), None)
     if node is None or node.is_transfer:
@@ -111,7 +113,7 @@ def keeping_inputs(plan: Plan, asked: Asked) -> Plan:
     )
 
 
-def _as_asked(error: RequestError, asked: Asked) -> RequestError:
+def _as_asked(error: RequestError, asked: AxisRequest) -> RequestError:
     """The same faults, at the place where the axis was written."""
     key = f"sweep.{asked.key}"
     own = f"--axis {asked.key}"
@@ -120,10 +122,10 @@ def _as_asked(error: RequestError, asked: Asked) -> RequestError:
     return RequestError(faults, "" if all(f.place.startswith("--axis") for f in faults) else error.file)
 
 
-def _refused(value: Any, asked: Asked, registry: Registry, reason: str) -> Row:
+def _refused(value: Any, asked: AxisRequest, registry: Registry, reason: str) -> ComparedRow:
     table = value if isinstance(value, dict) else {"use": value}
     use = str(table.get("use", "")) if asked.swaps else ""
-    row = Row(
+    row = ComparedRow(
         use or value, str(table.get("label", use)) if asked.swaps else str(value), use, status="refused", reason=reason
     )
     if use in registry:

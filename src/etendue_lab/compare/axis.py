@@ -12,23 +12,23 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Any
 
-from etendue.contract import quantities as camera
 from etendue.contract.capabilities import Probe
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
+from etendue.contract.values import quantities as camera
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.pipeline.derived import at_value, wanting
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.pipeline.overrides import axis_name
-from etendue.plan.alternatives import unlike
 from etendue.plan.model import Node
+from etendue.plan.wiring.alternatives import unlike
 from etendue_camera.roles import REFERENCE
 
 SENSOR = "sensor"  # the word for presets of a camera
 
 
 @dataclass(frozen=True)
-class Asked:
+class AxisRequest:
     """``values`` None: whatever is installed."""
 
     key: str
@@ -49,14 +49,14 @@ class Asked:
         return self.key.endswith(".use")
 
 
-def parse_axis(text: str, value_of: Callable[[str], Any]) -> Asked:
+def parse_axis(text: str, value_of: Callable[[str], Any]) -> AxisRequest:
     """``NAME`` or ``NAME=V,V,..``; commas inside brackets, braces and quotes do not separate."""
     key, equals, rest = text.partition("=")
     key = key.strip()
     if not key or (equals and not rest.strip()):
         raise RequestError([Fault(f"--axis {text}", "expected NAME or NAME=VALUE,VALUE,.. such as demosaic.use")])
     if not equals:
-        return Asked(key, None)
+        return AxisRequest(key, None)
     parts = _split(rest)
     values = tuple(value_of(part) for part in parts)
     for part, value in zip(parts, values, strict=True):
@@ -65,10 +65,10 @@ def parse_axis(text: str, value_of: Callable[[str], Any]) -> Asked:
                 [Fault(f"--axis {key}", f'{part} is no TOML; a table is written {{ use = "NAME", iterations = 5 }}')]
             )
     if len(values) == 1 and isinstance(values[0], list):
-        return Asked(key, tuple(values[0]))
+        return AxisRequest(key, tuple(values[0]))
     if len(values) == 1 and isinstance(values[0], dict) and "from" in values[0]:
-        return Asked(key, values[0])
-    return Asked(key, values)
+        return AxisRequest(key, values[0])
+    return AxisRequest(key, values)
 
 
 def labels_of(values: Sequence[Any], units: str) -> list[str]:
@@ -106,7 +106,7 @@ def _split(text: str) -> list[str]:
     return [part.strip() for part in (*parts, text[start:])]
 
 
-def check_axis(asked: Asked, pipeline: Pipeline) -> Asked:
+def check_axis(asked: AxisRequest, pipeline: PipelineFile) -> AxisRequest:
     """The axis by its name, and what can be said of it without planning: the stage is there, and there are values
     where they are needed.
     """
@@ -135,7 +135,7 @@ def check_axis(asked: Asked, pipeline: Pipeline) -> Asked:
     return asked
 
 
-def check_writes(asked: Asked, node: Node, registry: Registry) -> None:
+def check_writes(asked: AxisRequest, node: Node, registry: Registry) -> None:
     """Alternatives that are named write what the stage of the file writes."""
     faults = []
     for value in asked.values if asked.swaps and isinstance(asked.values, tuple) else ():
@@ -176,7 +176,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     return chosen, broken
 
 
-def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
+def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, dict[str, Any]]:
     """The camera alone, and what of it the sweep of its file would have changed.
 
     Where the file gives a value beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) it
@@ -202,13 +202,13 @@ def _first(written: Any) -> Any:
     return written[0] if isinstance(written, list | tuple) and written else None
 
 
-def one_camera(pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
+def one_camera(pipeline: PipelineFile) -> tuple[PipelineFile, list[str]]:
     """The camera alone, and a note that says what stands for its sweep, if it has one."""
     alone, taken = without_sweep(pipeline)
     return alone, [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] * bool(taken)
 
 
-def own_value(pipeline: Pipeline, key: str) -> Any:
+def own_value(pipeline: PipelineFile, key: str) -> Any:
     """What a file gives for an axis beside its sweep, as written; None where it gives nothing."""
     stage, _, name = key.rpartition(".")
     if not stage:

@@ -21,11 +21,11 @@ from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, quantities_of, reads_of
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.derived import each, free_name
-from etendue.pipeline.file import Pipeline, StageEntry
-from etendue.plan import asking
-from etendue.plan.graph import Graph, build_graph
+from etendue.pipeline.file import PipelineFile, StageEntry
+from etendue.plan import stage_calls
 from etendue.plan.model import Node
-from etendue.plan.quantities import to_be_found
+from etendue.plan.wiring.graph import Graph, build_graph
+from etendue.plan.wiring.quantities import to_be_found
 from etendue_camera.roles import REFERENCE, RESTORING
 from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
@@ -49,7 +49,7 @@ class Pair:
 class Branched:
     """What is measured where."""
 
-    pipeline: Pipeline
+    pipeline: PipelineFile
     nodes: tuple[Node, ...]  # of the pipeline alone
     linear: Pair  # where the alternatives give their result
     display: Pair | None  # the encoded picture
@@ -70,12 +70,12 @@ class Branched:
         return tuple(dict.fromkeys(place for pair in pairs for place in (pair.ours, pair.reference)))
 
 
-def nodes_of(pipeline: Pipeline, registry: Registry) -> tuple[Node, ...]:
+def nodes_of(pipeline: PipelineFile, registry: Registry) -> tuple[Node, ...]:
     """The stages of a pipeline as the planner binds them; raises with every fault of the file."""
     return graph_of(pipeline, registry).nodes
 
 
-def graph_of(pipeline: Pipeline, registry: Registry) -> Graph:
+def graph_of(pipeline: PipelineFile, registry: Registry) -> Graph:
     """The checked pipeline, its faults at their lines."""
     try:
         return build_graph(pipeline, registry)
@@ -97,7 +97,7 @@ def _read(node: Node) -> set[str]:
     return {variable for _, _, variable in node.inputs[0]}
 
 
-def noise_free(pipeline: Pipeline, nodes: tuple[Node, ...], registry: Registry) -> Pipeline:
+def noise_free(pipeline: PipelineFile, nodes: tuple[Node, ...], registry: Registry) -> PipelineFile:
     """Expected values: what makes ``mosaic_linear`` is replaced, and with it all that stands before it up to the
     mosaic.
     """
@@ -108,7 +108,7 @@ def noise_free(pipeline: Pipeline, nodes: tuple[Node, ...], registry: Registry) 
     return each(pipeline, lambda e: StageEntry(e.name, use, {}, {}, e.place) if e.name == linear.name else e)
 
 
-def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, registry: Registry) -> Branched:
+def with_reference(pipeline: PipelineFile, nodes: tuple[Node, ...], key: str, registry: Registry) -> Branched:
     """Add the reference's stages, where ``key`` is the axis that is compared.
 
     Raises
@@ -123,7 +123,7 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, regist
             f"no stage writes {lacking}: the reference needs a pixel stage, and a demosaicer to stand for",
             pipeline.file,
         )
-    made = Reference(pipeline, nodes, key, registry)
+    made = ReferenceBranch(pipeline, nodes, key, registry)
     made.planes(light, demosaic)
     made.behind(demosaic)
     twin, compared = made.twin, key.rpartition(".")[0]
@@ -146,10 +146,10 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, regist
     return Branched(branched, nodes, linear, display, colour, made.without, made.counterpart, tuple(made.notes))
 
 
-class Reference:
+class ReferenceBranch:
     """The stages of a reference while they are put together."""
 
-    def __init__(self, pipeline: Pipeline, nodes: tuple[Node, ...], key: str, registry: Registry) -> None:
+    def __init__(self, pipeline: PipelineFile, nodes: tuple[Node, ...], key: str, registry: Registry) -> None:
         self.pipeline, self.nodes, self.key, self.registry = pipeline, nodes, key, registry
         self.compared, _, self.parameter = key.rpartition(".")
         self.entries = {entry.name: entry for entry in pipeline.stages}
@@ -236,7 +236,7 @@ class Reference:
         values |= {name: to_be_found(name, quantities_of(one.kind)[name]) for name in node.found}
         for channel in cfa.read(str(graph.shared["pattern"])).channels if along else ():
             try:
-                asking.made(one.kind, values | dict.fromkeys(along, channel))
+                stage_calls.made(one.kind, values | dict.fromkeys(along, channel))
             except (ValueError, PluginError) as error:
                 return f"which cannot be run plane by plane: {error}"
         return ""

@@ -10,17 +10,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
 
-from etendue.contract.grid import Line
+from etendue.contract.arrays.grid import Line
 from etendue.errors import Fault, RequestError
 from etendue.plan.model import Alternative, CellRef, Plan
 from etendue.present.pictures.crops import Plane
 from etendue.session import Outcome
-from etendue_lab.compare.axis import Asked
+from etendue_lab.compare.axis import AxisRequest
 from etendue_lab.compare.branches import Branched, Place
 
 
 @dataclass
-class Row:
+class ComparedRow:
     """One alternative. What is not known is None."""
 
     value: Any
@@ -48,13 +48,13 @@ class Row:
     position: int | None = None  # on the axis
 
 
-FIGURES = tuple(f.name for f in fields(Row) if f.type == "float | None")
+FIGURES = tuple(f.name for f in fields(ComparedRow) if f.type == "float | None")
 
 
 class Reader:
     """Arrays and reports of a run by the position on the axis."""
 
-    def __init__(self, plan: Plan, outcome: Outcome, asked: Asked, branched: Branched) -> None:
+    def __init__(self, plan: Plan, outcome: Outcome, asked: AxisRequest, branched: Branched) -> None:
         self.plan, self.outcome, self.asked = plan, outcome, asked
         axis = next((a for a in plan.axes if a.key == asked.key), None)
         if axis is None:
@@ -103,7 +103,7 @@ class Reader:
         node = self.plan.node(self.asked.stage)
         return node.alternatives[position if self.asked.swaps and len(node.alternatives) > 1 else 0]
 
-    def pictures(self, branched: Branched, rows: list[Row]) -> tuple[dict[int, Any], dict[int, Any]]:
+    def pictures(self, branched: Branched, rows: list[ComparedRow]) -> tuple[dict[int, Any], dict[int, Any]]:
         """What to look at: encoded pictures by position, and the references'."""
         pair = branched.display or branched.linear
         done = [row.position for row in rows if row.status == "done" and row.position is not None]

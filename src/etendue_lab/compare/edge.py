@@ -19,14 +19,14 @@ from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.derived import wanting, with_values
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Node, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
-from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_lab.compare import installed
-from etendue_lab.compare.axis import Asked
+from etendue_lab.compare.axis import AxisRequest
 from etendue_lab.compare.branches import CAMERA, Branched, Place, noise_free, writer
 from etendue_lab.compare.figures import BORDER
 
@@ -46,7 +46,7 @@ class EdgeFigures:
 
 
 def measure(
-    branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options
+    branched: Branched, plan: Plan, asked: AxisRequest, values: Any, white: float, registry: Registry, options: Options
 ) -> EdgeFigures:
     """Run the edge and measure it; what stands in the way is a note, not an exception.
 
@@ -61,7 +61,7 @@ def measure(
 
 
 def _measured(
-    branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options
+    branched: Branched, plan: Plan, asked: AxisRequest, values: Any, white: float, registry: Registry, options: Options
 ) -> EdgeFigures:
     place, reference = branched.linear.ours, branched.linear.reference
     if place[1] == "rgb_display":
@@ -151,8 +151,8 @@ def crossing(picture: Any, sigma: float) -> float:
 
 
 def edge_and_field(
-    base: Pipeline, nodes: tuple[Node, ...], plan: Plan, white: float, registry: Registry
-) -> tuple[Pipeline, str, float]:
+    base: PipelineFile, nodes: tuple[Node, ...], plan: Plan, white: float, registry: Registry
+) -> tuple[PipelineFile, str, float]:
     """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the
     edge, um.
     """

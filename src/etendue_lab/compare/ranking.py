@@ -22,7 +22,7 @@ from etendue.present.pictures.crops import Strip, strip
 from etendue.present.terminal.terminal import escape
 from etendue.present.terminal.work_precision import Point, work_precision
 from etendue.result_files import finite, write_whole
-from etendue_lab.compare.compared import FIGURES, Row
+from etendue_lab.compare.compared import FIGURES, ComparedRow
 from etendue_lab.compare.study import Comparison
 
 PLOT, CROPS = "error_against_time.png", "crops.png"
@@ -74,7 +74,7 @@ def document(found: Comparison) -> dict[str, Any]:
     }
 
 
-def row_document(found: Comparison, number: int, row: Row) -> dict[str, Any]:
+def row_document(found: Comparison, number: int, row: ComparedRow) -> dict[str, Any]:
     return {
         found.key: _plain(row.value),
         "label": row.label,
@@ -146,7 +146,7 @@ def _ranked_by(found: Comparison) -> str:
 
 class _Column(NamedTuple):
     name: str
-    of: Callable[[Row], str]
+    of: Callable[[ComparedRow], str]
 
 
 def _columns(found: Comparison) -> list[_Column]:

@@ -24,7 +24,7 @@ from etendue.compute.joined.segments import Result
 from etendue.contract.capabilities import Viewed, is_source, is_transfer
 from etendue.contract.registry import Registry, installed_stages
 from etendue.errors import RequestError
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import CellRef
 from etendue.present.pictures.crops import Plane
 from etendue.run.one_thread import ONE_THREAD
@@ -33,14 +33,14 @@ from etendue_camera.colour.matrices import D65_XY, xyz_from_xy
 from etendue_lab.compare import edge
 from etendue_lab.compare.alternatives import camera_of, keeping_inputs, planned, values_of, wanted_of
 from etendue_lab.compare.axis import (
-    Asked,
+    AxisRequest,
     check_axis,
     labels_of,
     own_value,
     without_sweep,
 )
 from etendue_lab.compare.branches import Branched, Place, with_reference, writer
-from etendue_lab.compare.compared import Reader, Row
+from etendue_lab.compare.compared import ComparedRow, Reader
 from etendue_lab.compare.figures import BORDER, colour_figures, display_figures, linear_figures
 
 
@@ -50,7 +50,7 @@ class Comparison:
 
     pipeline: str
     key: str
-    rows: list[Row]
+    rows: list[ComparedRow]
     variable: Place  # where psnr and mtf50 are measured
     reference: Place
     without: str
@@ -79,8 +79,8 @@ class Comparison:
 
 
 def compare(
-    pipeline: Pipeline,
-    asked: Asked,
+    pipeline: PipelineFile,
+    asked: AxisRequest,
     repeat: int = 5,
     expected: bool = False,
     options: Options | None = None,
@@ -160,7 +160,7 @@ def compare(
 
 
 def _with_edges(
-    measured: list[Row], reader: Reader, branched: Branched, values: Any, registry: Registry, options: Options
+    measured: list[ComparedRow], reader: Reader, branched: Branched, values: Any, registry: Registry, options: Options
 ) -> list[str]:
     """MTF50 in the rows that are done, of a second run; a note where there are none."""
     done = {i: row for i, row in enumerate(measured) if row.status == "done"}
@@ -189,7 +189,7 @@ def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Any]
     return found
 
 
-def _if_alone(rows: list[Row]) -> list[str]:
+def _if_alone(rows: list[ComparedRow]) -> list[str]:
     if sum(row.status != "refused" for row in rows) != 1:
         return []
     return [
@@ -197,19 +197,19 @@ def _if_alone(rows: list[Row]) -> list[str]:
     ]
 
 
-def rank_by(rows: Iterable[Row]) -> str:
+def rank_by(rows: Iterable[ComparedRow]) -> str:
     """What rows are ranked by whose references differ: a dark picture has little to lose on a linear scale that all
     share.
     """
     return "psnr_encoded" if all(row.psnr_encoded is not None for row in rows if row.psnr is not None) else "psnr_white"
 
 
-def ranked(rows: list[Row], by: str = "psnr") -> list[Row]:
+def ranked(rows: list[ComparedRow], by: str = "psnr") -> list[ComparedRow]:
     """Best first; those without a figure last. Says the error of each, and marks the rows that no other is both better
     and faster than.
     """
 
-    def order(row: Row) -> tuple[bool, float, float, str]:
+    def order(row: ComparedRow) -> tuple[bool, float, float, str]:
         found = getattr(row, by)
         return (found is None, -(found or 0.0), row.seconds or 0.0, row.label)
 
@@ -224,9 +224,9 @@ def ranked(rows: list[Row], by: str = "psnr") -> list[Row]:
     return ordered
 
 
-def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: int) -> Row:
+def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: int) -> ComparedRow:
     value, one = reader.axis.values[position], reader.alternative(position)
-    row = Row(value, label, position=position)
+    row = ComparedRow(value, label, position=position)
     if one is not None:
         row.use, row.distribution, row.version = one.use, one.distribution, one.version
         row.value = one.use if reader.asked.swaps else value
@@ -293,7 +293,9 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
     return best if math.isfinite(best) else None
 
 
-def _on_the_references(references: dict[int, Any], rows: list[Row], reader: Reader, branched: Branched) -> list[str]:
+def _on_the_references(
+    references: dict[int, Any], rows: list[ComparedRow], reader: Reader, branched: Branched
+) -> list[str]:
     """What a reader of the table should know about the pictures it was measured on."""
     labels = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in references}
     notes, variable = [], branched.linear.reference[1]

@@ -21,17 +21,17 @@ from typing import Any
 
 import numpy as np
 
-from etendue.archive.again import recorded
-from etendue.archive.describe import describe_archive
-from etendue.archive.naming import cell_name
-from etendue.archive.stored import Stored
+from etendue.archive.checks.describe import describe_archive
+from etendue.archive.read.stored import Stored
+from etendue.archive.records.rerun import recorded
+from etendue.archive.structure.naming import cell_name
 from etendue.contract.capabilities import is_source
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.errors import RequestError
 from etendue.pipeline.derived import free_name, stage_in_front, wanting, with_values, without_stages
-from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
@@ -53,7 +53,11 @@ Told = Callable[[Plan], Progress] | None
 
 
 def of_pipeline(
-    pipeline: Pipeline, registry: Registry, pixels: int = SIDE, options: Options | None = None, progress: Told = None
+    pipeline: PipelineFile,
+    registry: Registry,
+    pixels: int = SIDE,
+    options: Options | None = None,
+    progress: Told = None,
 ) -> EmvaReport:
     """Take the frames of a pipeline's sensor, and measure it.
 
@@ -119,7 +123,7 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
     return EmvaReport(pipeline.name, of_plan(plan, read, options, there), notes)
 
 
-def _on_the_bench(pipeline: Pipeline, registry: Registry) -> Pipeline:
+def _on_the_bench(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
     """A lamp in the place of the scene, nothing that changes light by place, sound pixels, and no stage behind the
     raw frame.
     """
@@ -137,7 +141,7 @@ def _on_the_bench(pipeline: Pipeline, registry: Registry) -> Pipeline:
     return wanting(replace(without_stages(front, out), shared=camera))
 
 
-def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:
+def _windowed(pipeline: PipelineFile, registry: Registry, pixels: int) -> PipelineFile:
     """So many pixels in light that is as wide; all of the frame where the pixel stage has no rows and columns."""
     asked = replace(_asking(pipeline, registry, (1.0,), ()), wanted=("photocurrent",))
     plan = make_plan(asked, registry, leave_out_allowed=False)
@@ -155,8 +159,8 @@ def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:
 
 
 def _asking(
-    pipeline: Pipeline, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]
-) -> Pipeline:
+    pipeline: PipelineFile, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]
+) -> PipelineFile:
     """With a series of exposures, each so many times the camera's own, in front of the exposure; swept over light
     and dark.
     """
@@ -177,7 +181,9 @@ def _asking(
     return replace(stage_in_front(pipeline, exposure, series), sweep=sweep, wanted=(RAW,), keep=None)
 
 
-def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options | None, notes: list[str]) -> Pipeline:
+def _lamp(
+    pipeline: PipelineFile, registry: Registry, plan: Plan, options: Options | None, notes: list[str]
+) -> PipelineFile:
     """As bright as fills the best channel after the camera's integration time, with times that take every channel to
     its saturation.
     """

@@ -19,7 +19,7 @@ from etendue.pipeline.derived import wanting
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
-from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edges.slanted_edge import slanted_edge
 from etendue_camera.sensor import cfa
 from etendue_lab.compare.edge import ANGLE, edge_and_field
 from etendue_lab.compare.figures import BORDER

@@ -26,7 +26,7 @@ from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.errors import RequestError
 from etendue.pipeline.derived import wanting
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
@@ -44,7 +44,9 @@ Place = tuple[str, str]  # stage and variable
 class FineDetail(FlatField):
     """A camera in front of a grey card, from its own figures."""
 
-    def __init__(self, plan: Plan, arrays: dict[CellRef, dict[str, Any]], pipeline: Pipeline, notes: list[str]) -> None:
+    def __init__(
+        self, plan: Plan, arrays: dict[CellRef, dict[str, Any]], pipeline: PipelineFile, notes: list[str]
+    ) -> None:
         first = next(n for n in plan.nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
         super().__init__(plan, first, [arrays], notes)
         self.pipeline = pipeline
@@ -231,7 +233,7 @@ class FineDetail(FlatField):
 
 
 def fine_detail(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     reflectance: float,
     options: Options | None = None,

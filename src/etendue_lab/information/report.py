@@ -14,7 +14,7 @@ FAINTEST = 1e-2  # of the largest NEQ, below which found and predicted are not h
 
 
 @dataclass
-class Row:
+class StageRow:
     """Up to and including one stage, all channels together."""
 
     stage: str
@@ -27,7 +27,7 @@ class Row:
 
 
 @dataclass
-class Curve:
+class NeqCurve:
     """NEQ of one channel of one picture along x."""
 
     stage: str
@@ -61,8 +61,8 @@ class InformationReport:
     contrast: float  # of the spot
     electrons: dict[str, float]
     block: int
-    rows: list[Row] = field(default_factory=list)
-    curves: list[Curve] = field(default_factory=list)
+    rows: list[StageRow] = field(default_factory=list)
+    curves: list[NeqCurve] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def document(self) -> dict[str, Any]:

@@ -21,7 +21,7 @@ import numpy as np
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.errors import EtendueError, RequestError
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Plan
 from etendue.session import Options
 from etendue_camera.resolution import information as kernel
@@ -30,7 +30,7 @@ from etendue_lab.compare.axis import one_camera
 from etendue_lab.compare.edge import ANGLE
 from etendue_lab.information.edge_contrast import edge_contrast
 from etendue_lab.information.fine_detail import LINEAR, FineDetail, Place, fine_detail, frames
-from etendue_lab.information.report import Curve, InformationReport, Row
+from etendue_lab.information.report import InformationReport, NeqCurve, StageRow
 from etendue_lab.noise.flat_field import MOSAIC
 
 BLOCK = 16  # pixels, side of a periodogram
@@ -39,7 +39,7 @@ ENOUGH = 400  # periodograms behind each value, below which a note says so
 
 
 def information(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     reflectance: float = 0.18,
     ratio: float = 4.0,
@@ -137,7 +137,7 @@ class _Chain:
         found = quanta(self.square.fy, self.square.fx)
         ends = quanta(np.zeros(1), np.array([0.0, 0.25, 0.4999]))[0]
         self.report.rows.append(
-            Row(
+            StageRow(
                 stage,
                 what,
                 kernel.capacity(found, self.square, self.variance),
@@ -193,7 +193,7 @@ class _Found:
 
     # -- noise ------------------------------------------------------------------------------------------------------
 
-    def _mosaic(self, frames: Any, contrast: dict[str, Any]) -> list[Curve]:
+    def _mosaic(self, frames: Any, contrast: dict[str, Any]) -> list[NeqCurve]:
         """By channel: each place of the cell by itself, on its own lattice, whose power repeats beyond its Nyquist
         frequency.
         """
@@ -223,7 +223,7 @@ class _Found:
             curves.append(self._curve(place, channel, expected, total, periodograms))
         return curves
 
-    def _picture(self, place: Place, frames: Any, contrast: dict[str, Any]) -> list[Curve]:
+    def _picture(self, place: Place, frames: Any, contrast: dict[str, Any]) -> list[NeqCurve]:
         detail = self.detail
         power, count = noise_power.periodograms(frames, BLOCK)
         expected_power = detail.periodogram_of(place, BLOCK)
@@ -245,12 +245,12 @@ class _Found:
         """Along x: the mean of the three rows next to fy = 0."""
         return (power[0] + power[1] + power[-1]) / ROWS
 
-    def _curve(self, place: Place, channel: str, expected: Any, found: Any, count: int) -> Curve:
+    def _curve(self, place: Place, channel: str, expected: Any, found: Any, count: int) -> NeqCurve:
         bits = [
             kernel.capacity_along(partial(np.interp, xp=self.frequency, fp=own), self.variance)
             for own in (expected, found)
         ]
-        return Curve(
+        return NeqCurve(
             *place,
             channel,
             tuple(self.frequency),

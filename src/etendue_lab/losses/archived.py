@@ -12,12 +12,12 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from etendue.archive.again import recorded
+from etendue.archive.records.rerun import recorded
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError
 from etendue.pipeline.derived import at_value
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.result_files import finite
 from etendue_lab.compare.axis import SENSOR
 from etendue_lab.losses.study import RUNS, losses
@@ -49,7 +49,7 @@ def losses_at(
     return {**found, "losses": shown, "about": ABOUT, "why": ""}
 
 
-def camera_at(folder: Path, at: Mapping[str, Any]) -> Pipeline:
+def camera_at(folder: Path, at: Mapping[str, Any]) -> PipelineFile:
     """The pipeline of an archive's last run without its sweep: every axis at one of its values.
 
     Raises
@@ -71,7 +71,7 @@ def camera_at(folder: Path, at: Mapping[str, Any]) -> Pipeline:
     return replace(pipeline, sweep={})
 
 
-def _taken(pipeline: Pipeline, key: str) -> bool:
+def _taken(pipeline: PipelineFile, key: str) -> bool:
     """Whether there is a place for a value of an axis: of stages that another axis chooses, some may have none."""
     stage, _, name = key.rpartition(".")
     uses = [entry.use for entry in pipeline.stages if entry.name == stage]

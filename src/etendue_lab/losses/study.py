@@ -23,7 +23,7 @@ from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline import derived
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue_camera.colour import difference
@@ -61,7 +61,7 @@ class LossReport:
 
 
 def losses(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     reflectance: float = 0.18,
     runs: int = RUNS,
@@ -99,8 +99,8 @@ def losses(
     contrast = Contrast(detail)
     snr = SignalToNoise(detail, _gains(detail, registry, options, notes))
     for one in (
-        Shared("contrast", "dB", "mean contrast up to Nyquist", contrast.players, contrast.loss, contrast.contrast),
-        Shared("SNR", "dB", "SNR of the grey card", snr.players, snr.loss, snr.snr),
+        SharedLoss("contrast", "dB", "mean contrast up to Nyquist", contrast.players, contrast.loss, contrast.contrast),
+        SharedLoss("SNR", "dB", "SNR of the grey card", snr.players, snr.loss, snr.snr),
     ):
         report.games.append(_game(one, ANALYTIC, seed))
     if runs:
@@ -109,7 +109,7 @@ def losses(
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedLoss:
     """A loss that is shared out."""
 
     name: str
@@ -120,7 +120,7 @@ class Shared:
     figure_of: Callable[[frozenset[str]], float]
 
 
-def _game(shared: Shared, most: int, seed: int) -> Game:
+def _game(shared: SharedLoss, most: int, seed: int) -> Game:
     known: dict[frozenset[str], float] = {}
     players, figure_of = shared.players, shared.figure_of
 
@@ -166,7 +166,7 @@ def _gains(detail: FineDetail, registry: Registry, options: Options | None, note
     return found
 
 
-def without_stages(pipeline: Pipeline, out: Collection[str]) -> Pipeline:
+def without_stages(pipeline: PipelineFile, out: Collection[str]) -> PipelineFile:
     """The pipeline without some stages that write what they read, none of which stands where its file says."""
     return replace(derived.without_stages(pipeline, out), lines={})
 
@@ -176,7 +176,7 @@ def without_stages(pipeline: Pipeline, out: Collection[str]) -> Pipeline:
 
 def _colour(
     report: LossReport,
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     runs: int,
     seed: int,
@@ -192,7 +192,7 @@ def _colour(
             )
         report.notes += [note for note in cameras.ideal.notes if note not in report.notes]
         what = "rms CIEDE2000 to the ideal camera"
-        colour = Shared("colour", "CIEDE2000^2", what, cameras.players, cameras.loss, cameras.figure)
+        colour = SharedLoss("colour", "CIEDE2000^2", what, cameras.players, cameras.loss, cameras.figure)
         report.games.append(_game(colour, runs, seed))
     except (RequestError, ValueError) as error:
         text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
@@ -207,7 +207,7 @@ class _Cameras:
     """
 
     def __init__(
-        self, pipeline: Pipeline, registry: Registry, options: Options | None, told: Callable[[str], None]
+        self, pipeline: PipelineFile, registry: Registry, options: Options | None, told: Callable[[str], None]
     ) -> None:
         self.pipeline, self.registry, self.options, self.told = pipeline, registry, options, told
         self.ideal: Ideal = ideal_of(pipeline, registry)

@@ -18,7 +18,7 @@ from etendue_camera import spectra
 from etendue_camera.colour.difference import lab
 from etendue_camera.colour.matrices import von_kries_matrix, xyz_from_xy
 from etendue_camera.quality.chart_patches import DRAWS, ColourErrors, Patches, chart_patches, colour_errors, turning
-from etendue_lab.measure.photograph import Photograph, developed
+from etendue_lab.measure.photograph import PhotographFile, developed
 from etendue_lab.measure.regions import corners
 
 ROWS, COLUMNS = 4, 6
@@ -54,7 +54,7 @@ def to_lab(space: str) -> Callable[[Any], Any]:
     return lambda rgb: lab(np.tensordot(adapted, rgb, 1), white)
 
 
-def measured_chart(photograph: Photograph, text: str, space: str, confidence: float) -> dict[str, Any]:
+def measured_chart(photograph: PhotographFile, text: str, space: str, confidence: float) -> dict[str, Any]:
     """The 24 patches.
 
     Raises

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.present.plots.plot import Plot, new_figure
-from etendue_lab.measure.photograph import ENCODED, Photograph, open_photograph
+from etendue_lab.measure.photograph import ENCODED, PhotographFile, open_photograph
 
 WIDEST, INCHES = 1600, 9.0  # pixels of the picture that are drawn along its longer side
 LOW = 0.08  # of the picture's height: words have no room above
@@ -121,7 +121,7 @@ def _noise(one: dict[str, Any]) -> str:
     return text + (", not covered" if one["not_covered"] else "")
 
 
-def _shown(photograph: Photograph) -> Any:
+def _shown(photograph: PhotographFile) -> Any:
     """(rows, columns) or (rows, columns, 3), 0 to 1 as it is looked at; every so many pixels of a large one."""
     every = math.ceil(max(photograph.rows, photograph.columns) / WIDEST)
     part = photograph.values[::every, ::every] / photograph.full

@@ -14,13 +14,13 @@ import scipy
 
 from etendue.errors import RequestError
 from etendue_camera.electronics.rounding import both, lasting_error
-from etendue_camera.resolution.edge_interval import CLIPPED, EdgeResolution, edge_resolution
-from etendue_camera.resolution.edge_rewritten import AGAIN
-from etendue_camera.resolution.edge_shape import EdgeShape, edge_shape
-from etendue_camera.resolution.slanted_edge import SMALLEST
+from etendue_camera.resolution.edges.edge_interval import CLIPPED, EdgeResolution, edge_resolution
+from etendue_camera.resolution.edges.edge_rewritten import AGAIN
+from etendue_camera.resolution.edges.edge_shape import EdgeShape, edge_shape
+from etendue_camera.resolution.edges.slanted_edge import SMALLEST
 from etendue_lab.measure.finding import reason, slanted, strips_of
-from etendue_lab.measure.photograph import PLANES, Photograph
-from etendue_lab.measure.regions import FOUND, Window, window
+from etendue_lab.measure.photograph import PLANES, PhotographFile
+from etendue_lab.measure.regions import FOUND, PixelWindow, window
 
 ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
 LEAST, MOST = (
@@ -66,7 +66,7 @@ REGIONS = (
 )
 
 
-def measured_edge(photograph: Photograph, text: str, channel: str, confidence: float) -> dict[str, Any]:
+def measured_edge(photograph: PhotographFile, text: str, channel: str, confidence: float) -> dict[str, Any]:
     """One edge.
 
     Raises
@@ -103,7 +103,7 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
     raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself: {_why(refusals, why)}; {REGIONS}")
 
 
-def _measured_in(photograph: Photograph, region: Window, channel: str, confidence: float) -> dict[str, Any]:
+def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, confidence: float) -> dict[str, Any]:
     """The one edge of a region; where something else stands in a corner of it, that of the strip whose box the
     region is.
     """
@@ -144,7 +144,7 @@ def _why(refusals: list[str], why: list[str]) -> str:
 
 
 def _measured(
-    photograph: Photograph, place: Window, channel: str, confidence: float, strip: Any = None
+    photograph: PhotographFile, place: PixelWindow, channel: str, confidence: float, strip: Any = None
 ) -> dict[str, Any]:
     """The edge in a rectangle, or that of the pixels of a strip in it."""
     what = f"--edge {place}"
@@ -165,7 +165,7 @@ def _measured(
     _check_straight(what, found, shape, image, sites)
     clipped = float(photograph.clipped(place.cut).mean())
     top, bottom, left, right = found.window
-    inner = Window(place.x + left, place.y + top, right - left, bottom - top)
+    inner = PixelWindow(place.x + left, place.y + top, right - left, bottom - top)
     response = found.response
     middle, turn = 0.5 * ((bottom - top if found.vertical else right - left) - 1), math.tan(math.radians(found.angle))
     ends_of_line = [[response.place + turn * part, middle + part] for part in (-middle, middle)]
@@ -195,7 +195,7 @@ def _measured(
     }
 
 
-def _untried(photograph: Photograph, channel: str, found: EdgeResolution, step: float) -> list[str]:
+def _untried(photograph: PhotographFile, channel: str, found: EdgeResolution, step: float) -> list[str]:
     """What of a picture lies outside of what intervals have been tried on (``benchmarks/measure_coverage.py``)."""
     noise = step / found.snr if found.snr > 0 else math.inf
     seen = {
@@ -209,7 +209,7 @@ def _untried(photograph: Photograph, channel: str, found: EdgeResolution, step: 
 
 
 def _intervals(
-    photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float
+    photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution, confidence: float
 ) -> dict[str, Any]:
     """Intervals of noise with what a file adds to them, all parts in squares, and those parts, of MTF50."""
     doubt, lost = _rounding(photograph, levels, found, confidence), _lost(photograph, levels, found)
@@ -236,7 +236,7 @@ def _intervals(
     }
 
 
-def _lost(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution) -> float:
+def _lost(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution) -> float:
     """What a JPEG of an edge hides from edges that are written again, of MTF50: a mean error, and as much of a spread.
 
     Notes
@@ -251,7 +251,7 @@ def _lost(photograph: Photograph, levels: tuple[float, ...], found: EdgeResoluti
     return float(LOST * photograph.coarse(*levels) ** COARSER * math.exp(FINER * min(found.mtf50, TRIED[1])))
 
 
-def _rounding(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> float:
+def _rounding(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> float:
     """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by,
     of its step.
     """
@@ -285,7 +285,7 @@ def _said(why: str, seen: bool, image: Any) -> str:
     return "what stands there is no single straight edge between two even fields" if why == HIDDEN else why
 
 
-def _roomy(place: Window, strip: Any, photograph: Photograph) -> tuple[Window, Any]:
+def _roomy(place: PixelWindow, strip: Any, photograph: PhotographFile) -> tuple[PixelWindow, Any]:
     """A window with room about a strip that is narrower than an edge's picture may be."""
     (y, height), (x, width) = (
         _widened(first, length, size)
@@ -296,7 +296,7 @@ def _roomy(place: Window, strip: Any, photograph: Photograph) -> tuple[Window, A
     )
     held = np.zeros((height, width), bool)
     held[place.y - y : place.y - y + place.height, place.x - x : place.x - x + place.width] = strip
-    return Window(x, y, width, height), held
+    return PixelWindow(x, y, width, height), held
 
 
 def _widened(first: int, length: int, size: int) -> tuple[int, int]:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from etendue_camera.resolution.edge_region import FoundEdge, find_edges
-from etendue_lab.measure.photograph import Photograph
-from etendue_lab.measure.regions import Window
+from etendue_camera.resolution.edges.edge_region import FoundEdge, find_edges
+from etendue_lab.measure.photograph import PhotographFile
+from etendue_lab.measure.regions import PixelWindow
 
 SEARCHED = 2_000_000  # pixels of the picture in which edges are looked for
 AROUND, WIDEST = 24, 800  # pixels about what was found there, and at most along a side
@@ -25,14 +25,14 @@ SHORTEST = 12.0  # half of an edge's length, pixels: a strip of 24 and its ends
 
 
 @dataclass(frozen=True)
-class Place:
+class EdgePlace:
     """A window of a photograph, and which of its pixels lie about one edge."""
 
-    window: Window
+    window: PixelWindow
     strip: Any  # (y, x) of bool
 
 
-def slanted(photograph: Photograph, channel: str) -> tuple[list[Place], list[str]]:
+def slanted(photograph: PhotographFile, channel: str) -> tuple[list[EdgePlace], list[str]]:
     """Places of edges, and why others are none; in a large picture first looked for by means over squares of the
     file's own numbers.
     """
@@ -52,7 +52,7 @@ def slanted(photograph: Photograph, channel: str) -> tuple[list[Place], list[str
     return _apart([_place(one) for one in sorted(found, key=lambda one: -one.promise)])[:MOST], why
 
 
-def strips_of(photograph: Photograph, channel: str, region: Window) -> list[Place]:
+def strips_of(photograph: PhotographFile, channel: str, region: PixelWindow) -> list[EdgePlace]:
     """Strips whose box a region is: of a turned strip it holds corners, too, in which something else may stand."""
     top, left = max(region.y - AROUND, 0), max(region.x - AROUND, 0)
     part = (
@@ -71,7 +71,7 @@ def strips_of(photograph: Photograph, channel: str, region: Window) -> list[Plac
     ]
 
 
-def _cut_to(region: Window, place: Place) -> Place | None:
+def _cut_to(region: PixelWindow, place: EdgePlace) -> EdgePlace | None:
     """What of a strip lies in a region."""
     held, own = np.zeros((region.height, region.width), bool), place.window
     y, x = own.y - region.y, own.x - region.x
@@ -83,15 +83,15 @@ def _cut_to(region: Window, place: Place) -> Place | None:
     rows, columns = (
         slice(int(seen[0]), int(seen[-1]) + 1) for seen in (np.flatnonzero(held.any(axis)) for axis in (1, 0))
     )
-    window = Window(
+    window = PixelWindow(
         region.x + columns.start, region.y + rows.start, columns.stop - columns.start, rows.stop - rows.start
     )
-    return Place(window, held[rows, columns])
+    return EdgePlace(window, held[rows, columns])
 
 
-def _place(found: FoundEdge) -> Place:
+def _place(found: FoundEdge) -> EdgePlace:
     top, bottom, left, right = found.window
-    return Place(Window(left, top, right - left, bottom - top), found.strip)
+    return EdgePlace(PixelWindow(left, top, right - left, bottom - top), found.strip)
 
 
 def _in_parts(image: Any, sites: Any) -> tuple[list[FoundEdge], list[str]]:
@@ -108,7 +108,7 @@ def _in_parts(image: Any, sites: Any) -> tuple[list[FoundEdge], list[str]]:
 
 
 def _in(
-    photograph: Photograph, channel: str, part: tuple[int, int, int, int], most: int = 2, tries: int = 4
+    photograph: PhotographFile, channel: str, part: tuple[int, int, int, int], most: int = 2, tries: int = 4
 ) -> tuple[list[FoundEdge], list[str]]:
     top, bottom, left, right = part
     image, sites = photograph.linear(channel, np.s_[top:bottom, left:right])
@@ -121,9 +121,9 @@ def _moved(one: FoundEdge, down: int, right: int) -> FoundEdge:
     return replace(one, window=(top + down, bottom + down, first + right, last + right))
 
 
-def _apart(places: list[Place]) -> list[Place]:
+def _apart(places: list[EdgePlace]) -> list[EdgePlace]:
     """Those whose middle no better one holds."""
-    kept: list[Place] = []
+    kept: list[EdgePlace] = []
     for place in places:
         y, x = (float(part.mean()) for part in np.nonzero(place.strip))
         y, x = round(y) + place.window.y, round(x) + place.window.x
@@ -153,7 +153,7 @@ def _parts(rows: int, columns: int) -> list[tuple[int, int, int, int]]:
 
 
 def _span(
-    top: int, bottom: int, left: int, right: int, factor: int, photograph: Photograph
+    top: int, bottom: int, left: int, right: int, factor: int, photograph: PhotographFile
 ) -> tuple[int, int, int, int]:
     """Pixels of what was found on means, with room, and no more than an edge needs: top, bottom, left, right."""
     ends = []
@@ -163,7 +163,7 @@ def _span(
     return ends[0], ends[1], ends[2], ends[3]
 
 
-def _smaller(photograph: Photograph, sites: Any, factor: int) -> Any:
+def _smaller(photograph: PhotographFile, sites: Any, factor: int) -> Any:
     """Means of all channels over squares of so many pixels; of one colour where there are sites."""
     rows, columns = photograph.rows // factor, photograph.columns // factor
 

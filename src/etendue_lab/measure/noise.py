@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue.errors import RequestError
 from etendue_camera.quality.patch_noise import PatchNoise, patch_noise
-from etendue_lab.measure.photograph import Photograph
+from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import window
 
 CLIPPED = 1e-3  # share of pixels from which on a patch is refused
@@ -24,7 +24,7 @@ KEPT = 0.5  # of a mean step of a JPEG's table, noise (numbers of the file) belo
 UNEVEN, MOST = 0.02, 0.7  # of the mean, or of the noise itself
 
 
-def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict[str, Any]:
+def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> dict[str, Any]:
     """One patch.
 
     Raises
@@ -64,7 +64,7 @@ def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict
     return {"region": str(place), "clipped": clipped, "channels": rows, "hidden": hidden, "not_covered": bool(lost)}
 
 
-def _step(photograph: Photograph, name: str, cut: Any) -> float:
+def _step(photograph: PhotographFile, name: str, cut: Any) -> float:
     """Between the numbers of a plane in linear light; of luminance the step of one number that adds as much as those
     of the channels.
     """

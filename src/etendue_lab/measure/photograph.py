@@ -58,7 +58,7 @@ ENCODED: dict[str, Any] = {
 
 
 @dataclass(frozen=True)
-class Photograph:
+class PhotographFile:
     """A picture file that is open to be measured; pixels are counted from 0 at the upper left."""
 
     path: Path
@@ -189,7 +189,7 @@ class Photograph:
         return LINEARISED[self.encoding](np.asarray(values, np.float64) / self.full)
 
 
-def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Photograph:
+def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> PhotographFile:
     """A PNG, JPEG or TIFF file, or a raw file by way of LibRaw.
 
     Raises
@@ -211,7 +211,7 @@ def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Ph
         found = read_picture(str(path), MOST_PIXELS)
     except ValueError as error:
         raise RequestError(str(error)) from None
-    return Photograph(
+    return PhotographFile(
         path, found.values, found.full, encoding, weights, (found.note,) if found.note else (), table=found.table
     )
 
@@ -231,7 +231,7 @@ def reader() -> Any:
     return rawpy
 
 
-def _raw(path: Path, weights: tuple[float, ...]) -> Photograph:
+def _raw(path: Path, weights: tuple[float, ...]) -> PhotographFile:
     """The mosaic above its black level, not demosaiced, as the sensor lies."""
     rawpy = reader()
     try:
@@ -254,7 +254,7 @@ def _raw(path: Path, weights: tuple[float, ...]) -> Photograph:
         raise RequestError(
             f"{path.name} has white level {white:g} and black level {black.max():g}: no scale to measure on"
         )
-    return Photograph(
+    return PhotographFile(
         path, values[..., None], white - float(black.max()), "linear", weights, (), colours, float(black.mean())
     )
 

@@ -17,7 +17,7 @@ FOUND = "auto"  # of --edge: the strongest slanted edge is looked for
 
 
 @dataclass(frozen=True)
-class Window:
+class PixelWindow:
     """A rectangle: its upper left pixel and its size."""
 
     x: int
@@ -62,14 +62,14 @@ def numbers(option: str, text: str, count: int, form: str) -> list[float]:
     return found
 
 
-def window(option: str, text: str, columns: int, rows: int) -> Window:
+def window(option: str, text: str, columns: int, rows: int) -> PixelWindow:
     """A rectangle inside a picture."""
     x, y, width, height = (round(one) for one in numbers(option, text, 4, "X,Y,WIDTH,HEIGHT"))
     if not (x >= 0 and y >= 0 and width > 0 and height > 0 and x + width <= columns and y + height <= rows):
         raise RequestError(
             f"{option} {text}: outside the picture, which is {columns} x {rows} pixels (X,Y,WIDTH,HEIGHT)"
         )
-    return Window(x, y, width, height)
+    return PixelWindow(x, y, width, height)
 
 
 def circle(option: str, text: str, columns: int, rows: int) -> Circle:

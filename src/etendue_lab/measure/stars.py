@@ -13,14 +13,14 @@ import numpy as np
 
 from etendue.errors import RequestError
 from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, star_resolution
-from etendue_lab.measure.photograph import Photograph
+from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import Circle, circle
 
 ROOM = 2  # pixels about the star
 
 
 def measured_star(
-    photograph: Photograph, text: str, channel: str, cycles: int | None, confidence: float
+    photograph: PhotographFile, text: str, channel: str, cycles: int | None, confidence: float
 ) -> dict[str, Any]:
     """One star.
 

@@ -26,7 +26,7 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Asked:
+class MeasurementRequest:
     """What is measured in a photograph; regions as they are written on the command line."""
 
     edges: tuple[str, ...] = ()
@@ -40,7 +40,7 @@ class Asked:
     pitch: float | None = None  # um
 
 
-def measure(path: Path, asked: Asked) -> dict[str, Any]:
+def measure(path: Path, asked: MeasurementRequest) -> dict[str, Any]:
     """Measure a photograph.
 
     Raises

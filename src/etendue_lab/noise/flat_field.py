@@ -25,7 +25,7 @@ from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.errors import RequestError
 from etendue.pipeline.derived import each, given
-from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue.plan.model import CellRef, Node, Plan
 from etendue_camera.roles import FlatScene, Scaled
 from etendue_camera.sensor import cfa
@@ -42,7 +42,9 @@ MOSAIC = "mosaic_linear"
 FLAWS = frozenset({"defect_map", "stuck_map"})  # what stages write that make defective pixels
 
 
-def in_front_of_grey(pipeline: Pipeline, registry: Registry, reflectance: float, but: Collection[str] = ()) -> Pipeline:
+def in_front_of_grey(
+    pipeline: PipelineFile, registry: Registry, reflectance: float, but: Collection[str] = ()
+) -> PipelineFile:
     """The pipeline in front of a flat grey card of the size and light of its scene, with sound pixels.
 
     ``but``: what the card does not have of its scene.
@@ -70,7 +72,7 @@ def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
     return given(entry, shares, {"file"})
 
 
-def another(pipeline: Pipeline, number: int) -> Pipeline:
+def another(pipeline: PipelineFile, number: int) -> PipelineFile:
     """A camera of the same kind with noise and fixed patterns of its own: another seed and another sensor; 0: the
     camera itself.
     """

@@ -26,7 +26,7 @@ from etendue.contract.registry import Registry
 from etendue.contract.stage import writes_of
 from etendue.errors import RequestError
 from etendue.pipeline.derived import wanting
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
@@ -41,7 +41,7 @@ TREND = 4  # degree of what is taken off before noise is measured: fall-off over
 
 
 def noise(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     reflectance: float = 0.18,
     frames: int = 4,
@@ -95,7 +95,7 @@ def noise(
 class _Measurement(FlatField):
     """What is predicted and found behind one node."""
 
-    def report(self, pipeline: Pipeline, reflectance: float) -> NoiseReport:
+    def report(self, pipeline: PipelineFile, reflectance: float) -> NoiseReport:
         mosaics = [self.window(a[self.ref][MOSAIC]) for a in self.arrays]
         found: dict[tuple[int, int], float] = {}
         by_place: dict[tuple[int, int], Any] = {}

@@ -22,10 +22,10 @@ from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of, reads_of, writes_of
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.derived import origin_without, wanting, without_stages
-from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.pipeline.file import PipelineFile, StageEntry
 from etendue_camera.roles import DISTORTION, LENS, RESTORING, SHADING, InSilicon
 from etendue_lab.compare.axis import without_sweep
-from etendue_lab.compare.branches import Reference, nodes_of, writer
+from etendue_lab.compare.branches import ReferenceBranch, nodes_of, writer
 
 TIME = "integration_time"
 PLANES = {"photocurrent", "mosaic_linear", "clipping_level"}  # what stands for the mosaic is written for all channels
@@ -36,14 +36,14 @@ Kinds = Mapping[str, type[Stage] | None]
 class Ideal:
     """The ideal camera of a pipeline."""
 
-    pipeline: Pipeline
+    pipeline: PipelineFile
     left_out: tuple[str, ...]  # names of stages
     replaced: Mapping[str, str]  # name of the stage -> what stands there now
     notes: tuple[str, ...]
 
 
 def ideal_of(
-    pipeline: Pipeline, registry: Registry, without: Collection[str] = (), keep: Collection[str] = ()
+    pipeline: PipelineFile, registry: Registry, without: Collection[str] = (), keep: Collection[str] = ()
 ) -> Ideal:
     """Build the ideal camera of a pipeline.
 
@@ -96,7 +96,7 @@ def ideal_of(
     return Ideal(ideal, tuple(out), replaced, (*_notes(pipeline, kinds, out, shaded), *made.notes))
 
 
-def _pixel_and_demosaicer(pipeline: Pipeline, kinds: Kinds) -> tuple[str, str]:
+def _pixel_and_demosaicer(pipeline: PipelineFile, kinds: Kinds) -> tuple[str, str]:
     pixel = _first(pipeline, lambda e: "photon_rate" in _writes(kinds, e))
     demosaic = _first(pipeline, lambda e: "rgb_camera" in _writes(kinds, e) - _reads(kinds, e))
     if pixel is None or demosaic is None:
@@ -146,7 +146,9 @@ def _ends_a_dim(kind: type[Stage]) -> bool:
     return reads["rgb_camera"] != writes["rgb_camera"]
 
 
-def _planes(pipeline: Pipeline, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry) -> Reference:
+def _planes(
+    pipeline: PipelineFile, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry
+) -> ReferenceBranch:
     """The stages of every channel at every pixel, for the camera without what is left out, at the first values of
     its sweep.
     """
@@ -159,13 +161,13 @@ def _planes(pipeline: Pipeline, kinds: Kinds, out: Collection[str], demosaic: st
         for name, kind in kinds.items()
         if name in swept or (kind is not None and kind.role in (SHADING, *RESTORING))
     ]
-    made, light = Reference(alone, nodes, "", registry), writer(nodes, "photon_rate")
+    made, light = ReferenceBranch(alone, nodes, "", registry), writer(nodes, "photon_rate")
     assert light is not None
     made.planes(light, next(node for node in nodes if node.name == demosaic), needless)
     return made
 
 
-def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: bool) -> list[str]:
+def _notes(pipeline: PipelineFile, kinds: Kinds, out: Mapping[str, str], shaded: bool) -> list[str]:
     notes = []
     roles = {name: kind.role for name, kind in kinds.items() if kind is not None}
     moved = [name for name in out if roles.get(name) == DISTORTION]
@@ -203,7 +205,7 @@ def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: R
     return {key: value for key, value in values.items() if "." in key or key in taken}
 
 
-def _check_names(pipeline: Pipeline, given: Mapping[str, Collection[str]], kinds: Kinds) -> None:
+def _check_names(pipeline: PipelineFile, given: Mapping[str, Collection[str]], kinds: Kinds) -> None:
     faults = [
         Fault(f"{option} {name}", f"there is no stage of this name{nearest(name, kinds)}")
         for option, names in given.items()
@@ -214,7 +216,7 @@ def _check_names(pipeline: Pipeline, given: Mapping[str, Collection[str]], kinds
         raise RequestError(faults, pipeline.file)
 
 
-def _first(pipeline: Pipeline, holds: Any) -> str | None:
+def _first(pipeline: PipelineFile, holds: Any) -> str | None:
     return next((entry.name for entry in pipeline.stages if holds(entry)), None)
 
 

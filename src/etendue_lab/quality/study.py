@@ -20,7 +20,7 @@ from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.errors import RequestError
 from etendue.pipeline.derived import wanting
-from etendue.pipeline.file import Pipeline
+from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.present.terminal.tables import floored
@@ -48,7 +48,7 @@ Show = Callable[[int, Mapping[str, Any], Shot, Shot, Any], tuple[str, bytes]]
 
 
 @dataclass
-class Comparison:
+class IdealComparison:
     """A camera against its ideal: a row for each cell, and what was compared."""
 
     pipeline: str
@@ -79,7 +79,7 @@ class Comparison:
 
 
 def quality(
-    pipeline: Pipeline,
+    pipeline: PipelineFile,
     registry: Registry,
     samples_per_degree: float = SAMPLES_PER_DEGREE,
     without: Collection[str] = (),
@@ -90,7 +90,7 @@ def quality(
     show: Show | None = None,
     folder: Path | None = None,
     most: int = MOST,
-) -> Comparison:
+) -> IdealComparison:
     """Run a camera and its ideal, and measure how they differ.
 
     Parameters
@@ -132,7 +132,7 @@ def quality(
     camera, perfect = (execute(plan, None, options, progress(plan) if progress else None) for plan in plans)
     axes = {axis.key: axis.units for axis in camera_plan.axes}
     notes = list(dict.fromkeys([*camera_plan.warnings, *ideal.notes]))
-    result = Comparison(pipeline.name, ideal, float(samples_per_degree), axes, notes=notes)
+    result = IdealComparison(pipeline.name, ideal, float(samples_per_degree), axes, notes=notes)
     drawable = 0
     places = list(_places(camera_plan))
     whys = [_why_not(camera, place) or _why_not(perfect, place) for place in places]
@@ -183,7 +183,7 @@ def evenly(rows: list[int], most: int) -> set[int]:
     return {rows[round(i * (len(rows) - 1) / max(1, count - 1))] for i in range(count)}
 
 
-def write(result: Comparison, folder: Path) -> None:
+def write(result: IdealComparison, folder: Path) -> None:
     """``quality.csv``, ``quality.json`` and the pictures in a folder, each whole or not at all; those of an earlier
     comparison go.
     """
@@ -216,7 +216,7 @@ def pictures_of(name: str) -> Show:
 # -- running ------------------------------------------------------------------------------------------------------
 
 
-def _plan_of(pipeline: Pipeline, registry: Registry, leave_out: bool, variables: Collection[str]) -> Plan:
+def _plan_of(pipeline: PipelineFile, registry: Registry, leave_out: bool, variables: Collection[str]) -> Plan:
     """The plan of what is compared, and nothing else kept."""
     whole = make_plan(replace(wanting(pipeline), faults=()), registry, leave_out)
     places = [(writer, variable) for variable in variables if (writer := _writer(whole, variable))]
@@ -303,7 +303,7 @@ def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
     )  # some only decode
 
 
-def _notes(result: Comparison, plan: Plan, registry: Registry) -> list[str]:
+def _notes(result: IdealComparison, plan: Plan, registry: Registry) -> list[str]:
     notes = []
     done, flats = len(result.rows) - result.failed, sum(row["flat"] is not None for row in result.rows)
     if done and _writer(plan, "rgb_linear") is None:

@@ -121,7 +121,7 @@ def told(law: str, made: Document, run: Run, judge: Callable[[Document, Any], It
     except Refused as refused:  # what the plan refuses of a twin that differs in scene, time or light alone
         yield Broken(law, f"its twin is refused: {refused}", made)
         return
-    except Fault as fault:
+    except Failure as fault:
         yield Broken(fault.kind, str(fault), made)
         return
     for broken in judge(made, tree):
@@ -132,7 +132,7 @@ class Refused(Exception):
     """The plan refused it, with a reason."""
 
 
-class Fault(Exception):
+class Failure(Exception):
     """It broke off: a failed cell, a leaked warning, an exception that is no error of ours."""
 
     def __init__(self, kind: str, text: str) -> None:

@@ -24,8 +24,8 @@ from etendue.telling import said
 from etendue.testing.cases import sobol
 from etendue.testing.measured import measuring
 from etendue_lab.stability import camera_laws
-from etendue_lab.stability.camera_laws import STAND_IN, Broken, Document, Fault, Refused, of
-from etendue_lab.stability.rows import Row
+from etendue_lab.stability.camera_laws import STAND_IN, Broken, Document, Failure, Refused, of
+from etendue_lab.stability.rows import LawCase
 
 STAGE = "whole camera"
 RUNS = "runs or is refused"
@@ -209,23 +209,23 @@ def run(document: Document) -> Any:
     except RequestError as error:
         raise Refused("; ".join(dict.fromkeys(f"{fault.place}: {fault.message}" for fault in error.faults))) from None
     except PluginError as error:
-        raise Fault("failed cell", str(error).strip().rpartition("\n")[2]) from None
+        raise Failure("failed cell", str(error).strip().rpartition("\n")[2]) from None
     except EtendueError as error:
         raise Refused(str(error)) from None
     except Warning as warning:
-        raise Fault("leaked warning", f"{type(warning).__name__}: {warning}") from None
+        raise Failure("leaked warning", f"{type(warning).__name__}: {warning}") from None
     except Exception as error:
-        raise Fault("traceback", said(error)) from error
+        raise Failure("traceback", said(error)) from error
 
 
-def rows_of_camera(name: str, document: Document) -> Iterator[Row]:
+def rows_of_camera(name: str, document: Document) -> Iterator[LawCase]:
     try:
         tree = run(copy.deepcopy(document))
     except Refused as refused:
-        yield Row(STAGE, RUNS, name, True, why=f"refused: {refused}")
+        yield LawCase(STAGE, RUNS, name, True, why=f"refused: {refused}")
         return
-    except Fault as fault:
-        yield Row(STAGE, RUNS, name, False, why=f"{fault.kind}: {fault}")
+    except Failure as fault:
+        yield LawCase(STAGE, RUNS, name, False, why=f"{fault.kind}: {fault}")
         return
     yield from judged(RUNS, name, lambda: list(camera_laws.bounded(document, tree)))
     for law, make, judge in (
@@ -242,16 +242,16 @@ def broken(made: Document, judge: Callable[[Document, Any], Iterator[Broken]]) -
     return list(judge(made, run(made)))
 
 
-def judged(law: str, name: str, check: Callable[[], list[Broken]]) -> Iterator[Row]:
+def judged(law: str, name: str, check: Callable[[], list[Broken]]) -> Iterator[LawCase]:
     with measuring() as found:
         try:
             several = check()
         except Refused as refused:
-            yield Row(STAGE, law, name, True, why=f"refused: {refused}")
+            yield LawCase(STAGE, law, name, True, why=f"refused: {refused}")
             return
-        except Fault as fault:
-            yield Row(STAGE, law, name, False, why=f"{fault.kind}: {fault}")
+        except Failure as fault:
+            yield LawCase(STAGE, law, name, False, why=f"{fault.kind}: {fault}")
             return
-    yield Row(
+    yield LawCase(
         STAGE, law, name, not several, found.error, found.bound, found.condition, "; ".join(b.text for b in several)
     )

@@ -24,7 +24,7 @@ from etendue_camera.light import planck, radiometry
 from etendue_camera.optics import diffraction
 from etendue_camera.restoration import deconvolution, sharpening
 from etendue_camera.sensor import photodiode
-from etendue_lab.stability.rows import Row
+from etendue_lab.stability.rows import LawCase
 
 DOUBLE, SINGLE = 1e-14, 3e-7
 CUT = 1e-300  # what is smaller is nothing
@@ -32,7 +32,7 @@ Kernel = Callable[..., Any]
 
 
 @dataclass(frozen=True)
-class Form:
+class ClosedForm:
     """A kernel that a closed form is known of."""
 
     kernel: Kernel
@@ -60,57 +60,61 @@ def _paraxial(number: float, magnification: float, angle: float) -> Any:
 
 
 FORMS = {
-    "airy_intensity": Form(diffraction.airy_intensity),
-    "airy_psf_density": Form(diffraction.airy_psf_density),
-    "airy_encircled": Form(diffraction.airy_encircled),
-    "airy_outside": Form(diffraction.airy_outside),
-    "otf_diffraction": Form(diffraction.circular_otf),
-    "pixel_airy": Form(diffraction.pixel_airy, least=1e-15),  # edges of order 0.1, whose rounding a faint pixel has
-    "mtf_geometric": Form(photodiode.aperture_otf),
-    "irradiance_paraxial": Form(_paraxial),
-    "irradiance_disk": Form(lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
-    "irradiance_abbe": Form(radiometry.aplanatic_factor),
-    "diffusion_D": Form(lambda *given: photodiode.collection(given[-1], *given[:-1])),
-    "diffusion_mtf": Form(lambda *given: photodiode.collection_mtf(given[-1], *given[:-1]), True),
-    "diffusion_mtf_reflecting": Form(
+    "airy_intensity": ClosedForm(diffraction.airy_intensity),
+    "airy_psf_density": ClosedForm(diffraction.airy_psf_density),
+    "airy_encircled": ClosedForm(diffraction.airy_encircled),
+    "airy_outside": ClosedForm(diffraction.airy_outside),
+    "otf_diffraction": ClosedForm(diffraction.circular_otf),
+    "pixel_airy": ClosedForm(
+        diffraction.pixel_airy, least=1e-15
+    ),  # edges of order 0.1, whose rounding a faint pixel has
+    "mtf_geometric": ClosedForm(photodiode.aperture_otf),
+    "irradiance_paraxial": ClosedForm(_paraxial),
+    "irradiance_disk": ClosedForm(lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
+    "irradiance_abbe": ClosedForm(radiometry.aplanatic_factor),
+    "diffusion_D": ClosedForm(lambda *given: photodiode.collection(given[-1], *given[:-1])),
+    "diffusion_mtf": ClosedForm(lambda *given: photodiode.collection_mtf(given[-1], *given[:-1]), True),
+    "diffusion_mtf_reflecting": ClosedForm(
         lambda a, w, d, length, f: photodiode.collection_mtf(f, a, w, d, length, back="reflecting"), True
     ),
-    "system_mtf_x": Form(
+    "system_mtf_x": ClosedForm(
         lambda f, wavelength, number, side, *silicon: (
             diffraction.circular_otf(f, wavelength, number)
             * photodiode.collection_mtf(f, *silicon)
             * photodiode.aperture_otf(f, side)
         )
     ),
-    "photons_from_energy": Form(radiometry.photons_from_energy),
-    "i_max": Form(lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
-    "i_min": Form(dynamic_range.smallest_current),
-    "dr_db": Form(
+    "photons_from_energy": ClosedForm(radiometry.photons_from_energy),
+    "i_max": ClosedForm(lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
+    "i_min": ClosedForm(dynamic_range.smallest_current),
+    "dr_db": ClosedForm(
         lambda well, t, dark, read, dsnu: dynamic_range.dynamic_range_elgamal(well, _dark(dark, t), read, dsnu)
     ),
-    "snr_db": Form(lambda n, t, dark, read, dsnu, prnu: dynamic_range.snr_db(n, _dark(dark, t), read, dsnu, prnu)),
-    "emva_snr": Form(dynamic_range.emva_snr),
-    "emva_mu_p_min": Form(dynamic_range.emva_smallest_photons),
-    "poisson_pmf": Form(distributions.poisson_pmf),
-    "poisson_logpmf": Form(distributions.poisson_logpmf),
-    "quantised_gauss": Form(
+    "snr_db": ClosedForm(
+        lambda n, t, dark, read, dsnu, prnu: dynamic_range.snr_db(n, _dark(dark, t), read, dsnu, prnu)
+    ),
+    "emva_snr": ClosedForm(dynamic_range.emva_snr),
+    "emva_mu_p_min": ClosedForm(dynamic_range.emva_smallest_photons),
+    "poisson_pmf": ClosedForm(distributions.poisson_pmf),
+    "poisson_logpmf": ClosedForm(distributions.poisson_logpmf),
+    "quantised_gauss": ClosedForm(
         lambda mean, spread: [*map(float, distributions.quantised_gauss_moments(mean, spread))], least=1e-50
     ),
-    "lab": Form(lambda *xyz: difference.lab(xyz[:3], xyz[3:])),
-    "de2000": Form(lambda *lab: difference.delta_e_2000(lab[:3], lab[3:])),
-    "srgb_encode": Form(encoding.srgb_encode, True),
-    "srgb_decode": Form(encoding.srgb_decode, True),
-    "bt709_encode": Form(encoding.bt709_encode, True),
-    "gamma_signed": Form(encoding.gamma_signed, True),
-    "planck_photon_radiance": Form(planck.planck_photon_radiance),
-    "planck_ratio": Form(planck.planck_ratio),
-    "laplacian_response": Form(lambda fx, fy: sharpening.laplacian_response(fy, fx)),
-    "sharpen_response": Form(lambda fx, fy, k: sharpening.sharpen_response(fy, fx, k)),
-    "wiener_gain": Form(_wiener),
+    "lab": ClosedForm(lambda *xyz: difference.lab(xyz[:3], xyz[3:])),
+    "de2000": ClosedForm(lambda *lab: difference.delta_e_2000(lab[:3], lab[3:])),
+    "srgb_encode": ClosedForm(encoding.srgb_encode, True),
+    "srgb_decode": ClosedForm(encoding.srgb_decode, True),
+    "bt709_encode": ClosedForm(encoding.bt709_encode, True),
+    "gamma_signed": ClosedForm(encoding.gamma_signed, True),
+    "planck_photon_radiance": ClosedForm(planck.planck_photon_radiance),
+    "planck_ratio": ClosedForm(planck.planck_ratio),
+    "laplacian_response": ClosedForm(lambda fx, fy: sharpening.laplacian_response(fy, fx)),
+    "sharpen_response": ClosedForm(lambda fx, fy, k: sharpening.sharpen_response(fy, fx, k)),
+    "wiener_gain": ClosedForm(_wiener),
 }
 
 
-def rows_of_forms(names: frozenset[str]) -> Iterator[Row]:
+def rows_of_forms(names: frozenset[str]) -> Iterator[LawCase]:
     """Every case of every closed form; of these stages alone, where some are named."""
     found = json.loads((resources.files("etendue_lab") / "data" / "closed_forms.json").read_text(encoding="utf-8"))
     for group in found["groups"]:
@@ -134,8 +138,8 @@ def rows_of_forms(names: frozenset[str]) -> Iterator[Row]:
 
 
 def judged(
-    stage: str, form: Form, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float
-) -> Row:
+    stage: str, form: ClosedForm, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float
+) -> LawCase:
     """One case: the largest relative error of what the kernel gives."""
     wanted = np.asarray([float(v) for v in expected] if isinstance(expected, list) else float(expected))
     bound = unit * max(1.0, condition)
@@ -148,13 +152,13 @@ def judged(
         with np.errstate(all="ignore"):
             got = np.asarray(form.kernel(*values), dtype=float)
     except ValueError as error:
-        return Row(stage, law, case, True, condition=condition, why=f"refused: {error}")
+        return LawCase(stage, law, case, True, condition=condition, why=f"refused: {error}")
     except Exception as error:
-        return Row(stage, law, case, False, condition=condition, why=said(error))
+        return LawCase(stage, law, case, False, condition=condition, why=said(error))
     same = (got == wanted) | (np.isnan(got) & np.isnan(wanted))
     with np.errstate(all="ignore"):
         off = np.where(same | (np.abs(got - wanted) <= form.least), 0.0, np.abs(got - wanted) / np.abs(wanted))
     worst = float(np.max(np.where(np.isnan(off), np.inf, off)))
     ok = worst <= bound
     why = "" if ok else f"gives {np.ravel(got)[0]:.17g}, and 60 digits give {np.ravel(wanted)[0]:.17g}"
-    return Row(stage, law, case, ok, worst, bound, condition, why)
+    return LawCase(stage, law, case, ok, worst, bound, condition, why)

@@ -13,7 +13,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Row:
+class LawCase:
     """One case of one law of one stage."""
 
     stage: str
@@ -36,19 +36,19 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Group:
+class LawCases:
     """The cases of one law of one stage: how many, the worst of them, the largest condition number."""
 
-    worst: Row
+    worst: LawCase
     cases: int
     failed: int
     untried: int
     condition: float | None
 
 
-def groups(rows: Iterable[Row]) -> list[Group]:
+def groups(rows: Iterable[LawCase]) -> list[LawCases]:
     """In the order of the rows; of what broke, a group for every law, with its first failure."""
-    together: dict[tuple[str, str], list[Row]] = {}
+    together: dict[tuple[str, str], list[LawCase]] = {}
     for row in rows:
         together.setdefault((row.stage, row.law), []).append(row)
     found = []
@@ -56,11 +56,11 @@ def groups(rows: Iterable[Row]) -> list[Group]:
         conditions = [row.condition for row in several if row.condition is not None]
         failed, untried = (sum(row.ok is state for row in several) for state in (False, None))
         worst = max((row for row in several if not failed or row.ok is False), key=lambda row: row.nearness)
-        found.append(Group(worst, len(several), failed, untried, max(conditions, default=None)))
+        found.append(LawCases(worst, len(several), failed, untried, max(conditions, default=None)))
     return found
 
 
-def document(rows: Iterable[Row]) -> dict[str, Any]:
+def document(rows: Iterable[LawCase]) -> dict[str, Any]:
     """``etendue stability --json``."""
     return {
         "cases": [
@@ -79,12 +79,12 @@ def document(rows: Iterable[Row]) -> dict[str, Any]:
     }
 
 
-def single(rows: Iterable[Row]) -> list[Group]:
+def single(rows: Iterable[LawCase]) -> list[LawCases]:
     """Each row for itself."""
-    return [Group(row, 1, int(row.ok is False), int(row.ok is None), row.condition) for row in rows]
+    return [LawCases(row, 1, int(row.ok is False), int(row.ok is None), row.condition) for row in rows]
 
 
-def counts(rows: Iterable[Row]) -> dict[str, int]:
+def counts(rows: Iterable[LawCase]) -> dict[str, int]:
     every = list(rows)
     held, failed, untried = (sum(row.ok is state for row in every) for state in (True, False, None))
     return {

@@ -18,9 +18,9 @@ from etendue.testing import StageConformance
 from etendue.testing.bench import Bench, LawBroken
 from etendue.testing.cases import END, ORDINARY, Case, Untried, cases
 from etendue.testing.digits import compare
-from etendue.testing.measured import Measured, measuring
+from etendue.testing.measured import WorstError, measuring
 from etendue.testing.small_changes import parameter_changes
-from etendue_lab.stability.rows import Row
+from etendue_lab.stability.rows import LawCase
 
 MOST_VALUES = 200_000  # of what a case writes: larger ones are the plan's affair, which knows the memory
 WITHIN = "computes or refuses"
@@ -47,21 +47,21 @@ ALWAYS = ("extremes stay finite", "NaN and infinity", "negative input")  # witho
 ONCE = ("NaN and infinity", "negative input", "stated error", "gain")  # of the ordinary instance alone
 
 
-def rows_of(name: str) -> Iterator[Row]:
+def rows_of(name: str) -> Iterator[LawCase]:
     """Every case of one stage."""
     kind = installed_stages().load(name)
     try:
         every = list(cases(kind))
     except Untried as error:
-        yield Row(name, WITHIN, "ordinary", None, why=str(error))
+        yield LawCase(name, WITHIN, "ordinary", None, why=str(error))
         return
     for case in every:
         yield from rows_of_case(name, kind, case)
 
 
-def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[Row]:
+def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[LawCase]:
     if case.stage is None:
-        yield Row(
+        yield LawCase(
             name, WITHIN, case.name, not case.broke, why=case.refused if case.broke else f"refused: {case.refused}"
         )
         return
@@ -70,9 +70,9 @@ def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[Row]:
     try:
         too_large = largest(bench) > MOST_VALUES
     except ValueError as error:
-        first = Row(name, WITHIN, case.name, True, why=f"refused: {error}")
+        first = LawCase(name, WITHIN, case.name, True, why=f"refused: {error}")
     except Exception as error:
-        first = Row(name, WITHIN, case.name, False, why=said(error))
+        first = LawCase(name, WITHIN, case.name, False, why=said(error))
     if too_large:
         return
     if first is None:
@@ -94,7 +94,7 @@ def largest(bench: Bench) -> int:
     return max((math.prod(job.grids[v].shape(d.dims)) for v, d in bench.writes.items()), default=0)
 
 
-def computed(name: str, bench: Bench, case: Case) -> Row:
+def computed(name: str, bench: Bench, case: Case) -> LawCase:
     """Ordinary input in both precisions: finite, alike within what the stage states, or refused in words."""
     with measuring() as found:
         try:
@@ -103,18 +103,20 @@ def computed(name: str, bench: Bench, case: Case) -> Row:
             for trial in (double, single):
                 if not trial.done:
                     words = trial.refused_in_words and " wrote " not in trial.last_line
-                    return Row(name, WITHIN, case.name, words, why=f"{'refused: ' if words else ''}{trial.last_line}")
+                    return LawCase(
+                        name, WITHIN, case.name, words, why=f"{'refused: ' if words else ''}{trial.last_line}"
+                    )
             bound = sum(bench.own_error(inputs, precision) or 0.0 for precision in ("float32", "float64"))
             if bound and bench.steady:
                 compare(bench, single, double, "ordinary input", "float32", bound, (9, 12))
         except LawBroken as error:
             return row(name, WITHIN, case, False, found, str(error))
         except Exception as error:  # of a stranger's grid, describe or error
-            return Row(name, WITHIN, case.name, isinstance(error, ValueError), why=f"refused: {said(error)}")
+            return LawCase(name, WITHIN, case.name, isinstance(error, ValueError), why=f"refused: {said(error)}")
     return row(name, WITHIN, case, True, found, "")
 
 
-def held(name: str, law: str, case: Case, check: Callable[[], Any], always: bool = False) -> Iterator[Row]:
+def held(name: str, law: str, case: Case, check: Callable[[], Any], always: bool = False) -> Iterator[LawCase]:
     """One law of one instance; nothing where it has measured nothing."""
     with measuring() as found:
         try:
@@ -129,6 +131,6 @@ def held(name: str, law: str, case: Case, check: Callable[[], Any], always: bool
         yield row(name, law, case, True, found, "")
 
 
-def row(name: str, law: str, case: Case, ok: bool, found: Measured, why: str) -> Row:
+def row(name: str, law: str, case: Case, ok: bool, found: WorstError, why: str) -> LawCase:
     text = without_folders(why.removeprefix(f"{case.stage!r}").removeprefix(": ").strip())
-    return Row(name, law, case.name, ok, found.error, found.bound, found.condition, text)
+    return LawCase(name, law, case.name, ok, found.error, found.bound, found.condition, text)

@@ -18,13 +18,13 @@ from etendue.contract.registry import installed_stages
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.run.workers import begin_worker
 from etendue_lab.stability import cameras, kernels, stages
-from etendue_lab.stability.rows import Row
+from etendue_lab.stability.rows import LawCase
 
 SHARES = 12  # of the cameras: as many parts
 
 
 @dataclass(frozen=True)
-class Part:
+class WorkShare:
     """A share of the work that one process does: a stage, the closed forms, some cameras."""
 
     what: str  # stage, forms or cameras
@@ -36,7 +36,7 @@ class Part:
 Told = Callable[[int, int, str], None]  # parts done, of so many, the last one
 
 
-def parts(names: Sequence[str]) -> list[Part]:
+def parts(names: Sequence[str]) -> list[WorkShare]:
     """What is to be done.
 
     Raises
@@ -50,12 +50,12 @@ def parts(names: Sequence[str]) -> list[Part]:
             raise RequestError(
                 f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}"
             )
-    forms = Part("forms", "closed forms", stages=frozenset(names))
-    cameras = [] if names else [Part("cameras", "whole cameras", share) for share in range(SHARES)]
-    return [*(Part("stage", name) for name in sorted(set(names)) or registry.names()), forms, *cameras]
+    forms = WorkShare("forms", "closed forms", stages=frozenset(names))
+    cameras = [] if names else [WorkShare("cameras", "whole cameras", share) for share in range(SHARES)]
+    return [*(WorkShare("stage", name) for name in sorted(set(names)) or registry.names()), forms, *cameras]
 
 
-def rows_of_part(part: Part) -> list[Row]:
+def rows_of_part(part: WorkShare) -> list[LawCase]:
     """Done in a worker process."""
     try:
         if part.what == "forms":
@@ -65,13 +65,13 @@ def rows_of_part(part: Part) -> list[Row]:
             return [row for name, document in chosen for row in cameras.rows_of_camera(name, document)]
         return list(stages.rows_of(part.name))
     except PluginError as error:
-        return [Row(part.name, "it can be loaded", "", False, why=str(error))]
+        return [LawCase(part.name, "it can be loaded", "", False, why=str(error))]
 
 
-def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, total, name: None) -> list[Row]:
+def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, total, name: None) -> list[LawCase]:
     """Every row, in the order of the parts: processes change nothing but the time."""
     every = parts(names)
-    found: dict[Part, list[Row]] = {}
+    found: dict[WorkShare, list[LawCase]] = {}
     for number, (part, rows) in enumerate(done(every, workers or os.cpu_count() or 1), 1):
         found[part] = rows
         told(number, len(every), part.name)
@@ -80,7 +80,7 @@ def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, 
     return sorted(rows, key=lambda row: place[row.stage])  # closed forms beside the stages that they serve
 
 
-def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
+def done(every: list[WorkShare], workers: int) -> Iterator[tuple[WorkShare, list[LawCase]]]:
     """Parts as they end."""
     if workers == 1 or len(every) == 1:
         for part in every:
@@ -98,7 +98,7 @@ def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
                 yield (
                     part,
                     [
-                        Row(
+                        LawCase(
                             part.name,
                             "its process lives",
                             "",

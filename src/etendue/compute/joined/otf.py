@@ -15,8 +15,8 @@ import numpy as np
 
 from etendue.compute.job import Job
 from etendue.compute.tables import TABLES, prepared_for
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer
-from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, state_of
 from etendue.transfer.products import Product, behind_filters, between, weights
 

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from etendue.compute.bands import Banded, in_order
+from etendue.compute.bands import BandArray, in_order
 from etendue.compute.job import Job
 from etendue.compute.ownership import frozen
 from etendue.compute.tables import TABLES, prepared_of, prepared_on
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Summed, Transfer
-from etendue.contract.grid import Grid
 from etendue.contract.stage import state_of
 from etendue.plan.model import CellRef
 from etendue.transfer import expansion, sampling
@@ -111,7 +111,7 @@ class GridTransfer:
 
 
 @dataclass(eq=False)
-class FilteredBands(Banded):
+class FilteredBands(BandArray):
     """Light behind some transfer functions, one band at a time."""
 
     light: Any

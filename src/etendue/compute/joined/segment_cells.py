@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from etendue.compute.bands import Banded, in_order
+from etendue.compute.bands import BandArray, in_order
 from etendue.compute.job import Job
 from etendue.compute.tables import TABLES, prepared_of, prepared_on
+from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Summed, Transfer
-from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, state_of
 from etendue.plan.model import CellRef
 from etendue.transfer import cell_pixels, cells, sampling
@@ -40,9 +40,11 @@ class CellTransfer:
     last: tuple[Transfer, Any] | None = None  # an end of the segment that is no window, with what it prepared
 
     @cached_property
-    def axes(self) -> tuple[cells.Axis, cells.Axis]:
+    def axes(self) -> tuple[cells.PeriodicAxis, cells.PeriodicAxis]:
         y, x = self.grid.line("y"), self.grid.line("x")
-        return cells.Axis(sampling.padded_size(y.size), y.step), cells.Axis(sampling.padded_size(x.size), x.step)
+        return cells.PeriodicAxis(sampling.padded_size(y.size), y.step), cells.PeriodicAxis(
+            sampling.padded_size(x.size), x.step
+        )
 
     @cached_property
     def product(self) -> Product:
@@ -65,7 +67,7 @@ class CellTransfer:
         found: cells.Reach = TABLES.get(("cells reach", *self._key, band), lambda: cells.reach_of(self.otf(band), step))
         return found
 
-    def table(self, band: int, what: Any, along_y: cells.Rule, along_x: cells.Rule) -> Any:
+    def table(self, band: int, what: Any, along_y: cells.AliasRule, along_x: cells.AliasRule) -> Any:
         """What multiplies the transform of one band, in the precision of the run; ``what`` names the rules."""
 
         def make() -> Any:
@@ -81,7 +83,7 @@ class CellTransfer:
 
 
 @dataclass(eq=False)
-class BlurredCells(Banded):
+class BlurredCells(BandArray):
     """Cell means behind some transfer functions, one band at a time."""
 
     light: Any

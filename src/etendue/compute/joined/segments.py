@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.compute.bands import Banded
+from etendue.compute.bands import BandArray
 from etendue.compute.job import Job
 from etendue.compute.joined.segment_bands import from_bands, places
 from etendue.compute.joined.segment_cells import from_cells
@@ -43,7 +43,7 @@ class Result:
     def read_only(self) -> Result:
         """Forbid writing into the arrays: a trip to another process forgets it."""
         for array in (*self.arrays.values(), self.transform, self.untouched):
-            if array is not None and not isinstance(array, Banded):
+            if array is not None and not isinstance(array, BandArray):
                 frozen(array)
         return self
 

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from typing import Any
 
-from etendue.archive.vouched import open_archive
-from etendue.contract import dims, quantities, wording
+from etendue.archive.read.verified_store import open_archive
+from etendue.contract import wording
+from etendue.contract.arrays import dims
+from etendue.contract.values import quantities
 from etendue.errors import ArchiveError, PluginError
 from etendue.plugins import discovery
 from etendue.plugins.shares import shared_out

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract import quantities
-from etendue.contract.tables import preset_keys, tables
-from etendue.contract.variables import variable, without
+from etendue.contract.arrays.variables import variable, without
+from etendue.contract.values import quantities
+from etendue.contract.values.tables import preset_keys, tables
 from etendue.contract.wording import prefix_of
 from etendue.present.page.brought import wordings
 from etendue.present.page.columns import Columns
-from etendue.present.page.figures import Coordinate, Figure, figures
+from etendue.present.page.figures import Coordinate, MetricColumn, figures
 from etendue.present.page.looks import pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.opening import opening
@@ -176,7 +176,7 @@ def _said(opened: Opened, stage: str, variable: str) -> dict[str, str]:
     return {"label": str(attrs.get("long_name", variable)) + without(attrs), "units": "" if units == "1" else units}
 
 
-def _figure(one: Figure, columns: Columns) -> dict[str, Any]:
+def _figure(one: MetricColumn, columns: Columns) -> dict[str, Any]:
     dims = [
         {
             "name": dim,

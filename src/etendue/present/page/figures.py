@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.variables import variable, without
+from etendue.contract.arrays.variables import variable, without
 from etendue.errors import ArchiveError
-from etendue.present.page.opened import PLANE, Group, Opened
+from etendue.present.page.opened import PLANE, Opened, ShownGroup
 
 LARGEST = 4096  # numbers of a cell: what has more is neither figure nor curve
 MOST = 4_000_000  # numbers of one figure over all cells
@@ -33,7 +33,7 @@ class Coordinate:
 
 
 @dataclass(frozen=True)
-class Figure:
+class MetricColumn:
     """One variable of one stage over every cell; what was not computed is NaN."""
 
     stage: str
@@ -56,9 +56,9 @@ class Omitted:
     why: str
 
 
-def figures(opened: Opened) -> tuple[list[Figure], list[Omitted]]:
+def figures(opened: Opened) -> tuple[list[MetricColumn], list[Omitted]]:
     """Every figure in the order of the stages, and what is too large for one."""
-    found: list[Figure] = []
+    found: list[MetricColumn] = []
     omitted: list[Omitted] = []
     for stage in opened.stages:
         groups = opened.groups.get(stage, [])
@@ -77,7 +77,7 @@ def figures(opened: Opened) -> tuple[list[Figure], list[Omitted]]:
     return found, omitted
 
 
-def _figure(opened: Opened, stage: str, name: str, groups: list[Group]) -> Figure:
+def _figure(opened: Opened, stage: str, name: str, groups: list[ShownGroup]) -> MetricColumn:
     axes, dims = opened.reaching(stage), groups[0].variables[name]
     sizes = [max(int(group.data.sizes[dim]) for group in groups) for dim in dims]
     values = np.full([*(len(opened.axis(dim).values) for dim in axes), *sizes], np.nan)
@@ -88,7 +88,7 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[Group]) -> Figur
     widest = max(groups, key=lambda group: sum(int(group.data.sizes[dim]) for dim in dims))
     attrs = groups[0].data[name].attrs
     units = str(attrs.get("units", "1"))
-    return Figure(
+    return MetricColumn(
         stage,
         name,
         str(attrs.get("long_name", name)) + without(attrs),
@@ -101,7 +101,7 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[Group]) -> Figur
     )
 
 
-def _arrays(opened: Opened, groups: list[Group], name: str) -> Iterator[tuple[Group, tuple[int, ...], Any]]:
+def _arrays(opened: Opened, groups: list[ShownGroup], name: str) -> Iterator[tuple[ShownGroup, tuple[int, ...], Any]]:
     for group in groups:
         for place, cell in opened.cells(group):
             if opened.has(cell):
@@ -111,7 +111,7 @@ def _arrays(opened: Opened, groups: list[Group], name: str) -> Iterator[tuple[Gr
                     continue
 
 
-def _meanings(group: Group, name: str) -> tuple[str, ...]:
+def _meanings(group: ShownGroup, name: str) -> tuple[str, ...]:
     """The names behind whole numbers: CF flags 0, 1, 2, ..; or the labels of a dim for a place in that list."""
     attrs = group.data[name].attrs
     words = str(attrs.get("flag_meanings", "")).split()
@@ -124,7 +124,7 @@ def _meanings(group: Group, name: str) -> tuple[str, ...]:
     return ()
 
 
-def _coordinates(opened: Opened, group: Group, dim: str) -> list[Coordinate]:
+def _coordinates(opened: Opened, group: ShownGroup, dim: str) -> list[Coordinate]:
     """What stands along a dim; the one with its own name first."""
     found = []
     for name, own in group.data.coords.items():

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from etendue.archive.journal import NAME as JOURNAL
-from etendue.contract.dims import banded
-from etendue.contract.seen import flat_dims
+from etendue.archive.journaling.journal import NAME as JOURNAL
+from etendue.contract.arrays.colouring import flat_dims
+from etendue.contract.arrays.dims import banded
 from etendue.contract.wording import Unit, units
 from etendue.errors import ArchiveError
 from etendue.present.page.brought import sections
@@ -38,7 +38,7 @@ LONGEST = 16384  # samples of a line
 Words = Mapping[str, str]
 
 
-class Refused(Exception):
+class HttpRefusal(Exception):
     """A question that has no answer: its status of HTTP, and why."""
 
     def __init__(self, status: int, why: str) -> None:
@@ -46,7 +46,7 @@ class Refused(Exception):
         self.status = status
 
 
-class Missing(Refused):
+class Missing(HttpRefusal):
     """A cell that is not there, or not yet."""
 
 
@@ -208,7 +208,7 @@ class Live:
         upright = words.get("along") == "y"
         number = int(_number(words, "at_sample"))
         if not 0 <= number < one.size[1 if upright else 0]:
-            raise Refused(404, "beside the picture")
+            raise HttpRefusal(404, "beside the picture")
         series = {}
         for name, plane, mask in _planes(one):
             values = plane[:, number] if upright else plane[number]
@@ -278,18 +278,18 @@ class Live:
         for part in filter(None, words.get("at", "").split(",")):
             dim, _, text = part.rpartition(":")
             if dim not in found or not text.isdecimal() or int(text) >= len(self.opened.axis(dim).values):
-                raise Refused(404, "no such place on the axes")
+                raise HttpRefusal(404, "no such place on the axes")
             found[dim] = int(text)
         return found
 
     def _asked(self, words: Words) -> Picture:
         at, stage, variable = self._at(words), words.get("stage", ""), words.get("variable", "")
         if (stage, variable) not in pictured(self.opened):
-            raise Refused(404, "no such picture")
+            raise HttpRefusal(404, "no such picture")
         try:
             found = self._shown(stage, variable, at)
         except ArchiveError as error:
-            raise Refused(404, str(error)) from None
+            raise HttpRefusal(404, str(error)) from None
         if found is None:
             raise Missing(404, self._why(stage, at))
         return found
@@ -324,7 +324,7 @@ def _number(words: Words, name: str, default: float | None = None) -> float:
     except ValueError:
         found = None
     if found is None or not np.isfinite(found):
-        raise Refused(400, f"{name} is no number")
+        raise HttpRefusal(400, f"{name} is no number")
     return found
 
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.contract import seen as seen_as
-from etendue.contract.drawn import Drawn, Pictured, read
+from etendue.contract.arrays import colouring as seen_as
+from etendue.contract.arrays.drawn import Drawn, Pictured, read
 from etendue.errors import ArchiveError
-from etendue.present.page.opened import PLANE, Group, Opened
+from etendue.present.page.opened import PLANE, Opened, ShownGroup
 from etendue.present.pictures.appearance import as_bytes, seen
 from etendue.present.plots import pictures
 
@@ -41,7 +41,7 @@ class Picture:
     """One variable of one cell over y and x."""
 
     opened: Opened
-    group: Group
+    group: ShownGroup
     variable: str
     places: Mapping[str, int]  # on the axes of the sweep
     array: Any  # (..., y, x) as stored
@@ -183,7 +183,7 @@ def picture(opened: Opened, stage: str, variable: str, at: Mapping[str, int]) ->
     return Picture(opened, group, variable, dict(at), array, (y, x), (dy, dx), on_y and on_x)
 
 
-def _line(opened: Opened, group: Group, dim: str, at: Mapping[str, int]) -> tuple[float, float, bool]:
+def _line(opened: Opened, group: ShownGroup, dim: str, at: Mapping[str, int]) -> tuple[float, float, bool]:
     """First position and step along a dim, and whether they are um on the image plane."""
     own = group.data.coords.get(f"{dim}_um")
     if own is None and dim in group.data.coords and group.data[dim].attrs.get("units") == "um":

@@ -12,7 +12,7 @@ from typing import Any
 
 from etendue.errors import EtendueError, MachineError
 from etendue.present.page.html import page, static
-from etendue.present.page.live import Live, Refused
+from etendue.present.page.live import HttpRefusal, Live
 
 
 def view(archive: str | Path, height: int = 900) -> Any:
@@ -41,9 +41,9 @@ def answer(live: Live, widget: Any, asked: Any) -> None:
     words = {str(name): str(value) for name, value in words.items()} if isinstance(words, dict) else {}
     try:
         if question is None:
-            raise Refused(404, "nothing here")
+            raise HttpRefusal(404, "nothing here")
         _, body, extra = question(words)
-    except (Refused, EtendueError, ValueError) as error:
+    except (HttpRefusal, EtendueError, ValueError) as error:
         widget.send({"number": number, "why": str(error)})
         return
     widget.send({"number": number, "said": extra.get("X-Picture", "")}, [body])

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.describe import order_of, progress
-from etendue.archive.entries import Entry
-from etendue.archive.layout import BOUNDS
-from etendue.archive.manifest import DATA
-from etendue.archive.naming import cell_label
-from etendue.archive.owner import is_running
-from etendue.archive.provenance import latest_record, records
-from etendue.archive.reading import metadata_of
-from etendue.archive.stored import Stored
-from etendue.archive.unfolding import check_group
+from etendue.archive.checks.describe import order_of, progress
+from etendue.archive.journaling.entries import Entry
+from etendue.archive.read.reading import metadata_of
+from etendue.archive.read.stored import Stored
+from etendue.archive.records.manifest import DATA
+from etendue.archive.records.owner import is_running
+from etendue.archive.records.provenance import latest_record, records
+from etendue.archive.sharding.unfolding import check_group
+from etendue.archive.structure.layout import BOUNDS
+from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError
 
 PLANE = ("y", "x")
@@ -33,7 +33,7 @@ FINISHED = ("done", "left_out")
 
 
 @dataclass(frozen=True)
-class Axis:
+class ArchivedAxis:
     """One axis of the sweep, over all groups and runs of the archive; numbers ascend."""
 
     dim: str
@@ -52,7 +52,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Group:
+class ShownGroup:
     """One group of the store: a stage, or one shape of it."""
 
     stage: str
@@ -129,9 +129,9 @@ class Opened:
         return progress(self.stored.journal, str(self.record["began"]) if self.running else "")
 
     @cached_property
-    def groups(self) -> Mapping[str, list[Group]]:
+    def groups(self) -> Mapping[str, list[ShownGroup]]:
         """By stage, those that hold arrays."""
-        found: dict[str, list[Group]] = {stage: [] for stage in self.stages}
+        found: dict[str, list[ShownGroup]] = {stage: [] for stage in self.stages}
         for path, axes in self.stored.journal.axes.items():
             stage = path.split("/")[0]
             if stage not in found or not (self.folder / DATA / path / "zarr.json").is_file():
@@ -141,11 +141,11 @@ class Opened:
                 data = xarray.open_dataset(
                     str(self.folder / DATA), engine="zarr", group=path, chunks=None, consolidated=False
                 )
-            found[stage].append(Group(stage, path, axes, data))
+            found[stage].append(ShownGroup(stage, path, axes, data))
         return found
 
     @cached_property
-    def axes(self) -> tuple[Axis, ...]:
+    def axes(self) -> tuple[ArchivedAxis, ...]:
         """Every axis that any group has, in the order of the sweep."""
         values: dict[str, dict[Any, None]] = {str(dim): {} for dim in self.record["axes"]}
         shown: dict[str, tuple[str, str, str]] = {}
@@ -163,10 +163,10 @@ class Opened:
             else:
                 ordered = sorted(known)
             if ordered:
-                found.append(Axis(dim, key, label, "" if units == "1" else units, tuple(ordered)))
+                found.append(ArchivedAxis(dim, key, label, "" if units == "1" else units, tuple(ordered)))
         return tuple(found)
 
-    def axis(self, dim: str) -> Axis:
+    def axis(self, dim: str) -> ArchivedAxis:
         return next(axis for axis in self.axes if axis.dim == dim)
 
     def reaching(self, stage: str) -> tuple[str, ...]:
@@ -176,7 +176,7 @@ class Opened:
 
     # -- cells ----------------------------------------------------------------------------------------
 
-    def cells(self, group: Group) -> Iterator[tuple[tuple[int, ...], str]]:
+    def cells(self, group: ShownGroup) -> Iterator[tuple[tuple[int, ...], str]]:
         """Every cell of a group as its place on the axes of the sweep, and its name."""
         dims = list(group.axes)
         places = [[self.axis(dim).places[value] for value in group.axes[dim]] for dim in dims]
@@ -185,7 +185,7 @@ class Opened:
             name = cell_label(group.stage, {dim: group.axes[dim][i] for dim, i in zip(dims, index, strict=True)})
             yield tuple(own[i] for own, i in zip(places, index, strict=True)), name
 
-    def find(self, stage: str, at: Mapping[str, int]) -> tuple[Group, str] | None:
+    def find(self, stage: str, at: Mapping[str, int]) -> tuple[ShownGroup, str] | None:
         """The group and name of the cell at places on the axes; None where the stage has none there."""
         for group in self.groups.get(stage, []):
             labels = {}

@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.variables import Variable
-from etendue.contract.variables import variable as known
+from etendue.contract.arrays.variables import Variable
+from etendue.contract.arrays.variables import variable as known
 from etendue.contract.wording import Subject, subjects
-from etendue.present.page.figures import Figure
-from etendue.present.page.opened import Axis
+from etendue.present.page.figures import MetricColumn
+from etendue.present.page.opened import ArchivedAxis
 from etendue.present.page.tables import Ledger
-from etendue.present.plots.pareto import front
+from etendue.present.plots.drawing.pareto import front
 
 OTHER = "other"
 MOST_OPEN = 8
@@ -37,7 +37,7 @@ MOST_FRONT = 60
 class Number:
     """One number a cell: a figure, or its value behind the last of the stages that it is of."""
 
-    figure: Figure
+    figure: MetricColumn
     inner: int
 
     @property
@@ -58,7 +58,7 @@ class Number:
         own = self.figure.values
         return own.reshape(*own.shape[: len(self.figure.axes)], -1)[..., self.inner]
 
-    def over(self, axes: Sequence[Axis]) -> Any:
+    def over(self, axes: Sequence[ArchivedAxis]) -> Any:
         """Over some axes of the sweep, its own among them."""
         own = list(self.figure.axes)
         sizes = [len(axis.values) if axis.dim in own else 1 for axis in axes]
@@ -75,7 +75,9 @@ class Number:
         return values if self.known.better == "higher" else -values
 
 
-def opening(figures: Sequence[Figure], axes: Sequence[Axis], start: Mapping[str, int], table: Ledger) -> dict[str, Any]:
+def opening(
+    figures: Sequence[MetricColumn], axes: Sequence[ArchivedAxis], start: Mapping[str, int], table: Ledger
+) -> dict[str, Any]:
     """How the page opens. ``start``: where it does when there is nothing to choose."""
     numbers = [one for figure in figures if (one := _number(figure)) is not None]
     chosen = _front(numbers, axes)
@@ -99,7 +101,7 @@ def _subject(name: str) -> Subject:
     return subjects().get(name, Subject())
 
 
-def _number(figure: Figure) -> Number | None:
+def _number(figure: MetricColumn) -> Number | None:
     if figure.dims not in ((), ("stage",)) or figure.meanings or not np.isfinite(figure.values).any():
         return None
     return Number(figure, int(np.prod(figure.values.shape[len(figure.axes) :], dtype=int)) - 1)
@@ -128,7 +130,7 @@ def _same(one: Number, other: Number) -> bool:
     return one.figure.axes == other.figure.axes and np.array_equal(one.values, other.values, equal_nan=True)
 
 
-def _subjects(figures: Sequence[Figure]) -> list[dict[str, Any]]:
+def _subjects(figures: Sequence[MetricColumn]) -> list[dict[str, Any]]:
     """Every figure by what it is about, as (stage, variable)."""
     found: dict[str, list[list[str]]] = {}
     for one in figures:
@@ -145,7 +147,7 @@ def _subjects(figures: Sequence[Figure]) -> list[dict[str, Any]]:
 # ------------------------------------------------------------------------------------------------------------
 
 
-def _front(numbers: Sequence[Number], axes: Sequence[Axis]) -> dict[str, Any] | None:
+def _front(numbers: Sequence[Number], axes: Sequence[ArchivedAxis]) -> dict[str, Any] | None:
     """Two figures that a sweep trades for each other, and what lies on their front; None where it moves no two."""
     if not axes or math.prod(len(axis.values) for axis in axes) > MOST_CELLS:
         return None
@@ -197,7 +199,7 @@ def _trades(one: Number) -> bool:
     return bool(one.known.better) and not one.known.counted and known_values.size > 1 and bool(np.ptp(known_values) > 0)
 
 
-def _burnt(numbers: Sequence[Number], over: Sequence[Axis]) -> Any:
+def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Any:
     """Where a figure is above what a cell may have that is chosen."""
     found = np.zeros([len(axis.values) for axis in over], bool)
     dims = {axis.dim for axis in over}
@@ -227,7 +229,9 @@ def _shares(worth: Any) -> Any:
     return found
 
 
-def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int], usable: Any) -> list[dict[str, Any]]:
+def _beside(
+    x: Number, y: Number, over: Sequence[ArchivedAxis], place: Mapping[str, int], usable: Any
+) -> list[dict[str, Any]]:
     """What one step along each axis would change: the ratio of both figures, and whether it would burn."""
     found = []
     for axis in over:
@@ -248,7 +252,7 @@ def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int]
 # -----------------------------------------------------------------------------------------
 
 
-def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[str, Any]]:
+def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[dict[str, Any]]:
     """Which of the named factors is the limit at a place, and what it is worth where a figure beside says so.
 
     ``capped``: how many times as far it would go but for the factor that caps all others; beyond 1 nothing else counts
@@ -290,7 +294,7 @@ def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[st
     return found
 
 
-def _error(table: Ledger, axes: Sequence[Axis], place: Mapping[str, int]) -> dict[str, Any]:
+def _error(table: Ledger, axes: Sequence[ArchivedAxis], place: Mapping[str, int]) -> dict[str, Any]:
     """The largest stated error of a stage in the cell at a place, and what leaving out may add there."""
     here = np.ones(len(table["stage"]), bool)
     for axis in axes:

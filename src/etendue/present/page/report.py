@@ -23,7 +23,7 @@ from etendue.telling import printable
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenReport:
     """What became of it."""
 
     path: Path
@@ -38,7 +38,7 @@ Blame = Callable[
 ]  # (folder, values of axes by dim): what each stage is owed of what is lost
 
 
-def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:
+def report(archive: Path, output: Path, blame: Blame | None = None) -> WrittenReport:
     """Write the report of an archive. ``blame``: who says what each stage is owed of the losses at the cell where the
     page begins.
 
@@ -67,7 +67,7 @@ def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:
     finally:
         partial.unlink(missing_ok=True)
     failed = sum(row["cells"] for row in made["failures"]["rows"])
-    return Written(output, len(text.encode()), made["cells"]["rows"], len(made["pictures"]["places"]), failed)
+    return WrittenReport(output, len(text.encode()), made["cells"]["rows"], len(made["pictures"]["places"]), failed)
 
 
 def reported(opened: Opened) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from etendue.errors import EtendueError
-from etendue.present.page.live import Live, Refused
+from etendue.present.page.live import HttpRefusal, Live
 
 HOST = "127.0.0.1"
 HEADERS = {
@@ -145,7 +145,7 @@ class _Handler(BaseHTTPRequestHandler):
             return self._send(404, "text/plain", b"nothing here\n")
         try:
             kind, body, extra = answer(dict(parse_qsl(parts.query, max_num_fields=32)))
-        except Refused as error:
+        except HttpRefusal as error:
             return self._send(error.status, "text/plain; charset=utf-8", f"{error}\n".encode())
         except (EtendueError, ValueError, OSError, RuntimeError) as error:
             if self.server.live.gone:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.manifest import DATA
-from etendue.archive.remembered import documents
-from etendue.archive.unfolding import check_group
+from etendue.archive.records.manifest import DATA
+from etendue.archive.records.remembered import documents
+from etendue.archive.sharding.unfolding import check_group
 from etendue.present.page.opened import Opened
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed", "reused")

@@ -4,8 +4,8 @@ exported pictures.
 In:  an array over y and x, perhaps bands or channels in front; what is said of how it is drawn (``spec.drawn.Drawn``).
 Out: (3, y, x) linear sRGB, encoded values or grey, at full size or made small; the value that is shown as white; bytes.
 
-What stands in front of y and x becomes colours by functions that distributions bring (``contract.seen``), and so do
-patterns of filters. What is undefined is striped.
+What stands in front of y and x becomes colours by functions that distributions bring (``contract.arrays.colouring``),
+and so do patterns of filters. What is undefined is striped.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract import seen as kinds
-from etendue.contract.drawn import Drawn, Pictured, lit_by
+from etendue.contract.arrays import colouring as kinds
+from etendue.contract.arrays.drawn import Drawn, Pictured, lit_by
 from etendue.present.pictures.fitting import LARGEST, coloured, fitted, tinted
 
 BRIGHT, SHARE = 0.995, 0.9  # this quantile of the brightest channel is shown at this share of white

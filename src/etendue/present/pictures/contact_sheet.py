@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.variables import variable as known
+from etendue.contract.arrays.variables import variable as known
 from etendue.present.pictures.details import SIDE
 
 BOX, LABEL, GAP, HEAD = (

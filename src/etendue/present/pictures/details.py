@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.grid import Grid, Line
+from etendue.contract.arrays.grid import Grid, Line
 from etendue.transfer.resampling import area_weights
 
 SIDE = 132  # dots, and samples at most, along the side of a part as it is drawn
@@ -25,7 +25,7 @@ MIDDLE = 0.45  # where the band lies, as a share of the height: half way is wher
 
 
 @dataclass(frozen=True)
-class Window:
+class PlaneWindow:
     """A stretch of the image plane, um."""
 
     top: float
@@ -58,7 +58,7 @@ def lines_of(grid: Grid) -> tuple[Line, Line] | None:
     return (y, x) if isinstance(y, Line) and isinstance(x, Line) else None
 
 
-def band_of(grids: Sequence[Grid]) -> Window | None:
+def band_of(grids: Sequence[Grid]) -> PlaneWindow | None:
     """The rows that are kept of every picture."""
     lines = [found for grid in grids if (found := lines_of(grid))]
     if not lines:
@@ -67,7 +67,7 @@ def band_of(grids: Sequence[Grid]) -> Window | None:
     start, step = y.um()
     rows = min(y.size, max(side_of((y.size, x.size)), BAND // max(x.size, 1)))
     first = min(max(0, round(MIDDLE * y.size - rows / 2)), y.size - rows)
-    return Window(start + (first - 0.5) * step, start + (first + rows - 0.5) * step)
+    return PlaneWindow(start + (first - 0.5) * step, start + (first + rows - 0.5) * step)
 
 
 def side_of(shape: tuple[int, int]) -> int:

@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.drawn import Drawn, Pictured
-from etendue.contract.ports import Sheet
-from etendue.contract.quantities import declared
+from etendue.contract.arrays.drawn import Drawn, Pictured
+from etendue.contract.ports import ContactSheet
+from etendue.contract.values.quantities import declared
 from etendue.contract.wording import first
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import as_bytes, seen, whites_of
 from etendue.present.pictures.contact_sheet import contact_sheet, with_maps
-from etendue.present.pictures.details import Window, limited, lines_of, part_of, side_of
+from etendue.present.pictures.details import PlaneWindow, limited, lines_of, part_of, side_of
 from etendue.present.pictures.fitting import LARGEST
 from etendue.present.pictures.thumbnails import Thumbnail, window_of
 
@@ -73,7 +73,7 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
     return frames
 
 
-def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: Window | None) -> None:
+def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: PlaneWindow | None) -> None:
     """The same place of the scene in every picture: where the last of the coarsest has its strongest edge between
     flat places.
     """
@@ -89,7 +89,7 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: Window | N
     top, left = part_of(_encoded(coarse, coarse.exact[:, first - coarse.first : last - coarse.first]), side)
     (y0, dy), (x0, dx) = y.um(), x.um()
     row, column = top + first, left
-    window = Window(
+    window = PlaneWindow(
         y0 + (row - 0.5) * dy, y0 + (row + side - 0.5) * dy, x0 + (column - 0.5) * dx, x0 + (column + side - 0.5) * dx
     )
     for f in seen:
@@ -113,7 +113,7 @@ def sheet(
     small: Mapping[CellRef, Mapping[str, Thumbnail]],
     at: str,
     maps: Callable[[], list[Any]] = list,
-) -> Sheet | None:
+) -> ContactSheet | None:
     """The pictures of the shown cells, which stand at the axis values ``at``; None where there is nothing to be
     seen.
     """
@@ -122,15 +122,15 @@ def sheet(
         return None
     table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}"
     table["attrs"]["cell"] = {dim: value for ref in shown.values() for dim, value in plan.labels(ref).items()}
-    return Sheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
+    return ContactSheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
 
 
-def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> Sheet | None:
+def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> ContactSheet | None:
     """The sheet of an earlier run, whose pictures are still those of the shown cells, with maps of what is known
     now.
     """
     before = folder / "contact_sheet.png"
-    return Sheet({}, lambda path: with_maps(path, before, maps()), (), "") if before.is_file() else None
+    return ContactSheet({}, lambda path: with_maps(path, before, maps()), (), "") if before.is_file() else None
 
 
 def _shared(plan: Plan) -> str:

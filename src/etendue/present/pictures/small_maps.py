@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.variables import variable as known
+from etendue.contract.arrays.variables import variable as known
 from etendue.contract.wording import first
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, CellRef, Node, Plan

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.dims import banded
-from etendue.contract.seen import flat_dims
-from etendue.contract.variables import variable as known
+from etendue.contract.arrays.colouring import flat_dims
+from etendue.contract.arrays.dims import banded
+from etendue.contract.arrays.variables import variable as known
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import Appearance, appearance
-from etendue.present.pictures.details import Window, band_of, lines_of
+from etendue.present.pictures.details import PlaneWindow, band_of, lines_of
 from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, as_float, fitted
 
 
@@ -91,7 +91,7 @@ class _View:
 
 
 @dataclass(frozen=True)
-class Look:
+class Observer:
     """What is looked at of a cell: its pictures, made small, and its plain figures. It travels to where the cell is
     computed.
     """
@@ -112,7 +112,7 @@ class Look:
                 found[variable] = small
         return found
 
-    def beside(self, keeps: bool, kept: frozenset[tuple[str, str]], stage: str) -> Look:
+    def beside(self, keeps: bool, kept: frozenset[tuple[str, str]], stage: str) -> Observer:
         """The same for a keeper that takes the arrays of what is kept themselves: they are looked at where they
         stand.
         """
@@ -169,14 +169,14 @@ def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
     return {variable: one for variable, one in found.items() if isinstance(one, Thumbnail)}
 
 
-def window_of(plan: Plan, shown: Iterable[CellRef]) -> Window | None:
+def window_of(plan: Plan, shown: Iterable[CellRef]) -> PlaneWindow | None:
     """The rows that are kept of every picture of some cells, whichever of them there will be."""
     return band_of(
         [grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown not in ("", "map")]
     )
 
 
-def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Look]:
+def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Observer]:
     """How each of some cells is looked at."""
     found, shown = {}, list(shown)
     window = window_of(plan, shown)
@@ -189,7 +189,7 @@ def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Look]:
                 for v, view in views.items()
             }
         figures = frozenset(v for v, declared in node.writes.items() if not set(declared.dims) - {"stage"})
-        found[ref] = Look(views, figures - views.keys())
+        found[ref] = Observer(views, figures - views.keys())
     return found
 
 

@@ -16,15 +16,15 @@ import xarray
 
 from etendue.calls import called, called_methods
 from etendue.errors import RequestError
-from etendue.present.plots import glance_page
-from etendue.present.plots.asked import Asked
-from etendue.present.plots.glance import glance
+from etendue.present.plots.asked import PlotRequest
+from etendue.present.plots.drawing.strip import show_array
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.kinds import draw, kinds, listed
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import resolved_in
 from etendue.present.plots.plot import Plot
-from etendue.present.plots.strip import show_array
+from etendue.present.plots.summary import page
+from etendue.present.plots.summary.contents import glance
 
 NAME = "etendue"
 
@@ -48,7 +48,7 @@ class Plots:
         texts = [one.split(",") if isinstance(one, str) else one for one in listed]
         panels, better = (tuple(text.strip() for text in one) for one in texts)
         at = {**dict(words.pop("at", {})), **words}
-        return draw(Holdings(self._tree), kind, Asked(figures, panels=panels, better=better, at=at, **own))
+        return draw(Holdings(self._tree), kind, PlotRequest(figures, panels=panels, better=better, at=at, **own))
 
     def __getattr__(self, kind: str) -> Any:
         if kind not in kinds():
@@ -67,11 +67,11 @@ class TreeAccessor:
         self._tree = tree
 
     def __repr__(self) -> str:
-        return glance_page.text(glance(self._tree))
+        return page.text(glance(self._tree))
 
     def _repr_html_(self) -> str:
         """Stages as small pictures, axes, figures, what failed and was left out, and what to do next."""
-        return glance_page.page(glance(self._tree))
+        return page.page(glance(self._tree))
 
     @property
     def plot(self) -> Plots:

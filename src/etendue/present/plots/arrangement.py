@@ -13,14 +13,14 @@ from typing import Any
 
 from etendue.contract.wording import first, prefix
 from etendue.errors import RequestError, nearest
-from etendue.present.plots.holdings import Held
+from etendue.present.plots.holdings import HeldVariable
 from etendue.present.plots.labels import name_text, value_text
 
 MOST_PANELS = 16
 
 
 @dataclass(frozen=True)
-class Dim:
+class PlotDim:
     """A dim as it stands beside a plot."""
 
     name: str
@@ -54,9 +54,9 @@ class Dim:
 class Arrangement:
     """Where every dim goes."""
 
-    x: Dim | None
-    y: Dim | None
-    panels: tuple[Dim, ...] = ()
+    x: PlotDim | None
+    y: PlotDim | None
+    panels: tuple[PlotDim, ...] = ()
     fixed: Mapping[str, Any] = field(default_factory=dict)
     said: tuple[str, ...] = ()  # texts of what is fixed
 
@@ -65,9 +65,9 @@ class Arrangement:
         return ", ".join(self.said)
 
 
-def dims_of(held: Sequence[Held], counted: bool = False) -> list[Dim]:
+def dims_of(held: Sequence[HeldVariable], counted: bool = False) -> list[PlotDim]:
     """The dims of what is drawn: axes of the sweep first, the usual ones in front; then names such as ``stage``."""
-    found: dict[str, Dim] = {}
+    found: dict[str, PlotDim] = {}
     for one in held:
         own = [*one.axes, *(dim for dim in one.dims if counted or not one.is_counted(dim))]
         for dim in own:
@@ -75,14 +75,14 @@ def dims_of(held: Sequence[Held], counted: bool = False) -> list[Dim]:
             values = list(dict.fromkeys(values))
             if dim in one.axes and not any(isinstance(v, str) for v in values):
                 values.sort()
-            found[dim] = Dim(dim, tuple(values), one.units_of(dim))
+            found[dim] = PlotDim(dim, tuple(values), one.units_of(dim))
     axes = {dim for one in held for dim in one.axes}
     rank = {name: place for place, name in enumerate(first("sides"))}
     return sorted(found.values(), key=lambda dim: (dim.name not in axes, rank.get(dim.name, len(rank))))
 
 
 def arranged(
-    dims: Sequence[Dim],
+    dims: Sequence[PlotDim],
     sides: int,
     along: Sequence[str] = (),
     panels: Sequence[str] = (),
@@ -115,7 +115,7 @@ def arranged(
     return Arrangement(free.get(x), free.get(y), tuple(chosen), at, tuple(said))
 
 
-def _check(asked: Sequence[str], free: Mapping[str, Dim], at: Mapping[str, Any]) -> None:
+def _check(asked: Sequence[str], free: Mapping[str, PlotDim], at: Mapping[str, Any]) -> None:
     for name in asked:
         if name not in free:
             why = "it is fixed" if name in at else f"it is no dim of what is drawn{nearest(name, free)}"
@@ -124,7 +124,7 @@ def _check(asked: Sequence[str], free: Mapping[str, Dim], at: Mapping[str, Any])
         raise RequestError("a dim can stand in one place: name it once as x, y or panels")
 
 
-def _sides(x: str, y: str, sides: int, free: Sequence[Dim]) -> tuple[str, str]:
+def _sides(x: str, y: str, sides: int, free: Sequence[PlotDim]) -> tuple[str, str]:
     """What stands along the sides: as it was asked for, else what is counted before names."""
     candidates = [dim.name for dim in sorted(free, key=lambda dim: not dim.counted)]
     if not x and candidates:
@@ -134,7 +134,7 @@ def _sides(x: str, y: str, sides: int, free: Sequence[Dim]) -> tuple[str, str]:
     return x, y
 
 
-def _over_panels(chosen: list[Dim], rest: Sequence[Dim], most: int) -> tuple[list[Dim], list[Dim]]:
+def _over_panels(chosen: list[PlotDim], rest: Sequence[PlotDim], most: int) -> tuple[list[PlotDim], list[PlotDim]]:
     """The dims of panels, as many as fit, rows last; and those for which there is no room."""
     left, room = [], most // max(1, math.prod(len(dim.values) for dim in chosen))
     for dim in sorted((dim for dim in rest if len(dim.values) > 1), key=lambda dim: len(dim.values)):
@@ -148,7 +148,7 @@ def _over_panels(chosen: list[Dim], rest: Sequence[Dim], most: int) -> tuple[lis
     return chosen, left
 
 
-def _value(dim: Dim, middle: Mapping[str, Any]) -> Any:
+def _value(dim: PlotDim, middle: Mapping[str, Any]) -> Any:
     """Where a dim is fixed that does not fit: as ``middle`` says, if it has that value, else in its middle."""
     value = middle.get(dim.name)
     return value if value in dim.values else dim.values[len(dim.values) // 2]

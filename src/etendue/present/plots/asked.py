@@ -10,19 +10,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from etendue.present.plots.budget import budget
-from etendue.present.plots.curves import curves
-from etendue.present.plots.holdings import Held, Holdings
+from etendue.present.plots.drawing.budget import budget
+from etendue.present.plots.drawing.curves import curves
+from etendue.present.plots.drawing.maps import factor_map, figure_map
+from etendue.present.plots.drawing.pareto import pareto
+from etendue.present.plots.drawing.strip import show, strip
+from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import places_text
-from etendue.present.plots.maps import factor_map, figure_map
-from etendue.present.plots.pareto import pareto
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
-from etendue.present.plots.strip import show, strip
 
 
 @dataclass(frozen=True)
-class Asked:
+class PlotRequest:
     """What was asked for beside the kind; '' and (): as fits."""
 
     figures: tuple[str, ...] = ()
@@ -46,7 +46,7 @@ class Asked:
     def second(self) -> str:
         return self.figures[1] if len(self.figures) > 1 else ""
 
-    def cell(self, held: Held) -> dict[str, Any]:
+    def cell(self, held: HeldVariable) -> dict[str, Any]:
         """One value of every axis that reaches a variable: as it was asked for, else where a run's pictures are,
         else in the middle.
         """
@@ -58,34 +58,34 @@ class Asked:
         return {**found, **asked}
 
 
-def map_of(holdings: Holdings, asked: Asked) -> Plot:
+def map_of(holdings: Holdings, asked: PlotRequest) -> Plot:
     return figure_map(holdings, asked.first, asked.x, asked.y, asked.panels, asked.at, asked.middle)
 
 
-def names_of(holdings: Holdings, asked: Asked) -> Plot:
+def names_of(holdings: Holdings, asked: PlotRequest) -> Plot:
     """A map of an index into names: of what limits, for one."""
     return factor_map(holdings, asked.first, asked.x, asked.y, asked.panels, asked.at, asked.middle)
 
 
-def curves_of(holdings: Holdings, asked: Asked) -> Plot:
+def curves_of(holdings: Holdings, asked: PlotRequest) -> Plot:
     return curves(holdings, asked.first, asked.x, asked.lines, asked.panels, asked.at, asked.middle)
 
 
-def front_of(holdings: Holdings, asked: Asked) -> Plot:
+def front_of(holdings: Holdings, asked: PlotRequest) -> Plot:
     return pareto(holdings, asked.first, asked.second, asked.better, asked.at)
 
 
-def strip_of(holdings: Holdings, asked: Asked) -> Plot:
+def strip_of(holdings: Holdings, asked: PlotRequest) -> Plot:
     stage, _, variable = asked.first.rpartition(".")
     return strip(holdings, variable, stage, asked.at)
 
 
-def picture_of(holdings: Holdings, asked: Asked) -> Plot:
+def picture_of(holdings: Holdings, asked: PlotRequest) -> Plot:
     stage, _, variable = asked.first.rpartition(".")
     return show(holdings, variable, stage, asked.at)
 
 
-def budget_of(holdings: Holdings, asked: Asked) -> Plot:
+def budget_of(holdings: Holdings, asked: PlotRequest) -> Plot:
     place = asked.middle if asked.blamed_at is None else asked.blamed_at
     return budget(
         holdings,

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.layout import BOUNDS
-from etendue.contract.names import TABLES
-from etendue.contract.variables import Variable, without
-from etendue.contract.variables import variable as known
+from etendue.archive.structure.layout import BOUNDS
+from etendue.contract.arrays.variables import Variable, without
+from etendue.contract.arrays.variables import variable as known
+from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.present.plots.labels import title_text
 
@@ -30,7 +30,7 @@ KINDS = ("figure", "curve", "picture", "other")
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldVariable:
     """One variable of one stage."""
 
     stage: str
@@ -196,19 +196,19 @@ class Holdings:
         self.archive = archive
         tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree
         self.tree = tree
-        self.held: dict[tuple[str, str], Held] = {}
+        self.held: dict[tuple[str, str], HeldVariable] = {}
         stages = _stages(tree)
         self.order = self._order(group for _, groups in stages for group in groups)
         for stage, groups in stages:
             for name in groups[0].data_vars:
                 if str(name) not in BESIDE and not str(name).endswith(BOUNDS) and groups[0][name].dtype.kind in "fiub":
                     own = tuple(group for group in groups if name in group)
-                    self.held[stage, str(name)] = Held(stage, str(name), own, self.order, archive)
+                    self.held[stage, str(name)] = HeldVariable(stage, str(name), own, self.order, archive)
 
-    def __iter__(self) -> Iterator[Held]:
+    def __iter__(self) -> Iterator[HeldVariable]:
         return iter(self.held.values())
 
-    def of_kind(self, *kinds: str) -> list[Held]:
+    def of_kind(self, *kinds: str) -> list[HeldVariable]:
         return [one for one in self if one.kind in kinds]
 
     @property
@@ -243,7 +243,7 @@ class Holdings:
                 found[dim].update(dict.fromkeys(own))
         return {dim: {value: place for place, value in enumerate(values)} for dim, values in found.items()}
 
-    def find(self, name: str, *kinds: str) -> Held:
+    def find(self, name: str, *kinds: str) -> HeldVariable:
         """A variable by its name, or by ``stage.variable``; of several stages the last that wrote it.
 
         Raises
@@ -301,7 +301,7 @@ def _stages(tree: xarray.DataTree) -> list[tuple[str, list[xarray.Dataset]]]:
     return found
 
 
-def _loaded(array: xarray.DataArray, held: Held) -> xarray.DataArray:
+def _loaded(array: xarray.DataArray, held: HeldVariable) -> xarray.DataArray:
     try:
         return array.load()
     except EtendueError:

@@ -15,9 +15,9 @@ from typing import Any
 
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.plugins import discovery
-from etendue.present.plots.asked import Asked
+from etendue.present.plots.asked import PlotRequest
 from etendue.present.plots.holdings import KINDS as HELD
-from etendue.present.plots.holdings import Held, Holdings
+from etendue.present.plots.holdings import HeldVariable, Holdings
 from etendue.present.plots.labels import unit_text, value_text
 from etendue.present.plots.places import dim_of
 from etendue.present.plots.plot import Plot
@@ -78,16 +78,16 @@ def kinds() -> Mapping[str, Kind]:
 
 
 @cache
-def _function(kind: str) -> Callable[[Holdings, Asked], Any]:
+def _function(kind: str) -> Callable[[Holdings, PlotRequest], Any]:
     place = kinds()[kind].place
     if kind in OWN:
         return EntryPoint(kind, place, "").load()  # type: ignore[no-any-return]
     with discovery.foreign(f"the kind of plot {kind!r} cannot be loaded"):
-        found: Callable[[Holdings, Asked], Any] = EntryPoint(kind, place, "").load()
+        found: Callable[[Holdings, PlotRequest], Any] = EntryPoint(kind, place, "").load()
     return found
 
 
-def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot:
+def draw(holdings: Holdings, kind: str = "", asked: PlotRequest | None = None) -> Plot:
     """One plot.
 
     Raises
@@ -97,7 +97,7 @@ def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot
     PluginError
         A kind that a distribution brings cannot be loaded, or gives no plot.
     """
-    asked = _by_dims(holdings, asked or Asked())
+    asked = _by_dims(holdings, asked or PlotRequest())
     kind, figures = kind_of(holdings, kind, asked.figures)
     takes = kinds()[kind].takes
     if len(figures) > takes:
@@ -113,7 +113,7 @@ def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot
     return Plot(made)
 
 
-def _by_dims(holdings: Holdings, asked: Asked) -> Asked:
+def _by_dims(holdings: Holdings, asked: PlotRequest) -> PlotRequest:
     """What was asked for with dims in the place of the parameters that they set."""
 
     def own(word: str) -> str:
@@ -122,7 +122,7 @@ def _by_dims(holdings: Holdings, asked: Asked) -> Asked:
     return replace(asked, x=own(asked.x), y=own(asked.y), lines=own(asked.lines), panels=tuple(map(own, asked.panels)))
 
 
-def _refuse_unused(kind: str, asked: Asked) -> None:
+def _refuse_unused(kind: str, asked: PlotRequest) -> None:
     for name in WORDS:
         if getattr(asked, name) and name not in kinds()[kind].uses:
             raise RequestError(
@@ -182,7 +182,7 @@ def listed(holdings: Holdings) -> dict[str, Any]:
     }
 
 
-def _said(one: Held) -> dict[str, Any]:
+def _said(one: HeldVariable) -> dict[str, Any]:
     better = str(one.attrs.get("better", "")) or one.known.better
     dims = {"axes": list(one.axes), "dims": list(one.dims)}
     return {

@@ -12,7 +12,7 @@ import re
 from typing import Any
 
 from etendue.contract import wording
-from etendue.contract.quantities import long_name
+from etendue.contract.values.quantities import long_name
 
 SAID = {
     "1": "",

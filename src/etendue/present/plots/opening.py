@@ -10,8 +10,8 @@ from pathlib import Path
 
 import xarray
 
-from etendue.archive.describe import describe_archive
-from etendue.archive.vouched import open_archive
+from etendue.archive.checks.describe import describe_archive
+from etendue.archive.read.verified_store import open_archive
 
 
 def opened(folder: Path) -> xarray.DataTree:

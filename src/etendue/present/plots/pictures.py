@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.layout import BOUNDS
-from etendue.contract.dims import banded
-from etendue.contract.drawn import Drawn, Pictured, lit_by, read
-from etendue.contract.seen import flat_dims
+from etendue.archive.structure.layout import BOUNDS
+from etendue.contract.arrays.colouring import flat_dims
+from etendue.contract.arrays.dims import banded
+from etendue.contract.arrays.drawn import Drawn, Pictured, lit_by, read
 from etendue.errors import RequestError
 from etendue.present.pictures.appearance import Appearance, appearance, as_bytes, brightness, seen, striped
 

@@ -11,10 +11,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
-from etendue.contract.tables import tables
-from etendue.contract.units import UnitError, to_unit
+from etendue.contract.values.tables import tables
+from etendue.contract.values.units import UnitError, to_unit
 from etendue.errors import Fault, RequestError, nearest
-from etendue.present.plots.holdings import Held
+from etendue.present.plots.holdings import HeldVariable
 from etendue.present.plots.labels import value_text
 
 SAME = 1e-9  # relative: the value of an axis written once more, with a unit perhaps
@@ -43,7 +43,7 @@ def is_called(name: str, dim: str, key: str) -> bool:
     return name == dim or word in (key, *(table.place(key) for table in tables().values()))
 
 
-def dim_of(held: Iterable[Held], name: str) -> tuple[str, Held | None]:
+def dim_of(held: Iterable[HeldVariable], name: str) -> tuple[str, HeldVariable | None]:
     """The dim that a word means and who has it; ('', None) where there is none."""
     return next(
         ((dim, one) for one in held for dim in (*one.axes, *one.dims) if is_called(name, dim, one.key_of(dim))),
@@ -71,7 +71,7 @@ def _number(text: str) -> Decimal | str:
         return text
 
 
-def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
+def resolved(held: Sequence[HeldVariable], at: Mapping[str, Any]) -> dict[str, Any]:
     """What is asked for as values of dims: names of dims or of the parameters that axes set; numbers, texts with units.
 
     Raises

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.errors import RequestError
-from etendue.process import Shared
+from etendue.process import SharedChange
 
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 DPI = 150
@@ -33,7 +33,7 @@ def _styled() -> Any:
     return rc_context(STYLE)
 
 
-OUR_STYLE = Shared(_styled)  # matplotlib has one style for all threads
+OUR_STYLE = SharedChange(_styled)  # matplotlib has one style for all threads
 
 
 @dataclass

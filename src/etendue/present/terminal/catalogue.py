@@ -14,11 +14,11 @@ from typing import Any
 from rich.console import Console
 from rich.padding import Padding
 
-from etendue.contract import quantities
-from etendue.contract.parameter import MISSING
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, reads_of, writes_of
-from etendue.contract.tables import tables
+from etendue.contract.values import quantities
+from etendue.contract.values.parameter import MISSING
+from etendue.contract.values.tables import tables
 from etendue.errors import PluginError
 from etendue.plugins import discovery
 from etendue.present.terminal.terminal import _out, _table, escape

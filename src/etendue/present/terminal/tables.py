@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.variables import variable
+from etendue.contract.arrays.variables import variable
 from etendue.contract.wording import first
 from etendue.plan import omissions
 from etendue.plan.marks import not_in_it

@@ -16,8 +16,8 @@ from typing import Any
 
 from etendue.contract.stage import Stage
 from etendue.errors import MachineError, shortened
-from etendue.plan.code import code_digest
-from etendue.plan.keys import version_of
+from etendue.plan.identity.code import code_digest
+from etendue.plan.identity.keys import version_of
 from etendue.run.memory import keep_freed_memory
 from etendue.telling import said
 

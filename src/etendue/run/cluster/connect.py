@@ -23,7 +23,7 @@ from etendue.run.batches import Batch, BatchResult
 from etendue.run.cluster.alike import Common, common_of, refused
 from etendue.run.cluster.own import own_cluster
 from etendue.run.cluster.sending import Sending
-from etendue.run.cluster.watching import Lost
+from etendue.run.cluster.watching import SchedulerLost
 from etendue.run.schedulers import How
 from etendue.run.watch import Stop, Stopped
 from etendue.telling import plain, said
@@ -104,7 +104,7 @@ def _lost(address: str) -> Iterator[None]:
         yield
     except (EtendueError, Stopped):
         raise
-    except (Lost, OSError, TimeoutError) as error:
+    except (SchedulerLost, OSError, TimeoutError) as error:
         raise _gone(address) from error
     except BaseException as error:
         if is_ours(error) or type(error).__name__ not in (

@@ -20,7 +20,7 @@ AGAIN = 1.0  # seconds between two questions to the scheduler
 DEATHS = ("KilledWorker", "FutureCancelledError", "CancelledError")
 
 
-class Lost(Exception):
+class SchedulerLost(Exception):
     """The scheduler is gone."""
 
 
@@ -76,7 +76,7 @@ class Watching:
             The scheduler is gone.
         """
         if self.client.status != "running":
-            raise Lost
+            raise SchedulerLost
         now = time.monotonic()
         if now - self.asked < AGAIN:
             return
@@ -150,7 +150,7 @@ class Watching:
         if future.status == "finished":
             return False
         if self.client.status != "running":
-            raise Lost
+            raise SchedulerLost
         if future.status != "error":
             return True
         error = future.exception()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from etendue_camera.resolution import slanted_edge
+from etendue_camera.resolution.edges import slanted_edge
 from etendue_camera.resolution.stages.edge_pictures import Edge
 
 FLAGS = {"above_nyquist": 1, "not_reached": 2, "clipped": 4, "noisy": 8, "no_edge": 16}

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from etendue_camera.resolution.edge_interval import EdgeResolution, edge_resolution
-from etendue_camera.resolution.edge_region import find_edge
-from etendue_camera.resolution.slanted_edge import EdgeResponse, slanted_edge
+from etendue_camera.resolution.edges.edge_interval import EdgeResolution, edge_resolution
+from etendue_camera.resolution.edges.edge_region import find_edge
+from etendue_camera.resolution.edges.slanted_edge import EdgeResponse, slanted_edge
 
 Window = tuple[int, int, int, int]  # top, bottom, left, right, as slices count
 LONGEST = 400  # pixels along the edge: more make it slower and hardly better

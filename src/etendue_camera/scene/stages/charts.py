@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
-from etendue.contract.bounds import MOST_BANDS, MOST_POINTS, beyond
+from etendue.contract.values.bounds import MOST_BANDS, MOST_POINTS, beyond
 from etendue_camera import spectra
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_camera.scene import charts, composite

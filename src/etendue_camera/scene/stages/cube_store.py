@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from etendue import plain_files, require
-from etendue.contract.bounds import MOST_POINTS, MOST_VALUES, beyond
-from etendue.contract.units import UnitError, parse_unit
+from etendue.contract.values.bounds import MOST_POINTS, MOST_VALUES, beyond
+from etendue.contract.values.units import UnitError, parse_unit
 
 DIMS = ("wavelength", "y", "x")
 MOST_CHUNKS = 1_000_000

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Facts, param
-from etendue.contract.bounds import beyond
+from etendue.contract.values.bounds import beyond
 from etendue.transfer import resampling
 from etendue_camera import spectra
 from etendue_camera.colour.encoding import srgb_decode

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from etendue.api import Grid, Transfer
-from etendue.contract.facts import Content
+from etendue.contract.arrays.facts import Content
 from etendue.transfer import effects, expansion
 from etendue.transfer import rings as scene_rings
 from etendue_camera.sensor import photodiode

@@ -1,0 +1,1 @@
+"""Archives described, verified and rebuilt."""

@@ -1,0 +1,193 @@
+"""What is in an archive, without opening its arrays: from the journal, the run records and the metadata."""
+
+from __future__ import annotations
+
+import calendar
+import math
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from etendue.archive.journaling.journal import NAME as JOURNAL
+from etendue.archive.journaling.journal import Read, read
+from etendue.archive.read.stored import Stored
+from etendue.archive.records import disk
+from etendue.archive.records.manifest import NAME, damaged, read_manifest
+from etendue.archive.records.owner import is_running
+from etendue.archive.records.provenance import latest_record, record_paths
+from etendue.archive.write.compact import left_by_compact
+from etendue.errors import ArchiveError
+
+
+def refuse_changed(folder: Path, running: bool) -> None:
+    """Hold what is no chunk of a cell against the manifest: metadata, coordinates, tables, records. The journal is not
+    read.
+
+    Raises
+    ------
+    ArchiveError
+        Something of it is missing, or not as it was written.
+    """
+    manifest = read_manifest(folder) if not running else None
+    changed = manifest.changed(folder) if manifest else []
+    if manifest is None and not running and (folder / NAME).exists():
+        changed = [NAME]
+    if changed and not is_running(folder):  # a run may have begun since
+        raise damaged(folder, changed)
+
+
+def describe_archive(folder: Path) -> dict[str, Any]:
+    """Stages with their variables and cells, axes, size, how much of what was asked for is done, and whether a run is
+    going on.
+
+    Raises
+    ------
+    ArchiveError
+        The folder is not an archive, or it is damaged: what is, and what to do.
+    """
+    root = folder / "data.zarr"
+    manifest, records = read_manifest(folder), record_paths(folder) if folder.is_dir() else []
+    if not root.is_dir() or (not records and not manifest and not (folder / JOURNAL).is_file()):
+        raise ArchiveError(f"{folder} is not an archive of etendue (no data.zarr with a run record in it)")
+    listing = disk.Listing(folder)
+    running = is_running(folder)
+    refuse_changed(folder, running)
+    record = latest_record(folder)
+    if record is None:
+        if running:
+            raise ArchiveError(f"{folder}: a run is beginning; look again in a moment")
+        raise damaged(folder, [f"runs/{path.name}" for path in records[-1:]] or ["runs"])
+    journal = read(folder / JOURNAL)
+    if journal.damaged and not running:
+        raise damaged(folder, [JOURNAL])
+    if not running and (odd := Stored(folder, journal=journal).odd()):
+        raise damaged(folder, odd)
+    files = (*(path for top in disk.FOLDERS for path in listing.below(top)), *disk.FILES)
+    return {
+        "archive": str(folder),
+        "store": str(root),
+        "pipeline": record["pipeline"],
+        "axes": record["axes"],
+        "running": running,
+        "began": record["began"],
+        "runs": len(records),
+        "bytes": sum((folder / path).lstat().st_size for path in files if (folder / path).exists()),
+        "stages": _stages(folder, listing, journal, order_of(root, record)),
+        "libraries": record["libraries"],
+        "partial": left_by_compact(folder) or None,
+        **progress(journal, str(record["began"]) if running else ""),
+    }
+
+
+def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[str]) -> list[dict[str, Any]]:
+    """Every stage: its variables, what became of its cells, and how far the last run is with them."""
+    counts: dict[str, dict[str, int]] = {}
+    for (stage, status), count in journal.said.counts(journal.outdated).items():
+        counts.setdefault(stage, {})[status] = count
+    ended = _ended(journal)
+    return [
+        {
+            "name": name,
+            "variables": _variables(folder, listing, name),
+            "cells": dict(sorted(counts.get(name, {}).items())),
+            **_progress(journal, ended, [name]),
+        }
+        for name in order
+    ]
+
+
+def order_of(root: Path, record: dict[str, Any]) -> list[str]:
+    """The stages in the order of the pipeline: of two that write the same variable the later one counts."""
+    attributes = (disk.read_document(root / "zarr.json") or {}).get("attributes", {})
+    own = attributes.get("etendue") if isinstance(attributes, dict) else None
+    for names in (record.get("order"), own.get("stages") if isinstance(own, dict) else None):
+        if isinstance(names, list):
+            return [str(name) for name in names]
+    return list(record["nodes"])
+
+
+def progress(journal: Read, began: str = "") -> dict[str, Any]:
+    """Of the last run: cells asked for, cells there, and, of one that is going on since ``began``, cells a second
+    and seconds left.
+    """
+    return {**_progress(journal, _ended(journal)), **(_pace(journal, began) if began else {"rate": None, "left": None})}
+
+
+def _ended(journal: Read) -> Mapping[str, int]:
+    """How many cells of each stage have come to an end in the last run."""
+    return Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
+
+
+def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> dict[str, Any]:
+    """Of the last run: how many cells it was asked for, and how many of them are there or have come to an end."""
+    if journal.run is None:
+        return {"planned": None, "finished": None}
+    stages = list({**ended, **journal.run.planned} if of is None else of)
+    planned, todo = (sum(counts.get(name, 0) for name in stages) for counts in (journal.run.planned, journal.run.todo))
+    return {
+        "planned": planned,
+        "finished": max(planned - todo, 0) + min(sum(ended.get(name, 0) for name in stages), todo),
+    }
+
+
+def _pace(journal: Read, began: str) -> dict[str, float | None]:
+    """Of a run that is going on: cells a second since it began, and seconds that are left; None where it cannot be
+    told.
+
+    What is left is weighed by what the cells of its stage have taken so far: early stages have few cells and dear ones.
+    """
+    run, elapsed = journal.run, time.time() - _instant(began)
+    if run is None or not run.ended or elapsed <= 0:
+        return {"rate": None, "left": None}
+    took: dict[str, list[float]] = {}
+    for cell in run.ended:
+        took.setdefault(cell.split(" ")[0], []).append(journal.said.took(cell))
+    spent, known = sum(map(sum, took.values())), sum(map(len, took.values()))
+    ahead = 0.0
+    for stage, todo in run.todo.items():
+        own = took.get(stage) or [spent / known]
+        ahead += max(todo - len(took.get(stage, ())), 0) * sum(own) / len(own)
+    return {"rate": len(run.ended) / elapsed, "left": elapsed * ahead / spent if spent > 0 else None}
+
+
+def _instant(text: str) -> float:
+    """Seconds of an instant as a record has it; infinite where it is none."""
+    try:
+        return float(calendar.timegm(time.strptime(text, "%Y-%m-%dT%H:%M:%SZ")))
+    except ValueError:
+        return math.inf
+
+
+def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str, Any]]:
+    """The arrays of a stage, coordinates aside."""
+    found = []
+    top = f"data.zarr/{stage}"
+    for path in sorted(path for path in listing.below(top) if path.endswith("/zarr.json")):
+        document = disk.read_document(folder / path)
+        group, name = path.removeprefix("data.zarr/").removesuffix("/zarr.json").rpartition("/")[::2]
+        if document is None:
+            if not (folder / path).exists():
+                continue  # a run has just replaced it
+            raise damaged(folder, [path])
+        if document.get("node_type") != "array" or name == "status":
+            continue
+        dims, shape, attributes = (
+            document.get("dimension_names") or [],
+            document.get("shape"),
+            document.get("attributes", {}),
+        )
+        if not (
+            isinstance(dims, list)
+            and isinstance(shape, list)
+            and isinstance(attributes, dict)
+            and len(dims) == len(shape)
+        ):
+            raise damaged(folder, [path])
+        if dims == [name] or name.endswith(("_um", "_at", "_bounds")):
+            continue
+        sizes = {str(dim): size for dim, size in zip(dims, shape, strict=True)}
+        units, dtype = str(attributes.get("units", "")), str(document.get("data_type"))
+        found.append({"group": group, "variable": name, "dims": sizes, "units": units, "dtype": dtype})
+    return found

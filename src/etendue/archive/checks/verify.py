@@ -1,0 +1,99 @@
+"""Is every byte of an archive as its runs have left it? Everything is read, nothing is changed, no stage is loaded.
+
+In:  the folder of an archive.
+Out: ``Verified``: what is damaged, by file, array and cell; what is not of the archive; bytes and seconds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from pathlib import Path
+from typing import Any
+
+from etendue import plain_files
+from etendue.archive.journaling.journal import NAME as JOURNAL
+from etendue.archive.journaling.journal import Read
+from etendue.archive.read.inspection import Damage, Inspection, Told, Verified
+from etendue.archive.records import disk
+from etendue.archive.records.manifest import DATA
+from etendue.archive.records.manifest import NAME as MANIFEST
+from etendue.archive.records.owner import is_running, is_written, owner_of
+from etendue.archive.write.compact import left_by_compact
+from etendue.errors import ArchiveError, ArchiveInUse
+
+STRAYS = "strays"  # where a repair puts what does not belong to an archive
+
+
+def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | None = None) -> Verified:
+    """Read an archive and name everything that is not as it was written; ``told``: bytes of how many have been read.
+
+    ``journal``: where it has been read already.
+
+    Raises
+    ------
+    ArchiveError
+        The folder is no archive.
+    ArchiveInUse
+        A run is writing to it.
+    """
+    began, found = time.perf_counter(), Verified(folder)
+    if not any((folder / name).exists() for name in (DATA, JOURNAL, MANIFEST)) or not folder.is_dir():
+        raise ArchiveError(f"{folder} is not an archive of etendue (no {DATA} and no {JOURNAL} in it)")
+    if is_running(folder):
+        raise ArchiveInUse(f"{folder}: a run is writing to it; verify it when that has ended")
+    before, odd = owner_of(folder), dict[str, str]()
+    listing = disk.Listing(folder, odd)
+    found.damages += [Damage("odd", path, what) for path, what in odd.items()]
+    if DATA in odd or not (folder / DATA).is_dir():
+        found.damages += [Damage("missing", DATA, "missing")] if DATA not in odd else []
+        return found
+    if not (folder / JOURNAL).is_file():
+        found.damages += (
+            [Damage("missing", JOURNAL, "missing: what it named is computed again")] if JOURNAL not in odd else []
+        )
+    look = Inspection(folder, listing, found, told, set(odd), journal)
+    parts = (look.manifest, look.journal, look.metadata, look.chunks)
+    for part in (*parts, look.inputs, look.records, look.small_files, look.added, look.beside):
+        found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
+    found.damages = list(dict.fromkeys(found.damages))
+    if found.damages and is_written(folder, before):
+        raise ArchiveInUse(
+            f"{folder} is being written by a run that has begun meanwhile; verify it when that has ended"
+        )
+    found.partial = left_by_compact(folder)
+    found.seconds = time.perf_counter() - began
+    return found
+
+
+def sha256_of(folder: Path) -> str:
+    """One digest of an archive: of the paths and contents of all its files, but the lock and who owns it. A copy has
+    the same.
+
+    Raises
+    ------
+    ArchiveError
+        Something in it is no plain file.
+    """
+    listing, found = disk.Listing(folder), hashlib.sha256()
+    beside = [name for name in disk.FILES if name not in ("lock", "run.id") and (folder / name).is_file()]
+    for path in sorted([*beside, *(path for name in disk.FOLDERS for path in listing.below(name))]):
+        found.update(f"{path} {plain_files.sha256(folder / path, None, links=False)}\n".encode())
+    return found.hexdigest()
+
+
+def document(found: Verified) -> dict[str, Any]:
+    """As ``--json`` says it."""
+    return {
+        "archive": str(found.folder),
+        "whole": found.whole,
+        "damages": [{name: value or None for name, value in vars(damage).items()} for damage in found.damages],
+        "cells_lost": list(found.lost),
+        "beside": found.beside,
+        "partial": found.partial or None,
+        "cells": found.cells,
+        "chunks": found.chunks,
+        "bytes": found.bytes,
+        "seconds": found.seconds,
+        "bytes_per_second": found.bytes / found.seconds if found.seconds else None,
+    }

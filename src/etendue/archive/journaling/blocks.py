@@ -1,0 +1,208 @@
+"""The shards of a run, in its owner's hands: which chunks each is to hold, and when it is put in its place.
+
+In:  chunks that are stored and right, cells to be computed, what became of them.
+Out: shards in their places, as soon as nothing of them is left to be computed, or when the run ends.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping
+from pathlib import Path
+
+from etendue.archive.journaling.entries import WrittenChunks
+from etendue.archive.journaling.journal import Journal
+from etendue.archive.records import disk
+from etendue.archive.sharding.finding import Finder, State
+from etendue.archive.sharding.shards import ChunkPlace, Shard, kept_of, part_path, put_shard
+from etendue.contract.ports import WrittenChunk
+
+Stored = Mapping[
+    tuple[str, int], tuple[WrittenChunk, ChunkPlace]
+]  # chunks by shard and slot: as they were written, where they lie
+Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard
+
+
+class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
+    """The chunks that one shard is to hold, by slot, in columns: 60 bytes a chunk, where objects take 400."""
+
+    def __init__(self, path: str, slots: int) -> None:
+        self.path = path
+        self.rows = array("i", [-1]) * max(slots, 1)  # by slot
+        self.written, self.file, self.offset = WrittenChunks(), array("i"), array("q")
+        self.files: list[str] = []  # in which they lie: few
+
+    def __setitem__(self, slot: int, chunk: tuple[WrittenChunk, ChunkPlace]) -> None:
+        one, place = chunk
+        if place.file not in self.files:
+            self.files.append(place.file)
+        file, row = self.files.index(place.file), self.rows[slot]
+        if row >= 0 and self.written[row] == one:
+            self.file[row], self.offset[row] = file, place.offset
+            return
+        self.rows[slot] = len(self.written)
+        self.written.add(one.path, one.slot, one.part, one.offset, one.size, one.digest)
+        self.file.append(file)
+        self.offset.append(place.offset)
+
+    def __getitem__(self, slot: int) -> tuple[WrittenChunk, ChunkPlace]:
+        row = self._row(slot)
+        one = self.written[row]
+        return one, ChunkPlace(self.files[self.file[row]], self.offset[row], one.size, one.digest)
+
+    def __delitem__(self, slot: int) -> None:
+        self._row(slot)
+        self.rows[slot] = -1
+
+    def __iter__(self) -> Iterator[int]:
+        return (slot for slot, _ in self._every())
+
+    def __len__(self) -> int:
+        return len(self.rows) - self.rows.count(-1)
+
+    def __contains__(self, slot: object) -> bool:
+        return isinstance(slot, int) and self.rows[slot] >= 0
+
+    def _row(self, slot: int) -> int:
+        if self.rows[slot] < 0:
+            raise KeyError(slot)
+        return self.rows[slot]
+
+    def _every(self) -> Iterator[tuple[int, int]]:
+        return ((slot, row) for slot, row in enumerate(self.rows) if row >= 0)
+
+    def there(self) -> dict[int, tuple[int, int]]:
+        """Offset and length of those that lie in the shard itself."""
+        if self.path not in self.files:
+            return {}
+        own, size = self.files.index(self.path), self.written.size
+        return {slot: (self.offset[row], size[row]) for slot, row in self._every() if self.file[row] == own}
+
+    def lying(self) -> set[str]:
+        """The files in which they lie."""
+        return {self.files[number] for number in {self.file[row] for _, row in self._every()}}
+
+    def put(self, places: Mapping[int, tuple[int, int]]) -> None:
+        """All of them lie in the shard now."""
+        self.files = [self.path]
+        for slot, row in self._every():
+            self.file[row], self.offset[row] = 0, places[slot][0]
+
+
+class Blocks:
+    """What the shards of an archive are to hold when a run has ended.
+
+    Attributes
+    ----------
+    moved : shards that stood in their places and were made anew, bytes copied, bytes of chunks that were computed
+    """
+
+    def __init__(self, folder: Path, journal: Journal, finder: Finder, durable: bool) -> None:
+        self.folder, self.journal, self.finder, self.durable = folder, journal, finder, durable
+        self.wanted: dict[str, ShardContents] = {}
+        self.slots: dict[str, int] = {}
+        self.waiting: dict[str, int] = {}
+        self.moved = {"shards": 0, "copied": 0, "computed": 0}
+
+    def _of(self, path: str, slots: int) -> ShardContents:
+        own = self.wanted.get(path)
+        if own is None:
+            own = self.wanted[path] = ShardContents(path, slots)
+            self.slots[path] = slots
+        return own
+
+    def keep(self, chunks: Slots, stored: Stored) -> None:
+        """Chunks that stay as they are."""
+        for path, slot, slots in chunks:
+            own, found = self._of(path, slots), stored.get((path, slot))
+            if found is not None:
+                own[slot] = found
+
+    def drop(self, chunks: Slots) -> None:
+        """Chunks that are not to be there any more."""
+        for path, slot, slots in chunks:
+            self._of(path, slots).pop(slot, None)
+
+    def found(self, chunks: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]:
+        """Of some chunks, by shard and slot, those that are there: as they were written, and where they lie."""
+        there = ((path, slot, self.wanted.get(path)) for path, slot in chunks)
+        return {(path, slot): own[slot] for path, slot, own in there if own is not None and slot in own}
+
+    def expect(self, chunks: Slots, held: Iterable[WrittenChunk] = ()) -> None:
+        """Chunks that will be computed, those held aside."""
+        there = {(one.path, one.slot) for one in held}
+        for path, slot, slots in chunks:
+            if (path, slot) not in there:
+                self._of(path, slots).pop(slot, None)
+                self.waiting[path] = self.waiting.get(path, 0) + 1
+
+    def ended(self, chunks: Slots, written: Iterable[WrittenChunk]) -> list[str]:
+        """Take what became of a cell; gives the shards of which nothing is left to be computed."""
+        there, complete = {(one.path, one.slot): one for one in written}, []
+        for path, slot, slots in chunks:
+            one, own = there.get((path, slot)), self._of(path, slots)
+            if one is None:
+                own.pop(slot, None)
+            elif slot in own and own[slot][0] == one:
+                continue  # it was held, or is told twice
+            else:
+                own[slot] = one, ChunkPlace(part_path(one), one.offset, one.size, one.digest)
+                self.moved["computed"] += one.size
+            left = self.waiting.get(path, 0) - 1
+            self.waiting[path] = left
+            if left <= 0:
+                complete.append(path)
+        return complete
+
+    def changed(self, path: str) -> bool:
+        """Whether what stands in the place of a shard is not what it is to be."""
+        state, own, slots = self.finder.state(path, self.slots[path]), self.wanted[path], self.slots[path]
+        if state is None or not own:
+            return bool(state) or bool(own)
+        if self.finder.odd(path, slots) or path not in self.journal.shards:
+            return True
+        return state.index != own.there() or len(state.index) != len(own)
+
+    def odd(self) -> list[str]:
+        """Shards that stand in their places and are not as they were put there."""
+        return [path for path, slots in self.slots.items() if self.finder.odd(path, slots)]
+
+    def unsettled(self) -> list[str]:
+        """The shards of which nothing is left to be computed, and that are not what they are to be."""
+        return [path for path in self.wanted if self.waiting.get(path, 0) <= 0 and self.changed(path)]
+
+    def put(self, paths: Iterable[str]) -> None:
+        """Put shards in their places, where what stands there is not right already."""
+        for path in dict.fromkeys(paths):
+            if self.changed(path):
+                self._put(path)
+
+    def _put(self, path: str) -> None:
+        own, slots = self.wanted[path], self.slots[path]
+        if not own:
+            disk.remove(self.folder, path)
+            self.journal.put({path: Shard(0, ())})
+            self.finder.states[path] = None
+            return
+        state = self.finder.state(path, slots)
+        if state is not None and state.index == own.there() and len(state.index) == len(own):
+            self.journal.put(
+                {path: Shard(state.size, kept_of(own), True)}
+            )  # it was put there, and nobody came to say so
+            return
+        put = put_shard(self.folder, path, slots, own, self.durable)
+        self.journal.put({path: put.shard})
+        for part in own.lying() - {path}:
+            disk.remove(self.folder, part)
+        own.put(put.places)
+        self.finder.states[path] = State(put.shard.size, put.places)
+        self.moved["copied"] += put.copied
+        self.moved["shards"] += state is not None
+
+    def close(self) -> None:
+        """Put every shard in its place, with what there is."""
+        self.put(list(self.wanted))
+
+    def parts(self) -> set[str]:
+        """The parts in which chunks lie that are not in their places yet."""
+        return {file for own in self.wanted.values() for file in own.lying() if file.endswith(disk.PART)}

@@ -1,0 +1,265 @@
+"""The last word on every cell of an archive, in columns: some 100 bytes a cell and its name, where an object each takes
+a thousand.
+
+In:  what the lines of a journal say, one after the other.
+Out: ``Entry`` by name of a cell, made when it is asked for.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapping
+from dataclasses import dataclass
+from typing import Any
+
+from etendue.archive.structure.layout import STATUS
+from etendue.contract.ports import WrittenChunk
+
+EVENTS = ("start", "done", "failed", "removed")
+KEY = 16  # bytes of a key
+_EVENT = {event: number for number, event in enumerate(EVENTS)}
+_STATUS = {status: number for number, status in enumerate(STATUS)}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """The last word on one cell."""
+
+    event: str  # start | done | failed | removed
+    key: str
+    files: tuple[WrittenChunk, ...] = ()
+    status: str = "done"
+    seconds: float = 0.0
+    clipped: float = 0.0
+    clipped_flux: float = 0.0
+    floored: float = 0.0
+    platform: str = ""  # an earlier one, on which it was computed and accepted
+    fresh: bool = False  # since the last run that ended in order
+
+
+class WrittenChunks:
+    """Chunks as they were written, in columns, by number."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []  # paths and names of parts: few
+        self.number: dict[str, int] = {}
+        self.path, self.part, self.slot = array("i"), array("i"), array("q")
+        self.offset, self.size, self.digest = array("q"), array("q"), array("q")
+
+    def __len__(self) -> int:
+        return len(self.path)
+
+    def add(self, path: str, slot: int, part: str, offset: int, size: int, digest: int) -> None:
+        self.path.append(self._of(path))
+        self.part.append(self._of(part))
+        self.slot.append(slot)
+        self.offset.append(offset)
+        self.size.append(size)
+        self.digest.append(digest)
+
+    def _of(self, text: str) -> int:
+        known = self.number.get(text)
+        if known is None:
+            known = self.number[text] = len(self.texts)
+            self.texts.append(text)
+        return known
+
+    def __getitem__(self, number: int) -> WrittenChunk:
+        texts = self.texts
+        return WrittenChunk(
+            texts[self.path[number]],
+            self.slot[number],
+            texts[self.part[number]],
+            self.offset[number],
+            self.size[number],
+            self.digest[number],
+        )
+
+
+class Entries(MutableMapping[str, Entry]):
+    """Of each name the last entry. ``close``: what was said until now is fresh no more."""
+
+    def __init__(self) -> None:
+        self.rows: dict[str, int] = {}
+        self.event, self.status, self.fresh, self.key = bytearray(), bytearray(), bytearray(), bytearray()
+        self.seconds, self.first, self.count = array("d"), array("q"), array("i")
+        self.files = WrittenChunks()
+        self.odd_keys: dict[int, str] = {}  # that are no digests
+        self.rest: dict[
+            int, tuple[float, float, float, str]
+        ] = {}  # clipped, clipped_flux, floored, platform: of few cells anything
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.rows)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.rows
+
+    def __getitem__(self, name: str) -> Entry:
+        row = self.rows[name]
+        clipped, flux, floored, platform = self.rest.get(row, (0.0, 0.0, 0.0, ""))
+        return Entry(
+            EVENTS[self.event[row]],
+            self.key_at(row),
+            tuple(self.written(row)),
+            STATUS[self.status[row]],
+            self.seconds[row],
+            clipped,
+            flux,
+            floored,
+            platform,
+            bool(self.fresh[row]),
+        )
+
+    def __setitem__(self, name: str, entry: Entry) -> None:
+        row = self.say(name, entry.event, entry.key, entry.status, entry.seconds, entry.fresh)
+        self.add_rest(row, entry.clipped, entry.clipped_flux, entry.floored, entry.platform)
+        for one in entry.files:
+            self.files.add(one.path, one.slot, one.part, one.offset, one.size, one.digest)
+        self.count[row] = len(entry.files)
+
+    def __delitem__(self, name: str) -> None:
+        del self.rows[name]
+
+    def say(self, name: str, event: str, key: str, status: str, seconds: float, fresh: bool) -> int:
+        """A last word without files, which are to be added behind it; gives its row."""
+        digest = _digest(key)
+        row = self.rows.get(name)
+        if row is None:
+            row = self.rows[name] = len(self.event)
+            self.event.append(0)
+            self.status.append(0)
+            self.fresh.append(0)
+            self.key += bytes(KEY)
+            self.seconds.append(0.0)
+            self.first.append(0)
+            self.count.append(0)
+        self.event[row], self.status[row], self.fresh[row] = _EVENT[event], _STATUS[status], fresh
+        self.seconds[row], self.first[row], self.count[row] = seconds, len(self.files), 0
+        self.rest.pop(row, None)
+        self.odd_keys.pop(row, None)
+        if digest is None:
+            self.odd_keys[row] = key
+        else:
+            self.key[KEY * row : KEY * (row + 1)] = digest
+        return row
+
+    def add_rest(self, row: int, clipped: float, clipped_flux: float, floored: float, platform: str) -> None:
+        if clipped or clipped_flux or floored or platform:
+            self.rest[row] = clipped, clipped_flux, floored, platform
+
+    def close(self) -> None:
+        """A run has ended in order: what was said until now need not be read back."""
+        self.fresh = bytearray(len(self.fresh))
+
+    def key_at(self, row: int) -> str:
+        return self.odd_keys[row] if row in self.odd_keys else self.key[KEY * row : KEY * (row + 1)].hex()
+
+    def written(self, row: int) -> Iterator[WrittenChunk]:
+        return map(self.files.__getitem__, self._numbers(row))
+
+    def standing(self, name: str, key: str) -> str:
+        """The status of a cell with this key; '' where it has begun again, has another key, or nothing is said of
+        it.
+        """
+        row = self.rows.get(name)
+        if row is None or self.event[row] == _EVENT["start"] or self.key_at(row) != key:
+            return ""
+        return STATUS[self.status[row]]
+
+    def first_file(self, name: str) -> str:
+        """The shard in which the first chunk of a cell lies; '' where nothing of it is stored."""
+        row = self.rows.get(name)
+        return "" if row is None or not self.count[row] else self.files.texts[self.files.path[self.first[row]]]
+
+    def took(self, name: str) -> float:
+        """Seconds of a cell; 0 where nothing is said of it."""
+        row = self.rows.get(name)
+        return 0.0 if row is None else self.seconds[row]
+
+    # -- of all at once -----------------------------------------------------------------------------------------------
+
+    def any_done(self) -> bool:
+        """Whether any cell is done."""
+        return next(self.done(), None) is not None
+
+    def done(self) -> Iterator[str]:
+        """The names of the cells that are done."""
+        return self.having("done")
+
+    def having(self, event: str) -> Iterator[str]:
+        """The names of the cells of which this was said last."""
+        number = _EVENT[event]
+        return (name for name, row in self.rows.items() if self.event[row] == number)
+
+    def told(self) -> Iterator[tuple[str, str, str, float, float]]:
+        """Every name with its event, status, seconds and the share that was clipped: what can be said without its
+        chunks.
+        """
+        for name, row in self.rows.items():
+            clipped = self.rest[row][0] if row in self.rest else 0.0
+            yield name, EVENTS[self.event[row]], STATUS[self.status[row]], self.seconds[row], clipped
+
+    def done_among(self, names: Iterable[str]) -> list[str]:
+        """Which of some cells are done."""
+        return (
+            [name for name in names if name in self.rows and self.event[self.rows[name]] == _EVENT["done"]]
+            if self.rows
+            else []
+        )
+
+    def done_otherwise(self, keys: Iterable[tuple[str, str]]) -> list[str]:
+        """Which of some cells are done with another key than the one beside them."""
+        return self.done_among(name for name, key in keys if name in self.rows and self.key_at(self.rows[name]) != key)
+
+    def done_beside(self, names: Mapping[Any, str]) -> list[str]:
+        """The names of the cells that are done and are none of these."""
+        known = set(names.values()) if self.rows else set()
+        return [name for name in self.done() if name not in known]
+
+    def counts(self, outdated: Collection[str] = ()) -> Counter[tuple[str, str]]:
+        """How many cells of each stage have come to what: a status, ``unfinished``, or ``outdated``."""
+        words = [
+            (event == _EVENT["start"], STATUS[status]) for event, status in zip(self.event, self.status, strict=True)
+        ]
+        found: Counter[tuple[str, str]] = Counter()
+        for name, row in self.rows.items():
+            started, status = words[row]
+            found[name.partition(" ")[0], "unfinished" if started else "outdated" if name in outdated else status] += 1
+        return found
+
+    def shards(self, beside: Collection[str] = ()) -> dict[str, int]:
+        """Of each shard in which chunks of done cells lie the number of one of them; ``beside``: cells that do not
+        count.
+        """
+        found = dict[int, int]()
+        for name in self.done():
+            if name not in beside:
+                for number in self._numbers(self.rows[name]):
+                    found[self.files.path[number]] = number
+        return {self.files.texts[path]: number for path, number in found.items()}
+
+    def by_shard(self) -> dict[str, array[int]]:
+        """Of each shard the numbers of the chunks of done cells."""
+        found: dict[int, array[int]] = {}
+        for name in self.done():
+            for number in self._numbers(self.rows[name]):
+                found.setdefault(self.files.path[number], array("q")).append(number)
+        return {self.files.texts[path]: numbers for path, numbers in found.items()}
+
+    def _numbers(self, row: int) -> range:
+        """Of the chunks of a cell."""
+        return range(self.first[row], self.first[row] + self.count[row])
+
+
+def _digest(key: str) -> bytes | None:
+    """A key as bytes; None where it is no digest, as written in lines that are damaged."""
+    try:
+        digest = bytes.fromhex(key)
+    except ValueError:
+        return None
+    return digest if len(digest) == KEY and digest.hex() == key else None

@@ -1,0 +1,389 @@
+"""The journal: what is finished, and nothing else is.
+
+One JSON line per event, appended by the owner of the archive only. A cell is finished when its **last** line is
+``done`` with the wanted key, and its chunks lie where the lines say, with the size they name. A line ends in a checksum
+of itself; one that does not fit it, and a torn last one, count as absent. What a file's existence suggests is never
+asked. A ``done`` line says to which part of a shard each chunk was appended; a ``shard`` line which bytes of which
+parts a shard holds. Beside the cells stand the axis values of each group (a coordinate array torn by a kill is written
+again from them), the arrays that were made in each group, how each is cut into shards, the record of each run, and how
+many cells it has to compute. ``closed`` says
+that a run has ended in order: what stands in front of it need not be read back. ``outdated`` names the cells that a run
+is about to replace: their chunks are there until it does, and nobody is shown them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import zlib
+from collections.abc import Iterable, Mapping, MutableMapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from etendue import plain_files
+from etendue.archive.journaling.entries import Entries, Entry
+from etendue.archive.journaling.line_forms import (
+    FIELDS,
+    axis_of,
+    block_of,
+    decode_of_a_cell,
+    files_of,
+    inside,
+    kept_of,
+    leads_out,
+    of_kind,
+)
+from etendue.archive.records import disk
+from etendue.archive.sharding.shards import Shard
+from etendue.archive.structure.layout import STATUS
+
+LONGEST_LINE = 32 << 20  # bytes; the longest, that of a record, has some megabytes where axes have 100,000 values
+# Of a damaged line; older versions of msgspec have errors of decoding that are no ``ValueError``.
+UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
+SUM = 18  # characters of ',"sum":"01234567"}'
+
+
+@dataclass
+class Going:
+    """The last run: by stage how many cells it was asked for, and which it had to compute; those that have ended
+    since.
+    """
+
+    planned: Mapping[str, int]
+    todo: Mapping[str, int]
+    ended: set[str] = field(default_factory=set)
+
+
+@dataclass
+class Read:
+    """What a journal says."""
+
+    entries: MutableMapping[str, Entry] = field(default_factory=Entries)
+    axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
+    arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
+    # by group and variable: how it is cut and encoded
+    blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
+    shards: dict[str, Shard] = field(
+        default_factory=dict
+    )  # by path below the archive, as they were put in their places
+    records: dict[str, str] = field(default_factory=dict)  # by path below the archive: the text of each run's record
+    run: Going | None = None
+    damaged: int = 0  # lines that say nothing
+    torn: bool = False  # behind the last whole line stands a piece of one
+    files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
+    outdated: set[str] = field(default_factory=set)  # cells called done that the last run was to compute otherwise
+
+    @property
+    def said(self) -> Entries:
+        assert isinstance(self.entries, Entries)
+        return self.entries
+
+    def close(self) -> None:
+        """A run has ended in order: what was said until now need not be read back."""
+        self.said.close()
+        self.shards = {path: replace(one, fresh=False) if one.fresh else one for path, one in self.shards.items()}
+
+
+class Journal:
+    """Append-only lines of one archive. Nothing is written before ``open``."""
+
+    def __init__(self, root: Path, durable: bool = False) -> None:
+        self.root, self.durable = root, durable
+        self.encoder = msgspec.json.Encoder()
+        found = read(root / NAME)
+        self.entries, self.axes, self.arrays, self.run = found.said, found.axes, found.arrays, found.run
+        self.blocks, self.shards, self.records, self.outdated = (
+            found.blocks,
+            found.shards,
+            found.records,
+            found.outdated,
+        )
+        self.damaged, self.torn, self.files_a_cell = found.damaged, found.torn, found.files_a_cell
+        self.handle: int | None = None
+
+    def open(self) -> None:
+        """Begin to write: behind the last whole line, damaged ones left out."""
+        if self.damaged:
+            lines = (self.root / NAME).read_bytes().split(b"\n")[:-1]
+            disk.write(self.root, NAME, b"".join(line + b"\n" for line in lines if _says_something(line)), self.durable)
+        self.handle = disk.append_to(self.root, NAME)
+        data = (self.root / NAME).read_bytes()
+        whole = data.rfind(b"\n") + 1
+        if whole != len(data):
+            os.ftruncate(self.handle, whole)
+
+    def _append(self, lines: Iterable[dict[str, Any]]) -> None:
+        data = b"".join(summed(self.encoder.encode(line)) + b"\n" for line in lines)
+        if data:
+            assert self.handle is not None
+            before = os.fstat(self.handle).st_size
+            try:
+                disk.write_all(self.handle, data)
+            except OSError:
+                os.ftruncate(self.handle, before)
+                raise
+            if self.durable:
+                os.fsync(self.handle)
+
+    def start(self, cells: Iterable[tuple[str, str]]) -> None:
+        """Say that the chunks of these (cell, key) may be overwritten from now on."""
+        pairs = list(cells)
+        self._append({"event": "start", "cell": cell, "key": key} for cell, key in pairs)
+        for cell, key in pairs:
+            if cell in self.entries:  # of others nothing is to be forgotten
+                self.entries[cell] = Entry("start", key)
+            self.outdated.discard(cell)
+
+    def end(self, cells: Iterable[tuple[str, Entry]], remember: bool = True) -> None:
+        """Say that these cells are done (or failed): their chunks stand in their places. ``remember``: also in
+        ``entries``.
+        """
+        pairs = list(cells)
+        self._append(
+            {
+                "event": entry.event,
+                "cell": cell,
+                "key": entry.key,
+                "status": entry.status,
+                "seconds": entry.seconds,
+                "clipped": entry.clipped,
+                "clipped_flux": entry.clipped_flux,
+                "floored": entry.floored,
+                **({"platform": entry.platform} if entry.platform else {}),
+                "files": [[f.path, f.slot, f.part, f.offset, f.size, f.digest] for f in entry.files],
+            }
+            for cell, entry in pairs
+        )
+        for cell, entry in pairs:
+            if remember:
+                self.entries[cell] = entry
+            self.outdated.discard(cell)
+
+    def give_up(self, cells: Iterable[str]) -> None:
+        """Say of cells that they are no longer there."""
+        self.end((name, Entry("removed", self.entries[name].key, (), "not_computed")) for name in cells)
+
+    def set_outdated(self, cells: Iterable[str]) -> None:
+        """Say which cells that are called done this run is about to replace; of others that is no longer so."""
+        names = set(cells)
+        if names != self.outdated:
+            self._append([{"event": "outdated", "cells": sorted(names)}])
+            self.outdated = names
+
+    def set_axes(self, axes: Mapping[str, Mapping[str, list[Any]]]) -> None:
+        """Say which axis values the arrays of each group have, in stored order, before any array changes."""
+        changed = {group: dict(values) for group, values in axes.items() if self.axes.get(group) != values}
+        self._append(
+            {
+                "event": "axes",
+                "group": group,
+                "axes": {dim: [_written(v) for v in values] for dim, values in own.items()},
+            }
+            for group, own in changed.items()
+        )
+        self.axes.update(changed)
+
+    def forget_axes(self, groups: Iterable[str]) -> None:
+        """Say that these groups are gone."""
+        gone = [group for group in groups if group in self.axes]
+        self._append({"event": "axes", "group": group, "axes": None} for group in gone)
+        for group in gone:
+            del self.axes[group]
+
+    def set_arrays(self, arrays: Mapping[str, Iterable[str]]) -> None:
+        """Say which arrays will be made in each group, before any is: what is named here was not put there by
+        somebody else.
+        """
+        fresh = {group: set(names) | self.arrays.get(group, set()) for group, names in arrays.items()}
+        fresh = {group: names for group, names in fresh.items() if names != self.arrays.get(group)}
+        self._append({"event": "arrays", "group": group, "names": sorted(names)} for group, names in fresh.items())
+        self.arrays.update(fresh)
+
+    def set_blocks(self, blocks: Mapping[str, Mapping[str, dict[str, Any]]]) -> None:
+        """Say how the variables of each group are cut into shards, before any is made: it stays so when axes grow."""
+        changed = {
+            group: {name: dict(one) for name, one in own.items()}
+            for group, own in blocks.items()
+            if self.blocks.get(group) != own
+        }
+        self._append({"event": "blocks", "group": group, "blocks": own} for group, own in changed.items())
+        self.blocks.update(changed)
+
+    def put(self, shards: Mapping[str, Shard]) -> None:
+        """Say that these shards stand in their places."""
+        self._append(
+            {"event": "shard", "path": path, "size": one.size, "kept": one.kept} for path, one in shards.items()
+        )
+        self.shards.update(shards)
+
+    def record(self, path: str, text: str) -> None:
+        """Keep the record of a run twice: it can be made from nothing else."""
+        self._append([{"event": "record", "path": path, "text": text}])
+
+    def closed(self) -> None:
+        """Say that a run has ended in order."""
+        self._append([{"event": "closed"}])
+
+    def begins(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> bool:
+        """Whether there is something to be said of a run: more than that nothing is left to do of the same."""
+        return bool(todo) or self.run is None or self.run.planned != planned
+
+    def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
+        """Say how many cells of each stage a run is asked for, and how many of them it has to compute."""
+        if self.begins(planned, todo):
+            self._append([{"event": "run", "planned": dict(planned), "todo": dict(todo)}])
+            self.run = Going(dict(planned), dict(todo))
+
+    def close(self) -> None:
+        if self.handle is not None:
+            os.close(self.handle)
+            self.handle = None
+
+
+NAME = "journal.jsonl"
+
+
+def summed(line: bytes) -> bytes:
+    """A line with its checksum at the end."""
+    return line[:-1] + b',"sum":"%08x"}' % zlib.crc32(line)
+
+
+def _written(value: Any) -> Any:
+    """An axis value as JSON, which has no infinity."""
+    return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read_journal(path: Path) -> Mapping[str, Entry]:
+    """The last line of every cell. A torn or foreign line counts as absent."""
+    return read(path).entries
+
+
+def read(path: Path) -> Read:
+    """The last word on every cell, group and run."""
+    found = Read()
+    try:
+        file = plain_files.open_plain(path, links=False)
+    except FileNotFoundError:
+        return found
+    with file:
+        for line in iter(partial(file.readline, LONGEST_LINE), b""):
+            if len(line) == LONGEST_LINE:  # no run writes such a line: what stands behind it is not looked for
+                found.damaged += 1
+                break
+            if not line.endswith(b"\n"):  # behind the last line end stands nothing, or a torn line
+                found.torn = True
+            elif not _take_own(found, line[:-1]):
+                try:
+                    _take(found, _checked(line[:-1]))
+                except UNFIT:
+                    found.damaged += 1
+    return found
+
+
+def _take_own(found: Read, line: bytes) -> bool:
+    """A line of a cell that fits the checksum at its end, read in one go; whether it was one."""
+    if line[-SUM:-10] != b',"sum":"' or b"%08x" % zlib.crc32(b"}", zlib.crc32(memoryview(line)[:-SUM])) != line[-10:-2]:
+        return False
+    try:
+        one = decode_of_a_cell(line)
+    except msgspec.DecodeError:
+        return False
+    said = found.said
+    if any(text not in said.files.number and leads_out(text) for file in one.files for text in (file[0], file[2])):
+        return False
+    found.outdated.discard(one.cell)
+    row = said.say(one.cell, one.event, one.key, one.status, one.seconds, True)
+    said.add_rest(row, one.clipped, one.clipped_flux, one.floored, one.platform)
+    for file in one.files:
+        said.files.add(*file)
+    said.count[row] = len(one.files)
+    if found.run is not None and one.event in ("done", "failed"):
+        found.run.ended.add(one.cell)
+    return True
+
+
+def _says_something(line: bytes) -> bool:
+    try:
+        _take(Read(), _checked(line))
+    except UNFIT:
+        return False
+    return True
+
+
+def _checked(line: bytes) -> dict[str, Any]:
+    """A line as a document.
+
+    Raises
+    ------
+    ValueError, msgspec.DecodeError
+        It is no document, or not the one its checksum was made of.
+    """
+    value = msgspec.json.decode(line)
+    if not isinstance(value, dict):
+        raise ValueError("no document")
+    checksum = value.pop("sum", None)
+    if checksum is not None:
+        fresh = line[:-SUM] + b"}", msgspec.json.encode(value)  # as written; or as somebody wrote it again, with blanks
+        if all(checksum != f"{zlib.crc32(one):08x}" for one in fresh):
+            raise ValueError("the line does not fit its checksum")
+    return value
+
+
+def _take(found: Read, value: Mapping[str, Any]) -> None:
+    """One line; ``ValueError`` or ``TypeError`` where it has not the form of its event."""
+    event = value["event"]
+    if not set(value) <= FIELDS[event]:
+        raise ValueError("unknown words")
+    if event == "axes":
+        group, axes = inside(value["group"]), value["axes"]
+        if axes is None:
+            found.axes.pop(group, None)
+        else:
+            found.axes[group] = {of_kind(str, dim): axis_of(of_kind(list, values)) for dim, values in axes.items()}
+    elif event == "arrays":
+        found.arrays.setdefault(inside(value["group"]), set()).update(
+            inside(name) for name in of_kind(list, value["names"])
+        )
+    elif event == "run":
+        planned, todo = (
+            {of_kind(str, k): of_kind(int, n) for k, n in value[name].items()} for name in ("planned", "todo")
+        )
+        found.run = Going(planned, todo)
+    elif event == "blocks":
+        found.blocks[inside(value["group"])] = {inside(name): block_of(one) for name, one in value["blocks"].items()}
+    elif event == "shard":
+        found.shards[inside(value["path"])] = Shard(of_kind(int, value["size"]), kept_of(value["kept"]), True)
+    elif event == "record":
+        found.records[inside(value["path"])] = of_kind(str, value["text"])
+    elif event == "closed":
+        found.close()
+    elif event == "outdated":
+        found.outdated = {of_kind(str, name) for name in of_kind(list, value["cells"])}
+    else:
+        _take_of_a_cell(found, value)
+
+
+def _take_of_a_cell(found: Read, value: Mapping[str, Any]) -> None:
+    """A line that says something of a cell, in whatever form an earlier version has written it."""
+    files, a_cell = files_of(value.get("files", ()))
+    event, status = value["event"], value.get("status", "done")
+    if status not in STATUS:
+        raise ValueError(f"unknown status {status!r}")
+    words = ("seconds", "clipped", "clipped_flux", "floored")
+    numbers = {name: float(of_kind((int, float), value.get(name, 0.0))) for name in words}
+    cell, key = of_kind(str, value["cell"]), of_kind(str, value["key"])
+    platform = of_kind(str, value.get("platform", ""))
+    found.entries[cell] = Entry(event, key, files, status, **numbers, platform=platform, fresh=True)
+    found.files_a_cell += a_cell
+    found.outdated.discard(cell)
+    if found.run is not None and event in ("done", "failed"):
+        found.run.ended.add(cell)
+
+
+def is_done(entry: Entry | None, key: str) -> bool:
+    """Whether the last word on a cell is that it is done, with this key."""
+    return entry is not None and entry.event == "done" and entry.key == key

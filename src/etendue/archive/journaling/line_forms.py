@@ -1,0 +1,117 @@
+"""What a line of the journal may hold: its words, of which kind they are, and no path that leads out of the archive.
+
+In:  a line as JSON has it.
+Out: the same as the archive knows it; ``ValueError`` or ``TypeError`` where it says nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from etendue.archive.journaling.entries import EVENTS
+from etendue.contract.ports import WrittenChunk
+
+LARGEST = 2**62  # of a place in a file
+
+OF_A_CELL = frozenset(
+    {"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "platform", "files"}
+)
+FIELDS = {
+    "axes": frozenset({"event", "group", "axes"}),
+    "arrays": frozenset({"event", "group", "names"}),
+    "run": frozenset({"event", "planned", "todo"}),
+    "blocks": frozenset({"event", "group", "blocks"}),
+    "shard": frozenset({"event", "path", "size", "kept"}),
+    "closed": frozenset({"event"}),
+    "outdated": frozenset({"event", "cells"}),
+    "record": frozenset({"event", "path", "text"}),
+    **dict.fromkeys(EVENTS, OF_A_CELL),
+}
+
+
+Number = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
+
+
+class OfACell(msgspec.Struct, forbid_unknown_fields=True, gc=False):
+    """A line that says something of a cell, as ``Journal`` writes it."""
+
+    event: Literal["start", "done", "failed", "removed"]
+    cell: str
+    key: str
+    sum: str
+    status: Literal["done", "left_out", "failed", "skipped", "not_computed"] = "done"
+    seconds: float = 0.0
+    clipped: float = 0.0
+    clipped_flux: float = 0.0
+    floored: float = 0.0
+    platform: str = ""
+    files: list[tuple[str, Number, str, Number, Number, Number]] = []
+
+
+decode_of_a_cell = msgspec.json.Decoder(OfACell).decode
+
+
+def files_of(written: Any) -> tuple[tuple[WrittenChunk, ...], int]:
+    """The chunks of a cell, and how many of them have a file of their own: of those an archive said only how large
+    each was.
+    """
+    files, a_cell = [], 0
+    for one in written:
+        if len(one) == 3:
+            path, size, _ = one
+            a_cell += 1
+            files.append(WrittenChunk(inside(path), 0, "", 0, of_kind(int, size), 0))
+        else:
+            path, slot, part, *numbers = one
+            offset, size, digest = (of_kind(int, n) for n in numbers)
+            files.append(WrittenChunk(inside(path), of_kind(int, slot), inside(part), offset, size, digest))
+        if any(abs(n) > LARGEST for n in (files[-1].slot, files[-1].offset, files[-1].size, files[-1].digest)):
+            raise ValueError("a number beyond all files")
+    return tuple(files), a_cell
+
+
+def kept_of(written: Any) -> tuple[tuple[str, int, int, int], ...]:
+    """The runs of bytes of a shard: a part, and three numbers."""
+    kept = []
+    for part, *numbers in written:
+        start, to, length = (of_kind(int, n) for n in numbers)
+        kept.append((inside(part), start, to, length))
+    return tuple(kept)
+
+
+def block_of(written: Any) -> dict[str, Any]:
+    words = {name: of_kind(str, written[name]) for name in ("codec", "form")}
+    block = {"block": [of_kind(int, n) for n in written["block"]], **words, "pieces": of_kind(int, written["pieces"])}
+    if "chunk" in written:
+        block["chunk"] = [of_kind(int, n) for n in written["chunk"]]
+    if min([*block["block"], block["pieces"], *block.get("chunk", ())]) < 1:
+        raise ValueError("a block of nothing")
+    return block
+
+
+def of_kind(kind: Any, value: Any) -> Any:
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise TypeError(f"expected {kind}, got {type(value)}")
+    return value
+
+
+def inside(path: Any) -> str:
+    """A path below the archive; a line that leads out of it says nothing."""
+    if not isinstance(path, str) or leads_out(path):
+        raise ValueError("a path that leads out of the archive")
+    return path
+
+
+def leads_out(path: str) -> bool:
+    return path[:1] == "/" or (".." in path and ".." in path.split("/"))
+
+
+def axis_of(written: list[Any]) -> list[Any]:
+    values = [float(one["float"]) if isinstance(one, dict) else one for one in written]
+    if len({isinstance(one, str) for one in values}) > 1 or not all(
+        isinstance(one, str | int | float) for one in values
+    ):
+        raise ValueError("an axis of no values")
+    return values

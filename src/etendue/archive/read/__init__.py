@@ -1,0 +1,1 @@
+"""Archives read: cells, trees, a store verified by its journal, comparisons, inspection."""

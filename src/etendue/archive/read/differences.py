@@ -1,0 +1,266 @@
+"""Two archives held against each other: which cells differ, by how much, and since which parameter, code or input.
+
+In:  the folders of two archives.
+Out: a ``StageDifference`` for every stage of either.
+
+Cells are matched by stage and axis values. An axis that only one of them has is matched at the value that the other has
+fixed. Cells whose stored bytes have the same size and digest are not read.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from etendue.archive.read.differing import Difference, between, together
+from etendue.archive.read.stored import Stored, StoredArrays
+from etendue.archive.records.provenance import latest_record, node_changes
+from etendue.errors import ArchiveError
+
+_LABEL = re.compile(r""" ([^ =]+)=('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|\S+)""")
+Place = tuple[str, frozenset[tuple[str, Any]]]  # a stage, and axis values by dim
+WORST = 5  # cells of a stage that are named
+
+
+@dataclass(frozen=True)
+class CellDifference:
+    """One variable of one cell that both archives have, and that is not the same."""
+
+    cell: str
+    variable: str
+    difference: Difference | None
+    why: str = ""  # why it cannot be compared
+
+
+@dataclass
+class StageDifference:
+    """One stage of two archives.
+
+    Attributes
+    ----------
+    cells : how many both have
+    same : how many of these have equal arrays
+    since : what differs of the stage itself, or which of its inputs differs; '' where nothing that is recorded does
+    """
+
+    name: str
+    cells: int = 0
+    same: int = 0
+    only_first: list[str] = field(default_factory=list)
+    only_second: list[str] = field(default_factory=list)
+    differing: list[CellDifference] = field(default_factory=list)
+    since: str = ""
+
+    @property
+    def equal(self) -> bool:
+        return not (self.only_first or self.only_second or self.differing)
+
+
+class _Side:
+    """One of the two archives."""
+
+    def __init__(self, folder: Path) -> None:
+        self.stored = Stored(folder)
+        record = latest_record(folder)
+        if record is None:
+            raise ArchiveError(f"{folder} has no record of a run that can be read: etendue verify {folder}")
+        self.record: dict[str, Any] = record
+        self.cells: dict[str, tuple[str, dict[str, Any]]] = {name: _labels(name) for name in self.stored.finished}
+        self.keys = {re.sub(r"\.use$", "", key).replace(".", "_"): key for key in record["axes"]}
+        self.dims: dict[str, set[str]] = {}
+        for stage, labels in self.cells.values():
+            self.dims.setdefault(stage, set()).update(labels)
+
+    def fixed(self, dim: str, key: str) -> Any:
+        """What a parameter is fixed at that another archive sweeps; None where nobody knows."""
+        stage, _, name = key.rpartition(".")
+        if dim in self.keys:
+            return None
+        if not stage:
+            return self.record["shared"].get(name)
+        node = self.record["nodes"].get(stage, {})
+        return (node.get("stage") or [None])[0] if name == "use" else node.get("shown", {}).get(name)
+
+    def places(self, other: _Side) -> dict[Place, str]:
+        """The names of the finished cells by where they are, in terms of the axes of both."""
+        found = {}
+        for name, (stage, labels) in self.cells.items():
+            more = other.dims.get(stage, set()) - self.dims[stage]
+            filled = {dim: self.fixed(dim, other.keys.get(dim, dim)) for dim in more}
+            found[stage, frozenset((dim, _plain(value)) for dim, value in {**labels, **filled}.items())] = name
+        return found
+
+
+def _labels(name: str) -> tuple[str, dict[str, Any]]:
+    """Stage and axis values from the name of a cell."""
+    stage = name.split(" ")[0]
+    labels = {}
+    for dim, text in _LABEL.findall(name[len(stage) :]):
+        try:
+            labels[dim] = ast.literal_eval(text)
+        except (ValueError, SyntaxError):
+            labels[dim] = text
+    return stage, labels
+
+
+def _plain(value: Any) -> Any:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def differences(
+    first: Path, second: Path, told: Callable[[int, int], None] = lambda done, total: None
+) -> list[StageDifference]:
+    """By stage, in the order of the first archive; ``told``: how many cells of how many have been looked at.
+
+    Raises
+    ------
+    ArchiveError
+        One of the folders is no archive, or has no record that can be read.
+    """
+    one, other = _Side(first), _Side(second)
+    mine, theirs = one.places(other), other.places(one)
+    order = dict.fromkeys(
+        [*one.record.get("order", ()), *other.record.get("order", ()), *(stage for stage, _ in (*mine, *theirs))]
+    )
+    found = {stage: StageDifference(stage) for stage in order}
+    for number, (place, name) in enumerate(mine.items()):
+        told(number, len(mine))
+        own = found[place[0]]
+        twin = theirs.get(place)
+        if twin is None:
+            own.only_first.append(name)
+            continue
+        own.cells += 1
+        off = _cells(one.stored, name, other.stored, twin)
+        own.differing += off
+        own.same += not off
+    for place, name in theirs.items():
+        if place not in mine:
+            found[place[0]].only_second.append(name)
+    since = node_changes(
+        *(_unswept(side.record["nodes"], {*one.keys.values(), *other.keys.values()}) for side in (one, other))
+    )
+    for stage, own in found.items():
+        own.since = since.get(stage, "")
+        if own.differing and not own.since:
+            own.since = _elsewhere(one.record, other.record)
+    return list(found.values())
+
+
+def _unswept(nodes: Mapping[str, Any], axes: set[str]) -> dict[str, Any]:
+    """What is recorded of stages without the parameters that one of the archives sweeps: their cells are matched by
+    value.
+    """
+    return {
+        name: {
+            **node,
+            "parameters": {k: v for k, v in node["parameters"].items() if k not in axes and f"{name}.{k}" not in axes},
+        }
+        for name, node in nodes.items()
+    }
+
+
+def _elsewhere(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    changed = [
+        f"{k} {v} -> {other['platform'].get(k)}" for k, v in one["platform"].items() if other["platform"].get(k) != v
+    ]
+    return f"the platform: {', '.join(changed)}" if changed else ""
+
+
+def _cells(one: Stored, name: str, other: Stored, twin: str) -> list[CellDifference]:
+    """The variables of a cell that differ; nothing of those that only one archive keeps."""
+    mine, theirs, found = one.cell(name), other.cell(twin), list[CellDifference]()
+    if mine.digested and theirs.digested and _bytes(mine) == _bytes(theirs):
+        return []
+    for variable in mine.variables:
+        if variable not in theirs.variables:
+            continue
+        try:
+            if mine.windows(variable) == theirs.windows(variable):
+                pairs = zip(mine.parts(variable), theirs.parts(variable), strict=True)
+                off = together(between(part, other_part) for (_, part), (_, other_part) in pairs)
+            else:
+                off = between(mine.read(variable), theirs.read(variable))
+        except ArchiveError as error:
+            found.append(CellDifference(name, variable, None, str(error)))
+            continue
+        if not off.same:
+            found.append(CellDifference(name, variable, off))
+    return found
+
+
+def _bytes(cell: StoredArrays) -> list[tuple[Any, ...]]:
+    """What is known of the bytes of a cell."""
+    return [
+        (c.variable, c.window, c.form.dtype, c.form.shape, c.form.codec, c.written.size, c.written.digest)
+        for c, _ in cell.chunks
+    ]
+
+
+def document(first: Path, second: Path, found: list[StageDifference]) -> dict[str, Any]:
+    """As ``--json`` says it."""
+    return {
+        "first": str(first),
+        "second": str(second),
+        "equal": all(stage.equal for stage in found),
+        "only": {
+            "first": _alone([n for s in found for n in s.only_first], [n for s in found for n in s.only_second]),
+            "second": _alone([n for s in found for n in s.only_second], [n for s in found for n in s.only_first]),
+        },
+        "stages": [_stage(stage) for stage in found],
+    }
+
+
+def _alone(names: list[str], others: list[str]) -> dict[str, Any]:
+    """How many cells only one archive has, and at which axis values."""
+    own, there = ({(d, _plain(v)) for n in some for d, v in _labels(n)[1].items()} for some in (names, others))
+    values: dict[str, list[Any]] = {}
+    for dim, value in sorted(own - there, key=str):
+        values.setdefault(dim, []).append(value)
+    return {"cells": len(names), "values": values}
+
+
+def _stage(found: StageDifference) -> dict[str, Any]:
+    known = [one for one in found.differing if one.difference is not None]
+    worst = sorted(known, key=_size, reverse=True)[:WORST]
+    return {
+        "name": found.name,
+        "cells": found.cells,
+        "same": found.same,
+        "differing": found.cells - found.same,
+        "only_first": len(found.only_first),
+        "only_second": len(found.only_second),
+        "since": found.since or None,
+        "largest": max((one.difference.largest for one in known if one.difference), default=None),
+        "rms": max((one.difference.rms for one in known if one.difference), default=None),
+        "relative": max((_size(one) for one in known), default=None),
+        "worst": [_shown(one) for one in (*worst, *(one for one in found.differing if one.difference is None))][:WORST],
+        "named": {"only_first": found.only_first[:WORST], "only_second": found.only_second[:WORST]},
+    }
+
+
+def _size(one: CellDifference) -> float:
+    if one.difference is None or one.difference.relative is None:
+        return float("inf")
+    return one.difference.relative
+
+
+def _shown(one: CellDifference) -> dict[str, Any]:
+    own = one.difference
+    if own is None or own.shapes:
+        return {"cell": one.cell, "variable": one.variable, "why": own.shapes if own else one.why}
+    return {
+        "cell": one.cell,
+        "variable": one.variable,
+        "values": own.values,
+        "differing": own.differing,
+        "undefined": own.undefined,
+        "largest": own.largest,
+        "rms": own.rms,
+        "full_scale": own.scale,
+        "relative": own.relative,
+    }

@@ -1,0 +1,70 @@
+"""The pictures of an earlier run, as it left them: one table that not every run makes again, so it carries a digest of
+itself.
+
+In:  the files of the group ``frames``.
+Out: whether they are whole, and the keys of the cells they show.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.records import disk
+from etendue.archive.records.manifest import DATA, Manifest
+
+FRAMES = "frames"
+
+
+def stored(folder: Path, listing: disk.Listing) -> dict[str, bytes]:
+    """The files of the pictures of an earlier run; none where they are not whole."""
+    paths = listing.below(f"{DATA}/{FRAMES}")
+    files = {path.removeprefix(f"{DATA}/"): disk.content_of(folder / path) or b"" for path in paths}
+    return files if whole(files) else {}
+
+
+def sheet_is_whole(folder: Path, manifest: Manifest | None) -> bool:
+    """Whether the contact sheet of an earlier run is there as it was written."""
+    known = manifest.files.get("contact_sheet.png") if manifest else None
+    data = disk.content_of(folder / "contact_sheet.png") or b""
+    if known is not None:
+        return hashlib.sha256(data).hexdigest() == known
+    return data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
+
+
+def whole(files: Mapping[str, bytes]) -> bool:
+    """Whether nothing of the pictures is missing or changed."""
+    attrs, own = attributes(files), Tree()
+    own.put_group(FRAMES, attrs)
+    return own.held.items() <= files.items() and attrs.get("digest") == digest(files)
+
+
+def sealed(files: Mapping[str, bytes], attrs: Mapping[str, Any]) -> dict[str, bytes]:
+    """The group of some pictures with their digest in it."""
+    own = Tree()
+    own.put_group(FRAMES, attrs)
+    own.put_group(FRAMES, {**attrs, "digest": digest({**files, **own.held})})
+    return own.held
+
+
+def attributes(files: Mapping[str, bytes]) -> dict[str, Any]:
+    """The attributes of the pictures."""
+    try:
+        found = json.loads(files.get(f"{FRAMES}/{ROOT}", b"{}"))["attributes"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def digest(files: Mapping[str, bytes]) -> str:
+    """Of all the pictures and what is said of them: it stands in their own attributes."""
+    said = {name: value for name, value in attributes(files).items() if name != "digest"}
+    found = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+    for path in sorted(files):
+        if path != f"{FRAMES}/{ROOT}":
+            found.update(f"{path} {hashlib.sha256(files[path]).hexdigest()}\n".encode())
+    return found.hexdigest()

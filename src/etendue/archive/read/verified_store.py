@@ -1,0 +1,355 @@
+"""The store of an archive as its journal vouches for it: also what a run has not finished, or is computing now.
+
+In:  the folder of an archive, finished, interrupted or being written.
+Out: a Zarr store to read from, and the tree of it. Nothing is written.
+
+A shard is made up, when somebody reads of it, from the chunks that the journal calls done, wherever they lie; so is
+``status``. A chunk that is lost, or is not as it was written, is an error and no fill value; so are coordinates and
+tables that differ from the manifest. Where a run was broken off while arrays grew, axes are those of the journal;
+tables are those of a run that has ended, and not there before.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+from collections.abc import AsyncGenerator, AsyncIterator, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+from zarr.abc.store import ByteRequest, OffsetByteRequest, RangeByteRequest, SuffixByteRequest
+from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
+from zarr.storage import LocalStore, WrapperStore
+
+from etendue.archive.read import reading
+from etendue.archive.read.reading import StoredArchive, StoredCell, StoredChunk
+from etendue.archive.read.tree import ROOT, Tree
+from etendue.archive.records import disk
+from etendue.archive.records.manifest import DATA, damaged, digest_of, read_manifest
+from etendue.archive.records.owner import is_running
+from etendue.archive.sharding.chunks import decode
+from etendue.archive.sharding.shards import fits, index_bytes, index_size, read_bytes
+from etendue.archive.sharding.unfolding import refuse_codecs, refuse_unfolding
+from etendue.archive.structure.layout import STATUS
+from etendue.archive.structure.naming import cell_label
+from etendue.contract.values.names import TABLES
+from etendue.errors import ArchiveError
+
+LOOKS = 4  # at a chunk of a run that goes on: its part may become a shard while it is looked for
+
+
+def open_archive(folder: str | Path) -> xarray.DataTree:
+    """An archive as a lazy ``xarray.DataTree``, also while its run goes on and after it was broken off.
+
+    Every cell that is finished can be read, wherever it lies by now, and ``status`` says which are. Plain
+    ``xarray.open_datatree(folder / "data.zarr")`` sees what runs have published.
+
+    Raises
+    ------
+    ArchiveError
+        There is none, or nothing of it can be read yet. So does reading an array of which something is lost.
+    """
+    folder = Path(folder)
+    store = VouchedStore.of(reading.open_archive(folder))
+    if store.root is None:
+        store.hold(f"{DATA}/{ROOT}", None)
+        raise ArchiveError(f"{folder}: nothing of it can be read yet; its run has only begun")
+    with reading.metadata_of(folder):
+        store.refuse_codecs()
+        tree = xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
+    tree.encoding["source"] = str(folder.absolute() / DATA)  # as xarray says it of a path
+    return tree
+
+
+class VouchedStore(WrapperStore[LocalStore]):
+    """Reads go to the files of an archive; what of them is not settled yet is made up from its journal.
+
+    Attributes
+    ----------
+    root : the metadata of the whole store; None where a run has not come to it
+    whole : whether the last run has ended in order
+    """
+
+    def __init__(self, store: LocalStore, folder: Path, archive: StoredArchive) -> None:
+        super().__init__(store)
+        self.folder, self.archive = folder, archive
+        self.root = disk.read_document(folder / DATA / ROOT)
+        self.manifest = read_manifest(folder)
+        self.whole = self.manifest is not None and "consolidated_metadata" in (self.root or {})
+        self.small: dict[str, Mapping[str, bytes]] = {}
+
+    @classmethod
+    def of(cls, archive: StoredArchive) -> VouchedStore:
+        """The store of an archive that is open for reading."""
+        return cls(LocalStore(archive.folder / DATA, read_only=True), archive.folder, archive)
+
+    def _with_store(self, store: LocalStore) -> VouchedStore:
+        return VouchedStore(store, self.folder, self.archive)
+
+    # -- what Zarr asks -----------------------------------------------------------------------------------------------
+
+    async def get(
+        self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
+        prototype = prototype or default_buffer_prototype()
+        group, _, file = key.rpartition("/")
+        if self._hidden(key):
+            return None
+        if self._is_of_cells(group, file):
+            data = await asyncio.to_thread(self._cells, f"{DATA}/{key}", byte_range)
+        else:
+            own = await asyncio.to_thread(self._made, key)
+            if own is None:
+                read = await self._store.get(key, prototype, byte_range)
+                await asyncio.to_thread(self.hold, f"{DATA}/{key}", read, byte_range is None)
+                self._refuse_unfolding(key, read)
+                return read
+            data = _cut(own, byte_range)
+        return None if data is None else prototype.buffer.from_bytes(data)
+
+    async def get_partial_values(
+        self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, ByteRequest | None]]
+    ) -> list[Buffer | None]:
+        return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
+
+    # Ways past ``get`` that Zarr 3.4 and later take through a wrapper to the files:
+
+    async def get_ranges(
+        self, key: str, byte_ranges: Sequence[ByteRequest | None], *, prototype: BufferPrototype, **_: Any
+    ) -> AsyncIterator[Sequence[tuple[int, Buffer | None]]]:
+        for number, byte_range in enumerate(byte_ranges):
+            yield [(number, await self.get(key, prototype, byte_range))]
+
+    async def _get_many(
+        self, requests: Iterable[tuple[str, BufferPrototype, ByteRequest | None]]
+    ) -> AsyncGenerator[tuple[str, Buffer | None], None]:
+        for key, prototype, byte_range in requests:
+            yield key, await self.get(key, prototype, byte_range)
+
+    @property
+    def _supports_sync_io(self) -> bool:
+        return False
+
+    async def exists(self, key: str) -> bool:
+        if self._hidden(key):
+            return False
+        group, _, file = key.rpartition("/")
+        return f"{DATA}/{key}" in self.shards if self._is_of_cells(group, file) else await self._store.exists(key)
+
+    async def list_dir(self, prefix: str) -> AsyncIterator[str]:
+        async for name in self._store.list_dir(prefix):
+            if prefix or not self._hidden(name):
+                yield name
+
+    @cached_property
+    def ours(self) -> set[str]:
+        """Groups of the store that runs have written."""
+        return {*TABLES, *(group.partition("/")[0] for group in self.archive.journal.axes)}
+
+    def _refuse_unfolding(self, key: str, read: Buffer | None) -> None:
+        """A coordinate or a table that says it is larger than any, or is to be read by a codec that no run uses."""
+        if read is None or key.partition("/")[0] not in self.ours:
+            return
+        try:
+            if not key.endswith(ROOT):
+                refuse_unfolding(read.to_bytes())
+            else:
+                refuse_codecs(disk.read_document(self.folder / DATA / key) or {})
+        except ArchiveError as error:
+            raise ArchiveError(f"{self.folder / DATA / key}: {error}") from None
+
+    def refuse_codecs(self) -> None:
+        """Of the metadata of all nodes that stands in the root."""
+        nodes = (self.root or {}).get("consolidated_metadata", {}).get("metadata", {}) if self.whole else {}
+        for path, node in nodes.items():
+            if path.partition("/")[0] in self.ours and isinstance(node, dict):
+                refuse_codecs(node)
+
+    def _hidden(self, key: str) -> bool:
+        return not self.whole and key.split("/")[0] in TABLES
+
+    def hold(self, path: str, read: Buffer | None, entire: bool = True) -> None:
+        """Metadata, coordinates and tables of a run that has ended, held against its manifest."""
+        known = self.manifest.metadata.get(path) if self.manifest else None
+        if known is None or (read is not None and (not entire or hashlib.sha256(read.to_bytes()).hexdigest() == known)):
+            return
+        now = read_manifest(self.folder)  # None: another run has begun, and what it changes is its own
+        if now is not None and digest_of(self.folder / path) != now.metadata.get(path, ""):
+            raise damaged(self.folder, [path])
+
+    # -- chunks of cells ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def shards(self) -> dict[str, dict[int, tuple[StoredCell, StoredChunk]]]:
+        """By path below the archive, and by slot: what is in it."""
+        found: dict[str, dict[int, tuple[StoredCell, StoredChunk]]] = {}
+        for cell in self.archive.cells.values():
+            for chunk in cell.chunks:
+                found.setdefault(chunk.written.path, {})[chunk.written.slot] = cell, chunk
+        return found
+
+    def _is_of_cells(self, node: str, file: str) -> bool:
+        group, _, name = node.rpartition("/")
+        journal = self.archive.journal
+        if journal.files_a_cell:
+            return f"{DATA}/{node}/{file}" in self.shards
+        return file.startswith("c") and name in journal.blocks.get(group, ())
+
+    def _cells(self, path: str, asked: ByteRequest | None) -> bytes | None:
+        """Some bytes of a shard that holds the chunks of finished cells, in the order of their slots, and nothing
+        else.
+        """
+        own = self.shards.get(path)
+        if not own:
+            return None
+        slots = 0 if self.archive.journal.files_a_cell else next(iter(own.values()))[1].form.slots
+        if not slots:
+            return _cut(self._chunk(*own[0]), asked)
+        places, size = {}, 0
+        for slot in sorted(own):
+            places[slot] = size, own[slot][1].written.size
+            size += own[slot][1].written.size
+        begin, end = _range(asked, size + index_size(slots))
+        wanted = {slot: start for slot, (start, length) in places.items() if start < end and start + length > begin}
+        data = b"".join(
+            [*(self._chunk(*own[slot]) for slot in wanted), index_bytes(slots, places) if end > size else b""]
+        )
+        first = min(wanted.values(), default=size)
+        return data[begin - first : end - first]
+
+    def _chunk(self, cell: StoredCell, chunk: StoredChunk) -> bytes:
+        """The bytes of a chunk, held against the journal."""
+        archive = self.archive
+        for look in range(LOOKS):
+            place = archive.place(chunk)
+            try:
+                data = read_bytes(self.folder, place) if place else b""
+            except OSError:
+                data = b""
+            if place and (archive.journal.files_a_cell or fits(data, place)):
+                return data
+            if not look and not is_running(self.folder):
+                break
+            archive = StoredArchive(self.folder)
+        raise ArchiveError(
+            f"{self.folder}: {chunk.variable} of {cell.name} is missing or not as it was written; "
+            f"mend it: etendue verify --repair {self.folder}"
+        )
+
+    # -- what stands around them --------------------------------------------------------------------------------------
+
+    def _made(self, key: str) -> bytes | None:
+        """A file that the journal knows better than the disk; None: it is as on disk."""
+        node = key.removesuffix(f"/{ROOT}") if key.endswith(f"/{ROOT}") else key.partition("/c/")[0].removesuffix("/c")
+        group, _, name = node.rpartition("/")
+        axes = self.archive.journal.axes.get(group)
+        if axes is None or self.archive.journal.files_a_cell or (self.whole and name != "status"):
+            return None
+        if node not in self.small:
+            self.small[node] = self._array(group, name, axes)
+        return self.small[node].get(key)
+
+    def _array(self, group: str, name: str, axes: Mapping[str, list[Any]]) -> Mapping[str, bytes]:
+        """The files of an array along axes that have perhaps just grown."""
+        document = disk.read_document(self.folder / DATA / group / name / ROOT)
+        if document is None or document.get("node_type") != "array":
+            return {}
+        dims = tuple(document.get("dimension_names") or ())
+        shape = tuple(
+            len(axes[dim]) if dim in axes else size for dim, size in zip(dims, document["shape"], strict=True)
+        )
+        tree, attrs = Tree(), document.get("attributes", {})
+        if name == "status":
+            tree.put_array(group, name, self._status(group, axes), dims, attrs)
+        elif dims == (name,) and name in axes:
+            tree.put_array(group, name, axes[name], dims, attrs)
+        elif shape == tuple(document["shape"]):
+            return {}
+        elif name in self.archive.journal.blocks.get(group, ()):
+            return {f"{group}/{name}/{ROOT}": json.dumps({**document, "shape": shape}).encode()}
+        else:
+            tree.put_array(group, name, self._grown(f"{group}/{name}", document, shape), dims, attrs)
+        return tree.files()
+
+    def _grown(self, node: str, document: Mapping[str, Any], shape: tuple[int, ...]) -> Any:
+        """A coordinate along axes that have grown: as it is on disk, what is not there yet missing."""
+        dtype, old = np.dtype(document["data_type"]), tuple(document["shape"])
+        data = disk.content_of((self.folder / DATA / node).joinpath("c", *("0" for _ in shape))) or b""
+        try:
+            return decode(data, dtype.str, shape)
+        except ArchiveError:
+            whole = np.full(shape, np.nan, dtype)
+            with suppress(ArchiveError):
+                whole[tuple(slice(size) for size in old)] = decode(data, dtype.str, old)
+            return whole
+
+    def _status(self, group: str, axes: Mapping[str, list[Any]]) -> Any:
+        """What became of the cells of a group, as the journal has it."""
+        flags = np.full(tuple(map(len, axes.values())), STATUS.index("not_computed"), np.uint8)
+        for cell, position in self._positions.get(group, ()):
+            flags[position] = STATUS.index(cell.entry.status)
+        for position, status in self._ended.get(group, {}).items():
+            flags[position] = STATUS.index(status)
+        return flags
+
+    @cached_property
+    def _positions(self) -> dict[str, list[tuple[StoredCell, tuple[int, ...]]]]:
+        """By group: the finished cells, and where they stand along its axes."""
+        found: dict[str, list[tuple[StoredCell, tuple[int, ...]]]] = {}
+        for cell in self.archive.cells.values():
+            for group, chunk in {chunk.group: chunk for chunk in cell.chunks}.items():
+                found.setdefault(group, []).append((cell, chunk.position))
+        return found
+
+    @cached_property
+    def _ended(self) -> dict[str, dict[tuple[int, ...], str]]:
+        """By group and position: the cells that came to an end without a result. Which group they are of only their
+        axis values say.
+        """
+        entries = self.archive.journal.said
+        left = {name: entries[name].status for name in entries.having("failed")}
+        places: dict[str, list[tuple[str, tuple[int, ...]]]] = {}
+        stages = {name.split(" ")[0] for name in left}
+        for group, axes in self.archive.journal.axes.items():
+            stage = group.split("/")[0]
+            for at in product(*(range(len(values)) for values in axes.values())) if stage in stages else ():
+                label = cell_label(stage, {dim: values[i] for i, (dim, values) in zip(at, axes.items(), strict=True)})
+                if label in left:
+                    places.setdefault(label, []).append((group, at))
+        found: dict[str, dict[tuple[int, ...], str]] = {}
+        for name, own in places.items():
+            for group, at in own:
+                if len(own) == 1 or self._said(group, at) == left[name]:
+                    found.setdefault(group, {})[at] = left[name]
+        return found
+
+    def _said(self, group: str, at: tuple[int, ...]) -> str:
+        """What the store on disk says became of a cell; '' where it does not."""
+        path = self.folder / DATA / group / "status"
+        try:
+            shape = tuple((disk.read_document(path / ROOT) or {})["shape"])
+            return STATUS[int(decode(path.joinpath("c", *("0" for _ in shape)).read_bytes(), "u1", shape)[at])]
+        except (OSError, ArchiveError, KeyError, IndexError):
+            return ""
+
+
+def _range(asked: ByteRequest | None, size: int) -> tuple[int, int]:
+    """From which byte to which."""
+    if isinstance(asked, RangeByteRequest):
+        return min(asked.start, size), min(asked.end, size)
+    if isinstance(asked, OffsetByteRequest):
+        return min(asked.offset, size), size
+    if isinstance(asked, SuffixByteRequest):
+        return max(size - asked.suffix, 0), size
+    return 0, size
+
+
+def _cut(data: bytes, asked: ByteRequest | None) -> bytes:
+    begin, end = _range(asked, len(data))
+    return data[begin:end]

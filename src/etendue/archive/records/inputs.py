@@ -1,0 +1,248 @@
+"""The pipeline of a run as it stands, and the files it names: what makes an archive run again by itself.
+
+In:  a plan.
+Out: TOML with every override in it, in which files are copies in ``inputs/``, named by their SHA-256; the copies.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from etendue import plain_files
+from etendue.archive.records import disk
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import file_behind, file_state, parameters_of
+from etendue.contract.values.parameter import Parameter
+from etendue.errors import ArchiveError
+from etendue.pipeline import toml
+from etendue.pipeline.file import PipelineFile
+from etendue.pipeline.presets import preset
+from etendue.plan.identity.keys import file_digest
+from etendue.plan.model import Plan
+from etendue.plan.wiring.parameters import resolve_file
+
+_COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")
+LARGEST_COPY = 256 << 20  # a larger input is described, not copied
+
+
+@dataclass
+class Resolved:
+    """A pipeline that needs nothing but its archive."""
+
+    text: str
+    inputs: dict[str, str] = field(
+        default_factory=dict
+    )  # name below inputs/ -> path of the file or folder it is a copy of
+    written: dict[str, str] = field(default_factory=dict)  # as the pipeline named a file -> as the text here does
+
+
+class _Resolver:
+    """Replaces the names of files in values as written."""
+
+    def __init__(self, pipeline: PipelineFile) -> None:
+        self.pipeline = pipeline
+        self.inputs: dict[str, str] = {}
+        self.written: dict[str, str] = {}
+        registry = installed_stages()
+        self.kinds = {entry.name: dict(parameters_of(registry.load(entry.use))) for entry in pipeline.stages}
+        self.shared = {n: p for own in self.kinds.values() for n, p in own.items() if p[0].shared}
+        for key, values in pipeline.sweep.items():
+            if key.endswith(".use") and isinstance(values, list | tuple):
+                for one in values:
+                    own = parameters_of(registry.load(one if isinstance(one, str) else one["use"]))
+                    self.shared.update({n: p for n, p in own.items() if p[0].shared})
+
+    def value(self, value: Any, parameter: Parameter | None) -> Any:
+        """A value; the name of a file by content."""
+        if isinstance(value, list | tuple):
+            return [self.value(one, parameter) for one in value]
+        if parameter is None or not isinstance(value, str) or not value:
+            return value
+        behind = file_behind(value, parameter)
+        if not behind:
+            return value
+        path = str(resolve_file(behind, self.pipeline.folder, parameter.folder))
+        name = f"{file_digest(path)}{Path(path).suffix}"
+        self.inputs[name] = path
+        self.written[value] = f"../inputs/{name}"
+        return self.written[value]
+
+    def table(self, values: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
+
+    def preset(self, table: Mapping[str, Any]) -> dict[str, Any]:
+        """A preset of an axis, with what its name stands for written out: another version may say otherwise."""
+        whose = self.pipeline.table
+        named = preset(table[whose.preset], whose).values() if whose.preset in table else {}
+        known = {
+            name: value for name, value in named.items() if name in self.shared and name not in self.pipeline.shared
+        }
+        return {
+            name: self.value(value, self.shared.get(name, (None,))[0]) for name, value in {**known, **table}.items()
+        }
+
+    def axis(self, key: str, values: Any) -> Any:
+        stage, _, name = key.partition(".")
+        if name == "use" and isinstance(values, list | tuple):
+            registry = installed_stages()
+            return [v if isinstance(v, str) else self.table(v, parameters_of(registry.load(v["use"]))) for v in values]
+        if key == self.pipeline.table.preset and isinstance(values, list | tuple):
+            return [self.preset({key: v} if isinstance(v, str) else v) for v in values]
+        own = self.kinds.get(stage, {}) if name else self.shared
+        parameter = own.get(name or key, (None,))[0]
+        if isinstance(values, Mapping):
+            return dict(values)
+        return self.value(list(values) if isinstance(values, list | tuple) else values, parameter)
+
+
+def resolve_pipeline(plan: Plan) -> Resolved:
+    """The pipeline of a plan with all overrides applied, to be run from ``runs/`` in its archive."""
+    pipeline = plan.pipeline
+    found = _Resolver(pipeline)
+    document: dict[str, Any] = {"name": pipeline.name}
+    if pipeline.description:
+        document["description"] = pipeline.description
+    if pipeline.variant:
+        document["variant"] = pipeline.variant
+    document |= {
+        "seed": pipeline.seed,
+        "tolerance": pipeline.tolerance,
+        "norm": pipeline.norm,
+        "precision": pipeline.precision,
+    }
+    if not plan.leaves_out:
+        document["leave_out"] = False
+    if pipeline.wanted is not None:
+        document["wanted"] = list(pipeline.wanted)
+    if pipeline.keep is not None:
+        document["keep"] = list(pipeline.keep)
+    if said := pipeline.about.document():
+        document["about"] = said
+    # what the preset's name stands for is written out: another version may say otherwise
+    stated = {} if pipeline.preset_swept else pipeline.preset
+    given = {name: value for name, value in stated.items() if name in found.shared and name not in pipeline.sweep}
+    shared = found.table({**given, **pipeline.shared}, found.shared)
+    named = {pipeline.table.preset: pipeline.preset_name} if pipeline.preset_name and not pipeline.preset_swept else {}
+    document[pipeline.table.name] = named | shared
+    document["stages"] = [
+        {
+            "use": entry.use,
+            "name": entry.name,
+            **({"from": dict(entry.origin)} if entry.origin else {}),
+            **found.table(entry.values, found.kinds[entry.name]),
+        }
+        for entry in pipeline.stages
+    ]
+    if pipeline.sweep:
+        document["sweep"] = {key: found.axis(key, values) for key, values in pipeline.sweep.items()}
+    return Resolved(toml.dumps(document), found.inputs, found.written)
+
+
+def as_recorded(value: Any, written: Mapping[str, str]) -> str:
+    """An override in the notation of the file, files by content."""
+    if isinstance(value, str):
+        found = written.get(value, value)
+        return toml.value(Path(found).name if os.path.isabs(found) else found)
+    if isinstance(value, Mapping):
+        return (
+            "{ "
+            + ", ".join(f"{toml.key(str(name))} = {as_recorded(one, written)}" for name, one in value.items())
+            + " }"
+        )
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(as_recorded(one, written) for one in value)}]"
+    return (
+        toml.value(value)
+        if isinstance(value, bool | int | float | Decimal) or hasattr(value, "item")
+        else toml.value(str(value))
+    )
+
+
+def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) -> list[str]:
+    """Every file and folder that a pipeline names into ``inputs/``; of very large ones, what they are. Gives damaged
+    copies it replaced.
+    """
+    mended = []
+    for name, path in inputs.items():
+        digest, source = file_digest(path), Path(path)
+        state = file_state(path)
+        links = (p for p in source.rglob("*") if p.is_symlink()) if source.is_dir() else ()
+        if state[1] > LARGEST_COPY or any(not p.resolve().is_relative_to(source.resolve()) for p in links):
+            why = {"why": "a link in it leads out of it"} if state[1] <= LARGEST_COPY else {}
+            known = {"name": source.name, "sha256": digest, "bytes": state[1], "copied": False, **why}
+            disk.write(folder, f"inputs/{name}.json", json.dumps(known).encode(), durable)
+            continue
+        copy = folder / "inputs" / name
+        if copy.exists():
+            try:
+                if file_digest(str(copy)) == digest:
+                    continue
+            except OSError:
+                pass
+            mended.append(f"inputs/{name}")
+        for part in _parts(source) if source.is_dir() else [""]:
+            disk.write(
+                folder,
+                f"inputs/{name}/{part}" if part else f"inputs/{name}",
+                _read(source / part if part else source),
+                durable,
+            )
+        if digest_now(copy) != digest:
+            raise ArchiveError(f"{source.name} has changed while it was copied into {folder / 'inputs'}; run again")
+    return mended
+
+
+def digest_now(copy: Path) -> str:
+    """SHA-256 of a file or folder as it is on disk now, whatever is remembered of it."""
+    return file_digest(str(copy)) if copy.is_dir() else plain_files.sha256(copy, None, links=False)
+
+
+def _read(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        while part := file.read(1 << 20):
+            yield part
+
+
+def _parts(folder: Path) -> list[str]:
+    """The files of a folder, links to files among them: by path below it."""
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+
+def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """The sweep of an earlier run, from its record; nothing where it cannot be read. Files are the copies in the
+    archive.
+    """
+    text = record.get("resolved")
+    try:
+        found = tomllib.loads(text, parse_float=Decimal).get("sweep", {}) if isinstance(text, str) else {}
+    except (ValueError, RecursionError):
+        return {}
+    return _in_place(found, folder) if isinstance(found, dict) and not _names_others(found) else {}
+
+
+def _names_others(value: Any) -> bool:
+    """Whether a sweep of a record names files elsewhere than in ``inputs/``: no run has written that."""
+    if isinstance(value, dict | list):
+        return any(map(_names_others, value.values() if isinstance(value, dict) else value))
+    leads = isinstance(value, str) and (
+        os.path.isabs(value) or value.startswith("package:") or ".." in value.split("/")
+    )
+    return leads and not _COPY.fullmatch(value)
+
+
+def _in_place(value: Any, folder: Path) -> Any:
+    if isinstance(value, dict):
+        return {name: _in_place(one, folder) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_in_place(one, folder) for one in value]
+    return (
+        str(folder / value.removeprefix("../")) if isinstance(value, str) and value.startswith("../inputs/") else value
+    )

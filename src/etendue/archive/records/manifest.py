@@ -1,0 +1,106 @@
+"""The manifest: digests of everything in an archive that is no chunk of a cell. There is one while no run is
+unfinished.
+
+A run takes it away before it changes anything and writes it when it has ended, so that what differs from it was changed
+by somebody else, or by a failing disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from etendue import plain_files
+from etendue.archive.records import disk
+from etendue.errors import ArchiveError
+
+NAME = "manifest.json"
+DATA = "data.zarr"
+DIGITS = 64  # of a SHA-256, with which the name of an input begins
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """SHA-256 by path below the archive: metadata, coordinates, status and tables of the store; other files beside
+    it.
+    """
+
+    metadata: Mapping[str, str]
+    files: Mapping[str, str]
+    journal: str = ""  # SHA-256 of the journal as the run left it: looked at where every byte is
+
+    def changed(self, folder: Path) -> list[str]:
+        """The paths whose files are missing or not as they were written."""
+        return [path for path, known in {**self.metadata, **self.files}.items() if digest_of(folder / path) != known]
+
+    def nodes(self) -> set[str]:
+        """Groups and arrays of the store, by path below it."""
+        end = "/zarr.json"
+        return {
+            path[len(DATA) + 1 : -len(end)]
+            for path in self.metadata
+            if path.startswith(f"{DATA}/") and path.endswith(end)
+        } - {""}
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file, '' where it cannot be read."""
+    try:
+        return plain_files.sha256(path, links=False)
+    except OSError:
+        return ""
+
+
+def read_manifest(folder: Path) -> Manifest | None:
+    """The manifest of an archive; None where there is none, or it is damaged."""
+    found = disk.read_document(folder / NAME) or {}
+    metadata, files, journal = found.get("metadata"), found.get("files", {}), found.get("journal", "")
+    if not isinstance(metadata, dict) or not isinstance(files, dict) or not isinstance(journal, str):
+        return None
+    if not all(isinstance(value, str) and _inside(path) for path, value in {**metadata, **files}.items()):
+        return None
+    if found.get("sum", "") not in ("", _sum(metadata, files, journal)):
+        return None
+    return Manifest(metadata, files, journal)
+
+
+def _inside(path: str) -> bool:
+    """Whether a path leads to a place where an archive has files; no word of a manifest leads elsewhere."""
+    first, *rest = path.split("/")
+    return (first in disk.FOLDERS and bool(rest) and not {"", ".", ".."} & set(rest)) if rest else first in disk.FILES
+
+
+def _sum(metadata: Mapping[str, str], files: Mapping[str, str], journal: str) -> str:
+    """SHA-256 of all that a manifest says."""
+    return hashlib.sha256(json.dumps([metadata, files, journal], sort_keys=True).encode()).hexdigest()
+
+
+def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = False) -> None:
+    """``metadata``: the bytes of the store's own files, by path below the archive."""
+    runs = (f"runs/{p.name}" for p in sorted((folder / "runs").glob("*.*")))
+    told = (
+        f"inputs/{p.name}" for p in sorted((folder / "inputs").glob("*.json")) if len(p.stem) > DIGITS
+    )  # what a large input is
+    beside = ["contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", *runs, *told]
+    files = {
+        path: digest_of(folder / path)
+        for path in beside
+        if (folder / path).is_file() and not path.endswith(disk.PARTIAL)
+    }
+    digests = {path: hashlib.sha256(data).hexdigest() for path, data in sorted(metadata.items())}
+    journal = digest_of(folder / "journal.jsonl")
+    whole = {"metadata": digests, "files": files, "journal": journal, "sum": _sum(digests, files, journal)}
+    disk.write(folder, NAME, json.dumps(whole, indent=1).encode(), durable)
+
+
+def damaged(folder: Path, paths: Sequence[str]) -> ArchiveError:
+    """What is said of files of an archive that are lost, or are not as they were written."""
+    more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
+    return ArchiveError(
+        f"{folder / paths[0]}{more} {'are missing, or not as they were' if more else 'is missing, or not as it was'} "
+        f"written: "
+        f"the archive is damaged. Mend it: etendue verify {folder} --repair"
+    )

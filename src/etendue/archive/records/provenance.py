@@ -1,0 +1,224 @@
+"""What makes a run reproducible: inputs by content, versions, platform, the pipeline as given and as resolved.
+
+No user, host or path of the machine is recorded.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import math
+import os
+import platform
+import sys
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from etendue.archive.records import disk
+from etendue.archive.records.inputs import Resolved, as_recorded
+from etendue.archive.records.manifest import Manifest, digest_of
+from etendue.contract.values.late_bound import LateValue
+from etendue.plan.identity.code import code_of
+from etendue.plan.identity.keys import canonical, file_digest, parameters_for_key, version_of
+from etendue.plan.model import Node, Plan
+from etendue.plugins.discovery import named
+
+OTHER_CODE = "its code has changed"
+LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
+
+
+def platform_record() -> dict[str, Any]:
+    """What bits depend on: processor features and the versions of the numerical libraries."""
+    import numpy
+
+    features = numpy._core._multiarray_umath.__cpu_features__  # type: ignore[attr-defined]
+    enabled = sorted(name for name, on in features.items() if on)
+    return {
+        "machine": platform.machine(),
+        "system": platform.system(),
+        "python": ".".join(map(str, sys.version_info[:2])),
+        "numpy": version_of("numpy"),
+        "scipy": version_of("scipy"),
+        "cpu_features": hashlib.blake2b(" ".join(enabled).encode(), digest_size=8).hexdigest(),
+    }
+
+
+def in_words(record: Mapping[str, Any]) -> str:
+    """The platform of a record: ``numpy 2.4.1, scipy 1.17.0, x86_64, Python 3.11``."""
+    own = record["platform"]
+    libraries = [f"{name} {own.get(name)}" for name in ("numpy", "scipy")]
+    return ", ".join([*libraries, str(own.get("machine")), f"Python {own.get('python')}"])
+
+
+def node_records(plan: Plan) -> dict[str, Any]:
+    """For each stage what its keys are made of, axis values aside: compared to say why a cell is computed again."""
+    records = {}
+    for node in plan.nodes:
+        cell = plan.of(node.name)[0]
+        swept = {name for _, name in node.direct}
+        parameters = {k: v for k, v in parameters_for_key(cell.stage).items() if k not in swept}
+        records[node.name] = {
+            "stage": [a.use for a in node.alternatives],
+            "role": [a.kind.role for a in node.alternatives],
+            "code": [a.digest for a in node.alternatives],
+            "distributions": [f"{a.distribution} {a.version}" for a in node.alternatives],
+            "parameters": canonical(parameters),
+            "shown": {k: _plain(v) for k, v in parameters.items()},
+            "precision": plan.precision,
+            "seed": plan.pipeline.seed if node.draws_anew else None,
+            "inputs": sorted({source for bound in node.inputs for _, source, _ in bound}),
+            "versions": dict(cell.versions),
+        }
+    return records
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON: files by content, infinity in words."""
+    if isinstance(value, LateValue):
+        return "found while running"
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if isinstance(value, str) and os.path.isabs(value) and os.path.exists(value):
+        return f"sha256:{file_digest(value)}"
+    return value
+
+
+def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, Any] | None:
+    """The record of the newest run of an archive that can be read, and is as it was written."""
+    for path in reversed(record_paths(folder)):
+        record = disk.read_document(path)
+        known = manifest.files.get(f"runs/{path.name}") if manifest else None
+        if record is not None and is_record(record) and known in (None, digest_of(path)):
+            return record
+    return None
+
+
+def records(folder: Path) -> list[dict[str, Any]]:
+    """The records of all runs that can be read, the newest first."""
+    found = [disk.read_document(path) for path in reversed(record_paths(folder))]
+    return [record for record in found if record is not None and is_record(record)]
+
+
+def record_paths(folder: Path) -> list[Path]:
+    """The records of all runs, the newest last."""
+    return sorted(p for p in (folder / "runs").glob("*.json") if p.stem.isdigit()) if (folder / "runs").is_dir() else []
+
+
+_WORDS = {
+    "pipeline": str,
+    "began": str,
+    "shared": dict,
+    "axes": dict,
+    "nodes": dict,
+    "platform": dict,
+    "libraries": dict,
+}
+
+
+def is_record(record: Mapping[str, Any]) -> bool:
+    """Whether a document has the form of a record."""
+    if not all(isinstance(record.get(name), kind) for name, kind in _WORDS.items()):
+        return False
+    nodes = record["nodes"].values()
+    whole = all(
+        isinstance(node, dict) and all(isinstance(node.get(name), dict) for name in ("parameters", "shown"))
+        for node in nodes
+    )
+    return whole and all(isinstance(values, list) for values in record["axes"].values())
+
+
+def write_record(
+    folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False
+) -> str:
+    """Record a run before it starts: ``runs/<number>.json``, and its pipeline as ``runs/<number>.toml``; gives the path
+    of the record.
+
+    ``plan`` holds the axis values of earlier runs too, ``asked`` those of this one; ``resolved`` is its pipeline.
+    """
+    number = max((int(p.stem) for p in (folder / "runs").glob("*.*") if p.stem.isdigit()), default=0) + 1
+    record = record_of(plan, asked, resolved, options)
+    disk.write(folder, f"runs/{number:04d}.toml", resolved.text.encode(), durable)
+    disk.write(folder, f"runs/{number:04d}.json", json.dumps(record, indent=1, sort_keys=True).encode(), durable)
+    return f"runs/{number:04d}.json"
+
+
+def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What is recorded of a run: compared with what is computed again (``studies.checked``), a field more by default
+    too.
+    """
+    text = asked.pipeline.text
+    for written, copy in resolved.written.items():
+        text = text.replace(written, copy) if os.path.isabs(written) else text
+    return {
+        "pipeline": plan.pipeline.name,
+        "resolved": resolved.text,
+        "text": text,
+        "overrides": {key: as_recorded(value, resolved.written) for key, value in asked.pipeline.overrides},
+        "table": plan.pipeline.table.name,
+        "preset": plan.pipeline.preset_name,
+        "shared": {k: _plain(v) for k, v in plan.shared.items()},
+        "axes": {a.key: _plain(a.values) for a in plan.axes},
+        "order": [node.name for node in plan.nodes],
+        "stages": {node.name: list(node.axes) for node in plan.nodes},
+        "nodes": node_records(plan),
+        "sources": sources_of(plan.nodes),
+        "options": dict(options),
+        "platform": platform_record(),
+        "libraries": {name: version_of(name) for name in LIBRARIES},
+        "distributions": {name: version for name, version in map(named, importlib.metadata.distributions()) if name},
+        "began": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    }
+
+
+def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
+    """Why each stage would be computed again: the field that changed, old and new."""
+    if not old:
+        return {}
+    found = node_changes(old["nodes"], node_records(plan))
+    before = old.get("sources")
+    for node in plan.nodes:
+        if found.get(node.name) == OTHER_CODE and isinstance(before, dict):
+            other = [name for name, own in sources_of([node]).items() if before.get(name) != own]
+            found[node.name] += f": {', '.join(other[:3])}" * bool(other) + f" and {len(other) - 3} more" * (
+                len(other) > 3
+            )
+    return found
+
+
+def sources_of(nodes: Iterable[Node]) -> dict[str, str]:
+    """Digests, by module, of all code behind some stages."""
+    every = [code_of(one.kind).sources for node in nodes for one in node.alternatives]
+    return dict(sorted(pair for one in every for pair in one.items()))
+
+
+def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
+    """By stage what differs of what its keys are made of, old and new; of the first stages, and of those that read
+    from them.
+    """
+    found: dict[str, str] = {}
+    for name, after in new.items():
+        before = old.get(name)
+        if before is None:
+            found[name] = "the stage is new"
+            continue
+        for field in ("stage", "precision", "seed", "code", "versions"):
+            if before.get(field) != after[field]:
+                shown = ("", "") if field == "code" else (f": {before.get(field)}", f" -> {after[field]}")
+                found[name] = OTHER_CODE if field == "code" else field + shown[0] + shown[1]
+                break
+        else:
+            changed = [k for k in after["parameters"] if before["parameters"].get(k) != after["parameters"][k]]
+            if changed:
+                found[name] = "; ".join(
+                    f"{k}: {before['shown'].get(k)} -> {after['shown'].get(k)}" for k in changed[:3]
+                )
+            else:
+                source = next((s for s in after["inputs"] if s in found), None)
+                if source:
+                    found[name] = f"its input {source} has changed"
+    return found

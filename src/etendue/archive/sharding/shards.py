@@ -1,0 +1,329 @@
+"""Shards: many chunks of one variable in one file, and behind them the index that says where each of them lies.
+
+In:  chunks by their number in a shard (slot), and the files in which their bytes lie.
+Out: a shard in its place, whole; which bytes of which files it holds.
+
+The form is Zarr's ``sharding_indexed`` with the index at the end: offset and length of every slot as little-endian
+uint64, all ones where there is no chunk, and the crc32c of these bytes. Chunks may lie in any order, with gaps between
+them.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from math import ceil, prod
+from pathlib import Path
+from typing import Any
+
+import google_crc32c
+import numpy as np
+
+from etendue.archive.records import disk
+from etendue.archive.remote import stubs
+from etendue.contract.ports import WrittenChunk
+
+LARGEST = 64 << 20  # bytes of a shard; beyond it there are more shards
+SMALLEST = 8 << 20  # bytes that a gap may cost before a shard is copied rather than renamed
+MOST = 4096  # chunks of a shard: whoever reads one of them reads the index of all
+EXTRA = 64  # shards of all variables beyond the first: above it shards are larger
+NOTHING = 2**64 - 1
+
+
+def block_of(sizes: tuple[int, ...], cell_bytes: int, pieces: int = 1, largest: int = LARGEST) -> tuple[int, ...]:
+    """How many values of each axis share a shard: the innermost axes whole, as far as bytes and chunks allow, then
+    evenly cut.
+    """
+    block, room = [1] * len(sizes), max(min(largest // max(cell_bytes, 1), MOST // pieces), 1)
+    for number in reversed(range(len(sizes))):
+        size = max(sizes[number], 1)
+        block[number] = size if size <= room else ceil(size / ceil(size / room))
+        if size > room:
+            break
+        room //= size
+    return tuple(block)
+
+
+def shards_of(sizes: tuple[int, ...], block: tuple[int, ...]) -> int:
+    """In how many shards a variable of these axes lies."""
+    return prod(ceil(max(size, 1) / own) for size, own in zip(sizes, block, strict=True))
+
+
+# -- the index --------------------------------------------------------------------------------------------------------
+
+
+def index_size(slots: int) -> int:
+    """Bytes of the index of a shard; a chunk file without slots has none."""
+    return 16 * slots + 4 if slots else 0
+
+
+def index_bytes(slots: int, places: Mapping[int, tuple[int, int]]) -> bytes:
+    """The index of a shard from (offset, length) by slot."""
+    data = Index.of(slots, places).index.tobytes()
+    return bytes(data) + int(google_crc32c.value(data)).to_bytes(4, "little")
+
+
+class Index(Mapping[int, tuple[int, int]]):
+    """(offset, length) by slot, as the index of a shard has them: an array of 16 bytes a slot."""
+
+    def __init__(self, index: Any) -> None:
+        self.index, self.there = index, (index != NOTHING).any(axis=1)
+
+    @classmethod
+    def of(cls, slots: int, places: Mapping[int, tuple[int, int]]) -> Index:
+        index = np.full((slots, 2), NOTHING, "<u8")
+        if places:
+            index[list(places)] = list(places.values())
+        return cls(index)
+
+    def __getitem__(self, slot: int) -> tuple[int, int]:
+        if not (0 <= slot < len(self.there) and self.there[slot]):
+            raise KeyError(slot)
+        offset, length = self.index[slot].tolist()
+        return offset, length
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(np.flatnonzero(self.there).tolist())
+
+    def __len__(self) -> int:
+        return int(np.count_nonzero(self.there))
+
+
+def read_index(path: Path, slots: int) -> tuple[int, Mapping[int, tuple[int, int]] | None]:
+    """Size of a shard, and (offset, length) by slot; None where its index is damaged.
+
+    Raises
+    ------
+    OSError
+        There is no such file.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        size, length = os.fstat(handle).st_size, index_size(slots)
+        if not slots:
+            return size, {0: (0, size)}
+        data = os.pread(handle, length, max(size - length, 0))
+    finally:
+        os.close(handle)
+    body = data[:-4]
+    if len(data) != length or int(google_crc32c.value(body)).to_bytes(4, "little") != data[-4:]:
+        return size, None
+    index = np.frombuffer(body, "<u8").reshape(slots, 2)
+    return size, Index(index)
+
+
+# -- what is in one ---------------------------------------------------------------------------------------------------
+
+
+LARGEST_CHUNK = 1 << 31  # bytes; Blosc takes no more
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkPlace:
+    """Where the bytes of a chunk lie now: in a shard or in a part of one."""
+
+    file: str  # below the archive
+    offset: int
+    size: int
+    digest: int
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A shard as it was put in its place."""
+
+    size: int
+    kept: tuple[
+        tuple[str, int, int, int], ...
+    ]  # part, from, to, length: these bytes of the part stand there in the shard
+    fresh: bool = False  # since the last run that ended in order
+
+    def at(self, written: WrittenChunk) -> int | None:
+        """Where bytes that were appended to a part stand in the shard; None if it does not hold them."""
+        for part, start, to, length in self.kept:
+            if part == written.part and start <= written.offset and written.offset + written.size <= start + length:
+                return to + written.offset - start
+        return None
+
+
+def part_path(written: WrittenChunk) -> str:
+    """The unfinished file beside a shard that bytes were appended to."""
+    folder, _, name = written.path.rpartition("/")
+    return f"{folder}/.{name}.{written.part}{disk.PART}"
+
+
+def holds(root: Path, place: ChunkPlace) -> bool:
+    """Whether the bytes of a chunk are there and fit their digest."""
+    try:
+        data = read_bytes(root, place)
+    except OSError:
+        return False
+    return fits(data, place)
+
+
+def fits(data: bytes, place: ChunkPlace) -> bool:
+    """Whether bytes are those of a chunk: its size, and the checksum that stands behind it."""
+    if len(data) != place.size or place.size < 4:
+        return False
+    return int(google_crc32c.value(data[:-4])) == place.digest == int.from_bytes(data[-4:], "little")
+
+
+def read_bytes(root: Path, place: ChunkPlace) -> bytes:
+    """What stands in the place of a chunk; fewer bytes where the file ends before, none where no chunk can be as
+    large.
+    """
+    with ShardFiles(root) as files:
+        return files.read(place)
+
+
+class ShardFiles:
+    """Chunks of one file after the other, which is opened once for those that follow each other. Use as a context
+    manager.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root, self.file, self.handle, self.stands_in = root, "", -1, False
+
+    def __enter__(self) -> ShardFiles:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._close()
+
+    def _close(self) -> None:
+        handle, self.handle, self.file = self.handle, -1, ""
+        if handle >= 0:
+            os.close(handle)
+
+    def read(self, place: ChunkPlace) -> bytes:
+        """As ``read_bytes``."""
+        if place.size > LARGEST_CHUNK:
+            return b""
+        if self.handle < 0 or place.file != self.file:
+            self._close()
+            self.handle = os.open(
+                f"{self.root}/{place.file}", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+            )
+            self.file, self.stands_in = place.file, stubs.is_stand_in(self.handle)
+        if self.stands_in:
+            return stubs.read(self.root, place.file, self.handle, place.offset, place.size)
+        data = os.pread(self.handle, place.size, place.offset)
+        while len(data) < place.size:
+            more = os.pread(self.handle, place.size - len(data), place.offset + len(data))
+            if not more:
+                break
+            data += more
+        return data
+
+
+# -- putting one in its place -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Put:
+    """What putting a shard in its place took."""
+
+    shard: Shard
+    places: Mapping[int, tuple[int, int]]  # offset and length by slot
+    copied: int  # bytes
+
+
+def put_shard(
+    root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]], durable: bool = False
+) -> Put:
+    """Make a shard of chunks that lie in parts, or in the shard that stands there, and put it in its place.
+
+    The part that holds most becomes the shard: what lies elsewhere is appended to it, then the index, then it is
+    renamed. Nothing that stands in its place already is changed.
+    """
+    base = _base(root, path, slots, chunks)
+    folder, _, name = path.rpartition("/")
+    beside = base or f"{folder}/.{name}.{os.urandom(6).hex()}{disk.PART}"
+    handle = disk.open_own(root, beside) if base else disk.create(root, beside, durable)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)  # whoever was left behind with it open writes no more
+        own = {slot: place for slot, (_, place) in chunks.items() if place.file == base}
+        end = max((place.offset + place.size for place in own.values()), default=0)
+        if os.fstat(handle).st_size != end:
+            os.ftruncate(handle, end)
+        places = {slot: (place.offset, place.size) for slot, place in own.items()}
+        others = {slot: place for slot, (_, place) in chunks.items() if slot not in own}
+        copied = end
+        for slot, offset in _copied(root, handle, end, others):
+            places[slot] = (offset, chunks[slot][1].size)
+            copied += chunks[slot][1].size
+        data = index_bytes(slots, places) if slots else b""
+        disk.write_at(handle, [data], copied)
+        if durable:
+            os.fsync(handle)
+        disk.rename(root, beside, path, durable)
+    except BaseException:
+        if not base:
+            with suppress(OSError):
+                disk.remove(root, beside)
+        raise
+    finally:
+        os.close(handle)
+    moved = {slot: (written, ChunkPlace(path, *places[slot], written.digest)) for slot, (written, _) in chunks.items()}
+    return Put(
+        Shard(copied + len(data), kept_of(moved), True), Index.of(slots, places) if slots else places, copied - end
+    )
+
+
+def kept_of(chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]]) -> tuple[tuple[str, int, int, int], ...]:
+    """Which bytes of which parts a shard holds."""
+    return _runs((written.part, written.offset, place.offset, written.size) for written, place in chunks.values())
+
+
+def _base(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]]) -> str:
+    """The part that becomes the shard: the one that holds most, unless too much of it is waste, or it has a second
+    name.
+    """
+    held: dict[str, int] = {}
+    for _, place in chunks.values():
+        if place.file != path:
+            held[place.file] = held.get(place.file, 0) + place.size
+    if not held or not slots:
+        return ""
+    base = max(held, key=lambda file: (held[file], file))
+    end = max(place.offset + place.size for _, place in chunks.values() if place.file == base)
+    if end - held[base] > max(held[base] // 8, min(SMALLEST, held[base] // 2)) or (root / base).lstat().st_nlink > 1:
+        return ""
+    return base
+
+
+def _copied(root: Path, target: int, end: int, places: Mapping[int, ChunkPlace]) -> Iterable[tuple[int, int]]:
+    """Append chunks of other files in the order in which they lie there; gives slot and new offset of each."""
+    opened: dict[str, int] = {}
+    try:
+        runs: list[tuple[str, int, int]] = []
+        for slot, place in sorted(places.items(), key=lambda one: (one[1].file, one[1].offset)):
+            if runs and runs[-1][0] == place.file and runs[-1][1] + runs[-1][2] == place.offset:
+                runs[-1] = (place.file, runs[-1][1], runs[-1][2] + place.size)
+            else:
+                runs.append((place.file, place.offset, place.size))
+            yield slot, end
+            end += place.size
+        at = end - sum(length for _, _, length in runs)
+        for file, start, length in runs:
+            if file not in opened:
+                opened[file] = stubs.opened(root, file)
+            disk.copy_range(opened[file], start, target, at, length)
+            at += length
+    finally:
+        for handle in opened.values():
+            os.close(handle)
+
+
+def _runs(pieces: Iterable[tuple[str, int, int, int]]) -> tuple[tuple[str, int, int, int], ...]:
+    """Pieces that lie behind each other in both files, as one."""
+    runs: list[tuple[str, int, int, int]] = []
+    for part, start, to, length in sorted(pieces):
+        if runs and runs[-1][0] == part and runs[-1][1] + runs[-1][3] == start and runs[-1][2] + runs[-1][3] == to:
+            runs[-1] = (part, runs[-1][1], runs[-1][2], runs[-1][3] + length)
+        else:
+            runs.append((part, start, to, length))
+    return tuple(runs)

@@ -1,0 +1,129 @@
+"""How the variables of a plan are cut into shards and encoded: decided once, when an array is made, and written in the
+journal.
+
+In:  a plan and its layout, the axes as they are stored.
+Out: for every variable the block of axis values that share a shard, and the codec of its chunks.
+
+A shard holds the innermost axes. Axes that grow later get further shards of the same block: Zarr's grid is regular, and
+what is stored stays where it is; ``etendue compact`` cuts anew. Integers and what is smooth are compressed; floats
+behind a stage that draws random numbers are noise to a compressor, which takes longer than all else and saves little:
+they stay as they are, and so do small chunks (``benchmarks/archive.py`` prints the bytes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from etendue.archive.records.manifest import DATA
+from etendue.archive.sharding.chunks import CODEC, RAW, Chunk
+from etendue.archive.sharding.partition import chunk_of, known_chunk, pieces_of, room_of, windows_of
+from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of, shards_of
+from etendue.archive.structure.layout import Layout, VariableLayout
+from etendue.plan.model import Plan
+
+SMALL = 4096  # bytes of a chunk below which compressing takes longer than all else, and saves next to nothing
+Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces, chunk
+
+
+def bytes_of(variable: VariableLayout) -> int:
+    """Of one cell, as in memory."""
+    return int(np.prod(variable.shape)) * int(np.dtype(variable.dtype).itemsize)
+
+
+def cut(
+    plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]], known: Blocks
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """Block and codec of every variable; those that are known stay, unless the variable is another one now."""
+    noisy = _noisy(plan)
+    sizes = {path: tuple(len(values) for values in axes[path].values()) for path in layout.groups}
+    found: dict[str, dict[str, dict[str, Any]]] = {path: {} for path in layout.groups}
+    fresh: list[tuple[str, VariableLayout]] = []
+    for path, group in layout.groups.items():
+        for variable in group.variables.values():
+            old = known.get(path, {}).get(variable.name)
+            if old is not None and old["form"] == _form(variable) and len(old["block"]) == len(sizes[path]):
+                found[path][variable.name] = dict(old)
+            else:
+                fresh.append((path, variable))
+    chunks = [chunk_of(one.dims, one.shape, int(np.dtype(one.dtype).itemsize)) for _, one in fresh]
+    pieces = [pieces_of(one.shape, chunk) for (_, one), chunk in zip(fresh, chunks, strict=True)]
+    blocks = blocks_of([(sizes[path], bytes_of(one), count) for (path, one), count in zip(fresh, pieces, strict=True)])
+    for (path, variable), block, chunk, count in zip(fresh, blocks, chunks, pieces, strict=True):
+        noise = np.dtype(variable.dtype).kind == "f" and layout.groups[path].node in noisy
+        raw = noise or bytes_of(variable) // count < SMALL
+        found[path][variable.name] = {
+            "block": list(block),
+            "codec": RAW if raw else CODEC,
+            "form": _form(variable),
+            "pieces": count,
+            **({"chunk": list(chunk)} if count > 1 else {}),
+        }
+    return found
+
+
+def blocks_of(variables: Sequence[tuple[tuple[int, ...], int, int]]) -> list[tuple[int, ...]]:
+    """The blocks of variables given by sizes of their axes, bytes and chunks of a cell: large enough that there are
+    few shards.
+    """
+    largest = LARGEST
+    while True:
+        blocks = [block_of(*one, largest) for one in variables]
+        extra = sum(shards_of(one[0], block) - 1 for one, block in zip(variables, blocks, strict=True))
+        if extra <= EXTRA or largest >= LARGEST << 8:
+            return blocks
+        largest *= 2
+
+
+def _form(variable: VariableLayout) -> str:
+    return f"{variable.dtype} {'x'.join(map(str, variable.shape))}"
+
+
+def _noisy(plan: Plan) -> set[str]:
+    """The stages that draw random numbers, and all behind them."""
+    found: set[str] = set()
+    for node in plan.nodes:
+        if node.is_random or any(source in found for bound in node.inputs for _, source, _ in bound):
+            found.add(node.name)
+    return found
+
+
+def chunk_shapes(
+    shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]
+) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
+    """Shapes of a chunk and of its shard, from that of a cell; no shard for a single number."""
+    return (*(1 for _ in block), *chunk), (*block, *room_of(shape, chunk)) if block or shape else None
+
+
+class Whereabouts:
+    """Where the chunks of one variable of a group lie: files and slots by the place of a cell."""
+
+    def __init__(self, path: str, variable: VariableLayout, known: Mapping[str, Any]) -> None:
+        self.variable, self.block, self.codec = variable, tuple(known["block"]), known["codec"]
+        chunk = known_chunk(variable.shape, known)
+        self.windows = windows_of(variable.shape, chunk)
+        self.count = len(self.windows)
+        self.shape = variable.shape if self.count == 1 else chunk
+        self.slots = prod(self.block) * self.count if self.block or variable.shape else 0
+        self.folder, self.inner = f"{DATA}/{path}/{variable.name}", ["0"] * len(variable.shape)
+        self.files: dict[tuple[int, ...], str] = {}  # each name once: a shard has many chunks
+
+    def at(self, place: tuple[int, ...]) -> tuple[str, int]:
+        """The shard of a cell, and the first of its slots there."""
+        slot = 0
+        for at, size in zip(place, self.block, strict=True):
+            slot = slot * size + at % size
+        shard = tuple([at // size for at, size in zip(place, self.block, strict=True)])
+        file = self.files.get(shard)
+        if file is None:
+            file = self.files[shard] = f"{self.folder}/{'.'.join(['c', *map(str, shard), *self.inner])}"
+        return file, slot * self.count
+
+    def chunks(self, place: tuple[int, ...]) -> Iterator[Chunk]:
+        file, slot = self.at(place)
+        own = self.variable
+        for number, window in enumerate(self.windows):
+            yield Chunk(own.name, file, slot + number, self.slots, own.dtype, self.shape, self.codec, window)

@@ -1,0 +1,89 @@
+"""What arrays say of how they are drawn, and of which direction is better, so that a program without a plan draws them
+right.
+
+In:  a plan, a stage of it, some of its cells, one of its variables.
+Out: attributes: those of ``spec.drawn.Drawn``, in ``drawn_by`` what differs along axes; ``better`` (higher, lower).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from etendue.contract.arrays import colouring
+from etendue.contract.arrays.drawn import BY
+from etendue.contract.arrays.variables import variable
+from etendue.contract.capabilities import Viewed
+from etendue.plan.drawn import drawn_of
+from etendue.plan.model import Cell, Node, Plan
+
+
+def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[str, Any]:
+    """What holds for all cells, and what for some."""
+    better = variable(name).better
+    found: dict[str, Any] = {"better": better} if better else {}
+    if drawn_of(plan, cells[0], name) is None:
+        return found
+    by_cell = _by_cell(plan, node, cells, name)
+    first, *others = {id(own): own for own in by_cell.values()}.values()
+    common = {key: value for key, value in first.items() if all(own.get(key) == value for own in others)}
+    if all(own == first for own in others):
+        return found | common
+    moving = _moving(by_cell, len(node.axes))
+    places: dict[str, list[Any]] = {}
+    for index, own in by_cell.items():
+        at = {node.axes[n]: plan.axis(node.axes[n]).values[index[n]] for n in moving}
+        places[json.dumps(at)] = [at, {key: value for key, value in own.items() if key not in common}]
+    return found | common | {BY: json.dumps(list(places.values()))}
+
+
+def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], dict[str, Any]]:
+    """Attributes by position on the axes; cells that are drawn alike share them."""
+    names = {variable(name).pattern, variable(name).black} - {""}  # quantities on which it depends how it is drawn
+    swept = [plan.axis(dim) for dim in node.axes]
+    axes = [number for number, axis in enumerate(swept) if axis.key in names or names & axis.gives.keys()]
+    viewed = any(issubclass(one.kind, Viewed) for one in node.alternatives)
+    drawn = drawn_of(plan, cells[0], name)
+    starts = _starts(cells, name) if drawn is not None and drawn.pattern else {}
+    if not axes and not viewed and len(set(starts.values())) < 2:
+        cells = cells[:1]
+    known: dict[Any, dict[str, Any]] = {}
+    found = {}
+    for cell in cells:
+        start = starts.get(cell.index, (0, 0))
+        alike = (tuple(cell.index[n] for n in axes), cell.stage if viewed else None, start)
+        if alike not in known and (own := drawn_of(plan, cell, name)) is not None:
+            known[alike] = replace(own, pattern=_rows(own.pattern, start)).attributes()
+        found[cell.index] = known[alike]
+    return found
+
+
+def _starts(cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], tuple[int, int]]:
+    """The first row and column of each array, 0 along which all begin alike: coordinates are counted from the first
+    sample elsewhere.
+    """
+    lines = [(cell.grids[name].line("y"), cell.grids[name].line("x")) for cell in cells]
+    rows, columns = ([round(line.start) for line in along] for along in zip(*lines, strict=True))
+    down, across = (len(set(along)) > 1 for along in (rows, columns))
+    return {cell.index: (y if down else 0, x if across else 0) for cell, y, x in zip(cells, rows, columns, strict=True)}
+
+
+def _rows(pattern: str, start: tuple[int, int]) -> str:
+    """A pattern row by row, from a pixel on."""
+    if not pattern:
+        return ""
+    return "/".join(colouring.pattern(pattern).moved(*start))
+
+
+def _moving(found: Mapping[tuple[int, ...], Any], axes: int) -> list[int]:
+    """The axes along which something differs; all of them where cells are too few to tell."""
+    moving = []
+    for number in range(axes):
+        rest: dict[tuple[int, ...], Any] = {}
+        if any(rest.setdefault((*at[:number], *at[number + 1 :]), own) != own for at, own in found.items()):
+            moving.append(number)
+    told: dict[tuple[int, ...], Any] = {}
+    alone = any(told.setdefault(tuple(at[n] for n in moving), own) != own for at, own in found.items())
+    return list(range(axes)) if alone else moving

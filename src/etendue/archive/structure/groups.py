@@ -1,0 +1,106 @@
+"""The group of the store in which the cells of a stage stand: by their shapes, and where they have stood before.
+
+In:  the cells of a stage; where the journal says that cells are stored, and in which form.
+Out: the group of every cell; a group that has to become another one.
+
+In a new archive a stage has one group, or a child for each shape where its grids differ. What is stored stays where it
+is: cells of one shape stay in the group that they have, whatever else of that shape comes. Only where a second shape
+joins cells that stand in the group of the stage itself do these move into a child, without their bytes: a group with
+children holds no arrays.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from etendue.archive.records.manifest import DATA
+from etendue.contract.arrays.grid import Coordinate, Line
+from etendue.plan.identity.keys import digest
+from etendue.plan.model import Cell, CellRef, Node
+
+
+@dataclass(frozen=True)
+class ArchivedLayout:
+    """What an archive holds: its groups, how their variables are stored, and in which shard a cell begins ('': it is
+    not stored).
+    """
+
+    groups: Collection[str] = ()
+    blocks: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
+    shard: Callable[[CellRef], str] = lambda ref: ""
+
+    def of(self, cells: Sequence[Cell], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
+        """The groups in which some cells are stored, in the shapes that their variables have, the one with most of
+        them first.
+        """
+        shards = (self.shard(cell.ref) for cell in cells) if self.groups else ()
+        found = Counter(path.rsplit("/", 2)[0].removeprefix(f"{DATA}/") for path in shards if path)
+        return [group for group, _ in found.most_common() if self._fits(group, shapes)]
+
+    def _fits(self, group: str, shapes: Mapping[str, tuple[int, ...]]) -> bool:
+        stored = {
+            name: one["form"].partition(" ")[2] for name, one in self.blocks.get(group, {}).items() if name in shapes
+        }
+        return bool(stored) and all(form == "x".join(map(str, shapes[name])) for name, form in stored.items())
+
+
+def groups_of(
+    node: Node, cells: Sequence[Cell], kept: Sequence[str], before: ArchivedLayout
+) -> tuple[str | dict[CellRef, str], str]:
+    """The one group of all cells of a stage, or that of each; and the child that its own group becomes, '' where it
+    stays.
+    """
+    same = alike(cells)
+    if same and not any(group.startswith(f"{node.name}/") for group in before.groups):
+        return node.name, ""
+    shapes, becomes, home = dict[str, list[Cell]](), "", dict[str, str]()
+    names = shape_names(cells)
+    for cell in cells:
+        shapes.setdefault(names[cell.ref], []).append(cell)
+    for name, own in shapes.items():
+        stored = before.of(own, {v: own[0].grids[v].shape(node.writes[v].dims) for v in kept})
+        if len(shapes) == 1:
+            home[name] = next(iter(stored), node.name if same else f"{node.name}/{name}")
+            continue
+        there = [group for group in stored if group != node.name and group not in home.values()]
+        home[name] = next(iter(there), f"{node.name}/{name}")
+        if node.name in stored and not becomes:
+            becomes = home[name]
+    if set(home.values()) == {node.name}:
+        return node.name, ""
+    return {ref: home[name] for ref, name in names.items()}, becomes
+
+
+def alike(cells: Sequence[Cell]) -> bool:
+    """Whether cells have the same grids."""
+    first = cells[0].grids
+    return all(cell.grids is first or cell.grids == first for cell in cells)
+
+
+def shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
+    """A name for the shape of each cell: cells share one that have the same sizes, bins and labels.
+
+    ``64x64`` from the sizes of y and x, behind it every other dim that differs between the cells.
+    """
+    own: dict[CellRef, dict[str, tuple[int, Coordinate | None]]] = {}
+    for cell in cells:
+        found = own.setdefault(cell.ref, {})
+        for grid in cell.grids.values():
+            for dim, coordinate in grid.entries:
+                found.setdefault(dim, (coordinate.size, None if isinstance(coordinate, Line) else coordinate))
+    first = own[cells[0].ref]
+    differ = {dim for found in own.values() for dim in found if found[dim] != first.get(dim)} - {"y", "x"}
+    names: dict[CellRef, str] = {}
+    shapes: dict[str, set[Any]] = {}
+    for ref, found in own.items():
+        plane = f"{found['y'][0]}x{found['x'][0]}" if "y" in found and "x" in found else ""
+        rest = [dim for dim in found if dim in differ or (not plane and found[dim][0] > 0)]
+        names[ref] = "_".join([*([plane] if plane else []), *(f"{dim}{found[dim][0]}" for dim in rest)]) or "scalar"
+        shapes.setdefault(names[ref], set()).add(tuple(sorted(found.items())))
+    for ref, name in names.items():
+        if len(shapes[name]) > 1:  # the same sizes with other bins or labels
+            names[ref] = f"{name}_{digest(repr(tuple(sorted(own[ref].items()))).encode())[:8]}"
+    return names

@@ -1,0 +1,248 @@
+"""Where everything stands in an archive: groups, arrays, dims and coordinates, from a plan and what is stored already.
+
+A stage is a group; its variables have the axes that reach it in front of their own dims. Where an axis changes the
+grid, the group holds attributes only and a child for each shape, named by the shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from etendue.archive.structure.drawing import drawing_attributes
+from etendue.archive.structure.groups import ArchivedLayout, alike, groups_of
+from etendue.archive.structure.naming import Homes, Whole
+from etendue.contract.arrays.dims import dim as declared
+from etendue.contract.arrays.grid import Bands, Coordinate, Labels, Line
+from etendue.contract.arrays.variables import NOT_IN_IT, variable
+from etendue.contract.values import quantities
+from etendue.plan.marks import not_in_it
+from etendue.plan.model import Cell, CellRef, Node, Plan
+
+STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
+STATUS_ATTRIBUTES = {
+    "long_name": "what became of the cell",
+    "units": "1",
+    "flag_values": [0, 1, 2, 3, 4],
+    "flag_meanings": " ".join(STATUS),
+}
+BOUNDS = "_bounds"  # behind the name of a dim of bands: their edges
+
+
+@dataclass
+class CoordinateLayout:
+    """A coordinate array: its dims, values and attributes."""
+
+    dims: tuple[str, ...]
+    values: Any
+    attrs: dict[str, Any]
+
+
+@dataclass
+class VariableLayout:
+    """One variable of one group."""
+
+    name: str
+    axes: tuple[str, ...]
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]  # of one cell
+    dtype: str
+    attrs: dict[str, Any]
+    beside: str = ""  # the dim with which it is a coordinate of others
+
+
+@dataclass
+class GroupLayout:
+    """One group with arrays: a stage, or one shape of a stage."""
+
+    path: str
+    node: str
+    axes: dict[str, list[Any]]
+    variables: dict[str, VariableLayout]
+    coordinates: dict[str, CoordinateLayout]
+    cells: Mapping[CellRef, tuple[int, ...]] = field(default_factory=dict)
+    attrs: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Layout:
+    """All groups of a plan, and the group of every cell; ``moves``: what stored groups have to become."""
+
+    groups: dict[str, GroupLayout]
+    parents: dict[str, dict[str, Any]]
+    home: Mapping[CellRef, str]
+    moves: dict[str, str] = field(default_factory=dict)
+
+
+def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
+    """The layout of all kept variables of a plan; ``before``: what the archive holds that it goes into."""
+    groups: dict[str, GroupLayout] = {}
+    parents: dict[str, dict[str, Any]] = {}
+    homes: dict[str, str | dict[CellRef, str]] = {}
+    moves: dict[str, str] = {}
+    for node in plan.nodes:
+        kept = [v for v in node.writes if (node.name, v) in plan.kept]
+        if not kept:
+            continue
+        cells = plan.of(node.name)
+        attrs = _node_attributes(plan, node)
+        home, becomes = groups_of(node, cells, kept, before or ArchivedLayout())
+        homes[node.name] = home
+        if isinstance(home, str):
+            own = {dim: list(plan.axis(dim).values) for dim in node.axes}
+            groups[home] = GroupLayout(home, node.name, own, {}, {}, Whole(cells), attrs)
+            _fill(plan, node, groups[home], cells, kept, cells[:1] if alike(cells) else cells)
+            continue
+        parents[node.name] = attrs
+        moves |= {node.name: becomes} if becomes else {}
+        axes = [(dim, plan.axis(dim).values) for dim in node.axes]
+        found: dict[str, dict[str, dict[Any, None]]] = {}
+        for cell in cells:
+            path = home[cell.ref]
+            if path not in groups:
+                groups[path] = GroupLayout(path, node.name, {dim: [] for dim in node.axes}, {}, {})
+                found[path] = {dim: {} for dim in node.axes}
+            for (dim, values), i in zip(axes, cell.ref[1], strict=True):
+                found[path][dim][values[i]] = None
+        for path, values_of in found.items():
+            groups[path].axes.update({dim: list(values) for dim, values in values_of.items()})
+            own_cells = [cell for cell in cells if home[cell.ref] == path]
+            groups[path].cells = _places(plan, node, groups[path], own_cells)
+            _fill(plan, node, groups[path], own_cells, kept, own_cells)
+    return Layout(groups, parents, Homes(plan, homes), moves)
+
+
+def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -> dict[CellRef, tuple[int, ...]]:
+    """Where cells stand in a group that has not all values of its axes."""
+    at = [{value: place for place, value in enumerate(group.axes[dim])} for dim in node.axes]
+    places = [[own.get(value, -1) for value in plan.axis(dim).values] for dim, own in zip(node.axes, at, strict=True)]
+    return {cell.ref: tuple(own[i] for own, i in zip(places, cell.ref[1], strict=True)) for cell in cells}
+
+
+def _fill(
+    plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kept: Sequence[str], cells: Sequence[Cell]
+) -> None:
+    """Variables and coordinates of every cell of a group, from ``cells`` among which all its grids are."""
+    for dim in group.axes:
+        axis = plan.axis(dim)
+        attrs = {"long_name": quantities.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
+        group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], attrs)
+    for name in kept:
+        declaration = node.writes[name]
+        grid = cells[0].grids[name]
+        dims = declaration.dims
+        attrs = {"units": declaration.unit, "long_name": variable(name).long_name}
+        attrs |= drawing_attributes(plan, node, every, name)
+        averaged = [
+            dim
+            for dim in dims
+            if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)
+        ]
+        if averaged:  # in the words of the CF conventions
+            attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
+        attrs |= _flags(name, cells[0])
+        unseen = not_in_it(plan, node, name)
+        attrs |= {NOT_IN_IT: ", ".join(unseen)} if unseen else {}
+        dtype = plan.precision if declaration.dtype == "float" or plan.expected else declaration.dtype
+        group.variables[name] = VariableLayout(
+            name, node.axes, dims, grid.shape(dims), dtype, attrs, variable(name).beside
+        )
+        for dim in dims:
+            if dim not in group.coordinates:
+                _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
+
+
+def _flags(name: str, cell: Cell) -> dict[str, Any]:
+    """Attributes that name the values of a variable, in the words of the CF conventions; a NaN among them stands for
+    none.
+    """
+    known = variable(name)
+    named = known.flags or known.masks
+    if named:
+        return {"flag_masks" if known.masks else "flag_values": list(named.values()), "flag_meanings": " ".join(named)}
+    labels = next((g[known.names] for g in cell.grids.values() if known.names in g), None) if known.names else None
+    if not isinstance(labels, Labels):
+        return {}
+    meanings = ["_".join(str(entry).split()) for entry in labels.entries]
+    return {"flag_values": [float(i) for i in range(len(meanings))], "flag_meanings": " ".join(meanings)}
+
+
+def coordinates_of(group: GroupLayout, own: VariableLayout) -> list[str]:
+    """The variables of a group that are coordinates of one of them."""
+    return [
+        v.name
+        for v in group.variables.values()
+        if v.beside and v.beside in own.dims and v is not own and not own.beside
+    ]
+
+
+def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[CellRef, Coordinate]) -> None:
+    first = next(iter(by_cell.values()))
+    if isinstance(first, Bands):
+        bands = declared(dim)
+        name, standard = bands.long_name or dim, {"standard_name": bands.standard_name} if bands.standard_name else {}
+        group.coordinates[dim] = CoordinateLayout(
+            (dim,), first.values(), {"units": bands.units, "long_name": name, **standard, "bounds": f"{dim}{BOUNDS}"}
+        )
+        bounds = [list(pair) for pair in zip(first.edges[:-1], first.edges[1:], strict=True)]
+        edges = {"units": bands.units, "long_name": f"edges of the {name} bins"}
+        group.coordinates[f"{dim}{BOUNDS}"] = CoordinateLayout((dim, "bound"), bounds, edges)
+        return
+    if isinstance(first, Labels):
+        attrs = {"long_name": dim} | ({"units": first.units} if first.units else {})
+        group.coordinates[dim] = CoordinateLayout((dim,), first.values(), attrs)
+        return
+    lines = {ref: c for ref, c in by_cell.items() if isinstance(c, Line)}
+    same = all((c.start, c.step) == (first.start, first.step) for c in lines.values())
+    if same:
+        said = {"um": f"{dim} on the image plane", "1": f"pixel index along {dim}"}
+        attrs = {"units": first.units, "long_name": said.get(first.units, dim)}
+        group.coordinates[dim] = CoordinateLayout((dim,), first.values(), attrs)
+    else:
+        group.coordinates[dim] = CoordinateLayout(
+            (dim,), list(range(first.size)), {"units": "1", "long_name": f"sample index along {dim}"}
+        )
+    if first.position is not None or not same:
+        _positions(node, group, dim, lines)
+
+
+def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef, Line]) -> None:
+    """``y_um`` over the axes that move it; of a line in another unit than those of a frame ``<dim>_at``."""
+    moving = []
+    for number, axis in enumerate(node.axes):
+        rest: dict[tuple[int, ...], set[tuple[float, float]]] = {}
+        for ref, line in lines.items():
+            rest.setdefault((*ref[1][:number], *ref[1][number + 1 :]), set()).add(line.um())
+        if any(len(found) > 1 for found in rest.values()):
+            moving.append(axis)
+    size = next(iter(lines.values())).size
+    numbers = [node.axes.index(axis) for axis in moving]
+    first: dict[tuple[int, ...], Line] = {}
+    for ref, line in lines.items():
+        place = group.cells[ref]
+        first.setdefault(tuple(place[number] for number in numbers), line)
+
+    def nested(left: list[str], at: tuple[int, ...]) -> Any:
+        if left:
+            return [nested(left[1:], (*at, i)) for i in range(len(group.axes[left[0]]))]
+        if at not in first:
+            return [float("nan")] * size
+        start, step = first[at].um()
+        return [start + step * i for i in range(size)]
+
+    own = next(iter(lines.values()))
+    if own.position is None and own.units not in ("um", "1"):
+        name, attrs = f"{dim}_at", {"units": own.units, "long_name": dim}
+    else:
+        name, attrs = f"{dim}_um", {"units": "um", "long_name": f"{dim} of the centres on the image plane"}
+    group.coordinates[name] = CoordinateLayout((*moving, dim), nested(moving, ()), attrs)
+
+
+def _node_attributes(plan: Plan, node: Node) -> dict[str, Any]:
+    one = node.alternatives[0]
+    return {
+        "stage": [a.use for a in node.alternatives] if len(node.alternatives) > 1 else one.use,
+        "distribution": f"{one.distribution} {one.version}",
+        "order": node.number,
+    }

@@ -1,0 +1,137 @@
+"""Metadata of groups and arrays as zarr writes it: the same bytes, without a store and its event loop.
+
+In:  attributes, shapes, dims, codecs.
+Out: the text of ``zarr.json``; chunks of texts. Tests hold them equal to what zarr's own API writes.
+"""
+
+from __future__ import annotations
+
+import json
+import unicodedata
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import google_crc32c
+import msgspec
+import numpy as np
+from numcodecs import VLenUTF8, Zstd
+
+from etendue.archive.sharding.chunks import CODEC, LEVEL, RAW
+from etendue.archive.sharding.unfolding import refuse_unfolding
+from etendue.errors import ArchiveError
+
+CRC = {"name": "crc32c"}
+TEXT = "text"
+
+
+def document(node: Mapping[str, Any]) -> bytes:
+    """A node as zarr writes it: the bytes of ``json.dumps(node, indent=2)``, whose indenting alone takes five times
+    as long.
+    """
+    compact = json.dumps(node)
+    try:
+        return msgspec.json.format(compact.encode(), indent=2)
+    except msgspec.DecodeError:  # NaN, which is no JSON: an attribute that a plugin gave
+        return json.dumps(node, indent=2).encode()
+
+
+def array_node(
+    dtype: str,
+    shape: Sequence[int],
+    chunks: Sequence[int],
+    shards: Sequence[int] | None,
+    codec: str,
+    dims: Sequence[str],
+    separator: str,
+    attrs: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Of an array whose chunks, or shards of chunks, are checksummed; ``dtype``: of numpy, or ``text``."""
+    text = dtype == TEXT
+    kind = np.dtype("u1" if text else dtype)
+    inner = _text_codecs() if text else _codecs(kind, codec)
+    if shards is not None:
+        little = {"name": "bytes", "configuration": {"endian": "little"}}
+        sharding = {
+            "chunk_shape": list(chunks),
+            "codecs": inner,
+            "index_codecs": [little, CRC],
+            "index_location": "end",
+        }
+        inner = [{"name": "sharding_indexed", "configuration": sharding}]
+    return {
+        "shape": list(shape),
+        "data_type": "string" if text else kind.name,
+        "chunk_grid": {
+            "name": "regular",
+            "configuration": {"chunk_shape": list(shards if shards is not None else chunks)},
+        },
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": separator}},
+        "fill_value": "" if text else "NaN" if kind.kind == "f" else 0,
+        "codecs": inner,
+        "attributes": dict(attrs),
+        **({"dimension_names": list(dims)} if dims else {}),
+        "zarr_format": 3,
+        "node_type": "array",
+        "storage_transformers": [],
+    }
+
+
+def _codecs(kind: Any, codec: str) -> list[dict[str, Any]]:
+    first: dict[str, Any] = (
+        {"name": "bytes"} if kind.itemsize == 1 else {"name": "bytes", "configuration": {"endian": "little"}}
+    )
+    if codec == RAW:
+        return [first, CRC]
+    blosc = {"typesize": kind.itemsize, "cname": CODEC, "clevel": LEVEL, "shuffle": "bitshuffle", "blocksize": 0}
+    return [first, {"name": "blosc", "configuration": blosc}, CRC]
+
+
+def _text_codecs() -> list[dict[str, Any]]:
+    return [
+        {"name": "vlen-utf8", "configuration": {}},
+        {"name": "zstd", "configuration": {"level": 0, "checksum": False}},
+        CRC,
+    ]
+
+
+def text_chunk(texts: Sequence[str]) -> bytes:
+    """The one chunk of an array of texts, in C order."""
+    body = Zstd(level=0).encode(VLenUTF8().encode(np.array([*texts, None], dtype=object)[:-1]))
+    return bytes(body) + int(google_crc32c.value(bytes(body))).to_bytes(4, "little")
+
+
+def texts_of(data: bytes) -> list[str]:
+    """The texts of such a chunk.
+
+    Raises
+    ------
+    ArchiveError
+        It is none.
+    """
+    body, checksum = data[:-4], data[-4:]
+    if int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
+        raise ArchiveError("the stored bytes do not fit their checksum")
+    refuse_unfolding(body)
+    try:
+        texts = Zstd().decode(body)
+        if 4 * int.from_bytes(bytes(texts[:4]), "little") > len(texts):  # each begins with its length
+            raise ValueError("more of them than there are bytes")
+        return list(map(str, VLenUTF8().decode(texts)))
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise ArchiveError(f"the stored bytes are no texts: {error}") from None
+
+
+def consolidated(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The root with the metadata of all nodes in it, by path: '' is the root itself."""
+    found = {}
+    for path in sorted(nodes, key=lambda path: (path.count("/"), unicodedata.normalize("NFKC", path).casefold())):
+        if path:
+            found[path] = dict(nodes[path])
+            if found[path]["node_type"] == "group":
+                found[path] = _with(found[path], {})
+    return _with(nodes[""], found)
+
+
+def _with(group: Mapping[str, Any], members: Mapping[str, Any]) -> dict[str, Any]:
+    inline = {"kind": "inline", "must_understand": False, "metadata": members}
+    return {"attributes": group["attributes"], "zarr_format": 3, "consolidated_metadata": inline, "node_type": "group"}

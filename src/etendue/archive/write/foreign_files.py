@@ -1,0 +1,147 @@
+"""Whose an archive is: what tells it from a folder of somebody else, and what somebody else has put into it.
+
+In:  a folder, a listing of it.
+Out: ``ArchiveError`` where a run would write over, or among, what is not its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from etendue.archive.read.tree import ROOT
+from etendue.archive.records import disk
+from etendue.archive.records.manifest import DATA, Manifest, digest_of
+from etendue.archive.records.owner import is_running
+from etendue.archive.records.provenance import latest_record
+from etendue.archive.write.clearing import ASIDE, nodes_on_disk
+from etendue.contract.values.names import TABLES
+from etendue.errors import ArchiveError, ArchiveInUse
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder of somebody else, and links. What another run is just beginning looks like neither, and is in
+    use.
+    """
+    for again in (False, True):
+        try:
+            check_ours(folder)
+            disk.Listing(folder)
+            return
+        except (ArchiveError, FileNotFoundError):
+            if is_running(folder):
+                raise ArchiveInUse(f"{folder} is in use by another run") from None
+            if again:  # its run has not ended between the two
+                raise
+
+
+def check_ours(folder: Path) -> None:
+    """Refuse a directory that holds something else."""
+    names = {name for name in os.listdir(folder) if not ASIDE.fullmatch(name)} if folder.is_dir() else {""}
+    begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(
+        p.is_dir() for p in (folder / DATA).glob("*")
+    )
+    if begun or "etendue" in _root_attributes(folder):
+        return
+    begins = rb'\{"event":"(axes|arrays|start|done|run)"'  # as a journal of ours does
+    if DATA not in names or not (
+        latest_record(folder) or re.match(begins, disk.content_of(folder / "journal.jsonl") or b"")
+    ):
+        raise ArchiveError(f"{folder} exists and is not an archive; name another with --archive DIR")
+
+
+def _root_attributes(folder: Path) -> dict[str, Any]:
+    found = (disk.read_document(folder / DATA / ROOT) or {}).get("attributes")
+    return found if isinstance(found, dict) else {}
+
+
+def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """The stages and the names of their axes, as the archive was created: from what is undamaged."""
+    root: Any = _root_attributes(folder).get("etendue")
+    axes = root.get("axes") if isinstance(root, dict) else None
+    whole = isinstance(axes, dict) and all(isinstance(names, list) for names in axes.values())
+    path = f"{DATA}/{ROOT}"
+    if whole and manifest and manifest.metadata.get(path) == digest_of(folder / path):
+        return axes
+    recorded = (record or {}).get("stages")
+    return recorded if isinstance(recorded, dict) else axes if whole else None
+
+
+def other_stages(
+    folder: Path,
+    old: Mapping[str, Any],
+    new: Mapping[str, Any],
+    wanted: Iterable[str] | None,
+    record: Mapping[str, Any] | None,
+) -> str:
+    """Why a run of other stages or axes cannot go on here, and what to type instead. ``wanted``: what alone it asks
+    for.
+    """
+    lacking, over = [n for n in new if n not in old], sorted(set(old) - set(new))
+    axes = [n for n in new if n in old and old[n] != new[n]]
+    free = next(name for n in itertools.count(2) if not (folder.parent / (name := f"{folder.name}-{n}")).exists())
+    ways = [f"Use another archive: --archive {free}"]
+    if over and not lacking and not axes and wanted:
+        ways.append(f"or, without --want {' --want '.join(wanted)}, go on in {folder.name}")
+    if lacking and wanted and (before := _wanted_before(record)):
+        both = dict.fromkeys([*before, *wanted])
+        ways.append(f"for both in one: --archive {free} --want {' --want '.join(map(shlex.quote, both))}")
+    return (
+        f"{folder} was made with other stages or axes ({_unlike(old, new, lacking, over, axes)}); both are fixed when "
+        f"an archive is created. {'; '.join(ways)}"
+    )
+
+
+def _unlike(
+    old: Mapping[str, Any], new: Mapping[str, Any], lacking: Sequence[str], over: Sequence[str], axes: Sequence[str]
+) -> str:
+    """What tells the stages of an archive from those of a run; ``axes``: stages that both have, along other axes."""
+    there, here = ({dim for dims in own.values() for dim in dims} for own in (old, new))
+    parts = {
+        "it lacks": lacking,
+        "this run lacks": over,
+        "this run sweeps also": sorted(here - there) if axes else (),
+        "it sweeps also": sorted(there - here) if axes else (),
+        "they reach other stages": axes if here == there else (),
+    }
+    return "; ".join(f"{what}: {_some(names)}" for what, names in parts.items() if names)
+
+
+def _wanted_before(record: Mapping[str, Any] | None) -> list[str]:
+    """What alone the last run has asked for, as its record has it; nothing where that says something else."""
+    try:
+        before = json.loads((record or {}).get("overrides", {}).get("wanted", "[]"))
+    except (ValueError, TypeError, AttributeError):
+        return []
+    return list(map(str, before)) if isinstance(before, list) else []
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+
+
+def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours: set[str]) -> None:
+    """A group of somebody else beside ours may stay; in the place of ours, or in them, it would be lost or break the
+    tree.
+    """
+    for name in sorted(listing.folders.get(DATA, ())):
+        found = [name] if name not in stages and name not in TABLES else []
+        if found and name not in ours:
+            document = disk.read_document(folder / DATA / name / ROOT)
+            if document is None or document.get("node_type") == "group":
+                continue
+        else:
+            inside = nodes_on_disk(listing, name) if ours and name not in TABLES else []
+            found = [node for node in inside if node not in ours]
+        if found:
+            raise ArchiveError(
+                f"{folder / DATA / found[0]} was not written by a run of this archive, and stands where its own "
+                f"results do; "
+                f"move it elsewhere (a group of your own may stand in {DATA} itself)"
+            )

@@ -1,0 +1,153 @@
+"""The same tree without an archive: results in memory as an ``xarray.DataTree``.
+
+In:  a plan and the arrays of its cells.
+Out: what ``xarray.open_datatree`` gives for the archive of the same plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+
+from etendue.archive.structure.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
+from etendue.contract.ports import CellReport, ContactSheet, Passing
+from etendue.plan.model import Cell, CellRef, Plan
+from etendue.plan.resume import Work
+
+
+class Standing(Mapping[CellRef, dict[str, Any]]):
+    """The arrays of the cells that have ended, where they stand; ``others``: of those of which more was given than
+    is kept.
+    """
+
+    def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Any]]) -> None:
+        self.keeper, self.others = keeper, others
+
+    def __getitem__(self, ref: CellRef) -> dict[str, Any]:
+        if ref in self.others:
+            return self.others[ref]
+        if ref not in self:
+            raise KeyError(ref)
+        return self.keeper.placed(ref)
+
+    def __contains__(self, ref: object) -> bool:
+        return ref in self.keeper.plan.cells and self.keeper.status[self.keeper.number(ref)] > 0  # type: ignore[arg-type]
+
+    def __iter__(self) -> Iterator[CellRef]:
+        return (ref for ref, status in zip(self.keeper.plan.cells, self.keeper.status, strict=True) if status)
+
+    def __len__(self) -> int:
+        return len(self.keeper.status) - self.keeper.status.count(0)
+
+
+class MemoryKeeper(Passing):
+    """Arrays of a whole sweep, filled cell by cell as they are computed. Nothing is there from an earlier run."""
+
+    keeps_arrays = True
+
+    def __init__(self, pictures: bool = True) -> None:
+        self.draws = pictures
+        self.whole: dict[tuple[str, str], Any] = {}
+        self.missing: dict[tuple[str, str], Any] = {}
+
+    def begin(self, asked: Plan) -> Work:
+        """Make room for all that is kept."""
+        self.plan, self.layout, self.number = asked, layout_of(asked), asked.numbers.of
+        self.status = bytearray(asked.numbers.count)  # 1 above that of a cell that has ended
+        for path, group in self.layout.groups.items():
+            sizes = tuple(len(values) for values in group.axes.values())
+            for variable in group.variables.values():
+                self.whole[path, variable.name] = np.empty((*sizes, *variable.shape), dtype=variable.dtype)
+                self.missing[path, variable.name] = np.ones(sizes, dtype=bool)
+        return Work(asked, {ref: ref for ref in asked.cells}, set(asked.cells))
+
+    def target(self, cell: Cell) -> None: ...
+
+    def place(self, ref: CellRef, variable: str) -> Any:
+        path = self.layout.home.get(ref)
+        whole = self.whole.get((path, variable)) if path else None
+        return None if path is None or whole is None else whole[self.layout.groups[path].cells[ref]]
+
+    def finished(
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
+        for report in reports:
+            self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
+        return {ref: self._put(ref, found) for ref, found in arrays.items()}
+
+    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        return Standing(self, others)
+
+    def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
+        return True
+
+    def close(self, tables: dict[str, Any], sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
+        return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []
+
+    def placed(self, ref: CellRef) -> dict[str, Any]:
+        """The arrays of a cell as they stand in their places."""
+        path = self.layout.home.get(ref)
+        if path is None:
+            return {}
+        group = self.layout.groups[path]
+        index = group.cells[ref]
+        return {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
+
+    def _put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
+        """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they
+        came).
+        """
+        path = self.layout.home.get(ref)
+        placed = {}
+        for name, array in arrays.items():
+            whole: Any = self.whole.get((path, name)) if path else None
+            if path is None or whole is None:
+                placed[name] = array
+                continue
+            index = self.layout.groups[path].cells[ref]
+            if type(array) is not np.ndarray or array.base is not whole:  # else it has been put there
+                whole[index] = array
+            self.missing[path, name][index] = False
+            placed[name] = whole[index]
+        return placed
+
+    def _dataset(self, path: str, layout: GroupLayout) -> xarray.Dataset:
+        sizes = tuple(len(values) for values in layout.axes.values())
+        data: dict[str, Any] = {}
+        for variable in layout.variables.values():
+            whole, missing = self.whole[path, variable.name], self.missing[path, variable.name]
+            if missing.any():
+                whole[missing] = np.nan if whole.dtype.kind == "f" else 0
+            data[variable.name] = ((*variable.axes, *variable.dims), whole, variable.attrs)
+        flags = np.full(sizes, STATUS.index("not_computed"), np.uint8)
+        for ref, index in layout.cells.items():
+            if status := self.status[self.number(ref)]:
+                flags[index] = status - 1
+        data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
+        coordinates = {  # a variable named like its own axis stands in the place of the axis values, as in the store
+            name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items() if name not in data
+        }
+        for name in [name for name in coordinates if str(name).endswith(BOUNDS)]:
+            data[name] = coordinates.pop(name)
+        beside = {name for variable in layout.variables.values() for name in coordinates_of(layout, variable)}
+        coordinates |= {name: data.pop(name) for name in beside}
+        return xarray.Dataset(data, coordinates, layout.attrs)
+
+    def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
+        """Groups by stage, with ledger, summary and frames beside them."""
+        groups: dict[str, xarray.Dataset] = {
+            node: xarray.Dataset(attrs=attrs) for node, attrs in self.layout.parents.items()
+        }
+        groups |= {path: self._dataset(path, group) for path, group in self.layout.groups.items()}
+        for name, table in tables.items():
+            columns = {
+                column: (dims, np.asarray(values), attrs) for column, (dims, values, attrs) in table["arrays"].items()
+            }
+            groups[name] = xarray.Dataset(columns, attrs=table.get("attrs", {}))
+        tree = xarray.DataTree.from_dict({f"/{path}": dataset for path, dataset in groups.items()})
+        tree.attrs["pipeline"] = self.plan.pipeline.name
+        return tree

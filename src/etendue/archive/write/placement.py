@@ -1,0 +1,201 @@
+"""A plan laid out over what an archive has: axes as they are stored, where each cell stands, and the files around the
+cells.
+
+In:  a plan; of earlier runs the axis values by group, how variables are cut, and which cells are stored.
+Out: groups, places and chunks of cells; the store in memory (``tree``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from etendue.archive.journaling.entries import Entries
+from etendue.archive.read.reading import StoredForm
+from etendue.archive.read.tree import Tree
+from etendue.archive.sharding.chunks import Chunk
+from etendue.archive.sharding.partition import known_chunk
+from etendue.archive.structure import layout as layouts
+from etendue.archive.structure.cutting import Blocks, Whereabouts, cut
+from etendue.archive.structure.groups import ArchivedLayout
+from etendue.archive.structure.layout import (
+    BOUNDS,
+    STATUS,
+    STATUS_ATTRIBUTES,
+    GroupLayout,
+    Layout,
+    VariableLayout,
+    layout_of,
+)
+from etendue.archive.structure.naming import Names
+from etendue.plan.model import Cell, CellRef, Plan
+
+Slot = tuple[str, int, int]
+
+
+class Laid:
+    """A plan in its places.
+
+    Attributes
+    ----------
+    names : the name of each cell in the journal
+    axes : axis values by group as stored: those of earlier runs first
+    places : by group and axis, where the plan's values are among the stored ones
+    blocks : by group and variable, how it is cut into shards and encoded
+    nodes : every group and array, by path
+    """
+
+    def __init__(
+        self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], blocks: Blocks, entries: Entries
+    ) -> None:
+        self.plan = plan
+        self.names = Names(plan)
+        self.layout: Layout = layout_of(
+            plan, ArchivedLayout(stored, blocks, lambda ref: entries.first_file(self.names[ref]))
+        )
+        self.axes: dict[str, dict[str, list[Any]]] = {}
+        self.places: dict[str, list[list[int]]] = {}
+        for path, group in self.layout.groups.items():
+            own = {dim: list(stored.get(path, {}).get(dim, ())) for dim in group.axes}
+            for dim, values in group.axes.items():
+                known = set(own[dim])
+                own[dim] += [v for v in values if v not in known]
+            self.axes[path] = own
+            self.places[path] = [_positions(own[dim], values) for dim, values in group.axes.items()]
+        self.unmoved = {
+            path for path, places in self.places.items() if all(own == list(range(len(own))) for own in places)
+        }
+        self.blocks = cut(plan, self.layout, self.axes, blocks)
+        self.nodes = _nodes(self.layout)
+        self.whereabouts = {
+            path: [
+                Whereabouts(path, variable, self.blocks[path][variable.name]) for variable in group.variables.values()
+            ]
+            for path, group in self.layout.groups.items()
+        }
+
+    def tree(self, entries: Entries, todo: Collection[CellRef]) -> Tree:
+        """Everything in the store that the plan knows, tables aside; ``todo`` cells are not computed yet, whatever
+        is stored.
+        """
+        axes = {node.name: list(node.axes) for node in self.plan.nodes}
+        tree = Tree()
+        attrs: dict[str, Any] = {
+            "etendue": {"format": 2, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}
+        }
+        if self.plan.pipeline.variant:
+            attrs["variant"] = self.plan.pipeline.variant
+        tree.put_group("", attrs)
+        for path, node_attrs in self.layout.parents.items():
+            tree.put_group(path, node_attrs)
+        for path, group in self.layout.groups.items():
+            tree.put_group(path, group.attrs)
+            self._lay_out(tree, path, group)
+        self.put_status(tree, entries, todo)
+        return tree
+
+    def put_status(
+        self, tree: Tree, entries: Entries, todo: Collection[CellRef] = (), ended: Sequence[int] = ()
+    ) -> None:
+        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold.
+
+        ``ended``: by number of a cell, 1 above its status where it has ended in this run.
+        """
+        number = self.plan.numbers.of
+        for path, layout in self.layout.groups.items():
+            status = np.full(
+                tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8
+            )
+            for ref, index in layout.cells.items():
+                if ended and ended[number(ref)]:
+                    status[self.place(path, index)] = ended[number(ref)] - 1
+                elif (
+                    ref not in todo
+                    and entries
+                    and (found := entries.standing(self.names[ref], self.plan.cells[ref].key))
+                ):
+                    status[self.place(path, index)] = STATUS.index(found)
+            tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
+
+    def _lay_out(self, tree: Tree, path: str, layout: GroupLayout) -> None:
+        merged = self.axes[path]
+        for name, coordinate in layout.coordinates.items():
+            values, attrs = coordinate.values, dict(coordinate.attrs)
+            if name in merged:
+                values = merged[name]
+                if not any(isinstance(v, str) for v in values) and values not in (
+                    sorted(values),
+                    sorted(values, reverse=True),
+                ):
+                    attrs["order"] = "as the sweep grew; sort with .sortby"
+            elif coordinate.dims[:-1] and coordinate.dims[0] in merged:
+                values = self._grown_positions(path, coordinate.dims[:-1], np.asarray(values, dtype=float))
+            if name not in layout.variables:
+                tree.put_array(path, name, values, coordinate.dims, attrs)
+        for variable in layout.variables.values():
+            self._lay_out_variable(tree, path, layout, variable, merged)
+
+    def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
+        """Positions along axes that have grown: those of the plan in their place, others missing like their cells."""
+        merged, places = self.axes[path], dict(zip(self.axes[path], self.places[path], strict=True))
+        whole = np.full((*(len(merged[axis]) for axis in axes), own.shape[-1]), np.nan)
+        whole[np.ix_(*(places[axis] for axis in axes), range(own.shape[-1]))] = own
+        return whole
+
+    def _lay_out_variable(
+        self, tree: Tree, path: str, layout: GroupLayout, variable: VariableLayout, merged: dict[str, list[Any]]
+    ) -> None:
+        sizes = tuple(len(values) for values in merged.values())
+        shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
+        beside = [
+            n
+            for n, c in layout.coordinates.items()
+            if c.dims != (n,) and not n.endswith(BOUNDS) and set(c.dims) <= set(dims)
+        ]
+        beside += layouts.coordinates_of(layout, variable)
+        attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
+        one = self.blocks[path][variable.name]
+        chunk = known_chunk(variable.shape, one)
+        form = StoredForm(variable.dtype, variable.shape, one["codec"], tuple(one["block"]), chunk)
+        tree.put_cells(f"{path}/{variable.name}", shape, form, dims, attrs)
+
+    def place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
+        """Position of a cell in the stored arrays of its group, from its position among the plan's values."""
+        if path in self.unmoved:
+            return index
+        return tuple([places[i] for places, i in zip(self.places[path], index, strict=True)])
+
+    def chunks(self, cell: Cell) -> tuple[Chunk, ...]:
+        """The chunks of a cell's kept variables."""
+        path = self.layout.home.get(cell.ref)
+        if path is None:
+            return ()
+        place = self.place(path, self.layout.groups[path].cells[cell.ref])
+        return tuple([chunk for one in self.whereabouts[path] for chunk in one.chunks(place)])
+
+    def slots(self, ref: CellRef) -> list[Slot]:
+        """The same as (shard, slot, slots of the shard)."""
+        path = self.layout.home.get(ref)
+        if path is None:
+            return []
+        place = self.place(path, self.layout.groups[path].cells[ref])
+        found = []
+        for one in self.whereabouts[path]:
+            file, slot = one.at(place)
+            found += [(file, slot + number, one.slots) for number in range(one.count)]
+        return found
+
+
+def _nodes(layout: Layout) -> set[str]:
+    """Every group and array of a layout, by path."""
+    found = {*layout.parents, *layout.groups}
+    for path, group in layout.groups.items():
+        found |= {f"{path}/{name}" for name in (*group.variables, *group.coordinates, "status")}
+    return found
+
+
+def _positions(stored: list[Any], values: list[Any]) -> list[int]:
+    where = {value: i for i, value in enumerate(stored)}
+    return [where[value] for value in values]

@@ -1,0 +1,117 @@
+"""What a picture of an array needs besides the array: how it is shown, its white and black, its filters, the eye that
+it is meant for.
+
+In:  what distributions say of a variable; attributes of an array.
+Out: ``Drawn``, and the attributes that say the same to a program without a plan.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from etendue.contract.arrays.colouring import flat_dims
+from etendue.contract.arrays.variables import Variable, variable
+
+BY = "drawn_by"  # attributes of some places on the axes alone, as JSON: [[{dim: value}, {attribute: value}], ...]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """``shown`` and ``white`` to ``log``: as in ``spec.variables.Variable``.
+
+    ``pattern``: rows of filters in front of the pixels, '' for none; ``viewer``: XYZ of the white to which whoever
+    looks is adapted, () for that of the display.
+    """
+
+    shown: str
+    white: float | None = None
+    scale: str = ""
+    range: tuple[float, float] | None = None
+    log: bool = False
+    black: float = 0.0
+    pattern: str = ""
+    viewer: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, known: Variable, black: float = 0.0, pattern: str = "", viewer: Sequence[float] = ()) -> Drawn:
+        return cls(known.shown, known.white, known.scale, known.range, known.log, black, pattern, tuple(viewer))
+
+    @property
+    def linear(self) -> bool:
+        """Whether it is light or a signal, which is encoded for the screen."""
+        return self.shown == "linear"
+
+    @property
+    def sent(self) -> bool:
+        """Whether it goes to the screen as it is, between 0 and 1."""
+        return self.shown in ("encoded", "unencoded")
+
+    @property
+    def scaled(self) -> bool:
+        """Whether what is shown as white is chosen for the eye."""
+        return self.linear and self.white is None
+
+    def attributes(self) -> dict[str, Any]:
+        """As they stand in an archive: what is not as usual."""
+        found = {
+            "drawn_white": self.white,
+            "drawn_scale": self.scale,
+            "drawn_range": list(self.range or ()),
+            "drawn_log": int(self.log),
+            "drawn_black": self.black,
+            "drawn_pattern": self.pattern,
+            "drawn_for": list(self.viewer),
+        }
+        return {"drawn_as": self.shown} | {name: value for name, value in found.items() if value}
+
+
+def read(name: str, attrs: Mapping[str, Any], at: Mapping[str, Any]) -> Drawn:
+    """What the attributes of an array say of it at a place on the axes; without any, what is known of its name."""
+    if "drawn_as" not in attrs:
+        return Drawn.of(variable(name))
+    own = dict(attrs)
+    for place, more in json.loads(str(attrs.get(BY, "[]"))):
+        if all(at.get(dim) == value for dim, value in place.items()):
+            own |= more
+    white, ends = own.get("drawn_white"), own.get("drawn_range")
+    return Drawn(
+        str(own["drawn_as"]),
+        None if white is None else float(white),
+        str(own.get("drawn_scale", "")),
+        (float(ends[0]), float(ends[1])) if ends is not None and len(ends) == 2 else None,
+        bool(own.get("drawn_log")),
+        float(own.get("drawn_black", 0.0)),
+        str(own.get("drawn_pattern", "")),
+        tuple(float(one) for one in own.get("drawn_for", ())),
+    )
+
+
+class Pictured(NamedTuple):
+    """A picture of a cell: its variable, its own dims, how it is drawn, the axes of the sweep that reach it."""
+
+    variable: str
+    dims: tuple[str, ...]
+    drawn: Drawn
+    axes: tuple[str, ...]
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Dims of which one is shown: each frame has an exposure of its own, and their merger another."""
+        return tuple(dim for dim in self.dims if dim not in ("y", "x", *flat_dims()))
+
+
+def lit_by(pictures: Sequence[Pictured], number: int) -> int:
+    """Which of a cell's pictures, in the order of the light, says what is bright for one of them.
+
+    The first of its variable, so that what gets darker looks darker; of variables that share a scale the last: what a
+    well cannot hold is no brightness. It has the same frames and no axes besides: a picture is one wherever it is
+    drawn.
+    """
+    own = pictures[number]
+    able = [n for n, one in enumerate(pictures) if set(one.axes) <= set(own.axes) and one.frames == own.frames]
+    if own.drawn.scale:
+        return max(n for n in able if pictures[n].drawn.scale == own.drawn.scale)
+    return next(n for n in able if pictures[n].variable == own.variable)

@@ -1,0 +1,1 @@
+"""Numbers of a request: units, parameters, shared quantities, names, limits."""

@@ -1,0 +1,1 @@
+"""A graph expanded to cells: grids, facts, what is left out, keys and seeds."""

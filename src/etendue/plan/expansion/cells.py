@@ -1,0 +1,328 @@
+"""Nodes and axes to cells: parameters, grids, facts, what is left out, keys and seeds of every cell.
+
+In:  a checked ``Graph`` and a pipeline.
+Out: cells by reference, in an order in which every cell stands behind what it reads.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+from etendue.contract.arrays.facts import UNKNOWN, Facts
+from etendue.contract.arrays.grid import Grid
+from etendue.contract.capabilities import Noisy, Probe, Source
+from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
+from etendue.contract.values.bounds import MOST_CELLS, beyond, number
+from etendue.contract.values.late_bound import LateValue
+from etendue.errors import Fault, MachineError, PluginError, RequestError
+from etendue.pipeline.file import PipelineFile
+from etendue.plan import stage_calls
+from etendue.plan.expansion import scenes
+from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
+from etendue.plan.expansion.forms import CellGrids, Draft, output_grid
+from etendue.plan.expansion.recipes import Recipes
+from etendue.plan.machine import available_memory
+from etendue.plan.model import Alternative, Cell, CellRef, Node
+from etendue.plan.request import Choice
+from etendue.plan.wiring.graph import Graph
+from etendue.plan.wiring.quantities import to_be_found
+from etendue.telling import human_bytes, plain
+
+BYTES_OF_A_CELL = 1300  # of a plan, in memory: benchmarks/scale.py
+
+
+Told = Callable[[int, int], None]  # how many cells are planned, of how many
+Place = Callable[[tuple[int, ...]], tuple[int, ...]]  # the position of one cell from that of another
+
+
+def expand(
+    graph: Graph, pipeline: PipelineFile, choice: Choice, told: Told = lambda done, total: None
+) -> tuple[dict[CellRef, Cell], str, float]:
+    """All cells, the precision they are computed in, and the seconds that looking at new scenes took."""
+    expansion = _Expansion(graph, pipeline, choice, told)
+    return expansion.expand(), expansion.precision, expansion.looked
+
+
+class _Expansion:
+    def __init__(self, graph: Graph, pipeline: PipelineFile, choice: Choice, told: Told) -> None:
+        self.told = told
+        self.graph = graph
+        self.pipeline = pipeline
+        self.choice = choice
+        self.nodes = {node.name: node for node in graph.nodes}
+        self.axes = {axis.dim: axis for axis in graph.axes}
+        self.cells: dict[CellRef, Cell] = {}
+        self.stages: dict[tuple[str, tuple[Any, ...]], Stage] = {}
+        self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
+        numbered = [(node, number) for node in graph.nodes for number in range(len(node.alternatives))]
+        self.readings = {(node.name, number): reading_of(node, number, self.nodes) for node, number in numbered}
+        self.forms: dict[tuple[Any, ...], CellGrids] = {}
+        # of cells of one stage and form that read what nothing is known of
+        self.decisions: dict[tuple[Any, ...], Decisions] = {}
+        self.grids: dict[Grid, Grid] = {}
+        self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
+        self.faults: dict[str, Fault] = {}
+        self.looked = 0.0  # seconds of looking at scenes that were never seen before
+
+    def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[LateValue, ...] = ()) -> Stage:
+        """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
+        key = (node.name, (number, *(index[dim] for dim, _ in node.direct), *found))
+        known = self.stages.get(key)
+        if known:
+            return known
+        one = node.alternatives[number]
+        values = dict(one.values)
+        for name, (parameter, _, _) in parameters_of(one.kind).items():
+            if parameter.shared:
+                values[name] = self.graph.shared[name]
+        for dim, name in node.direct:
+            if name in values:
+                values[name] = self.axes[dim].value(name, index[dim])
+        values.update({one.name: one for one in found})
+        try:
+            stage = stage_calls.made(one.kind, values)
+        except (ValueError, PluginError) as error:
+            raise RequestError([Fault(node.place, f"{one.use}: {plain(str(error))}")], self.pipeline.file) from None
+        self.stages[key] = stage
+        return stage
+
+    def found(self, one: Alternative, inputs: Any) -> tuple[LateValue, ...]:
+        """What stands for the quantities that earlier cells write: between the ends which those know of what they
+        write first.
+        """
+        quantities = quantities_of(one.kind)
+        stand = []
+        for name, ref, variable in inputs:
+            if name in quantities:
+                facts = self.cells[ref].facts if next(iter(self.nodes[ref[0]].writes)) == variable else UNKNOWN
+                stand.append(to_be_found(name, quantities[name], (facts.low, facts.high)))
+        return tuple(stand)
+
+    def expand(self) -> dict[CellRef, Cell]:
+        total = self.count()
+        self.precision = self.choose_precision()
+        self.decider = Decider(self.graph, self.choice, self.cells, self.stage_at, self.precision)
+        places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}  # by axes: each once, for all stages that they reach
+        for node in self.graph.nodes:
+            if node.axes not in places:
+                places[node.axes] = list(itertools.product(*(range(len(self.axes[dim].values)) for dim in node.axes)))
+            for index in places[node.axes]:
+                self.add(node, index)
+                if not len(self.cells) % 500:
+                    self.told(len(self.cells), total)
+            if self.faults:
+                raise RequestError(list(self.faults.values())[:12], self.pipeline.file)
+        return self.cells
+
+    def count(self) -> int:
+        """The cells there will be, refused where they are too many: before the first of them is made."""
+        counts = {node.name: math.prod(len(self.axes[dim].values) for dim in node.axes) for node in self.graph.nodes}
+        total = sum(counts.values())
+        if total > self.pipeline.most_cells:
+            largest = max(self.graph.nodes, key=lambda node: counts[node.name])
+            product = " x ".join(f"{self.axes[dim].key} {len(self.axes[dim].values)}" for dim in largest.axes)
+            text = beyond(total, "cells", self.pipeline.most_cells, f"{largest.name} alone has {product}")
+            ways = f", ask for less with 'wanted', or set most_cells = {total}" if total < 1e9 else ""
+            raise RequestError([Fault("sweep", f"{text}; shorten an axis{ways}")], self.pipeline.file)
+        free = available_memory()
+        if total > MOST_CELLS and free and BYTES_OF_A_CELL * total > free:
+            longest = max(self.axes.values(), key=lambda axis: len(axis.values))
+            need = (
+                f"a plan of {number(total)} cells takes about {human_bytes(BYTES_OF_A_CELL * total)}, "
+                f"{human_bytes(free)} are free"
+            )
+            raise MachineError(
+                f"{need}; shorten the axis {longest.key}, which has {len(longest.values)} values, or ask for less with "
+                f"'wanted'"
+            )
+        return total
+
+    def choose_precision(self) -> str:
+        """float32 only where a float32 FFT keeps the darkest values of every scene right (error 2e-7 of the range)."""
+        if self.choice.precision != "auto":
+            return self.choice.precision
+        for node in self.graph.nodes:
+            if not node.is_source:
+                continue
+            for position in range(len(node.alternatives)):
+                index = {dim: 0 for dim in self.axes}
+                if node.use_axis:
+                    index[node.use_axis] = position
+                dims = list(dict.fromkeys(dim for dim, _ in node.direct))
+                for combination in itertools.product(*(range(len(self.axes[dim].values)) for dim in dims)):
+                    index.update(zip(dims, combination, strict=True))
+                    facts, _ = self.describe(node, self.stage_at(node, position, index))
+                    if facts.contrast is None or 2e-7 * facts.contrast > self.choice.tolerance:
+                        return "float64"
+        return "float32"
+
+    def describe(self, node: Node, stage: Stage) -> tuple[Facts, Mapping[str, Grid]]:
+        if stage not in self.described:
+            try:
+                self.described[stage] = self.seen_before(stage, *stage_calls.described(stage))
+            except PluginError as error:
+                raise RequestError([Fault(node.place, self.by_whom(node, stage, error))], self.pipeline.file) from None
+            except (ValueError, OSError, RequestError) as error:
+                raise RequestError([Fault(node.place, plain(str(error)))], self.pipeline.file) from None
+        return self.described[stage]
+
+    def seen_before(self, stage: Stage, facts: Facts, grids: Mapping[str, Grid]) -> tuple[Facts, Mapping[str, Grid]]:
+        """What a scene says of itself, and what its light holds, where anything may be left out for it."""
+        assert isinstance(stage, Source)
+        if not self.choice.leave_out or facts.content is not None:
+            return facts, grids
+        light = {name: grid for name, grid in grids.items() if name == scenes.light_of(type(stage))}
+        if not light:
+            return facts, grids
+        found, seconds = scenes.content_of(stage, grids)
+        self.looked += seconds
+        if found is None:
+            return facts, grids
+        low, high = found.range_of_light()
+        return replace(facts, content=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
+
+    def add(self, node: Node, index: tuple[int, ...]) -> None:
+        cells, by_dim = self.cells, dict(zip(node.axes, index, strict=True))
+        number = by_dim[node.use_axis] if node.use_axis else 0
+        one, reading = node.alternatives[number], self.readings[node.name, number]
+        inputs = tuple(
+            [(port, cells[source, at(index)].ref, variable) for port, source, variable, at in reading.inputs]
+        )
+        stage = self.stage_at(node, number, by_dim, self.found(one, inputs) if reading.quantities else ())
+        looks_at = tuple(
+            [(port, tuple([cells[name, at(index)].ref for name, at in seen])) for port, seen in reading.looks_at]
+        )
+        input_facts = {p: self.cells[ref].facts for p, ref, _ in inputs if p in reading.ports}
+        try:
+            draft = Draft(node, number, stage, inputs, looks_at, self.form(node, number, stage, inputs))
+            same = reading.alike and all(f is UNKNOWN for f in input_facts.values())
+            like = (node.name, id(stage), draft.form) if same else None
+            decisions = self.decisions.get(like) if like else None
+            if decisions is None:
+                declared = self.describe(node, stage)[0] if node.is_source else None
+                decisions = self.decider.decide(draft, input_facts, by_dim, declared)
+                if like:
+                    self.decisions[like] = decisions
+            if decisions.stage is not stage:
+                stage = decisions.stage
+                draft = draft._replace(stage=stage)
+            seed, open_words = self.recipes.seed(draft)
+        except PluginError as error:
+            self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))
+            return
+        except (ValueError, RequestError) as error:
+            self.faults.setdefault(node.name, self.unfit(node, by_dim, error))
+            return
+        versions, key = self.recipes.key(draft, decisions.left_out, seed, open_words, self.precision)
+        cell = Cell(
+            ref=(node.name, index),
+            stage=stage,
+            use=one.use,
+            inputs=inputs,
+            looks_at=looks_at,
+            key=key,
+            versions=versions,
+            seed=seed,
+            open_words=open_words,
+            input_grids=draft.form.input_grids,
+            grids=draft.form.grids,
+            facts=decisions.facts,
+            left_out=decisions.left_out,
+            approximated=decisions.approximated,
+            error=decisions.error,
+            segment_input=segment_input(self.cells, draft),
+            mapped=draft.form.mapped,
+        )
+        self.cells[cell.ref] = cell
+
+    def unfit(self, node: Node, by_dim: Mapping[str, int], error: Exception) -> Fault:
+        """What is wrong with a stage, at the first combination at which it is."""
+        where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in by_dim.items())
+        text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
+        return Fault(f"{node.place}{f' at {where}' if where else ''}", text)
+
+    @staticmethod
+    def by_whom(node: Node, stage: Stage, error: PluginError) -> str:
+        """A fault of a plugin, and which distribution it is of."""
+        one = next((a for a in node.alternatives if a.kind is type(stage)), node.alternatives[0])
+        return f"{one.use} of {one.distribution} {one.version}: {error}"
+
+    def form(self, node: Node, number: int, stage: Stage, inputs: Any) -> CellGrids:
+        """The grids of a cell, found once for all cells of the node that read the same ones (and of one stage, where
+        it makes grids).
+        """
+        ports, own = reads_of(node.alternatives[number].kind), node.is_source or type(stage).grid is not Stage.grid
+        whole = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
+        place = (node.name, number, stage if own else None, *map(id, whole.values()))
+        known = self.forms.get(place)
+        if known is not None:
+            return known
+        input_grids = {p: grid.take(ports[p].dims) if node.mapped else grid for p, grid in whole.items() if p in ports}
+        mapped = tuple((dim, next(g[dim] for g in whole.values() if dim in g)) for dim in node.mapped)
+        declared = self.describe(node, stage)[1] if node.is_source else stage_calls.grids_of(stage, input_grids)
+        if mapped:
+            declared = {
+                d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped))
+                for d in writes_of(type(stage)).values()
+            }
+        writes = {**node.writes, **node.optional}
+        seen = self.seen(node)
+        grids = {v: output_grid(stage, d, declared.get(v), input_grids, seen) for v, d in writes.items()}
+        # One of equal ones: below, and by whoever follows, they are told apart by identity.
+        grids = {v: self.grids.setdefault(grid, grid) for v, grid in grids.items()}
+        found = self.forms[place] = CellGrids(whole, input_grids, grids, mapped)
+        return found
+
+    def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
+        """Every stage that a node looks at through any port, in the order of the pipeline."""
+        beside = node.kind.beside if issubclass(node.kind, Probe) else ()
+        found = [(what, name) for port, what, own in node.looks_at for name in own if port not in beside]
+        names = {
+            name
+            for what, name in found
+            if not looks_at_stages(what) or (what == "transfer" and self.nodes[name].is_transfer)
+        }
+        return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
+
+
+# -- where a cell finds what it reads ----------------------------------------------------------------------------------
+
+
+class Reading(NamedTuple):
+    """Where an alternative of a node finds what it reads."""
+
+    inputs: tuple[tuple[str, str, str, Place], ...]  # port or shared quantity, node, variable, where
+    looks_at: tuple[tuple[str, tuple[tuple[str, Place], ...]], ...]
+    ports: frozenset[str]
+    quantities: frozenset[str]
+    alike: bool  # whether what is decided of a cell follows from its stage, and the grids and facts of what it reads
+
+
+def reading_of(node: Node, number: int, nodes: Mapping[str, Node]) -> Reading:
+    """What the alternative at this place of a node reads and looks at."""
+    kind = node.alternatives[number].kind
+    ports = reads_of(kind)
+    seen = [one for one in node.looks_at if one[0] in ports and looks(ports[one[0]]) == one[1]]
+    return Reading(
+        tuple((port, source, variable, places(node, nodes[source])) for port, source, variable in node.inputs[number]),
+        tuple((port, tuple((name, places(node, nodes[name])) for name in names)) for port, _, names in seen),
+        frozenset(ports),
+        frozenset(quantities_of(kind)),
+        not (node.is_source or node.segment or issubclass(kind, Noisy)),
+    )
+
+
+def places(node: Node, source: Node) -> Place:
+    """Where a cell stands that is read; what a probe of transfer functions does not depend on is at its first value."""
+    where = {dim: place for place, dim in enumerate(node.axes)}
+    if source.axes == node.axes:
+        return lambda index: index
+    if len(source.axes) > 1 and all(dim in where for dim in source.axes):
+        return itemgetter(*(where[dim] for dim in source.axes))
+    found = [where.get(dim, -1) for dim in source.axes]
+    return lambda index: tuple([index[place] if place >= 0 else 0 for place in found])

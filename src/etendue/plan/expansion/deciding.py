@@ -1,0 +1,156 @@
+"""What is decided of one cell after the other: whether it is left out, how well the rest is computed, and what is known
+behind it.
+
+In:  a cell as far as it is planned (``Draft``), what is known of what it reads.
+Out: ``Decisions``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+from etendue.contract.arrays.facts import Facts
+from etendue.contract.arrays.grid import Grid
+from etendue.contract.capabilities import Noisy, Summed, Transfer
+from etendue.contract.stage import Stage, reads_of
+from etendue.plan import stage_calls
+from etendue.plan.expansion import leave_out
+from etendue.plan.expansion.approximate import WatchedFacts, choose, open_knobs
+from etendue.plan.expansion.forms import Draft
+from etendue.plan.model import Approximated, Cell, CellRef, LeftOut, Node
+from etendue.plan.request import Choice
+from etendue.plan.wiring.graph import Graph
+from etendue.transfer import effects
+
+
+class Decisions(NamedTuple):
+    """Of a cell."""
+
+    stage: Stage
+    left_out: LeftOut | None
+    approximated: tuple[Approximated, ...]
+    error: tuple[float | None, str]
+    facts: Facts
+
+
+StageAt = Callable[[Node, int, Mapping[str, int]], Stage]  # that of an alternative, at a combination of the axes
+
+
+class Decider:
+    """``cells`` are those planned so far."""
+
+    def __init__(
+        self, graph: Graph, choice: Choice, cells: Mapping[CellRef, Cell], stage_at: StageAt, precision: str
+    ) -> None:
+        self.nodes, self.choice, self.cells, self.stage_at = graph.nodes, choice, cells, stage_at
+        self.precision = precision
+        self.rule = leave_out.LeaveOutRule(choice.tolerance if choice.leave_out else None, choice.norm)
+        self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what they were chosen from
+        self.knobs: dict[tuple[str, int], tuple[str, ...]] = {}  # those that the file leaves open
+        for node in graph.nodes if choice.leave_out else ():  # else nothing may be approximated
+            for number, one in enumerate(node.alternatives if not node.is_source else ()):
+                written = {*one.written, *(name for _, name in node.direct)}
+                self.knobs[node.name, number] = open_knobs(one.kind, written)
+
+    def decide(
+        self, draft: Draft, facts_in: Mapping[str, Facts], by_dim: Mapping[str, int], declared: Facts | None
+    ) -> Decisions:
+        """What a scene's facts decide of a cell, and what is known behind it; ``declared``: what a source says of its
+        own.
+        """
+        node, stage, form = draft.node, draft.stage, draft.form
+        facts = stage_calls.carried(stage, facts_in, form.input_grids) if declared is None else declared
+        left_out = None
+        if node.name not in self.choice.computed:
+            noises = partial(self.noises, by_dim)
+            left_out = leave_out.decide(self.rule, stage, facts_in, form.whole_grids, form.grids, noises)
+        approximated: tuple[Approximated, ...] = ()
+        if not left_out and self.knobs.get((node.name, draft.number)):
+            stage, approximated = self.approximate(draft, facts_in)
+        error = self.error(draft, stage, facts_in)
+        facts = behind(stage, facts_in, form.input_grids, facts)
+        if left_out:
+            main = next(iter(node.writes))
+            facts = next((self.cells[ref].facts for _, ref, v in draft.inputs if v == main), facts)
+        return Decisions(stage, left_out, approximated, error, facts)
+
+    def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
+        """Every stage that adds noise, as it is at a combination; None where one of them is not known before the
+        run.
+        """
+        found: list[Noisy] = []
+        for node in self.nodes:
+            if not all(issubclass(one.kind, Noisy) for one in node.alternatives):
+                continue
+            dims = {*([node.use_axis] if node.use_axis else []), *(dim for dim, _ in node.direct)}
+            if node.found or not dims <= by_dim.keys():
+                return None
+            stage = self.stage_at(node, by_dim[node.use_axis] if node.use_axis else 0, by_dim)
+            assert isinstance(stage, Noisy)
+            found.append(stage)
+        return found
+
+    def approximate(self, draft: Draft, facts: Mapping[str, Facts]) -> tuple[Stage, tuple[Approximated, ...]]:
+        """A stage with its open knobs set, found once for cells of equal stage and equal facts."""
+        # Most stages state errors that ask for no facts: then cells of other facts are served as well.
+        place = (draft.stage, self.before(draft), tuple(draft.form.input_grids.items()))
+        whole = (*place, tuple(facts.items()))
+        known = self.chosen.get(place) or self.chosen.get(whole)
+        if known is None:
+            seen, knobs = WatchedFacts(facts), self.knobs[draft.node.name, draft.number]
+            stage, set_ = choose(draft.stage, knobs, self.choice.tolerance, lambda one: self.error(draft, one, seen))
+            known = (self.chosen.setdefault(stage, stage), set_)  # one stage for cells of equal choice
+            self.chosen[whole if seen.looked else place] = known
+        return known
+
+    def error(self, draft: Draft, stage: Stage, facts: Any) -> tuple[float | None, str]:
+        """What a stage states of its error, in the place of the draft's own."""
+        node, grids = draft.node, draft.form.input_grids
+        if not node.segment or not isinstance(stage, Summed):
+            return stage_calls.error_of(stage, "error", facts, grids, self.precision)
+        port, before, _ = draft.inputs[0]
+        source, _ = segment_input(self.cells, draft) or (before, "")
+        facts = {**facts, port: replace(facts[port], content=self.cells[source].facts.content)}
+        return stage_calls.error_of(stage, "segment_error", self.before(draft), facts, grids, self.precision)
+
+    def before(self, draft: Draft) -> tuple[Stage, ...]:
+        """The stages in force between the input of a segment and one of its stages, in the order of the light."""
+        found: list[Stage] = []
+        at = draft.inputs
+        for _ in range(len(draft.node.segment) - 1):
+            cell = self.cells[at[0][1]]
+            if cell.left_out is None:
+                found.append(cell.stage)
+            at = cell.inputs
+        return tuple(reversed(found))
+
+
+def segment_input(cells: Mapping[CellRef, Cell], draft: Draft) -> tuple[CellRef, str] | None:
+    """What the segment of a transfer stage starts from."""
+    if not draft.node.segment:
+        return None
+    _, source, variable = draft.inputs[0]
+    return cells[source].segment_input if len(draft.node.segment) > 1 else (source, variable)
+
+
+def behind(stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, Grid], own: Facts) -> Facts:
+    """What is known behind a transfer function beside what the stage says: less detail, and nearly the range there
+    was.
+    """
+    if not isinstance(stage, Transfer) or isinstance(stage, Summed):
+        return own
+    (port,) = reads_of(type(stage))
+    content = facts_in[port].content
+    if content is None:
+        return own
+    try:
+        left = effects.behind(stage, grids_in[port].bands().edges, content)
+    except ValueError:  # it refuses, and says why in its own place
+        return own
+    low, high = content.range_of_light()
+    return replace(
+        own, content=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high
+    )

@@ -1,0 +1,151 @@
+"""What pixels see of a scene: a chart wider than the field, or drawn softer than its pixels, told before anything is
+computed.
+
+In:  cells of a plan.
+Out: notes, each with the axis values at which it is worst.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from etendue.contract.arrays.grid import Grid, Line
+from etendue.contract.wording import words
+from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of, told_by
+
+CRISP = 0.25  # contrast at the pixels' Nyquist frequency that a rendering has to leave: two samples a pixel leave 0.29
+SEEN = 0.5  # of the light's area: whatever lies around less than that was hardly meant to be cropped
+
+
+class _Field(NamedTuple):
+    """Sides of the light in front of pixels and of what they take, and the pitch of these, um: (y, x)."""
+
+    light: tuple[float, float]
+    taken: tuple[float, float]
+    pitch: tuple[float, float]
+
+    @property
+    def share(self) -> float:
+        return self.taken[0] * self.taken[1] / (self.light[0] * self.light[1])
+
+
+def notes_on_the_scene(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]) -> list[str]:
+    """A note on cropping and one on softness for each stage that samples light at pixels.
+
+    Of its cells the one that takes least of its light, where it takes less than half of the area; the one whose pixels
+    are finest against the rendering of the chart, where that leaves less than a quarter of the contrast at their
+    Nyquist frequency. ``axes``: by dimension. Of light that is the same everywhere nothing is lost, and nothing said.
+    """
+    by_node: dict[str, list[tuple[_Field, Cell]]] = {}
+    known: dict[tuple[int, int], _Field | None] = {}  # cells share the grids that are equal
+    for cell in cells.values():
+        place = told_by(cell.grids, cell.input_grids)
+        if place not in known:
+            known[place] = _field(cell)
+        field = known[place]
+        if field is not None and not cell.facts.uniform:
+            by_node.setdefault(cell.node, []).append((field, cell))
+    held = [(node, by_node[node.name]) for node in nodes if node.name in by_node]
+    return [text for node, own in held for text in (*_cropped(node, own, axes), *_softened(node, own, cells, axes))]
+
+
+def _cropped(node: Node, own: Sequence[tuple[_Field, Cell]], axes: Mapping[str, Axis]) -> list[str]:
+    cropped = [(field, cell) for field, cell in own if field.share < SEEN]
+    if not cropped:
+        return []
+    least, worst = min(cropped, key=lambda one: one[0].share)
+    at = _where(node, worst, [(field.share, cell) for field, cell in own], axes)
+    counted = f" (to less than half of its area in {len(cropped)} of {len(own)} cells)" if len(own) > 1 else ""
+    return [
+        f"{node.name}: crops the light to its middle {_sides(least.taken)} of {_sides(least.light)}{at}{counted}; "
+        f"where the whole scene is "
+        f"wanted, make its width and height smaller, or the {words()['frame']} larger"
+    ]
+
+
+def _softened(
+    node: Node, own: Sequence[tuple[_Field, Cell]], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]
+) -> list[str]:
+    left: list[tuple[float, Cell]] = []
+    known: dict[tuple[tuple[float, float] | None, float], float] = {}
+    for field, cell in own:
+        scene = scene_of(cells, cell)
+        place = (scene.facts.rendered, min(field.pitch))
+        if place not in known:
+            known[place] = _contrast_left(scene.facts.rendered, min(field.pitch))
+        left.append((known[place], cell))
+    worst, cell = min(left, key=lambda one: one[0])
+    if worst >= CRISP:
+        return []
+    scene = scene_of(cells, cell)
+    return [
+        f"{scene.node}: what it is drawn with leaves {100 * worst:.2g} % of the contrast at the Nyquist frequency of "
+        f"{node.name}"
+        f"{_where(node, cell, left, axes)}: resolution that is measured in pictures is less than the "
+        f"{words()['whole']}'s; "
+        "take a finer spacing"
+    ]
+
+
+def _contrast_left(rendered: tuple[float, float] | None, pitch: float) -> float:
+    """By a Gaussian of some rms width and cells of some side, um, at half a cycle a pixel; 1 of a scene that is no
+    chart.
+    """
+    if rendered is None:
+        return 1.0
+    sigma, cell = rendered
+    frequency = 0.5 / pitch
+    mean = math.pi * frequency * cell
+    return math.exp(-2 * (math.pi * frequency * sigma) ** 2) * (abs(math.sin(mean) / mean) if mean else 1.0)
+
+
+def _where(node: Node, worst: Cell, own: Sequence[tuple[float, Cell]], axes: Mapping[str, Axis]) -> str:
+    """The axis values of a cell, of the axes along which a figure changes."""
+    point = [
+        f"{axes[dim].key} = {_value(axes[dim], position)}"
+        for number, (dim, position) in enumerate(zip(node.axes, worst.index, strict=True))
+        if _matters(own, number)
+    ]
+    return f" at {', '.join(point)}" if point else ""
+
+
+def _field(cell: Cell) -> _Field | None:
+    """Of a cell that samples light at pixels; None for all others."""
+    light = next((grid for grid in cell.input_grids.values() if _placed(grid, at_pixels=False)), None)
+    taken = next((grid for grid in cell.grids.values() if _placed(grid, at_pixels=True)), None)
+    if light is None or taken is None:
+        return None
+    y, x = (taken.line(dim).um()[1] for dim in "yx")
+    return _Field(_lengths(light), _lengths(taken), (y, x))
+
+
+def _placed(grid: Grid, at_pixels: bool) -> bool:
+    """Whether it has both dims of a picture: positions in um, or pixels that know theirs."""
+    lines = [grid[dim] for dim in "yx" if dim in grid]
+    return len(lines) == 2 and all(
+        isinstance(line, Line) and (line.position is not None) == at_pixels for line in lines
+    )
+
+
+def _lengths(grid: Grid) -> tuple[float, float]:
+    y, x = (grid.line(dim) for dim in "yx")
+    return y.size * y.um()[1], x.size * x.um()[1]
+
+
+def _matters(own: Sequence[tuple[float, Cell]], number: int) -> bool:
+    """Whether a figure changes along a stage's axis."""
+    by_value: dict[int, set[float]] = {}
+    for figure, cell in own:
+        by_value.setdefault(cell.index[number], set()).add(figure)
+    return len({frozenset(figures) for figures in by_value.values()}) > 1
+
+
+def _value(axis: Axis, position: int) -> str:
+    value = axis.values[position]
+    return f"{value:g} {axis.units}".strip() if isinstance(value, float) else str(value)
+
+
+def _sides(um: tuple[float, float]) -> str:
+    return f"{um[1]:.4g} um x {um[0]:.4g} um"

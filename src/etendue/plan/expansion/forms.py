@@ -1,0 +1,78 @@
+"""The grids of a cell: of what it reads and of what it writes.
+
+In:  a stage, what it declares, the grids of its inputs.
+Out: the grid of each output; ``Form``, shared by all cells that have the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from etendue.contract.arrays.grid import Coordinate, Grid, Labels
+from etendue.contract.arrays.variables import Declaration
+from etendue.contract.stage import Stage
+from etendue.contract.values.bounds import MOST_POINTS, MOST_VALUES, beyond
+from etendue.errors import PluginError
+from etendue.plan import stage_calls
+from etendue.plan.model import Alternative, CellRef, Node
+
+
+def output_grid(
+    stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()
+) -> Grid:
+    """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
+    creates = stage.creates
+    found = {}
+    for dim in declaration.dims:
+        if given is not None and dim in given:
+            found[dim] = given[dim]
+        elif dim in creates:
+            found[dim] = creates[dim]
+        elif dim == "stage" and looks_at:
+            found[dim] = Labels(tuple(dict.fromkeys(name for _, refs in looks_at for name, _ in refs)))
+        else:
+            source = next((g for g in inputs.values() if dim in g), None)
+            if source is None:
+                raise PluginError(stage_calls.lacking(type(stage), dim, declaration.variable))
+            found[dim] = source[dim]
+    grid = Grid.of(found)
+    for dim, coordinate in grid.entries:
+        if coordinate.size > MOST_POINTS:
+            raise ValueError(
+                f"{declaration.variable} has "
+                f"{beyond(coordinate.size, f'points along {dim}', MOST_POINTS, 'make it smaller')}"
+            )
+    if grid.count > MOST_VALUES:
+        raise ValueError(
+            f"{declaration.variable} has {beyond(grid.count, 'values in one cell', MOST_VALUES, 'make it smaller')}"
+        )
+    return grid
+
+
+@dataclass(frozen=True, eq=False)
+class CellGrids:
+    """Grids of a cell: of what it reads, whole and without the dims it is mapped over, and of what it writes. Told by
+    identity: many cells share one, and to compare grids takes longer than all that is looked up by it.
+    """
+
+    whole_grids: Mapping[str, Grid]
+    input_grids: Mapping[str, Grid]
+    grids: Mapping[str, Grid]
+    mapped: tuple[tuple[str, Coordinate], ...]
+
+
+class Draft(NamedTuple):
+    """A cell of which all is known but what is decided of it."""
+
+    node: Node
+    number: int  # of the alternative
+    stage: Stage
+    inputs: tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable)
+    looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
+    form: CellGrids
+
+    @property
+    def one(self) -> Alternative:
+        return self.node.alternatives[self.number]

@@ -1,0 +1,1 @@
+"""What code and values a result depends on: digests of modules and keys."""

@@ -1,0 +1,87 @@
+"""Keys: equal key means equal result. Recipes are hashed, not pixels.
+
+In:  a stage's class, its resolved parameters, the keys of what it reads.
+Out: 128-bit BLAKE2b digests, and the fields they were made of, so that a change can be named.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib.metadata
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from etendue import plain_files
+from etendue.contract.stage import Stage, file_state, files_of, parameters_of
+from etendue.contract.values.late_bound import LateValue
+from etendue.plugins.discovery import named
+
+
+def digest(data: bytes) -> str:
+    return hashlib.blake2b(data, digest_size=16).hexdigest()
+
+
+def canonical(value: Any) -> Any:
+    """A value as JSON that is the same text for the same value: floats in hex."""
+    if isinstance(value, float):
+        return value.hex()
+    if isinstance(value, LateValue):  # the key of the cell that finds it stands among the inputs
+        return "found"
+    if isinstance(value, dict):
+        return {str(k): canonical(v) for k, v in sorted(value.items())}
+    if isinstance(value, list | tuple):
+        return [canonical(v) for v in value]
+    return value
+
+
+def plain_text(value: Any) -> str:
+    """Grids as text that is the same for equal ones: whether a number of them came as an int, a float or one of
+    numpy's.
+    """
+    if dataclasses.is_dataclass(value):
+        return (
+            f"{type(value).__name__}("
+            f"{' '.join(plain_text(getattr(value, field.name)) for field in dataclasses.fields(value))})"
+        )
+    if isinstance(value, tuple | list):
+        return f"({' '.join(map(plain_text, value))})"
+    return float(value).hex() if hasattr(value, "__float__") else repr(value)
+
+
+def key_of(fields: dict[str, Any]) -> str:
+    return digest(json.dumps(canonical(fields), sort_keys=True).encode())
+
+
+@cache
+def version_of(distribution: str) -> str:
+    try:
+        return named(importlib.metadata.distribution(distribution))[1]
+    except importlib.metadata.PackageNotFoundError:
+        return "missing"
+
+
+def file_digest(path: str) -> str:
+    """SHA-256 of a file, or of the names and contents of a folder's files: file parameters count by content."""
+    return _file_digest(path, file_state(path))
+
+
+@cache
+def _file_digest(path: str, state: tuple[int, int]) -> str:
+    whole = Path(path)
+    if not whole.is_dir():
+        return plain_files.sha256(whole, None)
+    found = hashlib.sha256()
+    for part in sorted(p for p in whole.rglob("*") if p.is_file()):
+        found.update(f"{part.relative_to(whole).as_posix()} {plain_files.sha256(part, None)}\n".encode())
+    return found.hexdigest()
+
+
+def parameters_for_key(stage: Stage) -> dict[str, Any]:
+    """Resolved parameters with files replaced by their content's digest."""
+    files = files_of(stage)
+    return {
+        n: f"sha256:{file_digest(files[n])}" if n in files else getattr(stage, n) for n in parameters_of(type(stage))
+    }

@@ -1,0 +1,1 @@
+"""Stages wired to a graph: parameters, shared quantities, axes, ports."""

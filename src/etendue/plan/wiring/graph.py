@@ -1,0 +1,262 @@
+"""Pipeline and registry to a graph of nodes. Every fault of the file is gathered before anything is raised.
+
+In:  a ``Pipeline`` (values as written) and a ``Registry``.
+Out: nodes in order, axes, shared quantities, wanted and kept variables; or one ``RequestError`` with all faults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from etendue.contract.arrays import variables
+from etendue.contract.arrays.dims import is_light
+from etendue.contract.registry import Registry
+from etendue.contract.stage import parameters_of, quantities_of, writes_of
+from etendue.contract.values.names import LOOKS, OWN, beside
+from etendue.errors import PluginError, RequestError, nearest
+from etendue.pipeline.file import PipelineFile
+from etendue.plan import stage_calls
+from etendue.plan.model import Alternative, Axis, Node
+from etendue.plan.request import Request
+from etendue.plan.wiring.alternatives import Entries, alternatives_of
+from etendue.plan.wiring.axes import resolve_axes
+from etendue.plan.wiring.binding import link
+from etendue.plan.wiring.missing import lacking
+from etendue.plan.wiring.quantities import resolve_quantities, to_be_found
+from etendue.plan.wiring.swapped import fitted_to_overrides
+from etendue.plugins import discovery
+from etendue.telling import plain
+
+
+@dataclass
+class Graph:
+    """A checked pipeline: what the planner expands into cells."""
+
+    nodes: tuple[Node, ...]
+    axes: tuple[Axis, ...]
+    shared: dict[str, Any]
+    wanted: tuple[tuple[str, str], ...]
+    keep: tuple[str, ...] | None
+    warnings: tuple[str, ...]
+
+
+def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
+    """Check a pipeline wholly; raises ``RequestError`` with every fault."""
+    pipeline, _ = fitted_to_overrides(pipeline, registry)
+    request = Request(pipeline, registry)
+    needed = lacking(pipeline, registry)
+    if needed:  # what its stages are, nobody can say: every other fault would follow from that
+        raise RequestError([*request.faults, *needed], pipeline.file)
+    entries: dict[str, tuple[Alternative, ...]] = {}
+    swapped: dict[str, Axis] = {}
+    for entry in pipeline.stages:
+        entries[entry.name], use_axis = alternatives_of(request, entry)
+        if use_axis:
+            swapped[entry.name] = use_axis
+        request.whole = request.whole and bool(entries[entry.name])
+    _check_vocabulary(request, entries)
+    shared = resolve_quantities(request, entries)
+    axes, direct = resolve_axes(request, entries, shared, list(swapped.values()))
+    nodes = link(request, entries, swapped, axes, direct)
+    _check_axis_names(request, nodes, axes)
+    _check_found(request, nodes, axes)
+    _try_values(request, nodes, axes, shared.values)
+    wanted = _wanted_of(request, nodes)
+    nodes = _as_asked(nodes, wanted)
+    for text in pipeline.keep or ():
+        if text != LOOKS:
+            _find_variable(request, text, nodes, "keep")
+    if wanted and request.whole:
+        nodes = _prune(nodes, wanted)
+        reached = {dim for node in nodes for dim in node.axes}
+        for axis in axes:
+            if axis.dim not in reached:
+                request.warnings.append(f"sweep.{axis.key} is not swept: nothing that is wanted depends on it")
+        axes = [axis for axis in axes if axis.dim in reached]
+    if request.faults:
+        raise RequestError(request.faults, pipeline.file)
+    return Graph(tuple(nodes), tuple(axes), shared.values, wanted, pipeline.keep, tuple(request.warnings))
+
+
+def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:
+    """The (stage, variable) pairs to store. A variable means every stage's; a stage's name, all it writes;
+    ``looks``, all but light.
+    """
+    everything = [(n.name, v) for n in nodes for v in n.writes]
+    if keep is None:
+        return frozenset(everything)
+    chosen = {
+        (n.name, v) for n in nodes for v, written in n.writes.items() if LOOKS in keep and not is_light(written.dims)
+    }
+    for stage, variable in everything:
+        if variable in keep or stage in keep or f"{stage}.{variable}" in keep:
+            chosen.add((stage, variable))
+    return frozenset(chosen)
+
+
+def _check_vocabulary(request: Request, entries: Entries) -> None:
+    """Where two distributions say different things of a name that the pipeline uses, or one says it wrongly."""
+    quantities: dict[str, str] = {}
+    written: dict[str, str] = {}
+    for stage, alternatives in entries.items():
+        for one in alternatives:
+            quantities |= {
+                name: one.use
+                for name, (p, _, _) in parameters_of(one.kind).items()
+                if p.shared and name not in quantities
+            }
+            written |= {d.variable: stage for d in writes_of(one.kind).values() if d.variable not in written}
+    for name, use in quantities.items():
+        if clash := discovery.installed().clash("quantities", name):
+            request.fault(request.pipeline.table.place(name), f"{use} takes it, and it is {clash}")
+    for name, stage in written.items():
+        try:
+            variables.variable(name)
+        except PluginError as error:
+            request.fault(f"stages.{stage}", str(error))
+        if differ := variables.disagree(name):
+            request.fault(
+                f"stages.{stage}", f"{differ} say different things of its variable {name!r}; uninstall one of them"
+            )
+
+
+def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
+    """Two axes, or an axis and a dim of a variable, of one name: the values of one would stand in the place of the
+    other's.
+    """
+    by_dim: dict[str, Axis] = {}
+    for axis in axes:
+        other = by_dim.setdefault(axis.dim, axis)
+        if other is not axis:
+            both = f"it and sweep.{other.key} are both the dim {axis.dim!r}"
+            request.fault(f"sweep.{axis.key}", f"{both}; give one of the stages another 'name'")
+        dims = {
+            dim for node in nodes if axis.dim in node.axes for written in node.writes.values() for dim in written.dims
+        }
+        if axis.dim in beside(dims) or axis.dim in OWN:
+            why = f"{axis.dim!r} is a dim, or a coordinate, of what a stage writes"
+            request.fault(f"sweep.{axis.key}", f"{why}; give the stage another 'name'")
+
+
+def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
+    """What is given or swept although an earlier stage writes it for every stage that takes it."""
+    for name, finder in {name: finder for node in nodes for name, finder in node.found.items()}.items():
+        takers = [
+            n for n in nodes if any(name in quantities_of(one.kind) and name not in n.found for one in n.alternatives)
+        ]
+        if takers or not request.whole:
+            continue
+        if any(axis.key == name for axis in axes):
+            request.fault(
+                f"sweep.{name}",
+                f"{finder!r} writes {name} for every stage that takes it; leave the axis out, or {finder!r}",
+            )
+        elif name in request.pipeline.shared:
+            request.warnings.append(f"{request.pipeline.table.place(name)} is not used: {finder!r} finds it")
+
+
+def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: Mapping[str, Any]) -> None:
+    """What a stage itself refuses about its values, for every stage at once; swept ones at their first value."""
+    first = {axis.dim: axis for axis in axes if axis.values}
+    for node in nodes:
+        for one in node.alternatives:
+            shared = {name: given.get(name) for name, (p, _, _) in parameters_of(one.kind).items() if p.shared}
+            swept = {
+                name: first[dim].value(name, 0)
+                for dim, name in node.direct
+                if dim in first and name in parameters_of(one.kind)
+            }
+            found = {
+                name: to_be_found(name, quantities_of(one.kind)[name])
+                for name in node.found
+                if name in quantities_of(one.kind)
+            }
+            values = {**shared, **one.values, **swept, **found}
+            if any(value is None for value in values.values()):
+                continue  # already a fault
+            try:
+                stage_calls.made(one.kind, values)
+            except ValueError as error:
+                request.fault(node.place, f"{one.use}: {plain(str(error))}")
+            except PluginError as error:
+                request.fault(node.place, f"{one.use} of {one.distribution} {one.version}: {error}")
+
+
+def _as_asked(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]:
+    """The nodes without those optional variables that nobody wants, reads or looks at."""
+    asked = set(wanted) | {(source, variable) for n in nodes for bound in n.inputs for _, source, variable in bound}
+    asked |= {(name, what) for n in nodes for _, what, names in n.looks_at for name in names}
+    found = []
+    for node in nodes:
+        left = {v: d for v, d in node.writes.items() if d.optional and (node.name, v) not in asked}
+        found.append(
+            replace(node, writes={v: d for v, d in node.writes.items() if v not in left}, optional=left)
+            if left
+            else node
+        )
+    return found
+
+
+def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ...]:
+    """What the file asks for; if nothing, what probes write, and all else that no stage reads or writes again."""
+    if request.pipeline.wanted is not None:
+        found = [pair for text in request.pipeline.wanted for pair in _find_variable(request, text, nodes, "wanted")]
+        if not request.pipeline.wanted:
+            request.fault("wanted", "is empty: nothing would be computed")
+        return tuple(dict.fromkeys(found))
+    used = {(source, variable) for n in nodes for bound in n.inputs for _, source, variable in bound}
+    last = {v: n.name for n in nodes for v in n.writes}
+    return tuple(
+        (n.name, v)
+        for n in nodes
+        for v, d in n.writes.items()
+        if not d.optional and (n.is_probe or ((n.name, v) not in used and last[v] == n.name))
+    )
+
+
+def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -> tuple[tuple[str, str], ...]:
+    """The (stage, variable) pairs that a text under ``wanted`` or ``keep`` means."""
+    stage, dot, variable = text.partition(".")
+    if dot:
+        node = next((n for n in nodes if n.name == stage), None)
+        if node is None and not request.whole:
+            return ()
+        if node is None:
+            request.fault(place, f"there is no stage {stage!r}{nearest(stage, [n.name for n in nodes])}")
+            return ()
+        if variable not in node.writes:
+            request.fault(place, f"{stage} has no {variable!r}; it writes {', '.join(node.writes)}")
+            return ()
+        return ((stage, variable),)
+    for node in reversed(nodes):
+        if text in node.writes:
+            return ((node.name, text),)
+    for node in nodes:
+        if node.name == text:  # a stage's name means all it writes
+            return tuple((text, variable) for variable in node.writes)
+    if not request.whole:
+        return ()
+    if any(text in node.optional for node in nodes):
+        request.fault(place, f"{text} is optional: ask for it under 'wanted'")
+        return ()
+    known = sorted({v for n in nodes for v in n.writes} | {n.name for n in nodes})
+    request.fault(place, f"no stage of this pipeline writes {text!r}{nearest(text, known)}")
+    return ()
+
+
+def _prune(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]:
+    """Only the nodes that a wanted variable depends on."""
+    by_name = {node.name: node for node in nodes}
+    needed: set[str] = set()
+    open_ = [name for name, _ in wanted]
+    while open_:
+        name = open_.pop()
+        if name in needed:
+            continue
+        needed.add(name)
+        node = by_name[name]
+        open_ += [source for bound in node.inputs for _, source, _ in bound]
+        open_ += [n for _, _, names in node.looks_at for n in names]
+    return [node for node in nodes if node.name in needed]

@@ -1,0 +1,116 @@
+"""Presets as an axis: many shared quantities that change together.
+
+In:  ``[sweep] PRESET = ["NAME", { PRESET = "NAME", label = "TEXT", QUANTITY = "4 um" }]``, the shared quantities of the
+     stages.
+Out: the axis, with what each of its presets gives every quantity that presets speak of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from etendue.contract.values import quantities
+from etendue.contract.values.parameter import MISSING
+from etendue.contract.values.tables import Table
+from etendue.contract.values.units import as_written
+from etendue.errors import RequestError, nearest
+from etendue.pipeline.presets import preset, preset_names
+from etendue.plan.model import Axis
+from etendue.plan.request import Request
+from etendue.plan.wiring.parameters import Unfit, resolve
+
+if TYPE_CHECKING:
+    from etendue.plan.wiring.quantities import Declared
+
+
+def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | None:
+    """The axis; None where no preset is swept, or a fault comes of it.
+
+    What a value's own table gives goes before the pipeline's, which goes before what its name stands for; a quantity
+    with an axis of its own is left to that. Whatever some installed preset says is taken along the axis, also where
+    those that are named agree: so an archive grows by further presets.
+    """
+    whose = request.pipeline.table
+    word = whose.preset
+    place, words = f"sweep.{word}", (word, "label")  # of a value, beside quantities
+    written = request.pipeline.sweep.get(word) if word else None
+    if written is None:
+        return None
+    if not isinstance(written, list | tuple) or not written:
+        request.fault(place, f"expected a list of {word}s, got {as_written(written)}")
+        return None
+    before = len(request.faults)
+    tables = _tables(request, written)
+    own = {name for table in tables.values() for name in table if name not in words}
+    for name in sorted(own - {*declared, *quantities.names()}):
+        request.fault(
+            place, f"unknown {whose.name} quantity {name!r}{nearest(name, [*words, *declared, *quantities.names()])}"
+        )
+    named = {name for known in preset_names(whose) for name in _stated(known, whose)}
+    taken = [name for name in declared if name in own or (name in named and name not in request.pipeline.shared)]
+    taken = [name for name in taken if name not in request.pipeline.sweep]
+    gives = {name: _column(request, name, declared[name], tables) for name in taken}
+    for name in sorted(named & declared.keys() & request.pipeline.shared.keys() - own):
+        request.warnings.append(f"{whose.place(name)} holds for every {word} of the sweep")
+    return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
+
+
+def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, Any]]:
+    """The table of each value of the axis, by its label."""
+    word = request.pipeline.table.preset
+    place, tables = f"sweep.{word}", dict[str, Mapping[str, Any]]()
+    for one in written:
+        table = {word: one} if isinstance(one, str) else one
+        if not isinstance(table, Mapping) or not (
+            isinstance(table.get(word), str) or isinstance(table.get("label"), str)
+        ):
+            request.fault(
+                place, f"expected a {word}'s name, or a table with '{word}', 'label' or both, got {as_written(one)}"
+            )
+            continue
+        label = str(table.get("label", table.get(word)))
+        if request.takes_label(place, label, tables):
+            tables[label] = table
+    return tables
+
+
+def _stated(name: str, whose: Table) -> Mapping[str, Any]:
+    """What an installed preset gives; nothing where it cannot be read: whoever names it is told."""
+    try:
+        return preset(name, whose).values()
+    except RequestError:
+        return {}
+
+
+def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Mapping[str, Any]]) -> tuple[Any, ...]:
+    """A quantity of all values of the axis, in order."""
+    whose = request.pipeline.table
+    word, place = whose.preset, f"sweep.{whose.preset}"
+    found = []
+    for label, table in tables.items():
+        try:
+            written = {
+                **(preset(str(table[word]), whose).values() if word in table else {}),
+                **request.pipeline.shared,
+                **table,
+            }
+            value = one.default
+            if name in written:
+                value = resolve(written[name], one.parameter, one.kind, request.pipeline.folder)
+        except Unfit as error:
+            request.fault(place, f"{label}: {name}: {error}")
+            continue
+        except RequestError as error:
+            for fault in error.faults:
+                if fault.message not in [known.message for known in request.faults]:
+                    request.fault(place, fault.message)
+            continue
+        if value is MISSING:
+            request.fault(
+                place,
+                f"{label} does not say its {name}, which {one.use} needs: give it in its table, or under "
+                f"[{whose.name}]",
+            )
+        found.append(value)
+    return tuple(found)

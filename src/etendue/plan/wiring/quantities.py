@@ -1,0 +1,118 @@
+"""What the stages of a pipeline share, given in one table of its file or by the preset that it names.
+
+In:  the alternatives at every stage, the pipeline's shared quantities and preset.
+Out: ``Quantities``: declared by whom, with which value, written by a stage or not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from etendue.contract.stage import parameters_of, writes_of
+from etendue.contract.values import quantities
+from etendue.contract.values.late_bound import LateValue
+from etendue.contract.values.parameter import MISSING, Parameter
+from etendue.contract.values.units import as_written
+from etendue.errors import nearest
+from etendue.plan.model import Axis
+from etendue.plan.request import Request
+from etendue.plan.wiring.alternatives import Entries, meaning
+from etendue.plan.wiring.parameters import Unfit, resolve
+from etendue.plan.wiring.presets import preset_axis
+
+
+class Declared(NamedTuple):
+    """A shared quantity as the first stage that takes it declares it."""
+
+    parameter: Parameter
+    kind: Any
+    default: Any
+    use: str
+
+
+@dataclass(frozen=True)
+class Quantities:
+    """All that the stages of a pipeline share."""
+
+    declared: Mapping[str, Declared]
+    values: dict[str, Any]  # None where a required one is lacking, or swept
+    written: frozenset[str]  # those that a stage of the pipeline writes
+    presets: Axis | None = None  # where the preset is swept
+
+
+def resolve_quantities(request: Request, entries: Entries) -> Quantities:
+    """The values of shared quantities, for all stages at once."""
+    declared = _declared_by(request, entries)
+    written = frozenset(d.variable for made in entries.values() for one in made for d in writes_of(one.kind).values())
+    axis = preset_axis(request, declared)
+    settled = set(axis.gives if axis else declared if request.pipeline.preset_swept else ())
+    return Quantities(declared, _values_of(request, declared, written, settled), written, axis)
+
+
+def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> LateValue:
+    """What stands for a quantity that an earlier stage writes, while planning: between the ends that the writer or
+    its range gives.
+    """
+    held = parameter.held or (-math.inf, math.inf)
+    lowest = max(x for x in (ends[0], parameter.at_least, parameter.above, held[0]) if x is not None)
+    highest = min(x for x in (ends[1], parameter.at_most, parameter.below, held[1]) if x is not None)
+    return LateValue(name, lowest, highest)
+
+
+def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
+    declared: dict[str, Declared] = {}
+    for alternatives in entries.values():
+        for one in alternatives:
+            for name, (parameter, kind, default) in parameters_of(one.kind).items():
+                if not parameter.shared:
+                    continue
+                first = declared.setdefault(name, Declared(parameter, kind, default, one.use))
+                if first.parameter.units != parameter.units:
+                    request.fault(
+                        request.pipeline.table.place(name),
+                        f"{one.use} takes it in {parameter.units}, but {first.use} in {first.parameter.units}",
+                    )
+    return declared
+
+
+def _values_of(
+    request: Request, declared: Mapping[str, Declared], written: frozenset[str], by_preset: set[str]
+) -> dict[str, Any]:
+    pipeline = request.pipeline
+    values: dict[str, Any] = {}
+    given = {**({} if pipeline.preset_swept else pipeline.preset), **pipeline.shared}
+    place, named = pipeline.table.place, pipeline.table.preset
+    swept = {*pipeline.sweep, *by_preset}
+    for name, value in given.items():
+        if name not in declared:
+            if name not in pipeline.shared:
+                continue  # a preset has more sides than a pipeline may ask for
+            if name in quantities.names():
+                request.warnings.append(f"{place(name)} is not used by any stage of this pipeline")
+            else:
+                known = [*([named] if named else []), *declared, *quantities.names()]
+                request.fault(place(name), f"unknown {pipeline.table.name} quantity{nearest(name, known)}")
+            continue
+        try:
+            values[name] = resolve(value, declared[name].parameter, declared[name].kind, pipeline.folder)
+        except Unfit as error:
+            request.fault(place(name), str(error))
+    for name in declared.keys() & pipeline.preset.keys() - {*pipeline.shared, *swept}:
+        other = quantities.declared(name).scales if name in quantities.names() else ""
+        if other in declared.keys() & pipeline.shared.keys() and named not in swept:
+            request.warnings.append(
+                f"{place(name)} = {as_written(pipeline.preset[name])} is that of the {named} {pipeline.preset_name}, "
+                f"while {other} is "
+                f"given: every column of it is scaled to that; give {name} too"
+            )
+    for name, one in declared.items():
+        if name not in given:
+            if one.default is MISSING and name not in swept and name not in written:
+                request.fault(
+                    place(name), f"{one.use} needs it under [{pipeline.table.name}]: {meaning(one.parameter)}"
+                )
+            values[name] = None if one.default is MISSING else one.default
+    return values

@@ -1,0 +1,70 @@
+"""A stage that an override has put in the place of another: what the file says of the other alone is left out.
+
+In:  a pipeline with its overrides, the registry.
+Out: the pipeline whose entries hold what their stages take, and a note for each that lost something.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+
+from etendue.contract.registry import Registry
+from etendue.contract.stage import parameters_of
+from etendue.errors import PluginError
+from etendue.pipeline.file import PipelineFile, StageEntry
+
+
+def fitted_to_overrides(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineFile, list[str]]:
+    """As the sweep of a ``.use``, in which a stage's own table belongs to it alone; here what both stages take is kept.
+
+    What not even the stage of the file takes stays, to be refused.
+    """
+    notes: list[str] = []
+    swapped = {key.removesuffix(".use") for key, _ in pipeline.overrides if key.endswith(".use")}
+    if not swapped:
+        return pipeline, notes
+    before = _written(pipeline.text)
+    entries = tuple(
+        _fitted(one, before.get(one.name, ""), pipeline, registry, notes) if one.name in swapped else one
+        for one in pipeline.stages
+    )
+    return replace(pipeline, stages=entries), notes
+
+
+def _written(text: str) -> Mapping[str, str]:
+    """What the file itself has each of its names ``use``."""
+    stages = tomllib.loads(text).get("stages", [])
+    return {str(one.get("name", one.get("use"))): str(one.get("use")) for one in stages if isinstance(one, dict)}
+
+
+def _declared(use: str, registry: Registry) -> frozenset[str] | None:
+    """Parameters of a stage; None where it is not to be had."""
+    if use not in registry:
+        return None
+    try:
+        return frozenset(parameters_of(registry.load(use)))
+    except PluginError:
+        return None
+
+
+def _fitted(entry: StageEntry, before: str, pipeline: PipelineFile, registry: Registry, notes: list[str]) -> StageEntry:
+    declared, former = _declared(entry.use, registry), _declared(before, registry)
+    if declared is None:
+        return entry
+    given = {key for key, _ in pipeline.overrides}
+    gone = [
+        name
+        for name in entry.values
+        if name not in declared and (former is None or name in former) and f"{entry.name}.{name}" not in given
+    ]
+    if not gone:
+        return entry
+    left = {name: value for name, value in entry.values.items() if name not in gone}
+    kept = [name for name in left if f"{entry.name}.{name}" not in given]
+    notes.append(
+        f"{entry.name}: {entry.use} has no {', '.join(gone)}, which the file gives to the stage in its place: left out"
+        + (f"; kept, as both have them: {', '.join(kept)}" if kept else "")
+    )
+    return replace(entry, values=left)

@@ -1,0 +1,255 @@
+"""Curves: a variable over its own dim, such as frequency or signal, or a figure over an axis of the sweep.
+
+In:  holdings, the name of a variable, what runs along x, which dim is told apart by lines and which by panels.
+Out: a ``Plot``; where an axis ends for good, as frequency does at that of Nyquist, a line stands: half a cycle a pixel,
+     or what a
+variable with an ``end`` says in the same unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.arrays.variables import variable as known
+from etendue.contract.wording import first
+from etendue.errors import RequestError, nearest
+from etendue.present.plots.arrangement import Arrangement, PlotDim, arranged, dims_of
+from etendue.present.plots.drawing.maps import preferred
+from etendue.present.plots.drawing.panels import wrapped
+from etendue.present.plots.holdings import HeldVariable, Holdings
+from etendue.present.plots.labels import name_text, unit_text
+from etendue.present.plots.places import resolved
+from etendue.present.plots.plot import Plot, new_figure
+
+MOST_LINES, MOST_PANELS = 12, 9
+NYQUIST = "Nyquist"
+PER_PIXEL = ("pixel-1", "cycles/pixel")
+
+
+def curves(
+    holdings: Holdings,
+    variable: str = "",
+    x: str = "",
+    lines: str = "",
+    panels: Sequence[str] = (),
+    at: Mapping[str, Any] | None = None,
+    middle: Mapping[str, Any] | None = None,
+) -> Plot:
+    """Lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: what lines tell
+    apart.
+
+    Raises
+    ------
+    RequestError
+        No such variable, dim or value.
+    """
+    held = holdings.find(variable, "curve", "figure") if variable else _preferred(holdings)
+    free = [dim for dim in held.dims if held.is_counted(dim)]
+    chosen = resolved([held], at or {})
+    dims = [dim for dim in dims_of([held]) if dim.name not in free]
+    along, beside = _along(held, x, free, dims)
+    rest = [dim for dim in dims if dim.name != along]
+    lines = _told_apart(lines, rest, chosen)
+    place = arranged(rest, 0 if not lines else 1, (lines,), panels, chosen, MOST_PANELS, middle)
+    hue = place.x if lines else None
+    figure, grid = _figure(place.panels)
+    columns = [
+        *place.fixed,
+        *(dim.name for dim in place.panels),
+        *([hue.name] if hue else []),
+        beside or along,
+        held.variable,
+    ]
+    rows, ended = _draw_panels(grid, place, holdings, held, (along, beside), hue)
+    spread = next((dim for dim in dims if dim.name == along and along in held.axes and dim.spread), None)
+    _scale(grid, held, spread)
+    words = f"{holdings.pipeline}: {held.title}" if holdings.pipeline else held.title
+    figure.suptitle(wrapped(f"{words}, at {place.at}" if place.at else words, figure.get_figwidth()), fontsize=10)
+    _legend(figure, grid[0], ended)
+    return Plot(figure, columns, rows)
+
+
+def _scale(grid: Sequence[Any], held: HeldVariable, spread: PlotDim | None) -> None:
+    """``spread``: the axis along x, if its values are far apart."""
+    unit = unit_text(held.units)
+    for axes in grid:
+        if spread is not None:
+            axes.set_xscale("log")
+            _plain_ticks(axes, spread.values)
+        if held.known.base and held.units == "1":
+            axes.axhline(0, color="0.8", linewidth=0.7, zorder=0)
+    grid[0].set_ylabel(wrapped(f"{held.title}{f', {unit}' if unit else ''}", 3.4), fontsize=8.5)
+
+
+def _draw_panels(
+    grid: Sequence[Any],
+    place: Arrangement,
+    holdings: Holdings,
+    held: HeldVariable,
+    x: tuple[str, str],
+    hue: PlotDim | None,
+) -> tuple[list[list[Any]], str]:
+    """All panels: their numbers, and what the last end of x is called."""
+    rows: list[list[Any]] = []
+    ended = ""
+    for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
+        own = {**place.fixed, **dict(zip((dim.name for dim in place.panels), where, strict=True))}
+        drawn, title, end = _draw_lines(axes, holdings, held, x, hue, own)
+        rows += drawn
+        ended = end or ended
+        axes.set_title(", ".join(dim.text(v) for dim, v in zip(place.panels, where, strict=True)), fontsize=9)
+        axes.grid(color="0.93")
+        axes.tick_params(labelsize=7.5)
+        axes.set_xlabel(title, fontsize=8.5)
+    return rows, ended
+
+
+def _draw_lines(
+    axes: Any, holdings: Holdings, held: HeldVariable, x: tuple[str, str], hue: PlotDim | None, at: Mapping[str, Any]
+) -> tuple[list[list[Any]], str, str]:
+    """The lines of a panel and where x ends: their numbers, the title of x, and what the last end is called."""
+    rows: list[list[Any]] = []
+    title, ended, seen = "", "", set()
+    for colour, value in zip(_colours(hue), hue.values if hue else [None], strict=True):
+        full = {**at, **({hue.name: value} if hue else {})}
+        values = held.values(full)
+        values = values.sel({d: v for d, v in full.items() if d in values.dims})
+        xs, units, title = _x_of(held, *x, full)
+        ys = np.asarray(values.values, float)
+        dots: dict[str, Any] = {"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}
+        axes.plot(xs, ys, color=colour, label=hue.text(value) if hue else None, linewidth=1.4, **dots)
+        rows += [[*full.values(), float(a), float(b)] for a, b in zip(xs, ys, strict=True)]
+        end = _end(holdings, held, full, units)
+        if end is not None and end not in seen:
+            seen.add(end)
+            ended = end[1]
+            axes.axvline(end[0], color="0.6", linestyle="--", linewidth=0.9, zorder=0)
+    return rows, title, ended
+
+
+def _preferred(holdings: Holdings) -> HeldVariable:
+    found = holdings.of_kind("curve")
+    for name in first("curves"):
+        for one in reversed(found):
+            if one.variable == name:
+                return one
+    return found[-1] if found else preferred(holdings)
+
+
+def _along(held: HeldVariable, x: str, free: Sequence[str], dims: Sequence[PlotDim]) -> tuple[str, str]:
+    """The dim along x, and the coordinate or variable that stands there in its place."""
+    group = held.groups[0]
+    if not x:
+        if free:
+            return free[0], ""
+        axes = [dim for dim in dims if len(dim.values) > 1 and dim.counted]
+        if not axes:
+            raise RequestError(f"{held.name} has one value along every axis: there is no curve in it")
+        return max(axes, key=lambda dim: (dim.name in first("along"), len(dim.values))).name if len(axes) > 1 else axes[
+            0
+        ].name, ""
+    if x in free or x in [dim.name for dim in dims]:
+        if free and x not in free:
+            raise RequestError(f"--x {x}: {held.name} runs over {free[0]}; a coordinate along it may stand there")
+        return x, ""
+    beside = [
+        str(name) for name, own in group.variables.items() if free and free[0] in own.dims and own.dtype.kind in "fiu"
+    ]
+    if x in beside:
+        return free[0], x
+    raise RequestError(
+        f"--x {x}: it is no dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}"
+    )
+
+
+def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: Mapping[str, Any]) -> str:
+    """What lines tell apart: as it was asked for, else names first (stages, factors), then the axis with the most
+    values that lines can show.
+    """
+    names = [dim.name for dim in rest]
+    if lines and lines not in names:
+        raise RequestError(f"--lines {lines}: it is no dim that lines could tell apart{nearest(lines, names)}")
+    if lines:
+        return lines
+    open_ = [dim for dim in rest if dim.name not in chosen and 1 < len(dim.values) <= MOST_LINES]
+    named = [dim for dim in open_ if not dim.counted]
+    return (named or open_)[0].name if open_ else ""
+
+
+def _x_of(held: HeldVariable, along: str, beside: str, at: Mapping[str, Any]) -> tuple[Any, str, str]:
+    """Where the samples of a line stand, the unit, and the title of the axis."""
+    if not beside:
+        units = held.units_of(along)
+        title = name_text(along, units) if units != "s" else f"{along.replace('_', ' ')}, s"
+        return np.asarray(held.values_of(along), float), units, title
+    for group in held.groups:
+        array = group[beside]
+        own = {d: v for d, v in at.items() if d in array.dims}
+        if all(v in group[d].values.tolist() for d, v in own.items()):
+            units = str(array.attrs.get("units", "1"))
+            return (
+                np.asarray(array.sel(own).values, float),
+                units,
+                name_text(str(array.attrs.get("long_name", beside)), units),
+            )
+    raise RequestError(f"{beside} is not known at these values")
+
+
+def _end(holdings: Holdings, held: HeldVariable, at: Mapping[str, Any], units: str) -> tuple[float, str] | None:
+    """Where x ends for a line in its unit, and what that is called; None where it goes on, or nobody says."""
+    if units in PER_PIXEL:
+        return 0.5, NYQUIST
+    group = held.groups[0]
+    for one in [h for h in holdings if h.known.end and h.units == units and not h.dims]:
+        own = {d: v for d, v in at.items() if d in one.axes}
+        if set(one.axes) <= set(own):
+            return float(one.values(own)), one.known.end
+    for name, array in group.coords.items():
+        end = known(str(name)).end
+        if end and str(array.attrs.get("units", "")) == units and set(map(str, array.dims)) <= set(at):
+            return float(array.sel({d: at[str(d)] for d in array.dims})), end
+    return None
+
+
+def _figure(panels: Sequence[PlotDim]) -> tuple[Any, list[Any]]:
+    count = int(np.prod([len(dim.values) for dim in panels])) if panels else 1
+    columns = len(panels[1].values) if len(panels) == 2 else min(3, count)
+    rows = -(-count // columns)
+    figure = new_figure(3.6 * columns + 2.4, (3.4 if rows == 1 else 2.5) * rows + 0.8)
+    first = figure.add_subplot(rows, columns, 1)
+    return figure, [
+        first,
+        *(figure.add_subplot(rows, columns, n + 1, sharex=first, sharey=first) for n in range(1, count)),
+    ]
+
+
+def _colours(hue: PlotDim | None) -> Any:
+    from matplotlib import colormaps
+
+    if hue is None:
+        return ["#24527a"]
+    if hue.counted:
+        return colormaps["plasma"](np.linspace(0.0, 0.85, len(hue.values)))
+    return [colormaps["tab10" if len(hue.values) <= 10 else "tab20"](i) for i in range(len(hue.values))]
+
+
+def _plain_ticks(axes: Any, values: Sequence[float]) -> None:
+    from matplotlib.ticker import NullFormatter
+
+    shown = values if len(values) <= 8 else values[:: -(-len(values) // 8)]
+    axes.set_xticks(shown, [f"{v:.3g}" for v in shown], fontsize=7.5)
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _legend(figure: Any, axes: Any, ended: str) -> None:
+    from matplotlib.lines import Line2D
+
+    handles, _ = axes.get_legend_handles_labels()
+    if ended:
+        handles = [*handles, Line2D([], [], color="0.6", linestyle="--", linewidth=0.9, label=ended)]
+    if handles:
+        figure.legend(handles=handles, loc="outside right center", fontsize=8, frameon=False)

@@ -1,0 +1,168 @@
+"""A figure over two axes of a sweep, its number in every cell; further axes and names such as stages as panels.
+
+In:  holdings, the name of a figure, which axis goes where.
+Out: a ``Plot``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.arrays.variables import without
+from etendue.contract.wording import first
+from etendue.errors import RequestError
+from etendue.present.plots.arrangement import Arrangement, PlotDim, arranged, dims_of
+from etendue.present.plots.drawing.panels import Sides, map_of_figures, map_of_names
+from etendue.present.plots.holdings import HeldVariable, Holdings
+from etendue.present.plots.labels import bare_text, unit_text
+from etendue.present.plots.places import resolved
+from etendue.present.plots.plot import Plot
+
+
+def figure_map(
+    holdings: Holdings,
+    figure: str = "",
+    x: str = "",
+    y: str = "",
+    panels: Sequence[str] = (),
+    at: Mapping[str, Any] | None = None,
+    middle: Mapping[str, Any] | None = None,
+) -> Plot:
+    """A map of a figure; of an index by name. Without ``figure`` a sensible one.
+
+    Raises
+    ------
+    RequestError
+        No such figure, axis or value.
+    """
+    held = holdings.find(figure, "figure") if figure else preferred(holdings)
+    if held.known.index:
+        return factor_map(holdings, held.name, x, y, panels, at, middle)
+    place = arranged(dims_of([held]), 2, (x, y), panels, resolved([held], at or {}), middle=middle)
+    values, failed, there = laid_out(held, place)
+    drawn = map_of_figures(
+        values, _sides(place), _title(held.title, holdings, place), unit_text(held.units), failed=failed, there=there
+    )
+    return Plot(drawn, *_table(held, place, values))
+
+
+def factor_map(
+    holdings: Holdings,
+    figure: str = "",
+    x: str = "",
+    y: str = "",
+    panels: Sequence[str] = (),
+    at: Mapping[str, Any] | None = None,
+    middle: Mapping[str, Any] | None = None,
+) -> Plot:
+    """What limits where: the name that an index over two axes stands for.
+
+    Raises
+    ------
+    RequestError
+        Nothing here says what limits, or the index has no names; no such axis or value.
+    """
+    indices = [one for one in holdings.of_kind("figure") if one.known.index]
+    if not figure and not indices:
+        raise RequestError("nothing here says what limits: no figure is a place in a list of names, such as of factors")
+    held = holdings.find(figure, "figure") if figure else indices[-1]
+    names = names_of(held)
+    if not names:
+        raise RequestError(f"{held.name} is a plain number, no index into names; map draws it")
+    place = arranged(dims_of([held]), 2, (x, y), panels, resolved([held], at or {}), middle=middle)
+    values, failed, _ = laid_out(held, place)
+    what = f"{held.known.asks}{without(held.attrs)}" if held.known.asks else held.title
+    title = _title(what, holdings, place)
+    drawn = map_of_names(values, names, _sides(place), title, failed, tints=held.known.tints)
+    columns, rows = _table(held, place, values)
+    named = [[*row[:-1], names[int(row[-1])] if np.isfinite(row[-1]) else ""] for row in rows]
+    return Plot(drawn, columns, named)
+
+
+def preferred(holdings: Holdings) -> HeldVariable:
+    """The figure that is drawn when none is named: what goes first; one that differs over the sweep."""
+    figures = [one for one in holdings.of_kind("figure") if not one.known.counted]
+    if not figures:
+        raise RequestError(
+            "there are no figures here, only pictures; draw them with strip, or keep a stage that writes figures"
+        )
+    varying = [one for one in figures if one.axes] or figures
+    for name in first("map"):
+        for one in reversed(varying):
+            if one.variable == name:
+                return one
+    return varying[-1]
+
+
+def names_of(held: HeldVariable) -> list[str]:
+    """The names that an index points to: as its attributes say, else the labels that stand beside it."""
+    said = str(held.attrs.get("flag_meanings", "")).split()
+    group = held.groups[0]
+    dim = held.known.names
+    beside = [str(name) for name in group[dim].values.tolist()] if dim in group.coords else []
+    return said or beside
+
+
+def laid_out(held: HeldVariable, place: Arrangement) -> tuple[Any, Any, Any]:
+    """Values, whether the cell failed, and whether it was computed: (panel, y, x) each."""
+    at = {dim: value for dim, value in place.fixed.items() if dim in (*held.axes, *held.dims)}
+    values, failed = held.values(at), held.failed(at)
+    there = held.there(at)
+    own = {dim: value for dim, value in at.items() if dim in values.dims}
+    values = values.sel(own)
+    order = [*(dim.name for dim in place.panels), *(side.name for side in (place.y, place.x) if side)]
+    sizes = [_size(side) for side in (place.y, place.x)]
+    found = [np.asarray(values.transpose(*order).values, float).reshape(-1, *sizes)]
+    for flags in (failed, there):
+        found.append(np.broadcast_to(_over(flags, order, values), values.transpose(*order).shape).reshape(-1, *sizes))
+    return found[0], found[1], found[2]
+
+
+def _over(flags: Any, order: Sequence[str], values: Any) -> Any:
+    """Flags over the axes as they stand beside values over all dims."""
+    whole = flags.expand_dims({dim: values.sizes[dim] for dim in order if dim not in flags.dims})
+    return whole.transpose(*order).values
+
+
+def _size(side: PlotDim | None) -> int:
+    return len(side.values) if side else 1
+
+
+def _sides(place: Arrangement) -> Sides:
+    x, y = place.x, place.y
+    labels = [
+        ", ".join(dim.text(v) for dim, v in zip(place.panels, own, strict=True))
+        for own in product(*(d.values for d in place.panels))
+    ]
+    columns = 0
+    if len(place.panels) == 2:
+        columns = len(place.panels[1].values)
+    return Sides(
+        [bare_text(v, x.units, x.name) for v in x.values] if x else [""],
+        [bare_text(v, y.units, y.name) for v in y.values] if y else [""],
+        labels,
+        x.title if x else "",
+        y.title if y else "",
+        columns,
+    )
+
+
+def _title(what: str, holdings: Holdings, place: Arrangement) -> str:
+    text = f"{holdings.pipeline}: {what}" if holdings.pipeline else what
+    return f"{text}, at {place.at}" if place.at else text
+
+
+def _table(held: HeldVariable, place: Arrangement, values: Any) -> tuple[list[str], list[list[Any]]]:
+    """A row for each number."""
+    dims = [*place.panels, *(side for side in (place.y, place.x) if side)]
+    fixed = [name for name in place.fixed if name in (*held.axes, *held.dims)]
+    columns = [*fixed, *(dim.name for dim in dims), held.variable]
+    at = [place.fixed[name] for name in fixed]
+    rows = [
+        [*at, *own, float(v)] for own, v in zip(product(*(dim.values for dim in dims)), np.ravel(values), strict=True)
+    ]
+    return columns, rows

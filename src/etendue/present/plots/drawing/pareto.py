@@ -1,0 +1,271 @@
+"""Trade-offs: two figures of every cell of a sweep, and the front, beyond which one is better only where the other is
+worse.
+
+In:  holdings, two figures, for each whether higher or lower is better.
+Out: a ``Plot``, its front named by axis values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray
+
+from etendue.contract.wording import first as goes_first
+from etendue.errors import RequestError, nearest
+from etendue.present.plots.arrangement import PlotDim, dims_of
+from etendue.present.plots.drawing.panels import wrapped
+from etendue.present.plots.holdings import HeldVariable, Holdings
+from etendue.present.plots.labels import number_text, places_text, unit_text
+from etendue.present.plots.places import resolved
+from etendue.present.plots.plot import Plot, new_figure
+
+HIGHER, LOWER = "higher", "lower"
+SAID = {HIGHER: HIGHER, "max": HIGHER, "more": HIGHER, LOWER: LOWER, "min": LOWER, "less": LOWER}
+MARKERS = "osD^vP*Xhp<>"
+MOST_NAMED = 24
+
+
+def front(points: Any) -> Any:
+    """Which of some points no other beats: none is at least as good in every column and better in one.
+
+    Parameters
+    ----------
+    points : (n, figures) array
+        Higher is better; rows with NaN are never on the front.
+
+    Returns
+    -------
+    (n,) bool array
+    """
+    points = np.asarray(points, float)
+    known = np.isfinite(points).all(axis=1)
+    found = np.zeros(len(points), bool)
+    order = (
+        np.lexsort(-points.T[::-1]) if len(points) else np.empty(0, int)
+    )  # by the first column, then by the second, best first
+    best = -np.inf
+    last: Any = None
+    if points.shape[1] == 2:
+        for place in order:
+            if not known[place]:
+                continue
+            one = points[place]
+            if one[1] > best or (last is not None and np.array_equal(one, last)):
+                found[place], best, last = True, one[1], one
+        return found
+    for place in np.flatnonzero(known):
+        others = points[known]
+        found[place] = not np.any(np.all(others >= points[place], axis=1) & np.any(others > points[place], axis=1))
+    return found
+
+
+def pareto(
+    holdings: Holdings,
+    first: str = "",
+    second: str = "",
+    better: Mapping[str, str] | Sequence[str] = (),
+    at: Mapping[str, Any] | None = None,
+) -> Plot:
+    """Two figures against each other, every cell a point; the front is drawn through and named.
+
+    ``better``: ``higher`` or ``lower`` for each figure, in order or by name; where it is not said the variable's own
+    word counts.
+
+    Raises
+    ------
+    RequestError
+        No such figures; nobody says which is better; a dim such as ``stage`` is left open.
+    """
+    held = _chosen(holdings, first, second)
+    sense = [_better(one, place, better) for place, one in enumerate(held)]
+    place = resolved(held, at or {})
+    said = [dim.text(place[dim.name]) for dim in dims_of(held) if dim.name in place]
+    said += _behind(held, place)
+    arrays = [_at(one, place) for one in held]
+    a, b = xarray.broadcast(*arrays)
+    dims = [dim for dim in dims_of(held) if dim.name in a.dims]
+    order = [dim.name for dim in dims]
+    values = np.stack([np.ravel(one.transpose(*order).values) for one in (a, b)], axis=1)
+    index: Any = np.argwhere(np.ones([len(dim.values) for dim in dims], bool))
+    signs = np.array([1.0 if s == HIGHER else -1.0 for s in sense])
+    best = front(values * signs)
+    if not np.isfinite(values).all(axis=1).any():
+        raise RequestError(f"no cell has both {held[0].name} and {held[1].name}")
+    words = [f"{held[1].title} against {held[0].title}", *said]
+    title = f"{holdings.pipeline}: {', '.join(words)}" if holdings.pipeline else ", ".join(words)
+    figure = _draw(held, sense, values, best, index, dims, title)
+    alike = held[0].variable == held[1].variable
+    columns = [*order, *(one.name if alike else one.variable for one in held), "front"]
+    rows = [
+        [*(d.values[i] for d, i in zip(dims, own, strict=True)), *map(float, v), bool(on)]
+        for own, v, on in zip(index, values, best, strict=True)
+    ]
+    lost = int((~np.isfinite(values).all(axis=1)).sum())
+    return Plot(figure, columns, rows, [f"{lost} of {len(values)} cells have no such values"] if lost else [])
+
+
+def _behind(held: Sequence[HeldVariable], place: dict[str, Any]) -> list[str]:
+    """The last entry of a dim of names, such as the last of the stages that blur, into the place; and what says so."""
+    said = []
+    for one in held:
+        for dim in one.dims:
+            if dim not in place:
+                names = one.values_of(dim)
+                if dim != "stage":
+                    raise RequestError(
+                        f"{one.name} has the dim {dim}: choose with --at {dim}={names[0]} (or "
+                        f"{', '.join(map(str, names[1:]))})"
+                    )
+                place[dim] = names[-1]
+                said.append(f"behind {names[-1]}")
+    return said
+
+
+def _chosen(holdings: Holdings, first: str, second: str) -> list[HeldVariable]:
+    if first and second:
+        return [holdings.find(name, "figure") for name in (first, second)]
+    if first or second:
+        raise RequestError(f"a front is of two figures: etendue plot {holdings.archive} pareto FIGURE FIGURE")
+    names = {one.variable for one in holdings.of_kind("figure")}
+    for pair in map(str.split, goes_first("front")):
+        if len(pair) == 2 and names.issuperset(pair):
+            return [holdings.find(name, "figure") for name in pair]
+    own = f"etendue plot {holdings.archive}"
+    raise RequestError(f"say which two figures: {own} pareto FIGURE FIGURE (which there are: {own} --list)")
+
+
+def _better(held: HeldVariable, place: int, asked: Mapping[str, str] | Sequence[str]) -> str:
+    word = ""
+    if isinstance(asked, Mapping):
+        word = asked.get(held.name, asked.get(held.variable, ""))
+    elif asked:
+        named = dict(text.split("=", 1) for text in asked if "=" in text)
+        plain = [text for text in asked if "=" not in text]
+        word = named.get(held.name, named.get(held.variable, plain[place] if place < len(plain) else ""))
+    word = word or str(held.attrs.get("better", "")) or held.known.better
+    if word not in SAID:
+        if word:
+            raise RequestError(f"--better {word}{nearest(word, SAID)}")
+        raise RequestError(
+            f"nobody says whether more or less of {held.variable} is better; say it: --better {held.variable}=higher "
+            f"(or lower)"
+        )
+    return SAID[word]
+
+
+def _at(held: HeldVariable, place: Mapping[str, Any]) -> xarray.DataArray:
+    own = {dim: value for dim, value in place.items() if dim in (*held.axes, *held.dims)}
+    values = held.values(own)
+    return values.sel({dim: value for dim, value in own.items() if dim in values.dims}).reset_coords(drop=True)
+
+
+def _draw(
+    held: Sequence[HeldVariable],
+    sense: Sequence[str],
+    values: Any,
+    best: Any,
+    index: Any,
+    dims: Sequence[PlotDim],
+    title: str,
+) -> Any:
+    from matplotlib import colormaps
+    from matplotlib.lines import Line2D
+
+    on = np.flatnonzero(best)
+    on = on[np.argsort(values[on, 0])]
+    named = on if len(on) <= MOST_NAMED else on[np.unique(np.linspace(0, len(on) - 1, MOST_NAMED).round().astype(int))]
+    figure = new_figure(9.0, max(4.6, 1.4 + 0.19 * len(named)))
+    axes = figure.add_subplot()
+    varying = [number for number, dim in enumerate(dims) if len(dim.values) > 1]
+    hue, shape = (*varying, None, None)[:2]
+    if shape is not None and len(dims[shape].values) > len(MARKERS):
+        shape = None
+    colours: Any = [(0.2, 0.4, 0.7, 1)]
+    if hue is not None:
+        colours = colormaps["plasma"](np.linspace(0.05, 0.9, len(dims[hue].values)))
+    marks = np.zeros(len(index), int) if shape is None else index[:, shape]
+    for mark in range(1 if shape is None else len(dims[shape].values)):
+        own = marks == mark
+        tint = [colours[i] for i in index[own, hue]] if hue is not None else colours[0]
+        axes.scatter(*values[own].T, c=tint, marker=MARKERS[mark], s=26, linewidths=0, alpha=0.75, zorder=2)
+    axes.step(
+        values[on, 0],
+        values[on, 1],
+        color="0.25",
+        linewidth=1,
+        zorder=1,
+        where="pre" if sense[0] == HIGHER else "post",
+    )
+    axes.scatter(*values[on].T, facecolors="none", edgecolors="black", s=70, linewidths=1.1, zorder=3)
+    lines = _name_points(axes, values, named, index, dims)
+    more = f"\n({len(on) - len(named)} more)" if len(on) > len(named) else ""
+    head = f"The front, {len(on)} of {int(np.isfinite(values).all(axis=1).sum())} cells"
+    handles = [Line2D([], [], linestyle="none", label=line) for line in [head, *lines]]
+    legend = figure.legend(
+        handles=handles,
+        labels=[head, *(line + (more if line is lines[-1] else "") for line in lines)],
+        loc="outside right upper",
+        fontsize=7.5,
+        frameon=False,
+        handlelength=0,
+        handletextpad=0,
+    )
+    legend.get_texts()[0].set_fontweight("bold")
+    if meant := _marks(dims, hue, shape, colours):
+        figure.legend(
+            handles=meant,
+            loc="outside lower center",
+            ncols=min(10, len(meant)),
+            fontsize=7.5,
+            frameon=False,
+            columnspacing=1.0,
+            handletextpad=0.2,
+        )
+    _name_sides(axes, held, sense, values)
+    axes.margins(0.09)  # numbers beside the outermost points stay clear of the frame
+    axes.tick_params(labelsize=8)
+    axes.grid(color="0.92", zorder=0)
+    axes.set_title(wrapped(title, 6.2), fontsize=10)
+    return figure
+
+
+def _name_points(axes: Any, values: Any, named: Any, index: Any, dims: Sequence[PlotDim]) -> list[str]:
+    """Numbers beside some points, and a line for each: where it is, and both figures."""
+    lines = []
+    for number, place in enumerate(named, 1):
+        axes.annotate(str(number), values[place], (5, 5), textcoords="offset points", fontsize=7.5, zorder=4)
+        where = {dim.name: dim.values[i] for dim, i in zip(dims, index[place], strict=True)}
+        text = places_text(where, {dim.name: dim.units for dim in dims}) or "the only cell"
+        lines.append(f"{number:2d}  {text}:  {number_text(values[place, 0])}, {number_text(values[place, 1])}")
+    return lines
+
+
+def _name_sides(axes: Any, held: Sequence[HeldVariable], sense: Sequence[str], values: Any) -> None:
+    for number, (one, word, name) in enumerate(zip(held, sense, "xy", strict=True)):
+        unit = unit_text(one.units)
+        own = values[:, number][np.isfinite(values[:, number])]
+        getattr(axes, f"set_{name}label")(
+            f"{wrapped(one.title + (f', {unit}' if unit else ''), 4.6)}\n{word} is better", fontsize=8.5
+        )
+        if own.min() > 0 and own.max() / own.min() > 30:
+            getattr(axes, f"set_{name}scale")("log")
+
+
+def _marks(dims: Sequence[PlotDim], hue: int | None, shape: int | None, colours: Any) -> list[Any]:
+    """What colours and markers stand for; of many colours some."""
+    from matplotlib.lines import Line2D
+
+    marks: list[tuple[str, Any, str]] = []
+    if hue is not None:
+        values = dims[hue].values
+        some = np.unique(np.linspace(0, len(values) - 1, min(8, len(values))).round().astype(int))
+        marks += [("o", colours[i], dims[hue].text(values[i])) for i in some]
+    if shape is not None:
+        marks += [(MARKERS[i], "0.4", dims[shape].text(value)) for i, value in enumerate(dims[shape].values)]
+    return [
+        Line2D([], [], linestyle="none", marker=marker, markersize=5, color=colour, label=label)
+        for marker, colour, label in marks
+    ]

@@ -1,0 +1,143 @@
+"""How far a run is, and what became of its cells: from the ledger, from the journal of a run that has none yet, else
+from statuses.
+
+In:  holdings; the ledger, the journal, the folder of an archive, as far as there are any.
+Out: words, counts, rows of what failed and of what was left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+
+from etendue.archive.checks.describe import progress
+from etendue.archive.journaling.journal import NAME as JOURNAL
+from etendue.archive.journaling.journal import read
+from etendue.archive.records.manifest import read_manifest
+from etendue.archive.records.owner import is_running
+from etendue.archive.structure.layout import STATUS
+from etendue.present.plots.holdings import Holdings
+from etendue.present.plots.labels import places_text
+from etendue.present.terminal.terminal import human_rate, human_seconds
+
+UNKNOWN = "unknown"  # of a cell whose row of the ledger is lost: a fill value
+
+
+def state_of(folder: Path | None, record: Mapping[str, Any], counts: Mapping[str, int]) -> str:
+    lost = counts.get("failed", 0)
+    ended = f"{lost} {'cell' if lost == 1 else 'cells'} failed" if lost else "complete"
+    if unknown := counts.get(UNKNOWN, 0):
+        ended = f"damaged: of {unknown} {'cell' if unknown == 1 else 'cells'} the ledger says nothing"
+    if folder is None:
+        return ended
+    if is_running(folder):
+        far = progress(read(folder / JOURNAL), str(record.get("began", "")))
+        words = [f"running: {far['finished']} of {far['planned']} cells" if far["planned"] else "running"]
+        words += [human_rate(far["rate"])] if far["rate"] else []
+        words += [f"about {human_seconds(max(round(far['left']), 1))} left"] if far["left"] is not None else []
+        return ", ".join(words)
+    if read_manifest(folder) is None:
+        far = progress(read(folder / JOURNAL))
+        return f"broken off: {far['finished']} of {far['planned']} cells" if far["planned"] else "broken off"
+    open_, cells = counts.get("not_computed", 0), sum(counts.values())
+    return f"broken off: {cells - open_} of {cells} cells" if open_ else ended
+
+
+def stages_of(holdings: Holdings, ledger: xarray.Dataset | None) -> list[str]:
+    """Every stage there is, kept or not."""
+    if ledger is not None:
+        return list(dict.fromkeys(filter(None, map(str, ledger["stage"].values.tolist()))))
+    own = holdings.tree.attrs.get("etendue", {})
+    said = own.get("stages") if isinstance(own, Mapping) else None
+    return list(map(str, said)) if isinstance(said, list) else list(dict.fromkeys(one.stage for one in holdings))
+
+
+def counts_of(holdings: Holdings, ledger: xarray.Dataset | None, journal: Any) -> dict[str, int]:
+    if ledger is not None:
+        found = Counter("done" if one == "reused" else str(one) or UNKNOWN for one in ledger["status"].values.tolist())
+    elif journal is not None:
+        found = Counter()
+        for (_, status), number in journal.said.counts(journal.outdated).items():
+            found[status] += number
+    else:
+        found = Counter()
+        for groups in {one.stage: one.groups for one in holdings}.values():
+            for group in groups:
+                if "status" in group:
+                    numbers = np.bincount(np.ravel(group["status"].values).astype(int), minlength=len(STATUS))
+                    found.update(dict(zip(STATUS, map(int, numbers), strict=False)))
+    order = [*STATUS, *sorted(set(found) - set(STATUS))]
+    return {status: found[status] for status in order if found.get(status)}
+
+
+def failed_cells(
+    holdings: Holdings, ledger: xarray.Dataset | None, journal: Any, units: Mapping[str, str]
+) -> list[tuple[str, str, str]]:
+    """(stage, where, message) of every cell that failed."""
+    if ledger is not None:
+        return _failed_of(ledger, units)
+    if not journal:
+        return _failed_by_status(holdings, units)
+    told = [name for name, event, status, *_ in journal.said.told() if event == status == "failed"]
+    return [(stage, where, "") for stage, _, where in (name.partition(" ") for name in told)]  # why is told at its end
+
+
+def _failed_of(ledger: xarray.Dataset, units: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    rows = np.flatnonzero(ledger["status"].values.astype(object) == "failed")
+    named = [*(f"at_{dim}" for dim in units), *(str(name) for name in ledger.data_vars if str(name).startswith("at_"))]
+    axes = [name for name in dict.fromkeys(named) if name in ledger]
+    found = []
+    for row in rows:
+        one = {name.removeprefix("at_"): ledger[name].values[row] for name in axes}
+        known = {dim: v for dim, v in one.items() if v != "" and not (isinstance(v, float) and math.isnan(v))}
+        found.append(
+            (
+                str(ledger["stage"].values[row]),
+                places_text(known, dict(units)),
+                str(ledger["message"].values[row]).strip().rpartition("\n")[2].strip(),  # the rest is in the ledger
+            )
+        )
+    return found
+
+
+def _failed_by_status(holdings: Holdings, units: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    found = []
+    for stage, one in {one.stage: one for one in holdings}.items():
+        for group in one.groups:
+            if "status" not in group:
+                continue
+            status = group["status"]
+            for place in np.argwhere(status.values == STATUS.index("failed")):
+                at = {str(dim): status[dim].values[i].item() for dim, i in zip(status.dims, place, strict=True)}
+                found.append((stage, places_text(at, dict(units)), ""))
+    return found
+
+
+def omitted_cells(ledger: xarray.Dataset) -> list[tuple[str, int, int, str, float, float]]:
+    """A row for each stage and reason: left out, or coarser."""
+    stages = ledger["stage"].values.astype(object)
+    rows = []
+    for column, word in (("why_left_out", ""), ("approximated", "coarser: ")):
+        texts = ledger[column].values.astype(object)
+        there = texts != ""
+        for stage, text in dict.fromkeys(zip(stages[there].tolist(), texts[there].tolist(), strict=True)):
+            own = there & (stages == stage) & (texts == text)
+            bound, saved = (ledger[name].values[own].astype(float) for name in ("bound", "seconds_saved"))
+            most = float(np.nan_to_num(bound).max())
+            rows.append(
+                (
+                    str(stage),
+                    int(own.sum()),
+                    int((stages == stage).sum()),
+                    f"{word}{text}",
+                    most,
+                    float(np.nansum(saved)),
+                )
+            )
+    return rows

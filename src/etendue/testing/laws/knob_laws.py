@@ -1,0 +1,112 @@
+"""The laws of what a plan relies on to trade error for time: means of draws, settings of knobs.
+
+In:  the bench of a stage, the grids and scales on which it was tried.
+Out: nothing, or a broken law.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.compute.cell import compute
+from etendue.compute.joined.segments import Result
+from etendue.contract.arrays.grid import Coordinate, Grid
+from etendue.contract.capabilities import Sampled, is_random, mean_arguments_of, rounds
+from etendue.contract.stage import Stage, parameters_of
+from etendue.plan.model import CellRef
+from etendue.testing.bench import Bench, LawBroken
+from etendue.testing.checks import along_ladder
+from etendue.testing.measured import hold
+
+DRAWS = 24
+ERRORS = 6.0  # standard errors of the mean of so many draws
+LEVEL = 0.3  # of full scale: far from clipping
+
+
+class KnobLaws:
+    """Mixed into ``StageConformance``."""
+
+    bench: Bench
+    stage: Stage
+    grids: ClassVar[Mapping[str, Grid]]
+    scales: ClassVar[Mapping[str, float]]
+    coordinates: ClassVar[Mapping[str, Coordinate]]
+
+    def test_its_mean_is_that_of_its_draws(self) -> None:
+        """A stage that draws or rounds and says its mean: on average it gives that, within what so many draws know
+        of it.
+        """
+        if issubclass(self.bench.kind, Sampled):
+            check_mean(self.bench)
+
+    def test_a_finer_setting_states_no_larger_error(self) -> None:
+        """Along the settings of a knob, from the cheapest to the reference, the stated error never grows."""
+        bench = self.bench
+        if bench.kind.error is Stage.error:
+            return
+        for name, (parameter, _, _) in parameters_of(bench.kind).items():
+            if parameter.studied:
+                continue
+            last, before = math.inf, None
+            for value, stage in along_ladder(self.stage, name):
+                try:
+                    bound = Bench(stage, self.grids, self.scales, self.coordinates).own_error(
+                        bench.arrays("ordinary"), "float64"
+                    )
+                except ValueError:
+                    continue  # a setting that the stage refuses on this grid
+                if bound is None:
+                    raise LawBroken(f"{stage!r} states no error, but may with another {name}")
+                hold(
+                    bound <= last,
+                    f"{bench.name} states {bound:.3g} with {name} = {value}, but {last:.3g} with the cheaper {before}",
+                )
+                last, before = bound, value
+
+
+def check_mean(bench: Bench) -> None:
+    """The same variables; on a flat input the mean over draws and pixels within six standard errors, and half a code
+    where it rounds.
+    """
+    kind = bench.kind
+    assert issubclass(kind, Sampled)
+    try:
+        mean_arguments_of(kind)
+    except TypeError as error:
+        raise LawBroken(str(error)) from None
+    inputs = bench.arrays("uniform", factor=LEVEL)
+    expected = mean_of(bench, inputs)
+    drawn: dict[str, list[float]] = {}
+    for seed in range(DRAWS):
+        for name, array in bench.result(inputs, seed=f"draw {seed}".encode()).arrays.items():
+            drawn.setdefault(name, []).append(float(np.mean(array, dtype=np.float64)))
+    for name, declaration in bench.writes.items():
+        if declaration.dtype != "float" and declaration.unit == "1":
+            continue  # a map of what was drawn has no mean
+        values, said = np.array(drawn[name]), float(np.mean(expected[name], dtype=np.float64))
+        if is_random(kind) and not values.std():
+            continue  # what is drawn is too rare to be seen in so few pixels
+        room = ERRORS * values.std(ddof=1) / np.sqrt(DRAWS) + 1e-6 * abs(said) + (0.5 if rounds(kind) else 0.0)
+        hold(
+            abs(values.mean() - said) <= room,
+            f"{bench.name} gives {name} = {values.mean():.6g} on average over {DRAWS} draws, but mean says {said:.6g}",
+        )
+
+
+def mean_of(bench: Bench, inputs: Any) -> dict[str, Any]:
+    """What ``mean`` gives, through the engine; every input as floats."""
+    job = dataclasses.replace(bench.job(), expected=True)
+    floats = {port: np.asarray(array, dtype=np.float64) for port, array in inputs.items()}
+    results: dict[CellRef, Result] = {}
+    for port, array in floats.items():
+        variable = bench.reads[port].variable
+        results[port, ()] = Result({variable: array}, {variable: float(array.min())})
+    result, report = compute(job, results)
+    if report.status != "done":
+        raise LawBroken(f"{bench.name}.mean breaks off: {report.message}")
+    return result.arrays

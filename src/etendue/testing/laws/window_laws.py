@@ -1,0 +1,146 @@
+"""The law of windows: what a stage gives of a window is the window of what it gives of the whole.
+
+In:  an instance of a stage.
+Out: nothing, or a broken law: a mask, a pattern or a shading that begins where the window does, and not where the whole
+     does.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.rows import has_rows
+from etendue.contract.arrays import colouring, dims, variables
+from etendue.contract.arrays.colouring import Pattern
+from etendue.contract.arrays.grid import Coordinate, Line
+from etendue.contract.arrays.variables import Declaration
+from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
+from etendue.contract.values import quantities
+from etendue.plugins import discovery
+from etendue.testing.bench import Bench, Frame, full_scale
+from etendue.testing.measured import hold, ratio_of, within
+
+FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # pixels at which windows begin
+AT_LEAST = 12  # pixels of a window, down and across
+PLAIN = Pattern(
+    ("ab", "bc"), {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)}
+)  # where nobody says any
+COLOURS = (0.8, 0.35, 0.1, 0.6, 0.2, 0.5)  # of the channels of a mask
+EVEN = 0.02  # of full scale: of even colours a method invents nothing, and another channel is ten times as far
+SAME = 1e-9  # of full scale: the same arithmetic on the same values
+
+
+class WindowLaws:
+    """Mixed into ``StageConformance``."""
+
+    bench: Bench
+
+    def test_a_window_of_the_whole_is_read_where_it_stands(self) -> None:
+        """From odd rows and columns on: of even colours, and of any picture where the stage says how far it reaches."""
+        bench = self.bench
+        if bench.given_grids or is_transfer(bench.kind) or draws_anew(bench.kind) or not _pixel_by_pixel(bench):
+            return
+        pattern, halo = _pattern(bench), halo_of(bench.stage)
+        down, across = (-(-(AT_LEAST + 2 * (halo or 0)) // period) * period for period in pattern.period)
+        frame, whole = (down, across), (down + pattern.period[0], across + pattern.period[1])
+        for what in ("even colours", "a picture") if halo is not None else ("even colours",):
+            inputs = {port: _array(bench, port, what, pattern, whole) for port in bench.reads}
+            full = bench.run(inputs, frame=whole)
+            for first in FIRST if full.done else ():
+                cut = {port: _cut(array, bench.reads[port], first, frame) for port, array in inputs.items()}
+                found = _Window(bench, first, whole).run(cut, frame=frame)
+                where = f"a window from row {first[0]}, column {first[1]} on"
+                hold(found.done or found.refused_in_words, f"{bench.name} breaks off on {where}: {found.last_line}")
+                for variable, declaration in bench.writes.items() if found.done else ():
+                    if has_rows(declaration.dims):
+                        expected = _cut(full.arrays[variable], declaration, first, frame)
+                        off = _off(found.arrays[variable], expected, halo if what == "a picture" else None)
+                        within(
+                            off,
+                            EVEN if what == "even colours" else SAME,
+                            f"{bench.name}: {variable} of {where}, of {what}, is {off:.2g} of full scale off that of "
+                            f"the whole; "
+                            "masks and patterns begin where the whole does: ask for y and x in run, y[0] and x[0] are "
+                            "the window's first "
+                            "row and column",
+                        )
+
+
+def _off(found: Any, expected: Any, halo: int | None) -> float:
+    """How far a window is from the same place of the whole, of full scale: at worst inside its border, or else at
+    most pixels.
+    """
+    undefined = (found != found) & (expected != expected)
+    apart = np.where(undefined, 0.0, np.abs(np.subtract(found, expected, dtype=float)))
+    if halo is None:  # borders are filled in by each method's own rule, as far as it reaches
+        off = float(np.median(apart, axis=(-2, -1)).max(initial=0.0))
+    else:
+        off = float(np.max(apart[..., halo : apart.shape[-2] - halo, halo : apart.shape[-1] - halo], initial=0.0))
+    return ratio_of(off, full_scale(expected))
+
+
+class _Window(Bench):
+    """A bench that reads some rows and columns of a larger frame."""
+
+    def __init__(self, bench: Bench, first: Frame, whole: Frame) -> None:
+        super().__init__(bench.stage, None, bench.scales)
+        self.first, self.whole = first, whole
+
+    def coordinate(self, dim: str, declaration: Declaration, frame: Frame) -> Coordinate:
+        line = super().coordinate(dim, declaration, self.whole)
+        if dim not in ("y", "x") or not isinstance(line, Line):
+            return line
+        axis = int(dim == "x")
+        start, step = line.um()
+        position = line.position and (start + self.first[axis] * step, step)
+        return replace(line, size=frame[axis], start=line.start + self.first[axis] * line.step, position=position)
+
+
+def _pixel_by_pixel(bench: Bench) -> bool:
+    """Whether a stage writes frames of the pixels that it reads: what has bands is never cut as rows are."""
+    if any(dims.banded(declaration.dims) for declaration in bench.reads.values()):
+        return False
+    read = [bench.input_grids()[port] for port, d in bench.reads.items() if has_rows(d.dims)]
+    grids = bench.job().grids
+    written = [grids[variable] for variable, d in bench.writes.items() if has_rows(d.dims)]
+    places = {(grid.line("y"), grid.line("x")) for grid in (*read, *written)}
+    return bool(read and written) and len(places) == 1
+
+
+def _pattern(bench: Bench) -> Pattern:
+    """That of the stage, by the quantity of which its variables say that it is theirs; else by that of any variable;
+    else a plain one.
+    """
+    own = (d.variable for d in (*bench.reads.values(), *bench.writes.values()))
+    every = itertools.chain(own, discovery.installed().names("variables"))
+    name = next((found for one in every if (found := variables.variable(one).pattern)), "")
+    return colouring.pattern(str(getattr(bench.stage, name, quantities.declared(name).default))) if name else PLAIN
+
+
+def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Any:
+    """An input of the whole; of even colours a frame has that of its mask at every pixel, and a plane of several one
+    of its own.
+    """
+    declaration = bench.reads[port]
+    if what == "a picture" or not has_rows(declaration.dims):
+        return bench.array(port, "ordinary", frame)
+    even = bench.array(port, "uniform", frame)
+    if even.ndim == 2:
+        colours = dict(zip(pattern.tints, itertools.cycle(COLOURS), strict=False))
+        tile = np.array([[colours[letter] for letter in row] for row in pattern.rows])
+        found = even * np.tile(tile, (frame[0] // tile.shape[0], frame[1] // tile.shape[1]))
+    else:
+        found = even * np.resize(COLOURS, even.shape[:-2])[..., None, None]
+    return np.rint(found) if declaration.dtype != "float" else found
+
+
+def _cut(array: Any, declaration: Declaration, first: Frame, frame: Frame) -> Any:
+    return (
+        array[..., first[0] : first[0] + frame[0], first[1] : first[1] + frame[1]]
+        if has_rows(declaration.dims)
+        else array
+    )

@@ -1,0 +1,1 @@
+"""The slanted edge: finding it, its spread function, and the interval of what is measured."""
