@@ -111,8 +111,8 @@ def accuracy(
     )
     if other is not None:
         found.verified_at = dict(verify)
-        tried = {id(one): other.trial(one.settings) for _, one in found.cheapest if one}
-        found.verified = [(t, tried[id(one)].error, tried[id(one)].variable) for t, one in found.cheapest if one]
+        tried = [(t, other.trial(one.settings)) for t, one in found.cheapest if one]
+        found.verified = [(t, one.error, one.variable) for t, one in tried]
     return found
 
 

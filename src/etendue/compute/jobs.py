@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Set
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import accumulate
 from types import MappingProxyType
 from typing import Any
@@ -21,7 +21,8 @@ from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.contract.ports import Target
 from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
-from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of, told_by
+from etendue.plan.identity.once import Once
+from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
 
 
 def make_jobs(
@@ -40,9 +41,9 @@ def make_jobs(
     to be put that is made strip by strip.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
-    cells = (plan.cells[ref] for ref in jobs)
-    every = {told_by(cell.grids, cell.input_grids): cell for cell in cells}  # most cells of a sweep share theirs
-    if not any(is_large(cell.grids, cell.input_grids) for cell in every.values()):
+    large: Once[bool] = Once()  # most cells of a sweep share their grids
+    every = ((plan.cells[ref].grids, plan.cells[ref].input_grids) for ref in jobs)
+    if not any(large(grids, partial(is_large, *grids)) for grids in every):
         return jobs
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
 
@@ -77,7 +78,7 @@ class Jobs(Mapping[CellRef, Job]):
         self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # of every cell what others read, () of most
         self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination of variables once
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
-        self.costs: dict[tuple[Any, ...], tuple[float, tuple[str, ...]]] = {}
+        self.costs: Once[tuple[float, tuple[str, ...]]] = Once()
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
         self.looked: dict[str, tuple[Any, Looking]] = {}
         for ref, cell in plan.cells.items():
@@ -244,14 +245,14 @@ class Jobs(Mapping[CellRef, Job]):
 
     def _cost(self, node: Node, cell: Cell) -> tuple[float, tuple[str, ...]]:
         """Seconds, and the variables made by band: found out once for cells of one class and grids."""
-        place = (node.name, type(cell.stage), told_by(cell.grids, cell.input_grids), cell.left_out is None)
-        known = self.costs.get(place)
-        if known is None:
-            known = self.costs[place] = (
-                cell_seconds(node, cell, self.plan.precision),
-                by_band(node, cell, self.plan.precision),
-            )
-        return known
+        precision = self.plan.precision
+        return self.costs(
+            (cell.grids, cell.input_grids),
+            lambda: (cell_seconds(node, cell, precision), by_band(node, cell, precision)),
+            node.name,
+            type(cell.stage),
+            cell.left_out is None,
+        )
 
 
 def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:

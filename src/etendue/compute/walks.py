@@ -12,13 +12,15 @@ holds cells of one depth.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from etendue.compute.job import Job, Walk
 from etendue.compute.rows import Walker, has_rows, is_large, rows_of
 from etendue.contract.capabilities import Haloed
 from etendue.contract.stage import looks_at_stages
-from etendue.plan.model import CellRef, told_by
+from etendue.plan.identity.once import Once
+from etendue.plan.model import CellRef
 
 
 def with_walks(
@@ -48,17 +50,11 @@ def with_walks(
 
 def _walkers(jobs: Mapping[CellRef, Job], can: Callable[[CellRef], Walker | None]) -> dict[CellRef, Walker]:
     """The cells that may be computed in strips."""
-    small: set[tuple[str, tuple[int, int]]] = (
-        set()
-    )  # stages and grids of small frames: most cells of a sweep share them
+    large: Once[bool] = Once()  # most cells of a sweep share their grids
     found: dict[CellRef, Walker] = {}
     for ref, job in jobs.items():
-        alike = ref[0], told_by(job.grids, job.input_grids)
-        if alike in small:
-            continue
-        if not is_large(job.grids, job.input_grids):
-            small.add(alike)
-        elif job.task == "compute" and (walker := can(ref)) is not None:
+        grids = job.grids, job.input_grids
+        if large(grids, partial(is_large, *grids)) and job.task == "compute" and (walker := can(ref)) is not None:
             found[ref] = walker
     return found
 

@@ -7,8 +7,10 @@ Out: notes, each text once.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any
 
+from etendue.plan.identity.once import Once
 from etendue.plan.model import Cell, CellRef, Node
 
 
@@ -16,14 +18,9 @@ def taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
     """Where a stage assumes of something shared what no stage before it on its way did."""
     assumed: dict[CellRef, dict[str, tuple[str, Any]]] = {}
     notes: dict[str, None] = {}
-    # of cells of one stage that read cells alike: they say the same
-    alike: dict[tuple[Any, ...], dict[str, tuple[str, Any]]] = {}
-    for ref, cell in cells.items():
-        place = (cell.node, id(cell.stage), *[id(assumed[source]) for _, source, _ in cell.inputs])
-        known = alike.get(place)
-        if known is not None:
-            assumed[ref] = known
-            continue
+    alike: Once[dict[str, tuple[str, Any]]] = Once()  # cells of one stage that read cells alike assume the same
+
+    def assumed_by(cell: Cell) -> dict[str, tuple[str, Any]]:
         found: dict[str, tuple[str, Any]] = {}
         for _, source, _ in cell.inputs:
             found |= assumed[source]
@@ -33,7 +30,11 @@ def taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
                 theirs = f"{_shown(before[1])} in {before[0]!r}, which stands before it"
                 notes[f"{cell.node}: {what} is {_shown(value)} here, but {theirs}"] = None
             found[what] = (cell.node, value)
-        assumed[ref] = alike[place] = found
+        return found
+
+    for ref, cell in cells.items():
+        before = [assumed[source] for _, source, _ in cell.inputs]
+        assumed[ref] = alike((cell.stage, *before), partial(assumed_by, cell), cell.node)
     return list(notes)
 
 

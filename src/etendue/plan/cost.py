@@ -15,7 +15,8 @@ from etendue.contract.arrays.variables import Declaration
 from etendue.contract.capabilities import Summed
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.values.parameter import Parameter
-from etendue.plan.model import Cell, Node, told_by
+from etendue.plan.identity.once import Once
+from etendue.plan.model import Cell, Node
 
 LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
@@ -35,15 +36,10 @@ def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
     """Of the cells of a node one of each that cost the same, being of one stage and of the same grids, and how many
     there are.
     """
-    found: dict[tuple[Any, ...], list[Any]] = {}
+    groups: Once[list[Cell]] = Once()
     for cell in cells:
-        place = id(cell.stage), told_by(cell.grids, cell.input_grids), cell.left_out is None
-        known = found.get(place)
-        if known is None:
-            found[place] = [cell, 1]
-        else:
-            known[1] += 1
-    return [(cell, count) for cell, count in found.values()]
+        groups((cell.stage, cell.grids, cell.input_grids), list, cell.left_out is None).append(cell)
+    return [(own[0], len(own)) for own in groups.values()]
 
 
 def cell_bytes(node: Node, cell: Cell, precision: str, variables: Iterable[str] | None = None) -> int:

@@ -188,13 +188,6 @@ class Cell:
         return self.left_out.bound if self.left_out else sum(one.bound for one in self.approximated)
 
 
-def told_by(grids: Mapping[str, Grid], input_grids: Mapping[str, Grid]) -> tuple[int, int]:
-    """What tells the grids of a cell from those of others. Cells of a plan have one of equal ones, and hold it: so it
-    is its identity, which takes no comparing.
-    """
-    return id(grids), id(input_grids)
-
-
 def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:
     """The source cell at the start of what a cell reads first."""
     while cell.inputs:

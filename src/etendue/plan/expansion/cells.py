@@ -26,6 +26,7 @@ from etendue.plan.expansion import scenes
 from etendue.plan.expansion.deciding import Decider, Decisions, segment_input
 from etendue.plan.expansion.forms import CellGrids, Draft, output_grid
 from etendue.plan.expansion.recipes import Recipes
+from etendue.plan.identity.once import Once
 from etendue.plan.machine import available_memory
 from etendue.plan.model import Alternative, Cell, CellRef, Node
 from etendue.plan.request import Choice
@@ -63,7 +64,7 @@ class _Expansion:
         self.readings = {(node.name, number): reading_of(node, number, self.nodes) for node, number in numbered}
         self.forms: dict[tuple[Any, ...], CellGrids] = {}
         # of cells of one stage and form that read what nothing is known of
-        self.decisions: dict[tuple[Any, ...], Decisions] = {}
+        self.decisions: Once[Decisions] = Once()
         self.grids: dict[Grid, Grid] = {}
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
         self.faults: dict[str, Fault] = {}
@@ -201,13 +202,12 @@ class _Expansion:
         try:
             draft = Draft(node, number, stage, inputs, looks_at, self.form(node, number, stage, inputs))
             same = reading.alike and all(f is UNKNOWN for f in input_facts.values())
-            like = (node.name, id(stage), draft.form) if same else None
-            decisions = self.decisions.get(like) if like else None
-            if decisions is None:
+
+            def decide() -> Decisions:
                 declared = self.describe(node, stage)[0] if node.is_source else None
-                decisions = self.decider.decide(draft, input_facts, by_dim, declared)
-                if like:
-                    self.decisions[like] = decisions
+                return self.decider.decide(draft, input_facts, by_dim, declared)
+
+            decisions = self.decisions((stage,), decide, node.name, draft.form) if same else decide()
             if decisions.stage is not stage:
                 stage = decisions.stage
                 draft = draft._replace(stage=stage)

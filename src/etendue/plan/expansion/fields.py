@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from etendue.contract.arrays.grid import Grid, Line
 from etendue.contract.wording import words
-from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of, told_by
+from etendue.plan.identity.once import Once
+from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of
 
 CRISP = 0.25  # contrast at the pixels' Nyquist frequency that a rendering has to leave: two samples a pixel leave 0.29
 SEEN = 0.5  # of the light's area: whatever lies around less than that was hardly meant to be cropped
@@ -39,12 +41,9 @@ def notes_on_the_scene(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], axe
     Nyquist frequency. ``axes``: by dimension. Of light that is the same everywhere nothing is lost, and nothing said.
     """
     by_node: dict[str, list[tuple[_Field, Cell]]] = {}
-    known: dict[tuple[int, int], _Field | None] = {}  # cells share the grids that are equal
+    known: Once[_Field | None] = Once()  # cells share the grids that are equal
     for cell in cells.values():
-        place = told_by(cell.grids, cell.input_grids)
-        if place not in known:
-            known[place] = _field(cell)
-        field = known[place]
+        field = known((cell.grids, cell.input_grids), partial(_field, cell))
         if field is not None and not cell.facts.uniform:
             by_node.setdefault(cell.node, []).append((field, cell))
     held = [(node, by_node[node.name]) for node in nodes if node.name in by_node]

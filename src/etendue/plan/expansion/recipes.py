@@ -18,6 +18,7 @@ from etendue.plan.expansion import seed_words
 from etendue.plan.expansion.forms import CellGrids, Draft
 from etendue.plan.identity.code import code_digest, libraries_of
 from etendue.plan.identity.keys import digest, key_of, parameters_for_key, plain_text, version_of
+from etendue.plan.identity.once import Once
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, light_of, pixel_of, scene_of
 
 NONE: Mapping[str, str] = {}  # never written to; a mapping proxy could not be pickled
@@ -40,24 +41,19 @@ class Recipes:
     ) -> None:
         self.cells, self.nodes, self.pipeline_seed, self.expected = cells, nodes, seed, expected
         self.stated = versions
-        self.words: dict[tuple[str, int], tuple[str, ...]] = {}
-        # Of the parameters of a stage, by its identity: hashing a stage costs as much again. Whoever plans holds it: no
-        # other takes its number.
-        self.digests: dict[int, str] = {}
-        self.heads: dict[tuple[Any, ...], Head] = {}
+        self.words: Once[tuple[str, ...]] = Once()
+        self.digests: Once[str] = Once()  # of parameters
+        self.heads: Once[Head] = Once()
         self.forms: dict[CellGrids, str] = {}  # what counts of grids
         self.looked: dict[tuple[Any, ...], str] = {}  # of transfer functions that are looked at: the same by many cells
         self.versions: dict[frozenset[str], dict[str, str]] = {}
         self.behind: dict[CellRef, Lines | None] = {}
-        self.alike: dict[tuple[Any, ...], Lines | None] = {}
-        self.seeds: dict[tuple[Any, ...], bytes] = {}
+        self.alike: Once[Lines | None] = Once()
+        self.seeds: Once[bytes] = Once()
 
     def parameters(self, stage: Stage) -> str:
         """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
-        known = self.digests.get(id(stage))
-        if known is None:
-            known = self.digests[id(stage)] = key_of(parameters_for_key(stage))
-        return known
+        return self.digests((stage,), lambda: key_of(parameters_for_key(stage)))
 
     def key(
         self,
@@ -89,10 +85,16 @@ class Recipes:
         node, stage, one = draft.node, draft.stage, draft.one
         asked = [ref for port, refs in draft.looks_at if looks(reads_of(one.kind)[port]) == "transfer" for ref in refs]
         libraries = frozenset().union(*(libraries_of(type(self.cells[ref].stage)) for ref in asked))
-        place = (node.name, id(stage), one.label, libraries if asked else None)
-        known = self.heads.get(place)
-        if known is not None:
-            return known
+        return self.heads(
+            (stage,),
+            lambda: self.new_head(draft, precision, libraries, bool(asked)),
+            node.name,
+            one.label,
+            libraries if asked else None,
+        )
+
+    def new_head(self, draft: Draft, precision: str, libraries: frozenset[str], asked: bool) -> Head:
+        node, stage, one = draft.node, draft.stage, draft.one
         averaged = self.expected and isinstance(stage, Sampled)
         bound = is_random(type(stage)) or node.segment or asked
         versions = self.versions_of(libraries.union(libraries_of(type(stage)), ("numpy", "scipy") if bound else ()))
@@ -108,8 +110,7 @@ class Recipes:
         draws = draws_anew(type(stage)) and not averaged  # fixed patterns follow the serial, a parameter
         if draws:
             fields["seed"], fields["name"] = self.pipeline_seed, node.name
-        found = self.heads[place] = AS_TEXT(fields), versions, draws
-        return found
+        return AS_TEXT(fields), versions, draws
 
     def text_of_form(self, form: CellGrids) -> str:
         """The grids of what a cell writes, and the dims that it is mapped over."""
@@ -183,11 +184,12 @@ class Recipes:
         behind = [self.lines_behind(ref) for ref in read]
         if None in behind or any(port in quantities for port, _, _ in draft.inputs):
             return self.open_seed(draft, read)
-        place = name, id(stage), *behind
-        if place not in self.seeds:
+
+        def found() -> bytes:
             every = frozenset(self.lines(name, stage)).union(*(lines for lines in behind if lines))
-            self.seeds[place] = seed_words.seed_of(self.pipeline_seed, name, every)
-        return self.seeds[place], ()
+            return seed_words.seed_of(self.pipeline_seed, name, every)
+
+        return self.seeds((stage,), found, name, *behind), ()
 
     def open_seed(self, draft: Draft, read: list[CellRef]) -> tuple[bytes, tuple[seed_words.Open, ...]]:
         """The same where a run finds some of the values: the lines that are known, and those that are left open."""
@@ -215,16 +217,14 @@ class Recipes:
             return self.behind[ref]
         cell = self.cells[ref]
         before = [None] if cell.found else [self.lines_behind(source) for _, source, _ in cell.inputs]
-        place = cell.node, id(cell.stage), *before
-        if place not in self.alike:
+
+        def union() -> Lines | None:
             every = frozenset(self.lines(cell.node, cell.stage)).union(*(lines for lines in before if lines))
-            self.alike[place] = None if None in before else every
-        found = self.behind[ref] = self.alike[place]
+            return None if None in before else every
+
+        found = self.behind[ref] = self.alike((cell.stage,), union, cell.node, *before)
         return found
 
     def lines(self, name: str, stage: Stage) -> tuple[str, ...]:
         """A stage's words, taken once: it serves many cells."""
-        known = self.words.get((name, id(stage)))
-        if known is None:
-            known = self.words[(name, id(stage))] = seed_words.own_lines(name, stage)
-        return known
+        return self.words((stage,), lambda: seed_words.own_lines(name, stage), name)

@@ -102,6 +102,7 @@ HELD = (
     "etendue.pipeline.presets",
     "etendue.plan.cost",
     "etendue.plan.identity.keys",
+    "etendue.plan.identity.once",
     "etendue.plan.model",
     "etendue.plugins.discovery",
     "etendue.plugins.guests",

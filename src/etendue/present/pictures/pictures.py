@@ -77,14 +77,13 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: PlaneWindo
     """The same place of the scene in every picture: where the last of the coarsest has its strongest edge between
     flat places.
     """
-    lines: dict[int, Any] = {id(f): lines_of(cells[f.stage].grids[f.variable]) for f in frames}
-    seen = [f for f in frames if f.exact is not None and lines[id(f)] is not None]
+    placed = [(f, lines_of(cells[f.stage].grids[f.variable])) for f in frames if f.exact is not None]
+    seen = [(f, lines) for f, lines in placed if lines is not None]
     if not seen:
         return
-    coarse = min(reversed(seen), key=lambda f: f.size[0] * f.size[1])
-    y, x = lines[id(coarse)]
+    coarse, (y, x) = min(reversed(seen), key=lambda one: one[0].size[0] * one[0].size[1])
     side = min(side_of(coarse.size), *coarse.exact.shape[-2:])
-    whole = all(max(f.size) <= LARGEST for f in seen)
+    whole = all(max(f.size) <= LARGEST for f, _ in seen)
     first, last = (0, coarse.size[0]) if whole or band is None else band.rows(y)
     top, left = part_of(_encoded(coarse, coarse.exact[:, first - coarse.first : last - coarse.first]), side)
     (y0, dy), (x0, dx) = y.um(), x.um()
@@ -92,8 +91,7 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: PlaneWindo
     window = PlaneWindow(
         y0 + (row - 0.5) * dy, y0 + (row + side - 0.5) * dy, x0 + (column - 0.5) * dx, x0 + (column + side - 0.5) * dx
     )
-    for f in seen:
-        own_y, own_x = lines[id(f)]
+    for f, (own_y, own_x) in seen:
         rows, columns = window.rows(own_y), window.columns(own_x)
         part = f.exact[:, max(0, rows[0] - f.first) : rows[1] - f.first, columns[0] : columns[1]]
         if not part.size:

@@ -15,6 +15,7 @@ import numpy as np
 from etendue.contract.arrays.variables import variable
 from etendue.contract.wording import first
 from etendue.plan import omissions
+from etendue.plan.identity.once import Once
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, Cell, CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, NOTHING, REUSED, SKIPPED, STATUSES, Reports
@@ -57,23 +58,19 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     def rest(place: int) -> Callable[[int], Any]:
         return lambda number: reports.rest.get(number, NOTHING)[place]
 
-    alike: dict[tuple[Any, ...], float] = {}
+    alike: Once[float | None] = Once()
 
     def saved(cell: Cell) -> float:
         if not (cell.left_out or cell.approximated):
             return 0.0
-        place = (
+        found = alike(
+            (cell.stage, cell.grids, cell.input_grids),
+            lambda: omissions.saved(nodes[cell.node], cell, plan.precision),
             cell.node,
-            id(cell.stage),
-            id(cell.grids),
-            id(cell.input_grids),
             cell.left_out is None,
             cell.approximated,
         )
-        if place not in alike:
-            found = omissions.saved(nodes[cell.node], cell, plan.precision)
-            alike[place] = math.nan if found is None else found
-        return alike[place]
+        return math.nan if found is None else found
 
     put("stage", "stage", lambda c: c.node)
     put("use", "implementation", lambda c: c.use)
