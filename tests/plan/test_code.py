@@ -160,7 +160,7 @@ def test_an_edit_of_what_moves_or_shows_results_changes_no_key(code):
     names = [path for folder in shown for path in (packages / folder).rglob("*.py") if path not in keyed]
     names += [
         packages / "etendue" / name
-        for name in ("session.py", "errors.py", "telling.py", "contract/registry.py", "contract/dims.py")
+        for name in ("session.py", "errors.py", "telling.py", "contract/registry.py", "contract/arrays/dims.py")
     ]
     names += [
         packages / "etendue_camera" / name for name in ("manifest.py", "data/variables.toml", "data/quantities.toml")
@@ -261,7 +261,7 @@ def test_what_a_scene_was_found_to_hold_is_kept_under_the_code_that_has_found_it
     for edited in (
         "transfer/rings.py",
         "transfer/contents.py",
-        "contract/coordinates.py",
+        "contract/arrays/coordinates.py",
         "present/terminal/tables.py",
     ):
         with pytest.MonkeyPatch.context() as patch, edited_files(package / edited):
