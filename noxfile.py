@@ -1,7 +1,6 @@
-"""The commands of CI, each under its name, in the environment that is active, or else in that of nox: ``nox -l`` lists
-them.
+"""The commands of CI as sessions, run in the active environment, or else in that of nox: ``nox -l`` lists them.
 
-``pythons`` and ``lowest`` make environments of their own, with uv; a Python that is not installed is an error.
+``pythons`` and ``lowest`` create their own environments with uv; a Python version that is not installed is an error.
 """
 
 import os
@@ -13,7 +12,7 @@ import nox
 nox.options.default_venv_backend = "none"
 nox.options.error_on_missing_interpreters = True
 nox.options.sessions = ["lint", "types", "imports", "house", "tests"]
-if "VIRTUAL_ENV" not in os.environ:  # .venv/bin/nox without an activated environment: the tools beside nox
+if "VIRTUAL_ENV" not in os.environ:  # .venv/bin/nox without an activated environment: use the tools next to nox
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 os.environ.setdefault("UV_PYTHON_DOWNLOADS", "never")
 PLUGINS = [
@@ -29,44 +28,44 @@ EXTRAS = ["test", "distributed", "cubes", "view", "raw", "objects"]
 
 @nox.session
 def lint(session: nox.Session) -> None:
-    """Style and form of all Python files."""
+    """Check style and formatting of all Python files."""
     session.run("ruff", "check", ".")
     session.run("ruff", "format", "--check", ".")
 
 
 @nox.session
 def types(session: nox.Session) -> None:
-    """Types of the package, strictly."""
+    """Check the types of the package in strict mode."""
     session.run("mypy")
 
 
 @nox.session
 def imports(session: nox.Session) -> None:
-    """Imports point one way."""
+    """Check that imports point one way."""
     session.run("lint-imports")
 
 
 @nox.session
 def house(session: nox.Session) -> None:
-    """How much there is of the house: no figure above the one recorded."""
+    """Check the code metrics: none may exceed its recorded value."""
     session.run("python", "benchmarks/house.py", "--against", "benchmarks/house.json")
 
 
 @nox.session
 def tests(session: nox.Session) -> None:
-    """The laws; those that take long aside. Words behind -- go to pytest."""
+    """Run the tests, except the slow ones. Arguments after -- go to pytest."""
     session.run("pytest", *session.posargs)
 
 
 @nox.session
 def long(session: nox.Session) -> None:
-    """The laws that take long: kills at random instants, clusters, whole pipelines."""
+    """Run the slow tests: kills at random instants, clusters, whole pipelines."""
     session.run("pytest", "-m", "long", *session.posargs)
 
 
 @nox.session(python=["3.11", "3.12", "3.13"], venv_backend="uv")
 def pythons(session: nox.Session) -> None:
-    """The paper's camera and the laws under each Python that is supported. Words behind -- go to pytest."""
+    """Run the paper's camera and the tests under each supported Python. Arguments after -- go to pytest."""
     session.install("-e", ".[test]", *PLUGINS)
     session.run(
         "etendue", "run", "pipelines/paper.toml", "--archive", f"{session.create_tmp()}/paper", "--recompute", "--quiet"
@@ -76,7 +75,7 @@ def pythons(session: nox.Session) -> None:
 
 @nox.session(python="3.11", venv_backend="uv")
 def lowest(session: nox.Session) -> None:
-    """The same with the oldest versions that pyproject.toml allows; some laws on bits aside. Words behind -- go to
+    """Run them with the oldest versions that pyproject.toml allows, except some tests on bits. Arguments after -- go to
     pytest.
     """
     session.install("--resolution", "lowest-direct", "-e", f".[{','.join(EXTRAS)}]", *PLUGINS)
@@ -88,14 +87,14 @@ def lowest(session: nox.Session) -> None:
 
 @nox.session
 def docs(session: nox.Session) -> None:
-    """The site, in docs/_build/html; a warning is a fault, such as a link that leads nowhere."""
+    """Build the site in docs/_build/html; warnings, such as broken internal links, are errors."""
     session.run("sphinx-build", "-W", "--keep-going", "-b", "html", "docs", "docs/_build/html", *session.posargs)
 
 
 @nox.session
 def links(session: nox.Session) -> None:
-    """Links that lead out of the site, sources of sensors among them. Needs the net: not part of CI; without one it
-    says so.
+    """Check the external links of the site, including sources of sensors. Needs a network, so it is not part of CI;
+    without one it says so.
     """
     session.run(
         "sphinx-build", "-q", "-b", "linkcheck", "docs", "docs/_build/links", *session.posargs, success_codes=[0, 1]

@@ -1,4 +1,4 @@
-"""The site: ``nox -s docs``. Pages below ``docs/made`` are made here, from what is installed."""
+"""The site: ``nox -s docs``. Pages below ``docs/made`` are generated here, from the installed packages."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ html_theme_options = {
 
 
 def _write(pages: dict[str, str]) -> None:
-    """Pages that are as they were keep their time, so that they are not read again."""
+    """Write pages; unchanged ones keep their modification time, so that sphinx does not read them again."""
     for name, text in pages.items():
         path = MADE / f"{name}.md"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -82,7 +82,7 @@ def _write(pages: dict[str, str]) -> None:
 
 
 def make(app: Any) -> None:
-    """All pages and pictures that are made; ``ETENDUE_DOCS_PICTURES=keep`` keeps the pictures of an earlier build."""
+    """Generate all pages and pictures; ``ETENDUE_DOCS_PICTURES=keep`` keeps the pictures of an earlier build."""
     begun = time.perf_counter()
     pictures = MADE / "pictures"
     kept = os.environ.get("ETENDUE_DOCS_PICTURES") == "keep" and (MADE / "gallery.md").exists()
@@ -103,7 +103,7 @@ def make(app: Any) -> None:
 
 
 def lead_to_copies(app: Any, name: str, source: list[str]) -> None:
-    """Links to files at the top of the repository lead to their copies."""
+    """Redirect links to files at the top of the repository to their copies."""
     if not name.startswith("made/"):
         source[0] = copies.within_documents(source[0], name.count("/"))
 
@@ -112,7 +112,7 @@ _PROSE_SIGNS = re.compile(r"(?<!\|)\|(?!\|)|(?<![*`])\*(?=\w)|(?<=\w)_(?=[\s,.;:
 
 
 def _flows(lines: list[str]) -> list[str]:
-    """What flows into a file and out of it (``In:``, ``Out:``, ``Sources:``) as a list."""
+    """Return the inputs and outputs of a file (``In:``, ``Out:``, ``Sources:``) as a list."""
     made: list[str] = []
     inside = False
     for line in lines:
@@ -126,11 +126,11 @@ def _flows(lines: list[str]) -> list[str]:
 
 
 def as_prose(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text: bars, stars and trailing underlines are signs of formulas, not of markup."""
+    """Escape docstrings as plain text: bars, stars and trailing underscores belong to formulas, not to markup."""
     if what == "module":
         lines[:] = _flows(lines)
     for number, line in enumerate(lines):
-        if line.lstrip().startswith((">>> ", "... ")):  # an example is shown as it is typed
+        if line.lstrip().startswith((">>> ", "... ")):  # examples are shown unchanged
             continue
         parts = re.split(r"(``.+?``|`[^`]+`|:[a-z]+:)", line)
         lines[number] = "".join(
@@ -139,7 +139,7 @@ def as_prose(app: Any, what: str, name: str, thing: Any, options: Any, lines: li
 
 
 def setup(app: Any) -> dict[str, Any]:
-    """Hooks of this site."""
+    """Register the hooks of this site."""
     app.connect("builder-inited", make)
     app.connect("source-read", lead_to_copies)
     app.connect("autodoc-process-docstring", as_prose, priority=100)

@@ -1,9 +1,9 @@
 #!/bin/sh
-# A Dask cluster of this machine that stays there for many runs: a scheduler and WORKERS processes on loopback.
+# A local Dask cluster that stays up for many runs: a scheduler and WORKERS processes on loopback.
 #
 #     sh docs/cluster/local.sh etendue run pipelines/smallest.toml
 #
-# runs the command with --scheduler added, and ends the cluster behind it. For one run, `--scheduler distributed` is shorter.
+# runs the command with --scheduler added, and ends the cluster afterwards. For one run, `--scheduler distributed` is shorter.
 set -eu
 port=${PORT:-8786}
 dask scheduler --host 127.0.0.1 --port "$port" --no-dashboard >scheduler.log 2>&1 &

@@ -1,11 +1,11 @@
-"""Workers as jobs of SLURM, for the length of a run.
+"""Start workers as SLURM jobs for the duration of a run.
 
     python slurm.py --jobs 4 run paper.toml --archive /shared/paper
 
-asks for 4 jobs, waits for the first, runs ``etendue run paper.toml --archive /shared/paper --scheduler tcp://...`` and
-ends the jobs behind it. Start it where jobs can reach this machine (a login node, or a job of its own). The archive,
-the pipeline's input files and the Python environment stand at the same paths on every node. A job that SLURM ends takes
-no cell with it: another worker computes it.
+requests 4 jobs, waits for the first, runs ``etendue run paper.toml --archive /shared/paper --scheduler tcp://...`` and
+ends the jobs afterwards. Start it where jobs can reach this machine (a login node, or a separate job). The archive,
+the pipeline's input files and the Python environment must be at the same paths on every node. If SLURM ends a job, its
+cells are computed by another worker.
 
     pip install 'etendue[distributed]' dask-jobqueue
 """
@@ -19,12 +19,12 @@ from dask_jobqueue import SLURMCluster
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--cores", type=int, default=2, help="worker processes of a job, of one thread each")
-    parser.add_argument("--memory", default="4GB", help="of a job")
+    parser.add_argument("--cores", type=int, default=2, help="worker processes per job, with one thread each")
+    parser.add_argument("--memory", default="4GB", help="memory per job")
     parser.add_argument("--time", default="01:00:00")
     parser.add_argument("--partition")
-    parser.add_argument("--interface", help="the network over which nodes talk, such as ib0")
-    parser.add_argument("--host", help="the address at which jobs reach this machine; default: that of the interface")
+    parser.add_argument("--interface", help="network interface between nodes, such as ib0")
+    parser.add_argument("--host", help="address at which jobs reach this machine; default: that of the interface")
     given, words = parser.parse_known_args()
 
     options = {"dashboard": False} | ({"host": given.host} if given.host else {})

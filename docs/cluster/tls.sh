@@ -1,9 +1,9 @@
 #!/bin/sh
-# The same over TLS: only who holds the key of tls/ can send work. The certificate is its own authority, good for 30 days.
+# The same over TLS: only holders of the key in tls/ can submit work. The certificate is self-signed and valid for 30 days.
 #
 #     sh docs/cluster/tls.sh etendue run pipelines/smallest.toml
 #
-# On many machines: make tls/ once, copy it to each by a safe way, and set the variables below wherever scheduler, workers and etendue run.
+# On many machines: make tls/ once, copy it to each securely, and set the variables below wherever scheduler, workers and etendue run.
 set -eu
 port=${PORT:-8786}
 if [ ! -e tls/key.pem ]; then

@@ -1,7 +1,7 @@
-"""``CITATION.cff``, which code hosts and reference managers read: ``python docs/making/citation.py`` writes it anew.
+"""``CITATION.cff``, which code hosts and reference managers read: ``python docs/making/citation.py`` rewrites it.
 
 In:  ``pyproject.toml``.
-Out: a file of the Citation File Format 1.2.0; authors are entities, so that no name has to be taken apart.
+Out: a file of the Citation File Format 1.2.0; authors are entities, so that names need not be split.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MESSAGE = "If you use etendue, please cite it as below. Archives with an author 
 
 
 def citation(project: Project) -> str:
-    """The text of the file."""
+    """Return the text of the file."""
     return "".join(f"{line}\n" for line in _lines(project))
 
 

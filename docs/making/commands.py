@@ -1,4 +1,4 @@
-"""A page for every command, from its own help."""
+"""Make a page for every command, from its own help."""
 
 import click
 
@@ -7,7 +7,7 @@ from making.markdown import paragraphs, shown, table, toctree
 
 
 def pages() -> dict[str, str]:
-    """Pages by name: ``commands/index`` and one for each command."""
+    """Return pages by name: ``commands/index`` and one for each command."""
     above = click.Context(main, info_name="etendue")
     names = main.list_commands(None)
     made = {f"commands/{name}": _page(name, main.get_command(None, name), above) for name in names}

@@ -1,5 +1,5 @@
-"""The documents at the top of the repository as pages of the site: links between them and ``docs`` lead where they lead
-on a code host.
+"""Copy the documents at the top of the repository to the site, with links between them and ``docs`` that work as on a
+code host.
 """
 
 import re
@@ -16,7 +16,7 @@ _LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s]+)(#[^)]*)?\)")
 
 
 def copies(root: Path) -> dict[str, str]:
-    """Pages by name."""
+    """Return pages by name."""
     return {
         name: _LINK.sub(lambda found: _from_top(found, root), (root / file).read_text())
         for file, name in COPIED.items()
@@ -24,8 +24,8 @@ def copies(root: Path) -> dict[str, str]:
 
 
 def _from_top(link: re.Match[str], root: Path) -> str:
-    """A link of a file at the top of the repository, as it stands in ``docs/made``; of a folder without an index its
-    text alone.
+    """Return a link of a file at the top of the repository as it must be in ``docs/made``; for a folder without an
+    index, only its text.
     """
     text, target, part = link[1], link[2], link[3] or ""
     if ":" in target:
@@ -45,7 +45,7 @@ def _from_top(link: re.Match[str], root: Path) -> str:
 
 
 def within_documents(text: str, depth: int) -> str:
-    """The text of a document: its links to files at the top lead to their copies. ``depth``: folders below ``docs``."""
+    """Redirect links of a document from top-level files to their copies. ``depth``: folders below ``docs``."""
     for file, name in COPIED.items():
         text = text.replace(f"]({'../' * (depth + 1)}{file}", f"]({'../' * depth}made/{name}.md")
     return text

@@ -1,8 +1,8 @@
-"""A picture behind every stage that writes one: one exposure of shipped pipelines, and of one with each further stage
-in its place.
+"""Take a picture after every stage that writes one: one exposure of shipped pipelines, and of one pipeline with each
+remaining stage inserted.
 
 In:  the registry and the shipped pipelines.
-Out: true-colour PNG by stage, each drawn as ``etendue.show`` draws it, samples as squares.
+Out: true-colour PNG by stage, drawn as by ``etendue.show``, samples as squares.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from etendue.present.terminal.catalogue import first_sentence, stage_document
 from making.markdown import shown
 from making.stages import roles
 
-WIDE = 320  # dots of a picture's width, or somewhat less
-ENLARGED = 4  # how much larger the part below a picture is
-SHIPPED: dict[str, dict[str, dict[str, str]]] = {  # and what is told to their stages, to be quick
+WIDE = 320  # width of a picture in dots
+ENLARGED = 4  # magnification of the detail below a picture
+SHIPPED: dict[str, dict[str, dict[str, str]]] = {  # with parameters that make their stages fast
     "paper": {},
     "burst": {},
     "raw_corrections": {},
     "paper_order": {},
     "colour": {"scene": {"bin_width": "20 nm"}},
 }
-BASE = "smallest"  # the camera in which a stage that none of them uses takes its place
+BASE = "smallest"  # the camera into which stages are inserted that none of these uses
 UNTELLING = {
     "radiance_cube",
     "real_lens",
     "real_lens_distortion",
     "real_lens_illumination",
-}  # an example of noise; rays take seconds
+}  # the example cube is noise; ray tracing takes seconds
 TOLD = {"lens_psf_field": {"tolerance": 0.1}}
 CHART = {
     "white_luminance": "250 cd m-2",
@@ -55,12 +55,12 @@ CHART = {
 }
 PIXELS = {"rows": 128, "columns": 160}
 PITCH = "4 um"
-LOOKED_AT = {"photograph": (0.31, 0.5), "composite": (0.18, 0.44)}  # the middle of the part that is enlarged, by scene
+LOOKED_AT = {"photograph": (0.31, 0.5), "composite": (0.18, 0.44)}  # centre of the enlarged detail, by scene
 
 
 @dataclass(frozen=True)
 class Picture:
-    """What a stage wrote, and in which camera."""
+    """The output of a stage, and the camera it comes from."""
 
     stage: str
     variable: str
@@ -69,7 +69,7 @@ class Picture:
     pixels: Any  # (y, x, 3) uint8
 
     def save(self, path: Path) -> None:
-        """A PNG in true colour: the picture, and below it a part of it enlarged, samples as squares."""
+        """Save a true-colour PNG: the picture, and below it an enlarged detail, samples as squares."""
         rows, columns = self.pixels.shape[:2]
         whole = Image.fromarray(self.pixels)
         times = WIDE / columns
@@ -97,12 +97,12 @@ class Picture:
 
 
 def pictured(kind: Any) -> list[str]:
-    """The variables of a stage that are drawn as pictures."""
+    """Return the variables of a stage that are drawn as pictures."""
     return [d.variable for d in writes_of(kind).values() if {"y", "x"} <= set(d.dims) and variable(d.variable).shown]
 
 
 def taken(root: Path) -> dict[str, Picture]:
-    """A picture by stage, those of the shipped pipelines first."""
+    """Return one picture per stage, preferably from a shipped pipeline."""
     registry = installed_stages()
     kinds = {name: registry.load(name) for name in registry.names()}
     wanted = {name: pictured(kind)[0] for name, kind in kinds.items() if name not in UNTELLING and pictured(kind)}
@@ -122,7 +122,7 @@ def taken(root: Path) -> dict[str, Picture]:
 
 
 def still(camera: Any) -> Any:
-    """The camera at the first value of every axis of its sweep."""
+    """Return the camera at the first value of every axis of its sweep."""
     for axis, values in camera.axes.items():
         first = values[0] if isinstance(values, list | tuple) else values["from"]
         stage, _, parameter = axis.rpartition(".")
@@ -131,8 +131,8 @@ def still(camera: Any) -> Any:
 
 
 def in_place(base: Any, name: str) -> Any:
-    """A camera with a stage in the place of one of its role that writes the same, or behind the one that makes what
-    it reads; or None.
+    """Return the camera with this stage in place of one with the same role and output, or after the one that makes its
+    input; None if there is neither.
     """
     kind = installed_stages().load(name)
     reads, writes = ({d.variable for d in of(kind).values()} for of in (reads_of, writes_of))
@@ -157,7 +157,7 @@ def in_place(base: Any, name: str) -> Any:
 
 
 def _values(kind: Any) -> dict[str, Any]:
-    """What a stage is told: the chart's size where it draws one, an example where it has no default."""
+    """Return the parameters of a stage: the chart's size if it draws one, an example if it has no default."""
     own = {
         name: (parameter, default)
         for name, (parameter, _, default) in parameters_of(kind).items()
@@ -173,7 +173,7 @@ def _values(kind: Any) -> dict[str, Any]:
 
 
 def _seen(camera: Any, name: str, placed: Iterable[Placed], wanted: Mapping[str, str]) -> dict[str, Picture]:
-    """Pictures by stage of one run; none where the camera is refused."""
+    """Return the pictures of one run by stage; none if the camera is refused."""
     by_use = {p.use: p.name for p in reversed(list(placed))}
     try:
         tree = camera.run(
@@ -182,7 +182,7 @@ def _seen(camera: Any, name: str, placed: Iterable[Placed], wanted: Mapping[str,
             scheduler="serial",
             leave_out=False,
         ).tree
-    except EtendueError:  # it cannot stand there
+    except EtendueError:  # the stage does not fit there
         return {}
     middle = LOOKED_AT.get(camera.stages[0].use, (0.5, 0.5))
     arrays = {use: _middle(tree[own][wanted[use]]) for use, own in by_use.items()}
@@ -191,25 +191,25 @@ def _seen(camera: Any, name: str, placed: Iterable[Placed], wanted: Mapping[str,
 
 
 def _middle(array: Any) -> Any:
-    """Of several frames the one in the middle."""
+    """Return the middle one of several frames."""
     return array.isel(
         {dim: array.sizes[dim] // 2 for dim in array.dims if dim not in ("wavelength", "channel", "y", "x")}
     )
 
 
 def page(found: Mapping[str, Picture]) -> str:
-    """The gallery, in the order of the light."""
+    """Return the gallery page, in light order."""
     registry = installed_stages()
     documents = [stage_document(registry, name) for name in found]
     parts = [
         "# Gallery",
-        "What stands behind each stage that writes a picture, in the order of the light. The pictures are made when "
-        "this page is: "
-        + "of "
+        "The output of each stage that writes a picture, in light order. The pictures are made when "
+        "this page is built, "
+        + "from "
         + ", ".join(f"`{name}.toml`" for name in SHIPPED)
-        + f", and of `{BASE}.toml`, its frame made larger, with a stage that none of them uses in its place. "
-        + "Light is shown as an eye sees it, a mosaic in the colours of its filters; "
-        + "below each picture is a part of it, enlarged, every sample a square.",
+        + f", and from `{BASE}.toml` with a larger frame for stages that none of these uses. "
+        + "Light is shown as the eye sees it, a mosaic in the colours of its filters. "
+        + "Below each picture is an enlarged detail, with every sample as a square.",
     ]
     for wing, own in _wings(documents).items():
         cards = [_card(found[d["name"]], first_sentence(d["doc"])) for d in own]
@@ -218,7 +218,7 @@ def page(found: Mapping[str, Picture]) -> str:
 
 
 def _wings(documents: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Stages in the order of the light, by the wing of the built-in ones of their role."""
+    """Return stages in light order, by the subject of the built-in stages of their role."""
     found: dict[str, list[dict[str, Any]]] = {}
     for own in roles(documents).values():
         modules = [installed_stages().load(d["name"]).__module__.split(".") for d in own]
@@ -234,7 +234,7 @@ def _card(picture: Picture, said: str) -> str:
             f":link: stages/{picture.stage}",
             ":link-type: doc",
             f":img-top: pictures/{picture.stage}.png",
-            f":img-alt: {picture.variable} behind {picture.stage}",
+            f":img-alt: {picture.variable} after {picture.stage}",
             "",
             shown(said),
             "",

@@ -1,8 +1,8 @@
-"""What became of the links that lead out of the site: ``python docs/making/links.py docs/_build/links/output.json``.
+"""Judge the external links of the site: ``python docs/making/links.py docs/_build/links/output.json``.
 
 In:  the file that sphinx's builder ``linkcheck`` writes.
-Out: a line for each link that is broken or leads elsewhere, and how many were tried; exit code 1 where one is broken, 3
-     where nothing could be reached, which says that there is no net and nothing of the links.
+Out: a line for each link that is broken or redirected, and the number tried; exit code 1 if one is broken, 3 if none
+     could be reached, which indicates a missing network rather than broken links.
 """
 
 import json
@@ -19,7 +19,7 @@ UNREACHED = re.compile(
 
 
 def judged(lines: list[str]) -> tuple[list[str], int]:
-    """What is said of the links, and the exit code."""
+    """Return the lines to print about the links, and the exit code."""
     rows = [json.loads(line) for line in lines if line.strip()]
     tried = [row for row in rows if row["status"] not in ("unchecked", "local", "ignored")]
     broken = [row for row in tried if row["status"] in ("broken", "timeout", "rate-limited")]
@@ -29,8 +29,8 @@ def judged(lines: list[str]) -> tuple[list[str], int]:
         and all(row["status"] == "timeout" or UNREACHED.search(row["info"]) for row in broken)
     ):
         return [
-            f"none of {len(tried)} links could be reached: there is no net here, or no way out of it; nothing is known "
-            f"of them"
+            f"none of {len(tried)} links could be reached: there is no network connection, so nothing is known "
+            f"about them"
         ], 3
     said = [
         f"{row['filename']}:{row['lineno']}: {row['uri']} is {row['status']}: {' '.join(row['info'].split())[:150]}"
@@ -47,7 +47,7 @@ def judged(lines: list[str]) -> tuple[list[str], int]:
 if __name__ == "__main__":
     path = Path(sys.argv[1])
     if not path.exists():
-        raise SystemExit(f"{path} is not there: sphinx-build -b linkcheck docs {path.parent}")
+        raise SystemExit(f"{path} does not exist; run: sphinx-build -b linkcheck docs {path.parent}")
     told, code = judged(path.read_text().splitlines())
     print(*told, sep="\n")
     raise SystemExit(code)

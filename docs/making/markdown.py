@@ -1,4 +1,4 @@
-"""Plain text as markdown: what stands between backticks stays, everything else is shown as it is written."""
+"""Convert plain text to markdown: text between backticks is kept, everything else is escaped."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -10,15 +10,13 @@ _SIGNS = re.compile(r"([\\*_\[\]<>|$~#])")
 
 
 def shown(text: str) -> str:
-    """One line of markdown that shows the text."""
+    """Return the text as one line of markdown."""
     parts = _CODE.split(" ".join(text.split()))
     return "".join(part if number % 2 else _SIGNS.sub(r"\\\1", part) for number, part in enumerate(parts))
 
 
 def paragraphs(text: str) -> str:
-    """The paragraphs of a docstring or of a command's help; those that are to stand as they are (``\\b``) as a block
-    of code.
-    """
+    """Return the paragraphs of a docstring or of a command's help; preformatted ones (``\\b``) become code blocks."""
     made = []
     for paragraph in re.split(r"\n\s*\n", cleandoc(text)):
         if paragraph.lstrip().startswith("\b"):
@@ -29,7 +27,7 @@ def paragraphs(text: str) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose cells are markdown already; a bar in one, in code too, is none between them."""
+    """Return a table from cells of markdown; bars inside cells are escaped, also in code."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(
         "| " + " | ".join(_BAR.sub(r"\|", cell.replace("\n", " ")) for cell in row) + " |" for row in lines
@@ -37,5 +35,5 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def toctree(pages: Iterable[str], *options: str) -> str:
-    """Which pages stand below this one."""
+    """Return a toctree of the pages below this one."""
     return "\n".join(["```{toctree}", *options, "", *pages, "```"])

@@ -1,4 +1,4 @@
-"""The picture that the README opens with: one part of the frame behind one stage after the other, samples as squares.
+"""Draw the first picture of the README: one part of the frame after each of twelve stages, samples as squares.
 
 etendue run pipelines/paper.toml
 python docs/making/opening.py paper -o docs/pictures/stages.png
@@ -34,7 +34,7 @@ TIMES, ACROSS, GAP, LABEL = 2, 6, 8, 18  # dots
 
 
 def drawn(archive: Path) -> Figure:
-    """Two rows of pictures under their names."""
+    """Draw two rows of pictures with their names above."""
     tree = xarray.open_datatree(archive / "data.zarr", engine="zarr")
     side = SIDE * TIMES
     rows = -(-len(SHOWN) // ACROSS)
@@ -53,7 +53,7 @@ def drawn(archive: Path) -> Figure:
 
 
 def main() -> None:
-    """Draw it into a file, in true colour."""
+    """Draw it to a file, in true colour."""
     asked = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     asked.add_argument("archive", type=Path)
     asked.add_argument("-o", "--output", type=Path, required=True)

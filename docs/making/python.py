@@ -1,4 +1,4 @@
-"""Pages of what is public in Python: ``etendue``, the door for plugins, their tests, and the camera's kernels by
+"""Make pages of the public Python names: ``etendue``, the plugin interface, its tests, and the camera's kernels by
 subject.
 """
 
@@ -26,28 +26,27 @@ WINGS = (
 
 
 def pages() -> dict[str, str]:
-    """Pages by name."""
+    """Return pages by name."""
     own = [_said("etendue", name) for name in etendue.__all__ if name != "stages"]
     made = {
         "python/etendue": "\n\n".join(
             [
                 "# etendue",
-                "What `import etendue` gives. `etendue.stages` has a function for every [stage](../stages/index.md).",
+                "Public names of `import etendue`. `etendue.stages` has a function per [stage](../stages/index.md).",
                 *own,
             ]
         ),
         "python/api": "\n\n".join(
             [
                 "# etendue.api",
-                "What a stage of another distribution imports; [a stage of your own](../../plugins.md) shows how it is "
-                "used.",
+                "Names for stages of other distributions; [a stage of your own](../../plugins.md) shows their use.",
                 *[_said("etendue.api", name) for name in etendue.api.__all__],
             ]
         ),
         "python/testing": "\n\n".join(
             [
                 "# etendue.testing",
-                "The laws that a stage keeps, for its tests.",
+                "The laws that every stage must obey, for its tests.",
                 _module("etendue.testing.conformance"),
             ]
         ),

@@ -1,11 +1,11 @@
-"""The pictures of the page in the documents, as headless Chromium draws them: report.png, view.png, glance.png,
+"""Draw the pictures of the page for the documents with headless Chromium: report.png, view.png, glance.png,
 widget.png.
 
     etendue run pipelines/sweep.toml && etendue run pipelines/smallest.toml
     python docs/making/screens.py --sweep sweep --small smallest -o docs/pages
 
-Needs playwright and a Chromium (``--chromium``). The widget is the page in its frame, with its kernel's answers; in a
-whole JupyterLab it is tried by ``python benchmarks/jupyter.py -o shot.png``.
+Needs playwright and a Chromium (``--chromium``). The widget is the page in its frame, with answers from a kernel;
+``python benchmarks/jupyter.py -o shot.png`` tests it in a real JupyterLab.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The packaged sensors as a page: each value with its source, as a link where it is one."""
+"""Make a page of the packaged sensors: each value with its source, as a link if it is one."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,11 +9,11 @@ from making.markdown import shown, table
 
 
 def page() -> str:
-    """A part for each sensor."""
+    """Return the page, with a section for each sensor."""
     parts = [
         "# Packaged sensors",
-        "Every value with its source, as `etendue sensors NAME` prints them; `typical` names no measurement of that "
-        "sensor. How to use "
+        "Every value with its source, as printed by `etendue sensors NAME`; `typical` marks values that were not "
+        "measured on that sensor. How to use "
         "them: [sensors.md](../sensors.md).",
     ]
     for name in preset_names():

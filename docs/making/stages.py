@@ -1,4 +1,4 @@
-"""A page for every installed stage and every camera quantity, from what they declare."""
+"""Make a page for every installed stage and one for all camera quantities, from their declarations."""
 
 import tomllib
 from collections.abc import Mapping
@@ -14,8 +14,8 @@ from making.markdown import paragraphs, shown, table, toctree
 
 
 def pages(root: Path, pictures: Mapping[str, str]) -> dict[str, str]:
-    """Pages by name: ``stages/index``, one for each stage, and ``quantities``. ``pictures``: the name of a stage's
-    variable by stage.
+    """Return pages by name: ``stages/index``, one for each stage, and ``quantities``. ``pictures`` gives the pictured
+    variable of each stage.
     """
     registry = installed_stages()
     documents = [stage_document(registry, name) for name in registry.names()]
@@ -26,7 +26,7 @@ def pages(root: Path, pictures: Mapping[str, str]) -> dict[str, str]:
 
 
 def users(root: Path) -> dict[str, list[str]]:
-    """The shipped pipelines that use a stage, by its name."""
+    """Return the shipped pipelines that use each stage, by stage name."""
     found: dict[str, list[str]] = {}
     for path in sorted((root / "pipelines").glob("*.toml")):
         for use in dict.fromkeys(stage["use"] for stage in tomllib.loads(path.read_text())["stages"]):
@@ -35,7 +35,7 @@ def users(root: Path) -> dict[str, list[str]]:
 
 
 def roles(documents: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Stages by what they are for, in the order of the light; what has a role that nobody declares comes last."""
+    """Return stages by role, in light order; undeclared roles come last."""
     declared = discovery.installed().names("roles")
     names = dict.fromkeys([*declared, *sorted({d["role"] for d in documents})])
     found = {name: [d for d in documents if d["role"] == name] for name in names}
@@ -43,7 +43,7 @@ def roles(documents: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 
 
 def said_of(role: str) -> str:
-    """The sentence that a distribution says of a role."""
+    """Return the sentence with which a distribution describes a role."""
     brought = discovery.installed().first("roles", role)
     return str(brought.value) if brought else ""
 
@@ -51,8 +51,8 @@ def said_of(role: str) -> str:
 def _index(documents: list[dict[str, Any]]) -> str:
     parts = [
         "# Stages",
-        "In the order of the light, by what they are for. On the command line: `etendue stages`, `etendue stages "
-        "NAME`.",
+        "Stages by role, in light order. On the command line: `etendue stages` lists them, `etendue stages NAME` "
+        "describes one.",
     ]
     for role, own in roles(documents).items():
         rows = [(f"[{d['name']}]({d['name']}.md)", shown(first_sentence(d["doc"]) + _origin(d))) for d in own]
@@ -72,7 +72,7 @@ def _page(document: dict[str, Any], every: list[dict[str, Any]], used: list[str]
     name, role = document["name"], document["role"]
     parts = [f"# {name}", paragraphs(document["doc"])]
     if picture:
-        parts.append(f"![{shown(picture)} behind {shown(name)}](../pictures/{name}.png)")
+        parts.append(f"![{shown(picture)} after {shown(name)}](../pictures/{name}.png)")
     for word in ("reads", "writes"):
         declared = [parse_declaration(port, text) for port, text in document[word].items()]
         if declared:
@@ -88,15 +88,15 @@ def _page(document: dict[str, Any], every: list[dict[str, Any]], used: list[str]
             table(("name", "unit", "default", "allowed", ""), [_parameter(key, p) for key, p in own.items()]),
         ]
     if shared:
-        parts += ["## Of the camera", ", ".join(f"[{shown(key)}](../quantities.md#{anchor(key)})" for key in shared)]
+        parts += ["## Shared", ", ".join(f"[{shown(key)}](../quantities.md#{anchor(key)})" for key in shared)]
     if role:
         others = [d["name"] for d in every if d["role"] == role and d["name"] != name]
-        parts += ["## What it is for", f"{shown(role.capitalize())}: {shown(said_of(role))}."]
+        parts += ["## Role", f"{shown(role.capitalize())}: {shown(said_of(role))}."]
         parts += (
             ["Others of this role: " + ", ".join(f"[{shown(one)}]({one}.md)" for one in others) + "."] if others else []
         )
     if used:
-        parts += ["## Where it is used", ", ".join(f"[{one}.toml](../../../pipelines/{one}.toml)" for one in used)]
+        parts += ["## Used in", ", ".join(f"[{one}.toml](../../../pipelines/{one}.toml)" for one in used)]
     parts.append(f"From {document['distribution']} {document['version']}.")
     return "\n\n".join(parts)
 
@@ -104,7 +104,7 @@ def _page(document: dict[str, Any], every: list[dict[str, Any]], used: list[str]
 def _declared(one: Any) -> tuple[str, ...]:
     unit = "" if one.unit in ("", "1") else f"`{one.unit}`"
     said = (
-        "the transfer functions of the stages in front"
+        "the transfer functions of the earlier stages"
         if one.variable.startswith("*.")
         else variable(one.variable).long_name
     )
@@ -120,14 +120,14 @@ def _parameter(name: str, p: dict[str, Any]) -> tuple[str, ...]:
 
 
 def anchor(name: str) -> str:
-    """The anchor of a heading that is this name."""
+    """Return the anchor of a heading with this name."""
     return name.lower().replace(" ", "-")
 
 
 def _quantities(registry: Registry) -> str:
     parts = [
         "# Camera quantities",
-        "What several stages share stands under `[camera]`, once. On the command line: `etendue quantities`.",
+        "Values that several stages share, given once under `[camera]`. On the command line: `etendue quantities`.",
     ]
     for name in camera.names():
         d = quantity_document(name, registry)
@@ -144,5 +144,5 @@ def _quantities(registry: Registry) -> str:
         allowed = "one of " + ", ".join(f"`{one}`" for one in d["choices"]) if d["choices"] else shown(d["range"])
         takers = ", ".join(f"[{shown(one)}](stages/{one}.md)" for one in d["stages"])
         said = "; ".join(filter(None, [value, allowed]))
-        parts += [f"## {name}", shown(d["doc"]), said + ".", f"Taken by {takers}." if takers else ""]
+        parts += [f"## {name}", shown(d["doc"]), said + ".", f"Used by {takers}." if takers else ""]
     return "\n\n".join(filter(None, parts))

@@ -96,7 +96,7 @@ def test_no_import_stands_in_a_function_to_break_a_circle():
 def test_the_house_stands_as_it_is_drawn_for_who_contributes():
     """Every room, subject and study is named, and what is named is there."""
     text = (ROOT / "CONTRIBUTING.md").read_text()
-    drawn = set(re.findall(r"[a-z_]+", text.split("## The house")[1].split("## A change")[0]))
+    drawn = set(re.findall(r"[a-z_]+", text.split("## Architecture")[1].split("## Making a change")[0]))
     rooms = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith(("_", "py.typed"))}
     houses = (SOURCE / "etendue_camera", SOURCE / "etendue_lab")
     behind = {path.name for house in houses for path in house.iterdir() if (path / "__init__.py").is_file()}
