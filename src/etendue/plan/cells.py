@@ -69,7 +69,7 @@ class _Expansion:
         self.looked = 0.0  # seconds spent analysing scenes that were never seen before
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[Found, ...] = ()) -> Stage:
-        """Return the stage of an alternative at a combination, with stand-ins for the quantities that only a run finds."""
+        """Return the stage of an alternative at a combination, with stand-ins for quantities that only a run finds."""
         key = (node.name, (number, *(index[dim] for dim, _ in node.direct), *found))
         known = self.stages.get(key)
         if known:

@@ -120,7 +120,7 @@ class Decider:
         return asking.error_of(stage, "segment_error", self.before(draft), facts, grids, self.precision)
 
     def before(self, draft: Draft) -> tuple[Stage, ...]:
-        """Return the stages that are not left out between the input of a segment and this stage, in the order of light."""
+        """Return the stages between the input of a segment and this one that are not left out, in light order."""
         found: list[Stage] = []
         at = draft.inputs
         for _ in range(len(draft.node.segment) - 1):

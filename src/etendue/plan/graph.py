@@ -97,7 +97,7 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
 
 
 def _check_vocabulary(request: Request, entries: Entries) -> None:
-    """Report names that two distributions define differently, or that one defines wrongly, if the pipeline uses them."""
+    """Report names in the pipeline that two distributions define differently, or that one defines wrongly."""
     quantities: dict[str, str] = {}
     written: dict[str, str] = {}
     for stage, alternatives in entries.items():
@@ -141,7 +141,7 @@ def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> 
 
 
 def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
-    """Report quantities that are given or swept although an earlier stage writes them for every stage that takes them."""
+    """Report quantities that are given or swept although an earlier stage writes them for all that take them."""
     for name, finder in {name: finder for node in nodes for name, finder in node.found.items()}.items():
         takers = [
             n for n in nodes if any(name in quantities_of(one.kind) and name not in n.found for one in n.alternatives)

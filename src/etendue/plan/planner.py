@@ -178,7 +178,7 @@ def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
 
 
 def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
-    """Return the plan as JSON for ``etendue plan --json``; ``peak_memory`` is the bound on memory of a run, in bytes."""
+    """Return the plan as JSON for ``etendue plan --json``; ``peak_memory`` bounds the memory of a run, in bytes."""
     stages = [_stage(plan, node) for node in plan.nodes]
     written = {(s["name"], v): one["bytes"] for s in stages for v, one in s["variables"].items()}
     return {
