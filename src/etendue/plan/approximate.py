@@ -83,7 +83,7 @@ def choose(
 
 
 def _walked(stage: Stage, knobs: tuple[str, ...], most: float, asked: Asked) -> tuple[Stage, tuple[Approximated, ...]]:
-    """Return a stage with each knob at its first setting with an error of at most ``most``; unchanged if there is none."""
+    """Return a stage with each knob at its first setting with an error of at most ``most``, if there is one."""
     chosen: list[Approximated] = []
     for name in knobs:
         parameter, _, default = parameters_of(type(stage))[name]

@@ -54,7 +54,7 @@ def code_digest(kind: type[Stage]) -> str:
 
 
 def libraries_of(kind: type[Stage]) -> frozenset[str]:
-    """Return the distributions whose version is part of the keys of a stage: those it names and those its code imports."""
+    """Return the distributions whose versions are in the keys of a stage: those it names and those it imports."""
     return code_of(kind).libraries.union(kind.libraries)
 
 
