@@ -76,7 +76,7 @@ __all__ = [
 
 
 def _imported() -> dict[str, Any]:
-    """Return all names. They are import statements, so that ``plan.code`` finds their definitions by reading this file."""
+    """Return all names. Import statements, because ``plan.code`` finds definitions by reading this file."""
     from etendue.contract.capabilities import (
         Banded,
         Bounded,

@@ -336,9 +336,7 @@ def halo_of(stage: Stage) -> int | None:
     if isinstance(stage, Haloed):
         rows = stage.halo()
         if rows is not None and (isinstance(rows, bool) or not isinstance(rows, int) or rows < 0):
-            raise TypeError(
-                f"{kind.__name__}.halo returned {rows!r}; expected a whole number of rows of at least 0, or None"
-            )
+            raise TypeError(f"{kind.__name__}.halo returned {rows!r}; expected a number of rows, 0 or more, or None")
         # Random numbers must be drawn in the order of the rows, and a halo would draw rows at the seams twice.
         return None if rows and is_random(kind) else rows
     return 0 if kind.elementwise and not is_random(kind) else None

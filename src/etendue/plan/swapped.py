@@ -65,7 +65,7 @@ def _fitted(entry: StageEntry, before: str, pipeline: Pipeline, registry: Regist
     left = {name: value for name, value in entry.values.items() if name not in gone}
     kept = [name for name in left if f"{entry.name}.{name}" not in given]
     notes.append(
-        f"{entry.name}: {entry.use} does not take {', '.join(gone)}, which the file gives to the stage in its place: left out"
+        f"{entry.name}: {entry.use} has no {', '.join(gone)}, which the file gives to the stage it replaces: left out"
         + (f"; kept, as both have them: {', '.join(kept)}" if kept else "")
     )
     return replace(entry, values=left)
