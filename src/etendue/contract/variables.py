@@ -147,7 +147,7 @@ class Declaration:
         return f"{self.variable}: {' '.join(self.dims)} [{self.unit}]{flags}".replace("  ", " ")
 
     def mapped(self, dims: tuple[str, ...]) -> tuple[str, ...] | None:
-        """Return the dims over which a stage is mapped if its input has ``dims``; None if it cannot take such an input."""
+        """Return the dims over which a stage is mapped for an input with ``dims``; None if it cannot take it."""
         extra = dims[: len(dims) - len(self.dims)]
         return extra if dims == (*extra, *self.dims) and not set(extra) & set(self.dims) else None
 
