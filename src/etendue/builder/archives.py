@@ -92,7 +92,10 @@ class Archive(Extended):
         return found
 
     def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
-        """Compute every cell again from the archive alone and compare; return what ``etendue reproduce --json`` prints."""
+        """Compute every cell again from the archive alone and compare.
+
+        Return what ``etendue reproduce --json`` prints.
+        """
         from etendue.trust.reproducing import document, reproduce
 
         with places.reading(self.place, exact=True) as folder:

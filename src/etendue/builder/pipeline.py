@@ -383,9 +383,7 @@ def _no_stage(one: Any) -> str:
 
 def _no_word(word: str) -> str:
     if word in APART:
-        return (
-            f"is set by the method {word}(...)" if word != "stages" else "give stages as positional arguments, in order"
-        )
+        return f"is set by the method {word}(...)" if word != "stages" else "give stages as positional arguments"
     if word in shared_quantities.names():
         own = next(iter(tables()))
         return f"is a {own} quantity; use Pipeline.{own}({word}=...)"

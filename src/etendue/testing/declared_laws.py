@@ -74,7 +74,7 @@ def check_order(bench: Bench, base: Any, brighter: Any, what: str) -> None:
         within(
             fall,
             1e-14,
-            f"{bench.name} declares keeps = 'order', but {variable} falls by {fall:.2g} of its largest value when {what}",
+            f"{bench.name} declares keeps = 'order', but {variable} falls by {fall:.2g} of its maximum when {what}",
         )
 
 

@@ -134,9 +134,7 @@ class WordLaws:
             hold(first == second, f"{stage!r}.grid returns another grid when called again")
             unknown = sorted(set(first) - set(self.bench.writes))
             hold(not unknown, f"{stage!r}.grid returned {', '.join(unknown)}, which it does not write")
-            hold(
-                all(isinstance(g, Grid) for g in first.values()), f"{stage!r}.grid returned something other than a Grid"
-            )
+            hold(all(isinstance(g, Grid) for g in first.values()), f"{stage!r}.grid returned values that are no Grid")
 
     def test_noise_about_black_is_met_with_a_word_of_its_own(self) -> None:
         """If noise makes values negative, they are ordinary: a stage that refuses them must declare that explicitly,
