@@ -25,7 +25,7 @@ from etendue.errors import Fault, RequestError, nearest
 
 @dataclasses.dataclass(frozen=True)
 class Placed:
-    """One stage of a pipeline: its kind, its name there, its parameters as written, and the stages that it reads from."""
+    """One stage of a pipeline: its kind, name, parameters as written, and the stages that it reads from."""
 
     use: str
     values: Mapping[str, Any]

@@ -95,7 +95,7 @@ def _of_the_content(rule: Rule, stage: Transfer, facts: Facts, grid: Grid) -> Le
     assert facts.content is not None
     if facts.content.detail == 0:
         dark = facts.content.full == 0
-        return LeftOut(0.0, "there is no light" if dark else "the scene is uniform, so blur changes nothing")
+        return LeftOut(0.0, "there is no light" if dark else "the scene is uniform: blur changes nothing")
     try:
         bound = effects.change(stage, grid.bands().edges, facts.content, rule.norm)
     except ValueError:

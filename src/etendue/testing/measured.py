@@ -17,7 +17,7 @@ from etendue.testing.bench import LawBroken
 
 @dataclass
 class Measured:
-    """The worst results of one law for one instance: the error closest to its bound, and the largest condition number."""
+    """The worst results of one law for one instance: the error closest to its bound, the largest condition number."""
 
     error: float | None = None
     bound: float | None = None
