@@ -149,7 +149,7 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
             )
         text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except IsADirectoryError:
-        raise RequestError("is a folder; give the pipeline file inside it", name) from None
+        raise RequestError("is a directory; give the pipeline file in it", name) from None
     except FileNotFoundError:
         folder = path.parent if path.parent.is_dir() else Path(".")
         hint = nearest(path.name, [p.name for p in folder.glob("*.toml")])

@@ -143,7 +143,10 @@ def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
         for a, b, own in ((one, another, writes[0] - writes[1]), (another, one, writes[1] - writes[0]))
         if own
     ]:
-        return [f"{a} writes {_some(own)}, which {b} does not, but alternatives must" for a, b, own in lacking]
+        return [
+            f"{a} writes {_some(own)}, which {b} does not; alternatives must write the same variables"
+            for a, b, own in lacking
+        ]
     if is_transfer(first) != is_transfer(second):
         return [f"only one of {one} and {another} is a transfer function; sweep them in two files"]
     return []

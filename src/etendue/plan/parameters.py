@@ -119,7 +119,7 @@ def _refuse_beyond(value: Any, number: float, parameter: Parameter, whole: bool)
     """Refuse a number that is too large or small for 64-bit products, not allowed, or beyond what stages handle."""
     if number and math.isfinite(number) and not SMALLEST <= abs(number) <= LARGEST:
         raise Unfit(
-            f"{as_written(value)} is out of range: magnitudes must be 0, or from {SMALLEST:g} to {LARGEST:g}; "
+            f"{as_written(value)} is out of range: a number must be 0, or {SMALLEST:g} to {LARGEST:g} in magnitude; "
             f"expected {_wanted(parameter, whole)}"
         )
     if not parameter.allows(number):

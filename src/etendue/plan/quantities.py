@@ -112,7 +112,7 @@ def _values_of(
         if name not in given:
             if one.default is MISSING and name not in swept and name not in written:
                 request.fault(
-                    place(name), f"required by {one.use}, set under [{pipeline.table.name}]: {meaning(one.parameter)}"
+                    place(name), f"{one.use} needs it under [{pipeline.table.name}]: {meaning(one.parameter)}"
                 )
             values[name] = None if one.default is MISSING else one.default
     return values
