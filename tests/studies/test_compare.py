@@ -647,7 +647,7 @@ WRONG = {
     "sharpen.strength": "needs values",
     "sharpen.strenght=1": "did you mean 'strength'",
     "sharpen.strength=-1,2": "out of range",
-    "sharpen.strength=1,1": "stands twice",
+    "sharpen.strength=1,1": "appears twice",
     "f_nummer=2": "did you mean 'f_number'",
     "f_number": "needs values",
     "colour_fit.use=white": "alternatives write the same",
