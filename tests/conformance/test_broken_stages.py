@@ -23,12 +23,12 @@ BROKEN = [
     ),
     (broken.SilentAboutBlack, "test_noise_about_black_is_met_with_a_word_of_its_own", "negative = 'keep' or 'clip'"),
     (broken.WarnsOfPorts, "test_its_notes_are_of_their_form", "not subscriptable"),
-    (broken.FalseError, "test_the_stated_error_is_true_of_single_against_double_precision", "state what is true"),
+    (broken.FalseError, "test_the_stated_error_is_true_of_single_against_double_precision", "state the true error"),
     (broken.NonsenseError, "test_the_stated_error_is_true_of_single_against_double_precision", "guessed"),
     (broken.FalseGain, "test_errors_grow_by_no_more_than_the_gain", "but gain is 1"),
     (broken.FalseGainByPattern, "test_errors_grow_by_no_more_than_the_gain", "but gain is 1"),
     (broken.FalseRange, "test_carried_facts_are_true_of_what_is_written", "states a maximum of"),
-    (broken.FalselyUniform, "test_carried_facts_are_true_of_what_is_written", "says uniform"),
+    (broken.FalselyUniform, "test_carried_facts_are_true_of_what_is_written", "states uniform"),
     (broken.NotNegligible, "test_leaving_it_out_is_no_worse_than_negligible_says", "it is said to do little"),
     (broken.Greedy, "test_the_declaration_is_well_formed", r"\*arrays"),
     (broken.Curious, "test_the_declaration_is_well_formed", "weather"),
@@ -57,7 +57,7 @@ BROKEN = [
     (broken.Amplifying, "test_a_transfer_function_keeps_the_mean_and_a_real_image_real", "amplify"),
     (broken.Lopsided, "test_a_transfer_function_keeps_the_mean_and_a_real_image_real", "conjugate"),
     (broken.SilentlyNegative, "test_negative_input_meets_the_declared_policy", "negative = 'keep'"),
-    (broken.FalseSource, "test_carried_facts_are_true_of_what_is_written", "says uniform"),
+    (broken.FalseSource, "test_carried_facts_are_true_of_what_is_written", "states uniform"),
     (broken.FalseContrast, "test_carried_facts_are_true_of_what_is_written", "states a contrast of 2"),
     (broken.WholeOnly, "test_bands_alone_are_the_bands_of_the_whole", "different values of irradiance by band than for all bands"),
     (
@@ -111,7 +111,7 @@ def test_each_broken_stage_is_caught_by_the_law_it_breaks(kind, law, words):
 
 def test_a_stage_that_is_made_inside_a_function_cannot_travel():
     local = type("Local", (broken.Sound,), {"__module__": broken.__name__})
-    with pytest.raises(AssertionError, match="cannot travel"):
+    with pytest.raises(AssertionError, match="cannot be sent to another process"):
         conformance(local()).test_it_is_a_value()
 
 

@@ -172,7 +172,7 @@ def test_nonsense_about_a_source_is_a_fault_too(answer):
 
 def test_an_instance_that_is_no_value_or_no_stage_is_a_fault():
     assert "is not hashable" in faults(Lamp, spoilt(Filter, "__hash__", None))
-    assert "gives int" in faults(Lamp, spoilt(Filter, "__new__", lambda cls, **_: 3))
+    assert "returned int" in faults(Lamp, spoilt(Filter, "__new__", lambda cls, **_: 3))
 
 
 def test_a_dim_that_nobody_knows_is_said_with_what_to_write():
@@ -183,7 +183,7 @@ def test_a_dim_that_nobody_knows_is_said_with_what_to_write():
     text = faults(Lamp, Split)
     for words in (
         "Split writes parts with the dim 'channel'",
-        "which nothing it reads has",
+        "which none of its inputs has",
         "creates = {'channel': RGB}",
         "grid(self",
     ):
@@ -253,7 +253,7 @@ class Hiss(Noisy):
 def test_a_variance_that_breaks_off_or_is_no_number_names_itself(name):
     with pytest.raises(PluginError, match=f"variance failed.*{name}"):
         asking.variance_of(spoilt(Hiss, "variance", raising(RAISED[name]))(integration_time=1.0), 10.0)
-    with pytest.raises(PluginError, match="a number from 0"):
+    with pytest.raises(PluginError, match="a number of at least 0"):
         asking.variance_of(spoilt(Hiss, "variance", lambda self, charge: "loud")(integration_time=1.0), 10.0)
 
 

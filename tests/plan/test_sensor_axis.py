@@ -89,7 +89,7 @@ def test_a_sensor_that_is_in_no_file_is_a_table_with_a_label():
         (["sony-imx17"], "did you mean 'sony-imx174'"),
         ("sony-imx174", "expected a list of sensors"),
         ([], "expected a list of sensors"),
-        ([5], "expected a sensor's name"),
+        ([5], "expected a sensor name"),
         (["sony-imx174", "sony-imx174"], "appears twice"),
         ([{"sensor": "sony-imx174", "pixel_pich": 4}], "did you mean 'pixel_pitch'"),
         ([{"sensor": "sony-imx174", "pixel_pitch": "4 s"}], "pixel_pitch: expected a number in um"),

@@ -55,7 +55,7 @@ def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
         except TypeError as error:
             raise ValueError(str(error)) from error
     if not isinstance(stage, kind):
-        raise PluginError(f"{kind.__name__}(...) returned a {type(stage).__name__}, not a {kind.__name__}")
+        raise PluginError(f"{kind.__name__}(...) returned {type(stage).__name__}, expected {kind.__name__}")
     try:
         hash(stage)
     except Exception as error:
