@@ -338,7 +338,7 @@ def simulate(
         first = outcome.failed[0]
         ref = (first.stage, first.index)
         raise PluginError(
-            f"{len(outcome.failed)} cells failed; first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
+            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
             f"{first.message}"
         )
     from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot

@@ -78,7 +78,7 @@ BROKEN = {
         MODULE.replace("wavelength y x [W m-2 nm-1]", "wavelength y x"),
         "cannot read the declaration",
     ),
-    "takes_anything": (MODULE.replace("self, irradiance", "self, **anything"), "name every input"),
+    "takes_anything": (MODULE.replace("self, irradiance", "self, **anything"), "name every argument"),
     "asks_for_more": (MODULE.replace("self, irradiance", "self, irradiance, radiance"), "asks for radiance"),
     "is_no_stage": ("Twice = 3", "is not a valid stage"),
     "takes_what_nobody_brings": (
