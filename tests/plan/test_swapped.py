@@ -38,7 +38,7 @@ def test_a_stage_in_the_place_of_another_keeps_what_both_take_and_says_what_it_l
             "scene.spacing": "60 um",
         }
     )
-    (note,) = (one for one in cube.warnings if "in its place" in one)
+    (note,) = (one for one in cube.warnings if "the stage it replaces" in one)
     assert (
         "radiance_cube has no width, height, cycles, highest_frequency, wavelength_from, wavelength_to, bin_width"
         in note
