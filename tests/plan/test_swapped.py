@@ -69,7 +69,7 @@ def test_what_is_lacking_is_told_with_the_words_of_the_command_line():
     with pytest.raises(RequestError, match=r"needs 'file': .*; --set scene.file=\.\.\."):
         planned(**{"scene.use": "radiance_cube"})
     (use,) = (one.use for one in planned().pipeline.stages if one.name == "demosaic")
-    with pytest.raises(RequestError, match=f"the stage {use} is called 'demosaic' here: demosaic.use"):
+    with pytest.raises(RequestError, match=f"the stage {use} is named 'demosaic': demosaic.use"):
         planned(**{f"{use}.use": "demosaic_bilinear"})
 
 
