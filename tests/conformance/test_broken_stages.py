@@ -48,7 +48,11 @@ BROKEN = [
     ),
     (broken.BackwardLadder, "test_a_finer_setting_states_no_larger_error", "cheaper 8"),
     (broken.OtherUnit, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "in mm"),
-    (broken.OtherUnitOfAVariable, "test_the_declaration_is_well_formed", "writes charge in DN, but the vocabulary has it in electron"),
+    (
+        broken.OtherUnitOfAVariable,
+        "test_the_declaration_is_well_formed",
+        "writes charge in DN, but the vocabulary has it in electron",
+    ),
     (broken.Remembering, "test_bits_do_not_depend_on_repetition_company_or_thread", "different bits"),
     (broken.Unseeded, "test_bits_do_not_depend_on_repetition_company_or_thread", "different bits"),
     (broken.LetsUndefinedPass, "test_undefined_input_meets_the_declared_policy", "but fails on nan"),
@@ -59,7 +63,11 @@ BROKEN = [
     (broken.SilentlyNegative, "test_negative_input_meets_the_declared_policy", "negative = 'keep'"),
     (broken.FalseSource, "test_carried_facts_are_true_of_what_is_written", "states uniform"),
     (broken.FalseContrast, "test_carried_facts_are_true_of_what_is_written", "states a contrast of 2"),
-    (broken.WholeOnly, "test_bands_alone_are_the_bands_of_the_whole", "different values of irradiance by band than for all bands"),
+    (
+        broken.WholeOnly,
+        "test_bands_alone_are_the_bands_of_the_whole",
+        "different values of irradiance by band than for all bands",
+    ),
     (
         broken.ShortHalo,
         "test_rows_alone_are_the_rows_of_the_whole",
@@ -87,7 +95,11 @@ BROKEN = [
     (broken.RestlessParameter, "test_a_small_change_of_a_parameter_changes_little", "strength = 1.1 moves by"),
     (broken.HiddenConstant, "test_the_unit_of_light_does_not_matter", "a hidden constant"),
     (broken.Upturned, "test_the_order_that_it_keeps_is_kept", "falls by"),
-    (broken.Leaking, "test_the_sum_that_it_keeps_is_kept", "declares that it keeps the sum, but changes that of a point"),
+    (
+        broken.Leaking,
+        "test_the_sum_that_it_keeps_is_kept",
+        "declares that it keeps the sum, but changes that of a point",
+    ),
     (broken.LouderThanSaid, "test_the_noise_has_the_variance_that_it_says", "variance states 3 electron2"),
     (broken.NearlyLinear, "test_what_it_solves_costs_no_more_digits_than_its_condition", "cannot be recovered"),
     (broken.OtherShape, "test_it_writes_what_it_declares", "shape"),

@@ -120,8 +120,8 @@ def test_a_lacking_plugin_is_named_once_with_the_command_that_installs_it(monkey
     monkeypatch.setattr(lacking, "known_plugins", lambda: known)
     text = '[camera]\ntheir_quantity = 1\n[[stages]]\nuse = "lens_of_theirs"\n[[stages]]\nuse = "numbers_of_theirs"\n'
     assert refused(text).splitlines() == [
-        "file.toml:3: stages[1] lens_of_theirs: etendue-theirs, which provides lens_of_theirs, numbers_of_theirs, is not "
-        "installed: "
+        "file.toml:3: stages[1] lens_of_theirs: etendue-theirs, which provides lens_of_theirs, numbers_of_theirs, is "
+        "not installed: "
         "pip install etendue-theirs"
     ]
     folder = tmp_path / "plugins" / "etendue-theirs"
