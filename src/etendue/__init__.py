@@ -1,4 +1,4 @@
-"""etendue: any graph of replaceable stages on labelled arrays, planned, swept, archived and shown."""
+"""etendue: plan, sweep, archive and show any graph of replaceable stages on labelled arrays."""
 
 import sys
 from types import ModuleType
@@ -26,7 +26,7 @@ _PLACES = {
 
 
 class _Package(ModuleType):
-    """Imports what is asked for; ``stages`` is every installed stage by its name."""
+    """Imports names on first use; ``stages`` gives every installed stage by name."""
 
     def __getattr__(self, name: str) -> Any:
         if name in _PLACES:
@@ -41,14 +41,14 @@ class _Package(ModuleType):
         return sorted({*super().__dir__(), *__all__})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Sent to another process by name, as every module: what a function in a notebook uses goes with it."""
+        """Pickle by name, as for any module: a function in a notebook that uses it can be sent to another process."""
         from importlib import import_module
 
         return import_module, (self.__name__,)
 
     @property
     def stages(self) -> Any:
-        """Installed stages as functions that place them in a pipeline."""
+        """Installed stages, as functions that place them in a pipeline."""
         from etendue.builder.stages import STAGES
 
         return STAGES
@@ -58,7 +58,7 @@ sys.modules[__name__].__class__ = _Package
 
 
 def _with_plots(needed: bool = False) -> None:
-    """``tree.etendue``, where xarray is there, or will be; else xarray asks for it when it looks for engines."""
+    """Register ``tree.etendue`` if xarray is loaded or ``needed``; otherwise xarray finds it through its engines."""
     if needed or "xarray" in sys.modules:
         from etendue.present.plots import accessor  # noqa: F401
 

@@ -1,4 +1,4 @@
-"""The program ``etendue``: signals are answered before anything heavy is imported, and to the very end."""
+"""The program ``etendue``: signals are handled from before the first heavy import until the process ends."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from etendue import interrupts
 
 
 def main() -> None:
-    """Run the command line as a process of its own."""
+    """Run the command line in a process of its own."""
     interrupts.install()
     code = 1
     try:
@@ -22,17 +22,17 @@ def main() -> None:
     _flush()
     interrupts.end_now(
         code
-    )  # a thread that is left behind holds nobody up, and a late signal finds no interpreter half taken down
+    )  # without interpreter shutdown: no leftover thread delays the exit, and no late signal meets a half-closed state
 
 
 def _last_words() -> None:
-    """What was asked to be done at the end of the process."""
+    """Run the exit handlers of the process."""
     import atexit
 
     interrupts.ends()
     try:
         atexit._run_exitfuncs()
-    except BaseException:  # said on stderr by whoever raised it
+    except BaseException:  # already reported on stderr
         pass
 
 

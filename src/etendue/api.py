@@ -1,9 +1,8 @@
-"""The door for plugins: everything a stage from another distribution needs of the engine.
+"""The API for plugins: everything that a stage of another distribution needs from the engine.
 
-A name is imported when it is first asked for: a manifest, which asks for ``hookimpl`` alone, is read by every
-``etendue --help``.
+Names are imported on first use, because every ``etendue --help`` reads manifests, and those need only ``hookimpl``.
 """
-# ruff: noqa: F401 - what is imported here is for others
+# ruff: noqa: F401 - imported here to be re-exported
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,7 @@
-"""What is dear to find out and the same for ever, kept between runs in the user's folder for caches.
+"""Results that are costly to compute and never change, cached between runs in the user's cache folder.
 
-In:  a kind, a key that holds everything it depends on.
-Out: the bytes that were kept; None where there are none. Whoever deletes the folder loses time and nothing else.
+In:  a kind, and a key that covers everything the result depends on.
+Out: the cached bytes, or None. Deleting the folder costs time and nothing else.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def folder() -> Path:
-    """``ETENDUE_CACHE``, else ``etendue`` in the user's folder for caches."""
+    """Return ``ETENDUE_CACHE``, else ``etendue`` in the user's cache folder."""
     own = os.environ.get("ETENDUE_CACHE")
     if own:
         return Path(own)
@@ -28,7 +28,7 @@ def read(kind: str, key: str) -> bytes | None:
 
 
 def write(kind: str, key: str, data: bytes) -> None:
-    """Whole or not at all; where nothing can be written, it is found out again next time."""
+    """Write an entry whole or not at all. If it cannot be written, the result is computed again next time."""
     try:
         path = folder() / kind / key
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,7 @@
-"""What is refused of a call from Python: told in arguments instead of options, and without what lies between.
+"""Rewrite refusals of calls from Python: in arguments instead of command-line options, with a short traceback.
 
 In:  a function that is called from scripts and notebooks.
-Out: the same function; of a refusal its traceback shows the call, and the message the words in which it was written.
+Out: the same function. When it refuses, the traceback shows only the call, and the message speaks of its arguments.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from etendue.errors import ArchiveError, Fault, MachineError, RequestError
 
 Called = TypeVar("Called", bound=Callable[..., Any])
 
-PHRASES = (  # whole commands first, as options stand in them
+PHRASES = (  # whole commands first, because they contain options
     ("etendue plot ARCHIVE pareto FIGURE FIGURE", "plot.pareto('FIGURE', 'FIGURE')"),
     ("etendue plot ARCHIVE --list", "etendue.Archive(...).tree.etendue.list()"),
     ("etendue compare --axis", "Pipeline.compare(...)"),
@@ -25,8 +25,8 @@ PHRASES = (  # whole commands first, as options stand in them
     ("write over it with --force", "write over it with force=True"),
     ("elsewhere with --output", "elsewhere with output="),
 )
-TYPED = ("prune", "accept-platform", "recompute", "cell-timeout")  # which only the command takes
-KINDS = ("dng", "tiff", "png")  # of exported files
+TYPED = ("prune", "accept-platform", "recompute", "cell-timeout")  # options that only the command takes
+KINDS = ("dng", "tiff", "png")  # kinds of exported files
 ARGUMENTS = {"variable": "variables", "all": "everything"}
 _LISTED = re.compile(r"\b(etendue [a-z-]+) lists them")
 _COMMAND = re.compile(r"\betendue (?:[a-z]+\b)[^;:,()\n]*")
@@ -39,10 +39,10 @@ _OPTION = re.compile(
 
 
 def in_arguments(text: str) -> str:
-    """A message in the words of a call: ``--scheduler thread`` is ``scheduler='thread'``, ``--at NAME=4`` is
-    ``NAME=4``.
+    """Return a message in terms of a call: ``--scheduler thread`` becomes ``scheduler='thread'``, ``--at NAME=4``
+    becomes ``NAME=4``.
 
-    Commands to be typed elsewhere stay as they are.
+    Commands to type elsewhere stay as they are.
     """
     text = _LISTED.sub(r"they are listed by the command `\1`", text)
     for phrase, said in PHRASES:
@@ -58,7 +58,7 @@ def in_arguments(text: str) -> str:
 
 
 def _together(found: re.Match[str]) -> str:
-    """What may be repeated as an option is a list in a call."""
+    """Join the repeated values of an option to a list."""
     return f"{found[1]}=[{', '.join(re.findall(_TEXT, found[0]))}]"
 
 
@@ -76,7 +76,7 @@ def _argument(found: re.Match[str]) -> str:
 
 
 def _said(error: RequestError | ArchiveError | MachineError) -> Exception:
-    """The same error in other words: of its kind, with its place and its notes."""
+    """Return the same error with its texts rewritten, its place and notes kept."""
     if isinstance(error, RequestError):
         faults = [Fault(in_arguments(one.place), in_arguments(one.message), one.line) for one in error.faults]
         error.faults = faults
@@ -87,14 +87,15 @@ def _said(error: RequestError | ArchiveError | MachineError) -> Exception:
 
 
 def called(function: Called) -> Called:
-    """A function for scripts and notebooks: what it refuses is told to its caller, not by the twenty calls in between.
+    """Wrap a function for scripts and notebooks: an error about the request is raised at the call, without the frames
+    in between.
 
-    Faults of plugins and of etendue itself keep all of their traceback.
+    Errors of plugins and of etendue itself keep their whole traceback.
     """
 
     @wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
-        __tracebackhide__ = True  # of IPython and pytest
+        __tracebackhide__ = True  # hides the frame in IPython and pytest
         try:
             return function(*arguments, **named)
         except (RequestError, ArchiveError, MachineError) as error:
@@ -105,7 +106,7 @@ def called(function: Called) -> Called:
 
 
 def called_methods(kind: type[Any]) -> type[Any]:
-    """A class whose public methods and whose making are called from scripts and notebooks."""
+    """Apply ``called`` to the public methods, properties and constructor of a class."""
     for name, value in list(vars(kind).items()):
         if isinstance(value, classmethod) and not name.startswith("_"):
             setattr(kind, name, classmethod(called(value.__func__)))

@@ -1,11 +1,11 @@
-"""The errors etendue raises, grouped by who can act on them.
+"""The errors that etendue raises, grouped by who can act on them.
 
 EtendueError
 ├── RequestError        the person with the pipeline file or the command line   exit 2
-├── PluginError         the author of a stage: it broke its own declaration     a failed cell, exit 3
+├── PluginError         the author of a stage that broke its own declaration    a failed cell, exit 3
 ├── ArchiveError        the person with the archive                             exit 2
 │   └── ArchiveInUse    another run owns it                                     exit 4
-└── MachineError        the machine is short of disk or memory, or a cluster gone   exit 5
+└── MachineError        out of memory or disk, or the cluster was lost          exit 5
     └── StoreLost       an object store cannot be reached, or has failed        exit 1
 """
 
@@ -19,15 +19,16 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-MOST_SAID = 15  # faults of one request in a message; JSON has all of them
+MOST_SAID = 15  # faults of one request listed in a message; JSON has all
 _TURNING = (
-    "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # change the direction of what follows
+    # they change the writing direction of the text after them
+    "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 )
 
 
 def unprintable(text: str) -> bool:
-    """Whether a text holds what does something to a terminal or a file name and is not seen: control characters,
-    line ends.
+    """Return whether a text contains invisible characters that act on a terminal or a file name: control characters,
+    line ends, changes of direction.
     """
     return not text.isprintable() and any(
         unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") or c in _TURNING for c in text
@@ -35,37 +36,37 @@ def unprintable(text: str) -> bool:
 
 
 def escaped(text: str) -> str:
-    """A text for a message: what cannot be seen as Python writes it, ``\\x1b``."""
+    """Return a text for a message, with invisible characters as Python writes them, such as ``\\x1b``."""
     if not unprintable(text):
         return text
     return "".join(c.encode("unicode_escape").decode() if unprintable(c) else c for c in text)
 
 
 def shortened(text: str, most: int) -> str:
-    """A text for a message, cut where it is longer than a person reads."""
+    """Return a text for a message, cut to at most ``most`` characters."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 class EtendueError(Exception):
-    """Root of everything raised on purpose."""
+    """Base class of all errors that etendue raises on purpose."""
 
     exit_code = 1
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong with a request: where it stands and what to do about it.
+    """One fault of a request: where it is and what to do about it.
 
     Examples
     --------
     >>> from etendue.api import Fault
-    >>> print(Fault("stage 2 'filter'", "there is no parameter 'widht'; did you mean 'width'?"))
-    stage 2 'filter': there is no parameter 'widht'; did you mean 'width'?
+    >>> print(Fault("stage 2 'filter'", "unknown parameter 'widht'; did you mean 'width'?"))
+    stage 2 'filter': unknown parameter 'widht'; did you mean 'width'?
     """
 
     place: str
     message: str
-    line: int | None = None  # of the pipeline file, where it is known
+    line: int | None = None  # of the pipeline file, if known
 
     def __str__(self) -> str:
         place, message = shortened(self.place, 120), shortened(self.message, 700)
@@ -73,7 +74,7 @@ class Fault:
 
 
 class RequestError(EtendueError):
-    """What was asked for cannot be done; carries every fault found, not the first one.
+    """A request that cannot be carried out. It has every fault found, not only the first.
 
     Examples
     --------
@@ -92,7 +93,7 @@ class RequestError(EtendueError):
     def __str__(self) -> str:
         lines = [f"{self._where(fault)}{fault}" for fault in self.faults[:MOST_SAID]]
         if len(self.faults) > MOST_SAID:
-            lines.append(f"{escaped(self.file)}: and {len(self.faults) - MOST_SAID} faults more")
+            lines.append(f"{escaped(self.file)}: and {len(self.faults) - MOST_SAID} more faults")
         return "\n".join(lines)
 
     def _where(self, fault: Fault) -> str:
@@ -101,13 +102,13 @@ class RequestError(EtendueError):
 
 
 class PluginError(EtendueError):
-    """A stage did not keep its declaration: wrong dims, units, dtype, undeclared values."""
+    """A stage violated its declaration: wrong dims, units or dtype, or undeclared values."""
 
     exit_code = 3
 
 
 class ArchiveError(EtendueError):
-    """An archive that cannot be used for what was asked."""
+    """An archive cannot be used for what was requested."""
 
     exit_code = 2
 
@@ -119,7 +120,7 @@ class ArchiveInUse(ArchiveError):
 
 
 class MachineError(EtendueError):
-    """The machine is short of disk or memory for this request, or the cluster that should compute it is gone."""
+    """The machine is out of memory or disk for this request, or the cluster that should compute it was lost."""
 
     exit_code = 5
 
@@ -134,15 +135,15 @@ _SHORT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errn
 
 
 def machine_text(error: OSError) -> str:
-    """What the machine refused, and what to do; files by name."""
+    """Return what the machine refused and what to do; files are given by name only."""
     name = f": {os.path.basename(str(error.filename))}" if error.filename else ""
-    way_out = "run again when there is room" if error.errno in _SHORT else "run again when that is mended"
+    way_out = "free some and run again" if error.errno in _SHORT else "run again once that is fixed"
     return f"the machine refused: {error.strerror or error}{name}; the archive is intact, {way_out}"
 
 
 @contextmanager
 def refused_by_the_machine() -> Iterator[None]:
-    """Reading and writing of an archive: what goes wrong there is nobody's but the machine's."""
+    """Turn an ``OSError`` while reading or writing an archive into a ``MachineError``."""
     try:
         yield
     except OSError as error:
@@ -150,7 +151,7 @@ def refused_by_the_machine() -> Iterator[None]:
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """'; did you mean X?' for the closest valid name, else the list of valid ones when it is short."""
+    """Return '; did you mean X?' for the closest valid name, else a list of valid names if it is short, else ''."""
     names = sorted(set(valid))
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     if not close and len(name) > 2:

@@ -1,9 +1,8 @@
-"""Ctrl-C, SIGTERM and SIGHUP: one line and one exit code, whenever they come.
+"""Handle Ctrl-C, SIGTERM and SIGHUP: one line and one exit code, whenever they come.
 
-Nothing is raised at the instant at which a signal happens to fall: an exception in the middle of an import, a lock or
-somebody else's event loop leaves a traceback at best. While nothing can be lost the process ends at once. While an
-archive is open the signal is noted, and answered where the run looks for it (``check``); the third one ends the process
-whatever it does.
+Nothing is raised where a signal happens to arrive: an exception in the middle of an import, a lock or a foreign event
+loop leaves a traceback at best. While nothing can be lost, the process ends at once. While an archive is open, the
+signal is noted and handled where the run checks for it (``check``). The third signal ends the process in any case.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ from contextlib import contextmanager
 from types import FrameType
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-PATIENCE = 3  # so many signals end a process that does not come to an end by itself
-end_now = os._exit  # taken before any plugin can put something in its place
-INTACT = "interrupted; the archive is intact, run again to go on"
+PATIENCE = 3  # signals after which the process ends without waiting
+end_now = os._exit  # bound before any plugin can replace it
+INTACT = "interrupted; the archive is intact, run again to continue"
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal that was noted, raised where it can be answered: what is finished stays finished."""
+    """A noted signal, raised where it can be handled: finished results stay."""
 
     def __init__(self, number: int) -> None:
         super().__init__(f"signal {number}")
@@ -30,9 +29,9 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _SignalState:
-    """What is known of signals in this process."""
+    """The state of signals in this process."""
 
-    owner = 0  # the process whose signals are all answered here; 0: a library in somebody's process
+    owner = 0  # pid if this process is ours and handles all signals here; 0 if etendue is a library in another program
     answered: tuple[int, ...] = ()
     line = "interrupted"
     noted = 0
@@ -42,26 +41,24 @@ class _SignalState:
 
 
 def install() -> None:
-    """Answer signals from now on, for as long as the process lives. What the process was started to ignore it goes
-    on ignoring.
-    """
+    """Handle signals from now on, for the life of the process. Signals that it was started to ignore stay ignored."""
     _SignalState.owner = os.getpid()
     _SignalState.answered = tuple(number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN)
     _arm()
 
 
 def owns() -> bool:
-    """Whether this is a process of ours, all of whose signals are answered here."""
+    """Return whether this is a process of ours, whose signals are all handled here."""
     return _SignalState.owner == os.getpid()
 
 
 def ends() -> None:
-    """All is done but what was asked to be done at the very end."""
+    """Record that only the exit handlers remain."""
     _SignalState.ending = True
 
 
 def ending() -> bool:
-    """Whether that is so."""
+    """Return whether only the exit handlers remain."""
     return _SignalState.ending
 
 
@@ -72,12 +69,12 @@ def _arm() -> None:
 
 
 def say(line: str) -> None:
-    """What is said from now on when a signal comes."""
+    """Set the line to print when a signal comes."""
     _SignalState.line = line
 
 
 def line() -> str:
-    """What is said now when a signal comes."""
+    """Return the line to print when a signal comes."""
     return _SignalState.line
 
 
@@ -90,21 +87,21 @@ def _answer(number: int, frame: FrameType | None) -> None:
         leave()
     if not _SignalState.owner:
         raise KeyboardInterrupt
-    end_now(128 + number)  # a child that was forked
+    end_now(128 + number)  # a forked child
 
 
 def leave() -> None:
-    """End the process now, with the line and the code of the signal that was noted."""
+    """End the process now, with the line and the exit code of the noted signal."""
     try:
         os.write(2, f"{_SignalState.line}\n".encode())
-    except OSError:  # nobody listens
+    except OSError:  # stderr is closed
         pass
     end_now(128 + (_SignalState.noted or signal.SIGINT))
 
 
 def check() -> None:
-    """Raise ``Interrupted`` if a signal was noted. In somebody else's process it is the main thread's: other threads
-    go on.
+    """Raise ``Interrupted`` if a signal was noted. In another program's process only the main thread raises; other
+    threads go on.
     """
     if (
         _SignalState.noted
@@ -116,9 +113,9 @@ def check() -> None:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Signals are noted in here. One that nobody has answered is raised at the end.
+    """Note signals instead of acting on them. One that was not handled inside is raised at the end.
 
-    In somebody else's process, Ctrl-C alone, and only where it has the meaning that Python gives it.
+    In another program's process this covers Ctrl-C only, and only if it has Python's default handler.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -128,7 +125,7 @@ def held() -> Iterator[None]:
     if ours:
         signal.signal(signal.SIGINT, _answer)
     elif _SignalState.owner:
-        _arm()  # a plugin may have taken them
+        _arm()  # a plugin may have replaced the handlers
     _SignalState.holding += 1
     try:
         yield
@@ -142,7 +139,7 @@ def held() -> Iterator[None]:
 
 
 def is_ours(error: BaseException) -> bool:
-    """Whether an exception is a signal of the user's, not one that a plugin has raised."""
+    """Return whether an exception is a signal from the user, not a ``KeyboardInterrupt`` that a plugin raised."""
     if isinstance(error, Interrupted):
         return True
     if not isinstance(error, KeyboardInterrupt) or threading.current_thread() is not threading.main_thread():

@@ -1,7 +1,7 @@
-"""Files that somebody else may have made: opened without waiting, read within a bound.
+"""Read files that may come from anywhere: open them without blocking and read them within a size limit.
 
 In:  a path.
-Out: its content, or an ``OSError`` that says why not: what stands there is a pipe, a device or a link, or has no end.
+Out: its content, or an ``OSError`` with the reason: it is a pipe, a device or a link, or larger than the limit.
 """
 
 from __future__ import annotations
@@ -14,33 +14,33 @@ import zipfile
 from pathlib import Path
 from typing import BinaryIO
 
-LARGEST = 1 << 30  # bytes of a file that is read whole
-LARGEST_TABLE = 4 << 20  # bytes of a table as text: a hundred thousand rows
-SMALL = 32 << 20  # bytes that anything may unfold to
-UNFOLDED = 256 << 20  # bytes of memory that any file may ask for
+LARGEST = 1 << 30  # bytes; limit for a file that is read whole
+LARGEST_TABLE = 4 << 20  # bytes; limit for a text table, about a hundred thousand rows
+SMALL = 32 << 20  # bytes; anything may decompress to this much
+UNFOLDED = 256 << 20  # bytes; any file may take this much memory
 _BLOCK = 1 << 20
 
 
 def open_plain(path: str | Path, links: bool = True) -> BinaryIO:
-    """A plain file, to read; ``links``: whether its name may be a link to one.
+    """Open a plain file for reading. ``links``: whether the path may be a link to one.
 
     Raises
     ------
     OSError
-        There is none, or what stands there is none.
+        If it does not exist or is not a plain file.
     """
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if links else os.O_NOFOLLOW)
     handle = os.open(path, flags)
     if not stat.S_ISREG(kind := os.fstat(handle).st_mode):
         os.close(handle)
         if stat.S_ISDIR(kind):
-            raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
-        raise OSError(errno.EINVAL, "it is no plain file", str(path))
+            raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
+        raise OSError(errno.EINVAL, "is not a plain file", str(path))
     return os.fdopen(handle, "rb")
 
 
 def check_plain(path: str | Path) -> None:
-    """The same, for a library that opens the file itself; a file that is nearly all holes is refused too."""
+    """Check the same for a library that opens the file itself; also refuse a file that is mostly holes."""
     with open_plain(path) as file:
         _refuse_hollow(os.fstat(file.fileno()), path)
 
@@ -50,49 +50,48 @@ def _refuse_hollow(state: os.stat_result, path: str | Path) -> None:
     if state.st_size > LARGEST and held < state.st_size // 8:
         raise OSError(
             errno.EFBIG,
-            f"it is {state.st_size} bytes long, of which {held} are on the disk: the rest was never written",
+            f"is {state.st_size} bytes long, but only {held} are on disk: the rest was never written",
             str(path),
         )
 
 
 def refuse_unfolding(size: int, stored: int, what: str) -> None:
-    """Refuse numbers that take far more memory than room in their file: nobody measures so many that are alike.
+    """Refuse arrays that decompress to far more memory than they take in their file: measured data is not that uniform.
 
     Raises
     ------
     ValueError
-        They do.
+        If they do.
     """
     if size > UNFOLDED and size > 200 * max(stored, 1):
         raise ValueError(
-            f"{what} takes {size} bytes of memory, from {stored} in the file; if that is meant, store it without "
+            f"{what} takes {size} bytes of memory but {stored} in the file; if that is intended, store it without "
             f"compression"
         )
 
 
 def table(path: str | Path, most: int = LARGEST_TABLE) -> bytes:
-    """All of a file of a table, which people write and read: of at most so many bytes.
+    """Return the content of a table file, of at most ``most`` bytes.
 
     Raises
     ------
     ValueError
-        It is larger.
+        If it is larger.
     OSError
-        There is none, or what stands there is none.
+        If it does not exist or is not a plain file.
     """
     with open_plain(path) as file:
         data = file.read(most + 1)
     if len(data) > most:
-        raise ValueError(f"{path} is larger than {most} bytes; no table is")
+        raise ValueError(f"{path} is too large for a table: more than {most} bytes")
     return data
 
 
 def unfolds_to(head: bytes, tail: bytes, length: int) -> int | None:
-    """Bytes that something compressed says it unfolds to, from its first 18 bytes and its last 8; 0 of what is not
-    known.
+    """Return the size that compressed data states for its decompressed content, from its first 18 and last 8 bytes.
 
-    None: Zstandard that does not say it. The checksum of a chunk may stand behind it; of gzip, whose own stands in
-    front of the size, the smaller of the two is taken.
+    Return 0 if the format is unknown, None for Zstandard data that does not state it. A chunk may be followed by a
+    checksum; gzip has its own checksum before the size, so for gzip the smaller of the two is taken.
     """
     if length < 18:
         return 0
@@ -106,7 +105,7 @@ def unfolds_to(head: bytes, tail: bytes, length: int) -> int | None:
 
 
 def size_unfolded(path: str | Path) -> tuple[int | None, int]:
-    """What a file says it unfolds to (see ``unfolds_to``), and its length."""
+    """Return the decompressed size that a file states (see ``unfolds_to``), and its length, in bytes."""
     with open_plain(path, links=False) as file:
         length, head = os.fstat(file.fileno()).st_size, file.read(18)
         file.seek(max(length - 8, 0))
@@ -114,12 +113,12 @@ def size_unfolded(path: str | Path) -> tuple[int | None, int]:
 
 
 def check_entries(path: str | Path) -> None:
-    """Refuse a zip file (of arrays) whose parts together take far more memory than room in it.
+    """Refuse a zip file (of arrays) whose entries together decompress to far more memory than they take in it.
 
     Raises
     ------
     ValueError, zipfile.BadZipFile
-        They do; it is none.
+        If they do, or if it is not a zip file.
     """
     with zipfile.ZipFile(path) as whole:
         parts = whole.infolist()
@@ -127,23 +126,23 @@ def check_entries(path: str | Path) -> None:
 
 
 def content(path: str | Path, most: int = LARGEST, links: bool = True) -> bytes:
-    """All of a file of at most so many bytes."""
+    """Return the content of a file of at most ``most`` bytes."""
     with open_plain(path, links) as file:
-        if os.fstat(file.fileno()).st_size > most:  # before memory is asked for
-            raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
+        if os.fstat(file.fileno()).st_size > most:  # before memory is allocated
+            raise OSError(errno.EFBIG, f"is larger than {most} bytes", str(path))
         data = file.read(most + 1)
     if len(data) > most:
-        raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
+        raise OSError(errno.EFBIG, f"is larger than {most} bytes", str(path))
     return data
 
 
 def sha256(path: str | Path, most: int | None = LARGEST, links: bool = True) -> str:
-    """SHA-256 of a file of at most so many bytes (None: however many), block by block."""
+    """Return the SHA-256 of a file of at most ``most`` bytes (None: no limit), read block by block."""
     found = hashlib.sha256()
     with open_plain(path, links) as file:
         state = os.fstat(file.fileno())
         if most is not None and state.st_size > most:
-            raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
+            raise OSError(errno.EFBIG, f"is larger than {most} bytes", str(path))
         _refuse_hollow(state, path)
         while block := file.read(_BLOCK):
             found.update(block)

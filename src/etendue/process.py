@@ -1,11 +1,11 @@
-"""What a process has only once, in the hands of threads that know nothing of each other.
+"""Share process-wide state among threads that do not know of each other.
 
-In:  a change of the process for a while; foreign code that may leave it changed.
-Out: the change, made by the first who needs it and undone behind the last; the process as it was before any of the
-     foreign code ran.
+In:  a temporary change of the process; foreign code that may leave the process changed.
+Out: the change, made for the first user and undone after the last; the process as it was before any of the foreign code
+     ran.
 
-Taken back by each who made it, in whatever order they end, a change stays for ever: the second found what the first had
-changed.
+If every thread saved and restored the state itself, a change could stay for ever: the second thread would save what the
+first had changed, and restore that last.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _Found = TypeVar("_Found")
 
 
 class SharedChange:
-    """A change that several need at once. Use as a context manager, as often and in as many threads as it is needed."""
+    """A change that several users need at once. Use it as a context manager, nested and in any number of threads."""
 
     def __init__(self, change: Callable[[], AbstractContextManager[Any]]) -> None:
         self.change, self.lock, self.count = change, threading.RLock(), 0
@@ -47,14 +47,14 @@ class SharedChange:
 
 
 class StateBefore(Generic[_Found]):
-    """What stood before the first began of all who are still at it: that is put back behind each of them."""
+    """Saves the state from before the first user began, and restores it after each user."""
 
     def __init__(self, now: Callable[[], _Found]) -> None:
         self.now, self.lock = now, threading.Lock()
         self.inside: dict[object, _Found] = {}
 
     def begin(self) -> tuple[object, _Found]:
-        """Whoever begins, and what is to stand behind it."""
+        """Begin a use; return its token and the state to restore after it."""
         with self.lock:
             found = next(iter(self.inside.values())) if self.inside else self.now()
             who = object()
@@ -62,8 +62,8 @@ class StateBefore(Generic[_Found]):
         return who, found
 
     def end(self, who: object, put_back: Callable[[], object]) -> None:
-        """Whoever ends. Between what is put back and this end nobody begins: it would take what is left for what
-        stood before.
+        """End a use. The lock is held while the state is restored: a use that began meanwhile would save the state that
+        foreign code left.
         """
         with self.lock:
             try:
@@ -72,20 +72,20 @@ class StateBefore(Generic[_Found]):
                 self.inside.pop(who, None)
 
     def abandon(self) -> None:
-        """Somebody will never end: what stands now is what those who begin from now on put back."""
+        """Forget all uses, for one that will never end: later uses save and restore the state as it is now."""
         with self.lock:
             self.inside.clear()
 
 
-_ours: list[tuple[Any, ...]] = []  # the filters of ``unwarned`` that are in force
+_ours: list[tuple[Any, ...]] = []  # the active filters of ``unwarned``
 _filters = threading.Lock()
 
 
 @contextmanager
 def unwarned(message: str = "") -> Iterator[None]:
-    """Warnings with such a text, or all, are not shown.
+    """Suppress warnings that contain a text, or all warnings.
 
-    ``warnings.catch_warnings`` puts back what it found: of two threads the second finds what the first has set.
+    ``warnings.catch_warnings`` is not enough: with two threads, the second saves and restores what the first has set.
     """
     own = (
         "ignore",
@@ -103,12 +103,12 @@ def unwarned(message: str = "") -> Iterator[None]:
     finally:
         with _filters:
             _ours[:] = _but((own,), _ours)
-            for filters in (there, warnings.filters):  # another list, where somebody catches warnings now
+            for filters in (there, warnings.filters):  # a different list while other code catches warnings
                 _set(filters, _but((own,), filters))
 
 
 class Warned:
-    """How the process warns, to be put back; what ``unwarned`` says stands beside it."""
+    """The state of warnings in the process, to be restored, together with the filters of ``unwarned``."""
 
     def __init__(self) -> None:
         self.filters: Any = warnings.filters
@@ -116,7 +116,7 @@ class Warned:
         self.kept = _but(_ours, self.filters) if _ours else list(self.filters)
 
     def put_back(self) -> None:
-        if warnings.filters is self.filters:  # else a thread beside this one catches warnings
+        if warnings.filters is self.filters:  # otherwise another thread is catching warnings
             with _filters:
                 expected = [*_ours, *self.kept]
                 if self.filters != expected:
@@ -126,7 +126,7 @@ class Warned:
 
 
 def _but(some: Iterable[Any], filters: Iterable[Any]) -> list[Any]:
-    """The others, in their order. A filter of somebody else's may be equal to one of ours."""
+    """Return the other filters, in order. Compared by identity: a foreign filter may equal one of ours."""
     own = {id(one) for one in some}
     return [one for one in filters if id(one) not in own]
 
@@ -137,9 +137,9 @@ def _set(filters: Any, wanted: list[Any]) -> None:
 
 
 def return_to(folder: str) -> None:
-    """The working folder; '' where it had been removed."""
+    """Change back to a working folder; '' if it had been removed."""
     if folder and here() != folder:
         os.chdir(folder)
 
 
-FOLDER, WARNED = StateBefore(here), StateBefore(Warned)  # in front of all foreign code that is under way
+FOLDER, WARNED = StateBefore(here), StateBefore(Warned)  # as before all foreign code that is running

@@ -1,7 +1,7 @@
-"""What a kernel asks of its arguments, and what it says where it is not given: the name, what came, what may come.
+"""Check the arguments of kernels. An error names the argument, the value it got and the values allowed.
 
-In:  an argument, and whether it is as it has to be.
-Out: the argument, numbers in floating point; ``ValueError`` where it is not fine.
+In:  an argument, and whether it is valid.
+Out: the argument, as floating point if it is numeric; ``ValueError`` if it is invalid.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def that(fine: Any, text: str) -> None:
-    """``TEXT``, unless it is fine: what no other sentence here says."""
+    """Raise ``TEXT`` unless ``fine``; for messages that fit no other function here."""
     if not fine:
         raise ValueError(text)
 
 
 def must(fine: Any, name: str, value: object, what: str) -> None:
-    """``NAME is VALUE; it must be WHAT``, unless all is fine."""
+    """Raise ``NAME is VALUE; it must be WHAT`` unless all of ``fine`` is true."""
     if fine is not True and not np.all(fine):
         raise ValueError(f"{name} is {value}; it must be {what}")
 
@@ -34,19 +34,19 @@ def finite(name: str, value: ArrayLike) -> None:
 
 
 def allowed(fine: Any, name: str, value: object, what: str) -> None:
-    """``NAME is VALUE; allowed are WHAT``, unless all is fine."""
+    """Raise ``NAME is VALUE; allowed are WHAT`` unless all of ``fine`` is true."""
     if fine is not True and not np.all(fine):
         raise ValueError(f"{name} is {value!r}; allowed are {what}")
 
 
 def only(fine: Any, name: str, value: object, what: str) -> None:
-    """``NAME is VALUE; allowed is WHAT``, unless all is fine."""
+    """Raise ``NAME is VALUE; allowed is WHAT`` unless all of ``fine`` is true."""
     if fine is not True and not np.all(fine):
         raise ValueError(f"{name} is {value}; allowed is {what}")
 
 
 def shape(fine: Any, name: str, array: Any, what: str) -> None:
-    """``NAME has shape SHAPE; allowed is WHAT``, unless all is fine."""
+    """Raise ``NAME has shape SHAPE; allowed is WHAT`` unless all of ``fine`` is true."""
     if fine is not True and not np.all(fine):
         raise ValueError(f"{name} has shape {array.shape}; allowed is {what}")
 
@@ -57,7 +57,7 @@ def equal_shapes(name: str, array: NDArray, other: str, reference: NDArray) -> N
 
 
 def floating(values: ArrayLike) -> NDArray:
-    """An array in its own precision; of whole numbers, in double."""
+    """Return an array in its own precision; integers become double precision."""
     array = np.asarray(values)
     return array if array.dtype.kind == "f" else array.astype(np.float64)
 
@@ -77,11 +77,11 @@ def above_zero(name: str, values: ArrayLike) -> NDArray:
 
 
 def amount(name: str, value: float) -> float:
-    """A finite number from 0."""
+    """Return a number if it is finite and at least 0."""
     value = float(value)
     allowed(0 <= value < math.inf, name, value, "finite numbers at or above 0")
     return value
 
 
 def _worst(array: NDArray) -> float:
-    return float(np.min(array))  # NaN wins, as it should
+    return float(np.min(array))  # NaN is reported first, as it should be

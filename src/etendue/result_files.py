@@ -1,7 +1,7 @@
-"""What a study leaves behind: a folder that is known to take files before anything is computed, files that are whole.
+"""Write the results of studies: check the folder before anything is computed, and write each file whole.
 
-In:  a folder; files by name, as bytes; documents with numbers that JSON does not have.
-Out: the files, each whole or not at all; the same documents as JSON holds them.
+In:  a folder; files by name, as bytes; documents with numbers that JSON cannot hold.
+Out: the files, each whole or not at all; the same documents in a form that JSON can hold.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from etendue.errors import Fault, MachineError, RequestError
 
 
 def check_folder(path: Path) -> None:
-    """Make a folder, if it is not there, and see that files can be written into it: before a run, not after it.
+    """Make a folder if needed and check that files can be written to it. Call this before a run, not after it.
 
     Raises
     ------
@@ -32,19 +32,15 @@ def check_folder(path: Path) -> None:
         with tempfile.TemporaryFile(dir=path):
             pass
     except OSError as error:
-        raise RequestError(
-            [Fault(str(path), f"cannot be written into as a folder: {error.strerror or error}")]
-        ) from error
+        raise RequestError([Fault(str(path), f"cannot write to this folder: {error.strerror or error}")]) from error
 
 
 def write_whole(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """Write files into a folder, older ones of these names are replaced; nothing takes its name before all are on the
-    disk.
-
+    """Write files into a folder, replacing older ones of the same names. All are on disk before any gets its name.
     Parameters
     ----------
     folder : Path
-        Made where it is not there.
+        Made if it does not exist.
     files : mapping of name to bytes
 
     Returns
@@ -55,7 +51,7 @@ def write_whole(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     Raises
     ------
     MachineError
-        If there is no room, or the folder does not take them. No temporary file is left behind.
+        If the disk is full or the folder cannot be written to. No temporary file is left behind.
     """
     partial = {folder / name: folder / f".{name}.{os.getpid()}.partial" for name in files}
     try:
@@ -68,20 +64,18 @@ def write_whole(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
         raise MachineError(f"{folder}: the results cannot be written: {error.strerror or error}") from error
     finally:
         for temporary in partial.values():
-            with suppress(OSError):  # it was never made
+            with suppress(OSError):  # it was never made, or has been renamed
                 temporary.unlink()
     return list(partial)
 
 
 def finite(value: Any) -> Any:
-    """A document as JSON holds it, at any depth: what is not known (NaN) is None, what has no end is the text "inf"
-    or "-inf".
-    """
+    """Return a document in a form that JSON can hold: NaN becomes None, infinities become "inf" and "-inf"."""
     if isinstance(value, Mapping):
         return {str(key): finite(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [finite(one) for one in value]
-    if not isinstance(value, float) and hasattr(value, "item"):  # of numpy
+    if not isinstance(value, float) and hasattr(value, "item"):  # a numpy scalar
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else "inf" if value > 0 else "-inf"

@@ -1,6 +1,6 @@
-"""A run under way: cells are computed, their results handed to whoever keeps them, and looked at on the way.
+"""A run in progress: cells are computed, their results passed to the store, and shown on the way.
 
-In:  what is left to do of a plan, a keeper of results.
+In:  what is left to do of a plan, a store of results.
 Out: reports, arrays of what is shown, the pictures. ``session`` begins and ends it.
 """
 
@@ -25,18 +25,18 @@ from etendue.run.watch import Stop, run_batches
 if TYPE_CHECKING:
     from etendue.session import Options
 
-Cut = Callable[[Mapping[CellRef, Job], float], list[Batch]]  # jobs into batches of about so many seconds
+Cut = Callable[[Mapping[CellRef, Job], float], list[Batch]]  # cuts jobs into batches of about this many seconds
 
 
 class Running:
-    """In terms of the plan over all that the keeper holds.
+    """A run of a plan that covers all cells in the store.
 
     Attributes
     ----------
-    shown : of each stage the cell of the pictures
-    arrays : of the shown cells, and of all that are kept in memory, what does not stand where it is kept
-    small : of the shown cells, what their pictures are made of
-    earlier : finished cells of which only the keeper has reports
+    shown : by stage, the cell shown as a picture
+    arrays : of the shown cells, and of all that are kept in memory, the arrays that the store does not hold
+    small : of the shown cells, the arrays that their pictures are made of
+    earlier : finished cells that only the store has reports of
     """
 
     def __init__(self, work: Work, shown: Mapping[str, CellRef], keeper: Keeper, progress: Progress) -> None:
@@ -48,7 +48,7 @@ class Running:
         self.earlier: list[CellRef] = []
 
     def compute(self, options: Options, cut: Cut) -> None:
-        """All that is left to do, cut into batches. Interrupted, it leaves what is finished to the keeper."""
+        """Compute all that is left to do, in batches. If interrupted, finished results stay in the store."""
         work, keeper = self.work, self.keeper
         show = frozenset(ref for ref in self.shown.values() if keeper.draws and ref in work.todo)
         jobs = make_jobs(
@@ -85,10 +85,10 @@ class Running:
             if look:
                 self.small[ref] = thumbnails.only(look(found))
             own = {v for v in found if (ref[0], v) in self.plan.kept} if self.keeper.keeps_arrays else set[str]()
-            if not self.keeper.keeps_arrays or len(own) < len(found):  # else all of it stands where it is kept
+            if not self.keeper.keeps_arrays or len(own) < len(found):  # otherwise the store holds all of it
                 small = self.small.get(ref, {})
                 self.arrays[ref] = {v: a for v, a in found.items() if v in own or v not in small}
-        # The scheduler holds on to its results; what is kept of them stands in its place now.
+        # The scheduler keeps its results alive; drop the arrays here, now that the store has what must be kept.
         result.kept, result.reports = {}, ()
         self.reports.take(fresh)
         self.progress.finished(fresh)
@@ -97,18 +97,18 @@ class Running:
         self.earlier = [ref for ref in self.work.reused if ref not in self.reports]
         self.reports.take(self.keeper.earlier(self.earlier))
 
-    # -- behind the last cell -----------------------------------------------------------------------------------------
+    # -- after the last cell -----------------------------------------------------------------------------------------
 
     def tables(self) -> dict[str, Any]:
         return {"ledger": tables.ledger(self.plan, self.reports), "summary": tables.summary(self.plan, self.reports)}
 
     @property
     def there(self) -> list[CellRef]:
-        """The shown cells that an earlier run has computed."""
+        """Return the shown cells that an earlier run has computed."""
         return [ref for ref in self.shown.values() if ref not in self.work.todo]
 
     def sheet(self, at: str) -> ContactSheet | None:
-        """Pictures of the shown cells, whose axis values are ``at``; None where those of an earlier run stay."""
+        """Return pictures of the shown cells, whose axis values are ``at``; None if those of an earlier run stay."""
         keeper = self.keeper
         if keeper.draws and (self.arrays or keeper.lacks_pictures(self.shown.values())):
             for one in self.there:
@@ -122,7 +122,7 @@ class Running:
         return None
 
     def _maps(self) -> list[Any]:
-        """Maps of figures over the sweep, as they stand on the contact sheet."""
+        """Return the maps of metrics over the sweep, as on the contact sheet."""
         chosen = small_maps.small_maps(self.plan) if self.keeper.folder else []
         refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
         states = {ref: self.reports[ref].status for ref in refs if ref in self.reports}
@@ -132,11 +132,11 @@ class Running:
         return small_maps.all_drawn(chosen, figures, lost)
 
     def standing(self) -> Mapping[CellRef, dict[str, Any]]:
-        """The arrays of all that was computed, where they stand; of shown cells of earlier runs their figures."""
+        """Return the arrays of all computed cells, as stored; of shown cells of earlier runs, their metrics."""
         self.arrays.update(self.keeper.stored(self.there, figures_only=True))
         return self.keeper.standing(self.arrays)
 
     def restored(self) -> int:
-        """How many cells of earlier runs, which nobody has asked for now, were computed again."""
+        """Return how many cells of earlier runs were computed again although they were not requested now."""
         asked = set(self.work.cells.values())
         return sum((r.stage, r.index) not in asked for r in self.reports.having(DONE, LEFT_OUT))

@@ -1,6 +1,6 @@
-"""Join plan, run and archive: what ``etendue run`` and ``etendue.simulate`` both do.
+"""Join plan, run and archive: the part that ``etendue run`` and ``etendue.simulate`` share.
 
-In:  a plan and where to put it.
+In:  a plan and where to put its results.
 Out: an ``Outcome``: the tree, what was computed, reused and failed, and the rows of the table at the end.
 """
 
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Options:
-    """How a run is done; nothing here changes a bit of the result."""
+    """How a run is carried out; nothing here changes a bit of the result."""
 
     scheduler: str = "threads"
     workers: int = 0  # 0: one per core
@@ -58,16 +58,17 @@ class Options:
     accept_platform: bool = False
     prune: bool = False  # whether finished results that the plan does not keep may be removed
     batch_seconds: float = 0.1
-    pictures: bool = True  # without an archive: whether a cell of every stage is drawn
+    pictures: bool = True  # without an archive: whether to draw a cell of every stage
     cell_timeout: float | None = (
-        None  # seconds after which a cell is stopped and has failed; processes and clusters only
+        None  # seconds after which a cell is stopped and counts as failed; processes and clusters only
     )
-    # of a pipeline that an archive has recorded: more than its own reader allows are refused
+    # For a pipeline recorded in an archive: the reader's own limit on cells; a larger plan is refused.
     most_cells: int | None = None
-    restore: frozenset[str] | None = None  # of a repair: names of cells of earlier runs that an archive must have too
+    # for a repair: names of cells of earlier runs that the archive must also have
+    restore: frozenset[str] | None = None
 
     def how(self, stop: Stop, mark: tuple[str, bytes] | None = None) -> How:
-        """How the scheduler is to run batches; ``mark``: a file that all workers must see."""
+        """Return how the scheduler is to run batches; ``mark``: a file that all workers must see."""
         from etendue.archive.records.provenance import platform_record
 
         workers = workers_of(self.scheduler, self.workers)
@@ -87,12 +88,13 @@ class Outcome:
     tree: Any = None
     pictures: list[Path] = field(default_factory=list)
     arrays: Mapping[CellRef, dict[str, Any]] = field(default_factory=dict)
-    shown_at: str = ""  # axis values of the cells in the pictures and headlines
-    removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
-    pruned: int = 0  # finished cells removed because it was asked for
-    stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
-    mended: list[str] = field(default_factory=list)  # files that were missing or damaged, and are written again
-    moved: dict[str, int] = field(default_factory=dict)  # shards made anew, bytes copied for them, and computed
+    shown_at: str = ""  # axis values of the cells in pictures and headline metrics
+    removed: int = 0  # cells of earlier runs at other axis values whose results are outdated
+    pruned: int = 0  # finished cells removed on request
+    # stages stored earlier and still valid, although 'keep' no longer names them
+    stay: list[str] = field(default_factory=list)
+    mended: list[str] = field(default_factory=list)  # files that were missing or damaged and are written again
+    moved: dict[str, int] = field(default_factory=dict)  # shards rewritten, bytes copied for them, bytes computed
     restored: int = 0  # cells of earlier runs that were computed again because they were damaged
 
     @property
@@ -116,14 +118,14 @@ class Outcome:
 
 @dataclass
 class Collected:
-    """Arrays of the cells that were asked for, and what became of all that were computed."""
+    """Arrays of the requested cells, and the reports of all that were computed."""
 
     arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
     reports: dict[CellRef, CellReport] = field(default_factory=dict)
 
 
 class _Silent:
-    """Progress nobody watches."""
+    """Progress that is not shown."""
 
     def begin(self, cells: int) -> None: ...
 
@@ -137,12 +139,12 @@ class _Silent:
 def load(
     source: str | Path | Mapping[str, Any] | PipelineSource, overrides: Mapping[str, Any] | None = None
 ) -> PipelineFile:
-    """A pipeline from a file, TOML text or mapping, or one that was read or written in Python."""
+    """Return a pipeline from a file, TOML text or mapping, or from one that was read or written in Python."""
     if isinstance(source, PipelineSource):
         return overridden(source.written(), overrides) if overrides else source.written()
     if isinstance(source, Mapping):
-        refuse_large(source)  # before it is copied, level by level
-        document = copy.deepcopy(dict(source))  # what the caller gave stays as it is, also for the next call
+        refuse_large(source)  # before copying it: a copy descends into every level
+        document = copy.deepcopy(dict(source))  # the caller's mapping must not change
         apply_overrides(document, overrides or {})
         return from_document(document)
     if isinstance(source, str) and "\n" in source:
@@ -157,16 +159,16 @@ def execute(
     progress: Progress | None = None,
     into: Keeper | None = None,
 ) -> Outcome:
-    """Compute what a plan asks for and is not there yet; ``into``: who takes the results, in the place of an archive.
+    """Compute what a plan asks for and is not finished. ``into`` takes the results instead of an archive.
 
-    An archive may be a URL of an object store: the run works in a folder here, and what has changed in it is put there.
+    An archive may be the URL of an object store: the run works in a local folder, and uploads what has changed.
 
     Raises
     ------
     ArchiveError, ArchiveInUse, MachineError
         Before anything is computed.
     StoreLost
-        At any time; what is finished is kept.
+        At any time; finished results are kept.
     """
     options, progress = options or Options(), progress or _Silent()
     check_timeout(options)
@@ -177,12 +179,12 @@ def execute(
             outcome = execute(plan, folder, options, progress)
         placed: Outcome = places.placed(outcome, folder, archive)
         return placed
-    from etendue.running import Running  # seconds of imports, while a signal may still end everything
+    from etendue.running import Running  # slow imports, made while a signal may still end the process
 
     if archive is not None:
         from etendue.archive.write import keeper  # noqa: F401
     TREES_OUT.collect()
-    with interrupts.held(), SELDOM_COLLECTING:  # signals are answered where nothing is torn
+    with interrupts.held(), SELDOM_COLLECTING:  # signals are handled only at safe points
         drawn = archive is not None or options.pictures
         check_machine(
             plan, Path(archive) if archive is not None else None, workers_of(options.scheduler, options.workers), drawn
@@ -204,7 +206,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, 
     reports.reuse(ref for ref in run.earlier if ref in reports)
     if tree is not None:
         TREES_OUT.hand_out(tree, tree.nbytes)
-    return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
+    return Outcome(  # in terms of the request; the store may hold further values of earlier runs
         plan,
         reports.of(plan, work.cells),
         {ref for ref, own in work.cells.items() if own in work.reused},
@@ -230,7 +232,7 @@ def collect(
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Collected:
-    """Compute some variables of some cells of a plan, and what they need, in memory; nothing of it is kept anywhere.
+    """Compute some variables of some cells of a plan, and what they need, in memory; store nothing.
 
     Raises
     ------
@@ -277,9 +279,9 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
 
 
 def check_timeout(options: Options) -> None:
-    """A time limit is a promise to stop a cell, which only a process of its own allows."""
+    """Refuse a time limit with a scheduler that cannot stop a cell: that takes a process of its own."""
     if options.cell_timeout is not None and scheduler_of(options.scheduler).here:
-        what = f"with --scheduler {options.scheduler} nothing can stop a cell"
+        what = f"--scheduler {options.scheduler} cannot stop a cell"
         raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")
 
 
@@ -299,10 +301,10 @@ def simulate(
     Parameters
     ----------
     pipeline : path, TOML text, mapping, or an ``etendue.Pipeline``
-    archive : folder, or s3://bucket/prefix/name, to keep and resume; or None to stay in memory
-    want : variables, or one, to compute, instead of the file's ``wanted``
-    scheduler, workers : as ``--scheduler`` takes it (``etendue run --help``); threads or processes to use
-    leave_out : whether what the scene does not need may be left out
+    archive : folder or s3://bucket/prefix/name to keep results in and resume from; None to stay in memory
+    want : variable or variables to compute, instead of the file's ``wanted``
+    scheduler, workers : as for ``--scheduler`` (``etendue run --help``); number of threads or processes
+    leave_out : whether stages that the scene does not need may be left out
     **parameters : shared quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
 
     Raises
@@ -310,7 +312,7 @@ def simulate(
     RequestError
         With every fault of the file.
     EtendueError
-        When cells failed: the message names them.
+        If cells failed; the message names the first.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""What goes to stdout: results, and nothing else. Plugins and the libraries below them may print whatever they like.
+"""Reserve stdout for results: plugins and the libraries below them may print whatever they like.
 
-While a command runs, file descriptor 1 and ``sys.stdout`` are stderr; ``results`` gives both back for as long as
-results are written. Worker processes inherit the former.
+While a command runs, file descriptor 1 and ``sys.stdout`` are stderr; ``results`` restores both while results are
+written. Worker processes inherit stderr as their stdout.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from etendue.telling import plain, shown_path
 
 
 class _StreamState:
-    kept: int | None = None  # the stdout of this process, while plugins have stderr in its place
+    kept: int | None = None  # duplicate of the real stdout while descriptor 1 is stderr
     stream: TextIO | None = None
 
 
 @contextmanager
 def plugins_on_stderr() -> Iterator[None]:
-    """stdout is stderr in here, for Python and for C; warnings are one line each."""
+    """Redirect stdout to stderr inside, for Python and for C code; show warnings in one line each."""
     if _StreamState.stream is not None:
         yield
         return
@@ -47,7 +47,7 @@ def plugins_on_stderr() -> Iterator[None]:
 
 @contextmanager
 def results() -> Iterator[None]:
-    """stdout is stdout again in here."""
+    """Restore stdout inside."""
     stream = _StreamState.stream
     if stream is None:
         yield
@@ -68,12 +68,12 @@ def results() -> Iterator[None]:
 def _is_fd_1(stream: Any) -> bool:
     try:
         return bool(stream.fileno() == 1)
-    except (OSError, ValueError, AttributeError):  # a stream that is no file
+    except (OSError, ValueError, AttributeError):  # the stream is not a file
         return False
 
 
 def _flush_c() -> None:
-    """What C code has printed and its library still holds: it belongs to where it was meant to go."""
+    """Flush what C code has printed and its library still buffers, so that it goes where it was meant to go."""
     if "numpy" not in sys.modules:  # no plugin has run
         return
     import ctypes
@@ -83,9 +83,9 @@ def _flush_c() -> None:
 
 
 def show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
-    """A warning of a plugin or a library in one line, without folders of this machine."""
+    """Show a warning of a plugin or a library in one line, without folders of this machine."""
     text = " ".join(plain(str(message)).split())
-    with suppress(OSError):  # nobody listens
+    with suppress(OSError):  # stderr is closed
         (file or sys.stderr).write(
             f"note: {shown_path(os.path.abspath(filename))}:{lineno}: {category.__name__}: {text}\n"
         )

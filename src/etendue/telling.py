@@ -1,8 +1,7 @@
-"""What foreign code says when it breaks, fit to be shown: which code it was, where in it, and nothing that a terminal
-obeys.
+"""Format errors of foreign code for display: which code failed, where in it, and no terminal control characters.
 
 In:  exceptions of plugins and libraries, texts of files and plugins.
-Out: plain text without control characters and without the folders of this machine.
+Out: plain text without control characters and without folders of this machine.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _PATH = re.compile(r"(?<![\w.:/~\-])/[^\s/'\":;,()<>|\[\]]+(?:/[^\s/'\":;,()<>|\
 
 
 def printable(text: str) -> str:
-    """Text without characters that a terminal obeys or that turn its order round; line ends stay."""
+    """Return a text without characters that control a terminal or change the text's direction; line ends stay."""
     if text.isascii() and text.isprintable():
         return text
     text = text.replace("\r\n", "\n").replace("\t", "    ")
@@ -38,13 +37,13 @@ def printable(text: str) -> str:
 
 
 def plain(text: str) -> str:
-    """At most 20 lines of bounded length, printable, files named as seen from here."""
+    """Return at most 20 lines of bounded length, printable, with files named relative to the working directory."""
     lines = without_folders(printable(text[: 4 * MOST_LINES * LONGEST_LINE])).strip("\n").split("\n")
     lines = [
         line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]}... ({len(line)} characters)" for line in lines
     ]
     whole = 1 + text.strip("\n").count("\n")
-    if whole > MOST_LINES:  # the last line says most
+    if whole > MOST_LINES:  # keep the last line: it usually says most
         last = text.strip("\n").rpartition("\n")[2][:LONGEST_LINE]
         lines = [
             *lines[: MOST_LINES - 2],
@@ -55,7 +54,7 @@ def plain(text: str) -> str:
 
 
 def refusal(text: str) -> str:
-    """What a command says of an error: no more than 20 lines of 200 characters hold, of a long line its beginning."""
+    """Return the text that a command shows for an error: about 20 lines of 200 characters, long lines cut."""
     lines: list[str] = []
     room = MOST_LINES - 1
     whole = printable(text).strip("\n").split("\n")
@@ -63,20 +62,20 @@ def refusal(text: str) -> str:
         short = line if len(line) <= LONGEST_SAID else f"{line[:LONGEST_SAID]}... ({len(line)} characters)"
         room -= 1 + len(short) // WIDEST
         if room < 0:
-            return "\n".join([*lines, f"... and {len(whole) - number} lines more"])
+            return "\n".join([*lines, f"... and {len(whole) - number} more lines"])
         lines.append(short)
     return "\n".join(lines)
 
 
 def without_folders(text: str) -> str:
-    """Absolute paths of this machine become relative to the working directory, or names of files."""
+    """Return a text with absolute paths of this machine made relative to the working directory, or to file names."""
     return _PATH.sub(lambda found: shown_path(found.group()), text) if "/" in text else text
 
 
 def shown_path(path: str) -> str:
-    """A path as seen from the working directory, below a folder of packages, or else its name."""
+    """Return a path relative to the working directory or to a package folder, else its name."""
     if not os.path.isdir("/" + path.split("/")[1]):
-        return path  # W m-2/nm, or a path of another machine
+        return path  # a unit such as W m-2/nm, or a path of another machine
     for folder in (here(), *sorted(filter(os.path.isabs, sys.path), key=len, reverse=True)):
         if folder not in ("", "/") and path.startswith(folder.rstrip("/") + "/"):
             return path[len(folder.rstrip("/")) + 1 :]
@@ -84,7 +83,7 @@ def shown_path(path: str) -> str:
 
 
 def here() -> str:
-    """The working directory, '' where it has been removed."""
+    """Return the working directory; '' if it has been removed."""
     try:
         return os.getcwd()
     except OSError:
@@ -92,20 +91,20 @@ def here() -> str:
 
 
 def said(error: BaseException) -> str:
-    """Type and text of an exception. Its ``__str__`` is foreign code too."""
+    """Return type and text of an exception. Its ``__str__`` is foreign code too, and may fail."""
     try:
         text = str(error)
     except BaseException as worse:
         if is_ours(worse):
             raise
-        text = f"(its text cannot be had: {type(worse).__name__})"
+        text = f"(its text is not available: {type(worse).__name__})"
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         text = f"{error.strerror}: {os.path.basename(str(error.filename))}"
     return f"{type(error).__name__}: {plain(text)}".removesuffix(": ")
 
 
 def told(error: BaseException) -> str:
-    """The innermost places of an exception, file and line, and what it says on the last line or lines."""
+    """Return the innermost places of an exception, file and line, followed by its type and text."""
     lines = []
     trace = error.__traceback__
     frames = []
@@ -122,9 +121,10 @@ def told(error: BaseException) -> str:
 
 
 class foreign:
-    """Code of a plugin: whatever it raises, signals of the user aside, becomes a ``PluginError`` that says what broke.
+    """Guard for code of a plugin: what it raises becomes a ``PluginError`` that names what failed.
 
-    A ``ValueError`` stays what it is: so a stage says that it cannot serve. So do errors raised on purpose.
+    Exceptions: signals from the user, errors raised on purpose, and ``ValueError``, by which a stage states that it
+    cannot serve.
     """
 
     __slots__ = ("what",)
@@ -137,12 +137,12 @@ class foreign:
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> Literal[False]:
         if error is not None and not isinstance(error, EtendueError | ValueError) and not is_ours(error):
-            raise PluginError(f"{self.what} broke off: {where(error)}{said(error)}") from error
+            raise PluginError(f"{self.what} failed: {where(error)}{said(error)}") from error
         return False
 
 
 def where(error: BaseException) -> str:
-    """'file.py:12, ' where an exception was raised, in the innermost code that is not this package's; '' where there
+    """Return 'file.py:12, ' for the innermost code outside this package in which an exception was raised; '' if there
     is none.
     """
     trace, found = error.__traceback__, ""
@@ -155,7 +155,7 @@ def where(error: BaseException) -> str:
 
 
 def human_bytes(count: float) -> str:
-    """A number of bytes with the unit in which it is read: 1.5 MB."""
+    """Return a number of bytes in a readable unit, such as 1.5 MB."""
     for unit in ("B", "kB", "MB", "GB", "TB"):
         if count < 1000 or unit == "TB":
             return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"

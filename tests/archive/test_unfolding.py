@@ -154,13 +154,13 @@ def test_a_store_with_a_pipe_or_a_chunk_that_unfolds_is_refused(tmp_path, outsid
     assert "unfolds to 1000000 bytes" in called(["plan", path], outside).stderr
     chunk.unlink()
     os.mkfifo(chunk)
-    assert "no plain file" in called(["plan", path], outside).stderr
+    assert "not a plain file" in called(["plan", path], outside).stderr
 
 
 def test_a_table_and_a_list_are_of_a_bounded_length(tmp_path, outside):  # noqa: F811
     path = files.light("wavelength_nm,power\n" + "1,1\n" * 1_100_000)(tmp_path, outside)
-    assert "no table is" in called(["plan", path], outside).stderr
+    assert "is too large for a table" in called(["plan", path], outside).stderr
     path = files.swept("[" + "2," * 300_000 + "]")(tmp_path, outside)
     assert "lists more than 200000 values" in called(["plan", path], outside).stderr
     path = files.swept("[2, 4, 2]")(tmp_path, outside)
-    assert "2 stands twice" in called(["plan", path], outside).stderr
+    assert "2 appears twice" in called(["plan", path], outside).stderr

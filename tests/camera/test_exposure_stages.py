@@ -338,7 +338,7 @@ def test_a_given_swept_or_found_time_is_one_word_of_the_random_numbers():
 def test_what_nobody_takes_from_the_camera_any_more_is_no_axis():
     with pytest.raises(
         RequestError,
-        match="'meter' writes integration_time for every stage that takes it; leave the axis out, or 'meter'",
+        match="'meter' writes integration_time for every stage that takes it; remove the axis or 'meter'",
     ):
         etendue.simulate(pipeline("meter", "exposure", sweep={"integration_time": [0.01, 0.02]}))
     plan = make_plan(load(pipeline("meter", "exposure", camera={"integration_time": 0.5})), installed_stages())

@@ -78,7 +78,7 @@ BROKEN = {
         MODULE.replace("wavelength y x [W m-2 nm-1]", "wavelength y x"),
         "cannot read the declaration",
     ),
-    "takes_anything": (MODULE.replace("self, irradiance", "self, **anything"), "name every input"),
+    "takes_anything": (MODULE.replace("self, irradiance", "self, **anything"), "name every argument"),
     "asks_for_more": (MODULE.replace("self, irradiance", "self, irradiance, radiance"), "asks for radiance"),
     "is_no_stage": ("Twice = 3", "is not a valid stage"),
     "takes_what_nobody_brings": (
@@ -127,7 +127,7 @@ def test_a_broken_manifest_fails_only_what_uses_it_and_is_noted(etendue, tmp_pat
     used = etendue("plan", pipeline(tmp_path, "twice"))
     assert (used.returncode, used.stdout) == (2, "")
     assert len(used.stderr.splitlines()) == 1
-    for text in ("file.toml:", "stages[3] twice", "there is no stage 'twice'", "twice-light 1.0", reason):
+    for text in ("file.toml:", "stages[3] twice", "unknown stage 'twice'", "twice-light 1.0", reason):
         assert text in used.stderr
     assert etendue("plan", pipeline(tmp_path, "falloff")).returncode == 0
     listed = etendue("stages")

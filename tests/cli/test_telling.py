@@ -75,7 +75,7 @@ def test_an_exception_is_told_with_its_place_and_its_words_last():
 
 def test_foreign_code_breaks_off_as_a_plugin_error_and_refuses_as_it_is():
     with (
-        pytest.raises(PluginError, match=r"Mine.grid broke off: test_telling.py:\d+, SystemExit: 3"),
+        pytest.raises(PluginError, match=r"Mine.grid failed: test_telling.py:\d+, SystemExit: 3"),
         foreign("Mine.grid"),
     ):
         raise SystemExit(3)

@@ -181,4 +181,4 @@ def test_a_manifest_that_needs_its_own_quantity_to_be_imported_is_told_so(tmp_pa
     )
     install(tmp_path / "site", "my-film", "my_film", source)
     (note,) = etendue(tmp_path, "stages", site=tmp_path / "site").stderr.splitlines()
-    assert "my-film 1.0" in note and "in a manifest that is a module of its own" in note
+    assert "my-film 1.0" in note and "in a separate manifest module" in note

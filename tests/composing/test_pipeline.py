@@ -105,16 +105,16 @@ def test_a_stage_as_value_of_an_axis_is_what_a_file_says():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (lambda: s.difraction, "there is no stage 'difraction'; did you mean 'diffraction'?"),
-        (lambda: s.uniform(widht=2), "uniform.widht: there is no such parameter; did you mean 'width'?"),
-        (lambda: s.diffraction(f_number=2), "shared by stages: set it by Pipeline.camera(f_number=...)"),
+        (lambda: s.difraction, "unknown stage 'difraction'; did you mean 'diffraction'?"),
+        (lambda: s.uniform(widht=2), "uniform.widht: unknown parameter; did you mean 'width'?"),
+        (lambda: s.diffraction(f_number=2), "shared by stages; set it with Pipeline.camera(f_number=...)"),
         (lambda: etendue.Pipeline(s.irradiance), "stage 1: expected a placed stage, got the function"),
         (lambda: grey().add("sharpen"), "expected a placed stage such as etendue.stages.NAME(), got 'sharpen'"),
-        (lambda: etendue.Pipeline(f_number=2), "f_number: is a camera quantity: Pipeline.camera(f_number=...)"),
-        (lambda: grey().stage("scene", width=2), "no stage of the pipeline is named 'scene'"),
+        (lambda: etendue.Pipeline(f_number=2), "f_number: is a camera quantity; use Pipeline.camera(f_number=...)"),
+        (lambda: grey().stage("scene", width=2), "the pipeline has no stage 'scene'"),
         (lambda: grey().sweep(f_number="2, 4"), "sweep.f_number: expected a list of values or span(...)"),
         (lambda: grey().camera(f_numer=2).plan(), "f_numer"),
-        (lambda: maker("x"), "there is no stage 'x'"),
+        (lambda: maker("x"), "unknown stage 'x'"),
     ],
 )
 def test_what_is_wrong_is_said_at_once(wrong, said):

@@ -23,12 +23,12 @@ BROKEN = [
     ),
     (broken.SilentAboutBlack, "test_noise_about_black_is_met_with_a_word_of_its_own", "negative = 'keep' or 'clip'"),
     (broken.WarnsOfPorts, "test_its_notes_are_of_their_form", "not subscriptable"),
-    (broken.FalseError, "test_the_stated_error_is_true_of_single_against_double_precision", "state what is true"),
+    (broken.FalseError, "test_the_stated_error_is_true_of_single_against_double_precision", "state the true error"),
     (broken.NonsenseError, "test_the_stated_error_is_true_of_single_against_double_precision", "guessed"),
     (broken.FalseGain, "test_errors_grow_by_no_more_than_the_gain", "but gain is 1"),
     (broken.FalseGainByPattern, "test_errors_grow_by_no_more_than_the_gain", "but gain is 1"),
-    (broken.FalseRange, "test_carried_facts_are_true_of_what_is_written", "says at most"),
-    (broken.FalselyUniform, "test_carried_facts_are_true_of_what_is_written", "says uniform"),
+    (broken.FalseRange, "test_carried_facts_are_true_of_what_is_written", "states a maximum of"),
+    (broken.FalselyUniform, "test_carried_facts_are_true_of_what_is_written", "states uniform"),
     (broken.NotNegligible, "test_leaving_it_out_is_no_worse_than_negligible_says", "it is said to do little"),
     (broken.Greedy, "test_the_declaration_is_well_formed", r"\*arrays"),
     (broken.Curious, "test_the_declaration_is_well_formed", "weather"),
@@ -48,22 +48,30 @@ BROKEN = [
     ),
     (broken.BackwardLadder, "test_a_finer_setting_states_no_larger_error", "cheaper 8"),
     (broken.OtherUnit, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "in mm"),
-    (broken.OtherUnitOfAVariable, "test_the_declaration_is_well_formed", "writes charge in DN, which is in electron"),
-    (broken.Remembering, "test_bits_do_not_depend_on_repetition_company_or_thread", "other bits"),
-    (broken.Unseeded, "test_bits_do_not_depend_on_repetition_company_or_thread", "other bits"),
+    (
+        broken.OtherUnitOfAVariable,
+        "test_the_declaration_is_well_formed",
+        "writes charge in DN, but the vocabulary has it in electron",
+    ),
+    (broken.Remembering, "test_bits_do_not_depend_on_repetition_company_or_thread", "different bits"),
+    (broken.Unseeded, "test_bits_do_not_depend_on_repetition_company_or_thread", "different bits"),
     (broken.LetsUndefinedPass, "test_undefined_input_meets_the_declared_policy", "but fails on nan"),
     (broken.MovingGrid, "test_the_grid_is_a_pure_function", "another grid"),
     (broken.LosingLight, "test_a_transfer_function_keeps_the_mean_and_a_real_image_real", "loses light"),
     (broken.Amplifying, "test_a_transfer_function_keeps_the_mean_and_a_real_image_real", "amplify"),
     (broken.Lopsided, "test_a_transfer_function_keeps_the_mean_and_a_real_image_real", "conjugate"),
     (broken.SilentlyNegative, "test_negative_input_meets_the_declared_policy", "negative = 'keep'"),
-    (broken.FalseSource, "test_carried_facts_are_true_of_what_is_written", "says uniform"),
-    (broken.FalseContrast, "test_carried_facts_are_true_of_what_is_written", "says contrast 2"),
-    (broken.WholeOnly, "test_bands_alone_are_the_bands_of_the_whole", "other values of irradiance than all bands"),
+    (broken.FalseSource, "test_carried_facts_are_true_of_what_is_written", "states uniform"),
+    (broken.FalseContrast, "test_carried_facts_are_true_of_what_is_written", "states a contrast of 2"),
+    (
+        broken.WholeOnly,
+        "test_bands_alone_are_the_bands_of_the_whole",
+        "different values of irradiance by band than for all bands",
+    ),
     (
         broken.ShortHalo,
         "test_rows_alone_are_the_rows_of_the_whole",
-        "other bits of charge 1 rows at a time.* of the largest value: say how far it reaches .def halo",
+        "different bits of charge 1 rows at a time.* of the largest value: state the halo that it needs .def halo",
     ),
     (
         broken.BlindToItsWindow,
@@ -80,16 +88,20 @@ BROKEN = [
         "test_a_window_of_the_whole_is_read_where_it_stands",
         "from row 0, column 1 on, of a picture, is .* masks",
     ),
-    (broken.FalseMean, "test_its_mean_is_that_of_its_draws", "but mean says"),
+    (broken.FalseMean, "test_its_mean_is_that_of_its_draws", "but mean.. is"),
     (broken.DrawingMean, "test_its_mean_is_that_of_its_draws", "draws nothing"),
     (broken.FalseError, "test_digits_are_kept_in_every_precision", "digits lost in single precision"),
     (broken.Restless, "test_a_small_change_of_what_is_read_changes_little", "jumps by"),
     (broken.RestlessParameter, "test_a_small_change_of_a_parameter_changes_little", "strength = 1.1 moves by"),
     (broken.HiddenConstant, "test_the_unit_of_light_does_not_matter", "a hidden constant"),
     (broken.Upturned, "test_the_order_that_it_keeps_is_kept", "falls by"),
-    (broken.Leaking, "test_the_sum_that_it_keeps_is_kept", "is made or lost"),
-    (broken.LouderThanSaid, "test_the_noise_has_the_variance_that_it_says", "variance says 3 electron2"),
-    (broken.NearlyLinear, "test_what_it_solves_costs_no_more_digits_than_its_condition", "cannot be solved back"),
+    (
+        broken.Leaking,
+        "test_the_sum_that_it_keeps_is_kept",
+        "declares that it keeps the sum, but changes that of a point",
+    ),
+    (broken.LouderThanSaid, "test_the_noise_has_the_variance_that_it_says", "variance states 3 electron2"),
+    (broken.NearlyLinear, "test_what_it_solves_costs_no_more_digits_than_its_condition", "cannot be recovered"),
     (broken.OtherShape, "test_it_writes_what_it_declares", "shape"),
 ]
 
@@ -111,7 +123,7 @@ def test_each_broken_stage_is_caught_by_the_law_it_breaks(kind, law, words):
 
 def test_a_stage_that_is_made_inside_a_function_cannot_travel():
     local = type("Local", (broken.Sound,), {"__module__": broken.__name__})
-    with pytest.raises(AssertionError, match="cannot travel"):
+    with pytest.raises(AssertionError, match="cannot be sent to another process"):
         conformance(local()).test_it_is_a_value()
 
 

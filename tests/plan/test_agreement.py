@@ -168,15 +168,15 @@ def test_displays_and_encodings_that_differ_are_noted():
     assert not [text for text in notes(*behind) if " here, but " in text]
     other = (*SENSOR, *COLOUR, "balance", {"use": "display", "display": "Display P3"}, "encode", "to_xyz")
     said = [text for text in notes(*other) if " here, but " in text]
-    assert said == ["to_xyz: the display is sRGB here, but Display P3 in 'display', which stands before it"]
+    assert said == ["to_xyz: the display is sRGB here, but Display P3 in 'display', earlier on its path"]
     measured = (*SENSOR, *COLOUR, "balance", {"use": "display", "display": "Apple Studio Display"}, "encode")
     said = [text for text in notes(*measured) if " here, but " in text]
     assert said == [
-        "display: the white of the display is Apple Studio Display here, but D65 in 'balance', which stands before it"
+        "display: the white of the display is Apple Studio Display here, but D65 in 'balance', earlier on its path"
     ]
     decoded = (*SENSOR, *COLOUR, "balance", "display", {"use": "encode", "encoding": "power"}, "decode")
     said = [text for text in notes(*decoded) if " here, but " in text]
-    assert said == ["decode: the encoding is sRGB here, but power 0.45 in 'encode', which stands before it"]
+    assert said == ["decode: the encoding is sRGB here, but power 0.45 in 'encode', earlier on its path"]
 
 
 def test_a_correction_that_takes_the_lens_for_another_is_noted():
@@ -229,7 +229,7 @@ def test_one_peak_efficiency_serves_all_channels():
     np.testing.assert_array_equal(rate(peak_qe=[0.7]), listed)
     np.testing.assert_array_equal(rate(peak_qe=1), rate(peak_qe=[1.0, 1.0, 1.0]))
     np.testing.assert_array_equal(swept([0.3, 0.7]).sel(peak_qe=0.7).values, listed)
-    with pytest.raises(etendue.errors.RequestError, match="several values per step cannot be an axis"):
+    with pytest.raises(etendue.errors.RequestError, match="an axis takes one value per step, not a list of several"):
         swept([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
     with pytest.raises(etendue.errors.RequestError, match="peak_qe.*1.5 is out of range"):
         rate(peak_qe=1.5)

@@ -55,7 +55,7 @@ def test_the_plan_tells_the_bytes_of_every_variable_and_of_every_choice():
 
 
 def test_no_stage_may_take_the_word():
-    with pytest.raises(RequestError, match="means pictures and figures of all stages"):
+    with pytest.raises(RequestError, match="means pictures and metrics of all stages"):
         make_plan(
             parse_pipeline(PIPELINE.read_text().replace('name = "demosaic"', 'name = "looks"')), installed_stages()
         )

@@ -46,4 +46,4 @@ def test_a_table_that_looks_absolute_is_told_to_be_scaled(tmp_path, camera, colu
 @pytest.mark.parametrize(("more", "said"), [("", True), ("\npeak_qe = [0.4, 0.4, 0.4]", False)])
 def test_the_peaks_of_a_named_sensor_are_told_where_only_the_curves_are_given(tmp_path, more, said):
     found = warnings(tmp_path, f'sensor = "sony-imx174"{more}', (1.0, 1.0, 1.0))
-    assert any("is that of the sensor sony-imx174" in one for one in found) == said
+    assert any("comes from the sensor sony-imx174" in one for one in found) == said

@@ -67,7 +67,7 @@ def test_a_table_goes_before_the_camera_and_the_camera_before_the_name():
 def test_a_quantity_of_the_camera_holds_for_all_and_is_said():
     plan = plan_of(**{"sweep.sensor": list(SENSORS), "camera.pixel_pitch": 4})
     assert {vars(cell.stage)["pixel_pitch"] for cell in plan.of("pixel")} == {4}
-    assert any("camera.pixel_pitch holds for every sensor" in text for text in plan.warnings)
+    assert any("camera.pixel_pitch overrides every sensor" in text for text in plan.warnings)
 
 
 def test_a_quantity_with_an_axis_of_its_own_is_left_to_it():
@@ -89,11 +89,11 @@ def test_a_sensor_that_is_in_no_file_is_a_table_with_a_label():
         (["sony-imx17"], "did you mean 'sony-imx174'"),
         ("sony-imx174", "expected a list of sensors"),
         ([], "expected a list of sensors"),
-        ([5], "expected a sensor's name"),
-        (["sony-imx174", "sony-imx174"], "stands twice"),
+        ([5], "expected a sensor name"),
+        (["sony-imx174", "sony-imx174"], "appears twice"),
         ([{"sensor": "sony-imx174", "pixel_pich": 4}], "did you mean 'pixel_pitch'"),
         ([{"sensor": "sony-imx174", "pixel_pitch": "4 s"}], "pixel_pitch: expected a number in um"),
-        ([{"label": "bare"}], "bare does not say its"),
+        ([{"label": "bare"}], "bare gives no"),
     ],
 )
 def test_what_is_wrong_is_said_at_the_axis(written, says):

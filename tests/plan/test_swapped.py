@@ -38,7 +38,7 @@ def test_a_stage_in_the_place_of_another_keeps_what_both_take_and_says_what_it_l
             "scene.spacing": "60 um",
         }
     )
-    (note,) = (one for one in cube.warnings if "in its place" in one)
+    (note,) = (one for one in cube.warnings if "the stage it replaces" in one)
     assert (
         "radiance_cube has no width, height, cycles, highest_frequency, wavelength_from, wavelength_to, bin_width"
         in note
@@ -69,7 +69,7 @@ def test_what_is_lacking_is_told_with_the_words_of_the_command_line():
     with pytest.raises(RequestError, match=r"needs 'file': .*; --set scene.file=\.\.\."):
         planned(**{"scene.use": "radiance_cube"})
     (use,) = (one.use for one in planned().pipeline.stages if one.name == "demosaic")
-    with pytest.raises(RequestError, match=f"the stage {use} is called 'demosaic' here: demosaic.use"):
+    with pytest.raises(RequestError, match=f"the stage {use} is named 'demosaic': demosaic.use"):
         planned(**{f"{use}.use": "demosaic_bilinear"})
 
 

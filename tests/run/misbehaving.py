@@ -115,7 +115,7 @@ FAILS = {  # how -> (what it does, words of the message)
     "finds no room": (lambda light: raising(OSError(28, "No space left on device")), "No space left"),
     "wants memory": (lambda light: np.empty(1 << 60), "MemoryError"),
     "goes too deep": (lambda light: deeper(0), "RecursionError"),
-    "cannot say why": (lambda light: raising(Unfriendly()), "Unfriendly: (its text cannot be had: SystemExit)"),
+    "cannot say why": (lambda light: raising(Unfriendly()), "Unfriendly: (its text is not available: SystemExit)"),
     "cannot travel": (lambda light: raising(Stuck(1, 2)), "Stuck: cannot travel"),
     "says a lot": (lambda light: raising(ArithmeticError("much " * 200_000)), "(1000000 characters)"),
     "says many lines": (lambda light: raising(ArithmeticError("line\n" * 5000 + "the end")), "more lines"),

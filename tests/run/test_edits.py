@@ -72,7 +72,13 @@ def test_an_edit_computes_again_what_it_reaches_and_says_why(camera):
     for n, layout in enumerate(STAGES.values()):
         for apart in layout.apart:
             edit(path / named(apart, str(n)))
-    for name in ("present/terminal/tables.py", "cli/runs.py", "archive/write/store.py", "session.py", "plan/wiring/graph.py"):
+    for name in (
+        "present/terminal/tables.py",
+        "cli/runs.py",
+        "archive/write/store.py",
+        "session.py",
+        "plan/wiring/graph.py",
+    ):
         edit(path / "etendue" / name, "\n\n\n", "\n\nEDITED = 2.0\n\n")
     assert run() == (0, cells, {})
     kernels = [named(next(reversed(layout.edits)), str(n)) for n, layout in enumerate(STAGES.values())]

@@ -156,7 +156,7 @@ def test_serial_and_parallel_give_the_same_bits():
 
 
 def test_only_a_probe_may_look_at_a_variable():
-    with pytest.raises(RequestError, match="only a Probe may look at a variable"):
+    with pytest.raises(RequestError, match="only a Probe may look at the variables"):
         plan_of(tail="nosy")
 
 

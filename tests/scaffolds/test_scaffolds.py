@@ -93,7 +93,7 @@ def test_the_commands_write_once_and_never_over_what_is_there(tmp_path):
         assert "next: " in done.output
         before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
         again = runner.invoke(main, [*words, "-o", str(tmp_path)])
-        assert again.exit_code == 2 and "nothing is written over" in again.output
+        assert again.exit_code == 2 and "is not overwritten" in again.output
         assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["etendue-mine", "mine.toml"]
 
@@ -101,11 +101,11 @@ def test_the_commands_write_once_and_never_over_what_is_there(tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("Über", "demosaicing", None), "is no name for a stage"),
-        (("class", "demosaicing", None), "is no name for a stage"),
-        (("sharpen", "sharpening", None), "is installed already, from etendue"),
+        (("Über", "demosaicing", None), "is not a stage name"),
+        (("class", "demosaicing", None), "is not a stage name"),
+        (("sharpen", "sharpening", None), "is already installed, from etendue"),
         (("mine", "demosaicking", None), "did you mean 'demosaicing'?"),
-        (("mine", None, None), "say what it is for: scene, "),
+        (("mine", None, None), "missing: give one of scene, "),
         (("mine", None, "sharpne"), "did you mean 'sharpen'?"),
         (("mine", "lens", "sharpen"), "sharpen has the role 'sharpening', not 'lens'"),
     ],
@@ -117,7 +117,7 @@ def test_a_wrong_name_role_or_model_is_said_and_nothing_written(words, said):
 
 @pytest.mark.parametrize("name", ["a/b", 'a"b', ".a", "a\nb", "a\\b", ""])
 def test_a_wrong_name_of_a_pipeline_is_said(name):
-    with pytest.raises(RequestError, match="is no name for a pipeline"):
+    with pytest.raises(RequestError, match="is not a valid pipeline name"):
         text_of(name, "sony-imx363")
 
 

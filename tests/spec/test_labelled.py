@@ -103,7 +103,7 @@ def faulty(body):
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        (lambda self, data: data["rgb_camera"].to_numpy(), "gave ndarray, not a Dataset"),
+        (lambda self, data: data["rgb_camera"].to_numpy(), "returned ndarray, not a Dataset"),
         (lambda self, data: data.drop_vars("rgb_camera"), "declares rgb_camera"),
         (
             lambda self, data: data.assign(rgb_camera=data.rgb_camera.mean("channel")),
@@ -111,7 +111,7 @@ def faulty(body):
         ),
         (lambda self, data: data.assign(rgb_camera=data.rgb_camera.assign_attrs(units="lx")), "in lx, but declares 1"),
         (lambda self, data: {"rgb_camera": data.rgb_camera.assign_coords(y=data.y + 1)}, "at another y than it read"),
-        (lambda self, data: data.assign(other=data.rgb_camera), "gave other, which it does not write"),
+        (lambda self, data: data.assign(other=data.rgb_camera), "returned other, which it does not write"),
     ],
     ids=["no labels", "nothing", "dims", "unit", "coordinate", "more"],
 )
@@ -121,5 +121,5 @@ def test_what_does_not_fit_its_declaration_is_told_in_labels(body, words):
 
 
 def test_a_run_that_asks_for_arrays_beside_data_is_no_labelled_stage():
-    with pytest.raises(TypeError, match="asks for wavelength beside data"):
+    with pytest.raises(TypeError, match="asks for wavelength besides data"):
         labelled(type("Odd", (Warm,), {"run": lambda self, data, wavelength: data}))

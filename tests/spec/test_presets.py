@@ -174,7 +174,7 @@ def test_a_sensor_has_more_sides_than_a_pipeline_asks_for_and_that_is_no_warning
     ("overrides", "place", "says"),
     [
         ({"camera.sensor": "sony-imx17"}, "camera.sensor", "did you mean 'sony-imx174'"),
-        ({"camera.sensor": "film"}, "camera.sensor", "there is no sensor 'film'"),
+        ({"camera.sensor": "film"}, "camera.sensor", "unknown sensor 'film'"),
         ({"camera.sensor": 5}, "camera.sensor", "expected the name of a sensor"),
     ],
 )

@@ -75,7 +75,7 @@ def test_a_variable_is_a_fault_only_where_two_distributions_disagree(bring):
     own = discovery.installed().first("variables", "full_well").value
     make_plan(from_document({"stages": [{"use": PIXEL}]}), bring(("theirs", "variables", {"full_well": dict(own)})))
     registry = bring(("theirs", "variables", {"full_well": {**own, "units": "kg"}}))
-    assert "etendue and theirs say different things of its variable 'full_well'" in faults(registry, PIXEL)
+    assert "etendue and theirs define its variable 'full_well' differently" in faults(registry, PIXEL)
     make_plan(from_document({"stages": [{"use": OTHER}]}), registry)
 
 

@@ -642,15 +642,15 @@ WRONG = {
     "demosaic.use=demosaic_bilinaer": "did you mean 'demosaic_bilinear'",
     'demosaic.use={use="demosaic_bilinear", strenght=3}': "no parameter 'strenght'",
     "demosaic.use={use=demosaic_bilinear}": "is no TOML",
-    "demosaic.use=falloff,demosaic_bilinear": "alternatives write the same",
+    "demosaic.use=falloff,demosaic_bilinear": "alternatives must write the same variables",
     "demosaic.use=": "expected NAME",
     "sharpen.strength": "needs values",
     "sharpen.strenght=1": "did you mean 'strength'",
     "sharpen.strength=-1,2": "out of range",
-    "sharpen.strength=1,1": "stands twice",
+    "sharpen.strength=1,1": "appears twice",
     "f_nummer=2": "did you mean 'f_number'",
     "f_number": "needs values",
-    "colour_fit.use=white": "alternatives write the same",
+    "colour_fit.use=white": "alternatives must write the same variables",
 }
 
 

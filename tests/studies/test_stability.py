@@ -20,16 +20,16 @@ from tests.fresh import process
 SITE = Path(__file__).parents[1] / "plugins" / "naive"
 FAULTS = {  # every fault of a naive stage, and the law that names it
     "naive_diffusion": [
-        ("mean kept, bounded", "overflow, or a nought over a nought"),
+        ("mean kept, bounded", "overflow, or zero divided by zero"),
         ("digits", "cancellation: even double precision loses digits"),
         ("computes or refuses", "NaN or infinite"),
     ],
     "naive_softwell": [("digits", "cancellation: even double precision loses digits")],
-    "naive_gamma": [("negative input", "makes NaN of a negative rgb_linear")],
+    "naive_gamma": [("negative input", "returns NaN for negative rgb_linear")],
     "naive_variance": [("digits", "cancellation: even double precision loses digits")],
     "naive_shade": [("unit of light", "a hidden constant")],
-    "naive_veil": [("digits", "as if something were rounded to 32 bits")],
-    "naive_scatter": [("variance", "variance says 5 electron2")],
+    "naive_veil": [("digits", "as if rounded to 32 bits")],
+    "naive_scatter": [("variance", "variance states 5 electron2")],
 }
 
 

@@ -63,7 +63,7 @@ def test_a_huge_file_is_refused_in_few_lines_little_memory_and_time(what, tmp_pa
 
 
 def test_a_device_without_an_end_is_no_pipeline():
-    with pytest.raises(RequestError, match="no plain file"):
+    with pytest.raises(RequestError, match="not a plain file"):
         etendue.simulate("/dev/zero")
 
 
@@ -110,7 +110,7 @@ def test_what_a_terminal_obeys_is_written_out_in_messages():
 def test_many_faults_are_shown_in_part_and_kept_whole():
     error = RequestError([Fault("place", f"fault {n}") for n in range(100)], "file.toml")
     assert len(str(error).splitlines()) == 16
-    assert str(error).endswith("file.toml: and 85 faults more")
+    assert str(error).endswith("file.toml: and 85 more faults")
     assert len(error.faults) == 100
 
 
@@ -120,8 +120,8 @@ def test_a_lacking_plugin_is_named_once_with_the_command_that_installs_it(monkey
     monkeypatch.setattr(missing, "known_plugins", lambda: known)
     text = '[camera]\ntheir_quantity = 1\n[[stages]]\nuse = "lens_of_theirs"\n[[stages]]\nuse = "numbers_of_theirs"\n'
     assert refused(text).splitlines() == [
-        "file.toml:3: stages[1] lens_of_theirs: etendue-theirs, which has lens_of_theirs, numbers_of_theirs, is not "
-        "installed: "
+        "file.toml:3: stages[1] lens_of_theirs: etendue-theirs, which provides lens_of_theirs, numbers_of_theirs, is "
+        "not installed: "
         "pip install etendue-theirs"
     ]
     folder = tmp_path / "plugins" / "etendue-theirs"

@@ -94,7 +94,7 @@ def test_as_a_command_of_its_own_it_is_the_same(name, capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("missing", "fragment"),
-    [("severel_faults.toml", "there is no such file; did you mean 'several_faults.toml'?"), (".", "is a directory")],
+    [("severel_faults.toml", "no such file; did you mean 'several_faults.toml'?"), (".", "is a directory")],
 )
 def test_a_file_that_cannot_be_read_is_named(missing, fragment, capsys, monkeypatch):
     monkeypatch.chdir(FOLDER)

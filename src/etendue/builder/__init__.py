@@ -1,6 +1,6 @@
-"""Pipelines written in Python: stages as values, a pipeline made of them, and what it gives, as TOML files and the
-command line do.
+"""Pipelines written in Python: stages as values, a pipeline made of them, and its results; equivalent to TOML files and
+the command line.
 
 stages  names of installed stages as functions, with signatures and help
-pipeline  what ``etendue.Pipeline`` is
+pipeline  the class ``etendue.Pipeline``
 """

@@ -1,7 +1,7 @@
-"""An archive in Python: what the commands of the same names do with one.
+"""An archive in Python: methods that do what the commands of the same names do.
 
 In:  a folder, or the URL of an object store.
-Out: trees, plots, files, documents as ``--json`` prints them.
+Out: trees, plots, files, and documents as printed by ``--json``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @called_methods
 class Archive(Extended):
-    """The archive of a run, at a glance in a notebook, also while a run is writing to it.
+    """The archive of a run. A notebook shows its summary, also while a run is still writing to it.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Archive(Extended):
     Raises
     ------
     ArchiveError
-        There is none.
+        If there is no archive.
 
     Examples
     --------
@@ -54,27 +54,27 @@ class Archive(Extended):
         self.place = place if places.is_url(place) else Path(place)
         if (
             isinstance(self.place, str) or not (self.place / JOURNAL).is_file()
-        ):  # of one that is damaged, what is can be asked
+        ):  # a damaged archive can still be examined
             places.open_archive(self.place).close()
 
     @property
     def tree(self) -> xarray.DataTree:
-        """What is stored, lazily: what is finished by now."""
+        """The stored results that are finished by now, loaded lazily."""
         return places.open_archive(self.place)
 
     @property
     def plot(self) -> Plots:
-        """``plot()``, ``plot.map(...)``, ``plot.curves(...)``, ``plot.pareto(...)``: as ``etendue plot``."""
+        """``plot()``, ``plot.map(...)``, ``plot.curves(...)``, ``plot.pareto(...)``, as in ``etendue plot``."""
         return TreeAccessor(self.tree).plot
 
     def show(self, variable: str = "", **at: Any) -> Plot:
-        """One picture of one cell, upright."""
+        """Return one picture of one cell, upright."""
         return TreeAccessor(self.tree).show(variable, **at)
 
     def report(self, output: str | Path | None = None, *, blame: bool = False) -> Path:
-        """One page to read and send on; ``blame``: also the share of each stage in what is lost, computed now.
+        """Write a report as one page, and return its file; an older one is replaced.
 
-        Gives the file that was written; an older one is replaced.
+        ``blame``: also compute each stage's share of the losses now.
         """
         from etendue.plugins.shares import shares_at
         from etendue.present.page.report import report
@@ -84,7 +84,7 @@ class Archive(Extended):
             return report(folder, to, shares_at() if blame else None).path
 
     def verify(self) -> dict[str, Any]:
-        """Whether every byte is as it was written, and what is not: what ``etendue verify --json`` prints."""
+        """Check whether every byte is as it was written; return what ``etendue verify --json`` prints."""
         from etendue.archive.checks.verify import document, verify
 
         with places.reading(self.place, exact=True) as folder:
@@ -92,8 +92,9 @@ class Archive(Extended):
         return found
 
     def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
-        """Compute every cell again from the archive alone and compare, with all else: what
-        ``etendue reproduce --json`` prints.
+        """Compute every cell again from the archive alone and compare.
+
+        Return what ``etendue reproduce --json`` prints.
         """
         from etendue.trust.reproducing import document, reproduce
 
@@ -104,7 +105,7 @@ class Archive(Extended):
         return found
 
     def diff(self, other: Archive | str | Path) -> dict[str, Any]:
-        """Which cells differ from those of another archive, by how much, and why: what ``etendue diff --json``
+        """Compare with another archive: which cells differ, by how much, and why; return what ``etendue diff --json``
         prints.
         """
         from etendue.archive.read.differences import differences, document
@@ -117,19 +118,19 @@ class Archive(Extended):
         return found
 
     def view(self, height: int = 900) -> Any:
-        """A widget with every pixel, sliders and profiles, for notebooks; needs ``pip install 'etendue[view]'``.
+        """Return a widget with every pixel, sliders and profiles, for notebooks; needs ``pip install 'etendue[view]'``.
 
         Raises
         ------
         RequestError
-            The archive is at an object store, which the command ``etendue view`` fetches.
+            If the archive is in an object store; use the command ``etendue view``, which fetches it.
         """
         from etendue.errors import RequestError
         from etendue.present.page.notebook import view
 
         if places.is_url(self.place):
             raise RequestError(
-                f"{self.place}: a widget shows an archive in a folder; of an object store there is: etendue view "
+                f"{self.place}: the widget needs an archive in a local folder; for an object store run: etendue view "
                 f"{self.place}"
             )
         return view(self.place, height)

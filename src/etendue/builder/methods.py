@@ -1,8 +1,8 @@
-"""Methods that distributions bring for pipelines and archives: ``etendue_methods``,
+"""Methods that distributions add to pipelines and archives: ``etendue_methods``,
 ``{"Pipeline.compare": "module:function"}``.
 
 In:  the name of a class and of a method.
-Out: the function, bound to what it is called on.
+Out: the function, bound to the object that it is called on.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from etendue.plugins import discovery
 
 
 class Extended:
-    """A class whose methods others add to; its own go before."""
+    """A class to which distributions add methods; its own take precedence."""
 
     def __getattr__(self, name: str) -> Any:
         if not name.startswith("_"):

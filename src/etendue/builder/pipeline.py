@@ -1,7 +1,7 @@
-"""A pipeline written in Python: what a pipeline file says, as a value that grows by calls.
+"""A pipeline written in Python: the content of a pipeline file, as a value to which calls add.
 
 In:  placed stages, shared quantities, axes of a sweep, what is wanted.
-Out: the same pipeline as TOML, its plan, its results, the studies of it.
+Out: the same pipeline as TOML, its plan, its results, studies of it.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from etendue.plan.model import Plan
     from etendue.session import Outcome
 
-APART = {"stages", "sweep", "about"}  # of the words of a pipeline file: those with methods of their own
+APART = {"stages", "sweep", "about"}  # keys of a pipeline file that have methods of their own
 
 
 def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> dict[str, Any]:
-    """Values of an axis from one to another: ``span("1 um", "3 um", 5)``; ``spacing``: ``linear`` or ``log``.
+    """Return evenly spaced values for an axis: ``span("1 um", "3 um", 5)``; ``spacing``: ``linear`` or ``log``.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> dict[str
 
 @dataclass(frozen=True)
 class Planned:
-    """What would run: stages, cells, bytes, time, what is left out and why."""
+    """What would run: stages, cells, bytes, time, and what is left out and why."""
 
     plan: Plan
 
@@ -62,7 +62,7 @@ class Planned:
         return len(self.plan.cells)
 
     def document(self) -> dict[str, Any]:
-        """What ``etendue plan --json`` prints."""
+        """Return what ``etendue plan --json`` prints."""
         return summary(self.plan, peak_memory(self.plan, workers_of("threads", 0)).bytes)
 
     def __repr__(self) -> str:
@@ -79,9 +79,9 @@ class Planned:
 @called_methods
 @dataclass(frozen=True)
 class Pipeline(Extended, PipelineSource):
-    """A graph of stages: placed stages in order, and all else a pipeline file says.
+    """A graph of stages: placed stages in order, and everything else that a pipeline file can state.
 
-    Every method gives a new pipeline and leaves the one it is called on as it is.
+    Every method returns a new pipeline and leaves the one it is called on unchanged.
 
     Parameters
     ----------
@@ -118,11 +118,11 @@ class Pipeline(Extended, PipelineSource):
         object.__setattr__(self, "table", next(iter(tables())))
         object.__setattr__(self, "folder", Path.cwd())
 
-    # -- made of parts ------------------------------------------------------------------------------------------------
+    # -- construction ------------------------------------------------------------------------------------------------
 
     @classmethod
     def read(cls, path: str | Path) -> Pipeline:
-        """The pipeline of a file, to be changed; its comments are lost. Relative paths go on to start at the file's
+        """Read the pipeline of a file, to change it; its comments are lost. Relative paths still start at the file's
         folder.
         """
         written = read_pipeline(Path(path))
@@ -148,35 +148,36 @@ class Pipeline(Extended, PipelineSource):
         return made
 
     def add(self, *stages: Placed) -> Pipeline:
-        """Further stages behind those there are."""
+        """Return the pipeline with further stages at the end."""
         return replaced(self, (*self.stages, *stages))
 
     def insert(self, before: str, *stages: Placed) -> Pipeline:
-        """Stages in front of the one of a name."""
+        """Return the pipeline with further stages in front of the named one."""
         at = self._position(before)
         return replaced(self, (*self.stages[:at], *stages, *self.stages[at:]))
 
     def swap(self, name: str, stage: Placed) -> Pipeline:
-        """Another stage in the place of the one of a name, under that name."""
+        """Return the pipeline with the named stage replaced by another, under the same name."""
         at = self._position(name)
         if isinstance(stage, Placed):
             stage = replace(stage, name=name)
         return replaced(self, (*self.stages[:at], stage, *self.stages[at + 1 :]))
 
     def remove(self, *names: str) -> Pipeline:
-        """Without the stages of these names."""
+        """Return the pipeline without the named stages."""
         gone = {self._position(name) for name in names}
         return replaced(self, tuple(one for at, one in enumerate(self.stages) if at not in gone))
 
     def stage(self, name: str, **values: Any) -> Pipeline:
-        """Other values of parameters of the stage of a name."""
+        """Return the pipeline with other parameter values for the named stage."""
         at = self._position(name)
         return replaced(self, (*self.stages[:at], self.stages[at].with_values(**values), *self.stages[at + 1 :]))
 
     def shared(self, **quantities: Any) -> Pipeline:
-        """Quantities that stages share, and the name of a preset: numbers in the declared unit, or texts with a unit.
+        """Return the pipeline with these shared quantities and preset: numbers in the declared unit, or text with a
+        unit.
 
-        A method of the name of the table that is installed does the same.
+        A method with the name of an installed table does the same.
         """
         given = {_bare(name): plain(value) for name, value in quantities.items()}
         return self._with(quantities={**self.quantities, **given})
@@ -187,8 +188,8 @@ class Pipeline(Extended, PipelineSource):
         return self._with(table=name).shared
 
     def sweep(self, **axes: Any) -> Pipeline:
-        """Axes: ``QUANTITY=[2, 4]``, ``QUANTITY=span("1 um", "3 um", 5)``, ``STAGE__PARAMETER=[0, 1]``,
-        ``STAGE__use=["a", s.b()]``.
+        """Return the pipeline with these axes: ``QUANTITY=[2, 4]``, ``QUANTITY=span("1 um", "3 um", 5)``,
+        ``STAGE__PARAMETER=[0, 1]``, ``STAGE__use=["a", s.b()]``.
         """
         found = {}
         for name, values in axes.items():
@@ -199,20 +200,20 @@ class Pipeline(Extended, PipelineSource):
         return self._with(axes={**self.axes, **found})
 
     def want(self, *variables: str) -> Pipeline:
-        """The variables that are computed for: ``rgb_display``, or ``stage.variable``; what nobody needs for them
-        does not run.
+        """Return the pipeline with the variables to compute: ``rgb_display``, or ``stage.variable``. Stages that they
+        do not need do not run.
         """
         return self._with(words={**self.words, "wanted": list(variables)})
 
     def keep(self, *variables: str) -> Pipeline:
-        """What is stored; without it all that is computed is. ``looks``: pictures and figures, not the bands of
-        light.
+        """Return the pipeline with the variables to store; by default, all computed ones. ``looks``: pictures and
+        metrics, not light by band.
         """
         return self._with(words={**self.words, "keep": list(variables)})
 
     def set(self, **words: Any) -> Pipeline:
-        """Other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``, ``description``; shared quantities
-        as ``shared`` does.
+        """Return the pipeline with other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``,
+        ``description``; shared quantities as in ``shared``.
         """
         quantities = {
             word: words.pop(word) for word in [*words] if _bare(word) in (*preset_keys(), *shared_quantities.names())
@@ -225,7 +226,7 @@ class Pipeline(Extended, PipelineSource):
         )
 
     def about(self, **words: Any) -> Pipeline:
-        """Who made it and under which licence: the table ``[about]``."""
+        """Return the pipeline with its authors and licence: the table ``[about]``."""
         return self._with(told={**self.told, **plain(words)})
 
     def _position(self, name: str) -> int:
@@ -235,33 +236,33 @@ class Pipeline(Extended, PipelineSource):
                 [
                     Fault(
                         "",
-                        f"no stage of the pipeline is named {name!r}{nearest(name, names)}; it has {', '.join(names)}",
+                        f"the pipeline has no stage {name!r}{nearest(name, names)}; it has {', '.join(names)}",
                     )
                 ]
             )
         return names.index(name)
 
-    # -- given on -----------------------------------------------------------------------------------------------------
+    # -- results -----------------------------------------------------------------------------------------------------
 
     def document(self) -> dict[str, Any]:
-        """What a pipeline file holds."""
+        """Return the content of a pipeline file."""
         parts = {self.table: self.quantities, "sweep": self.axes, "about": self.told}
         own = {name: dict(table) for name, table in parts.items() if table}
         return {**self.words, **own, "stages": [one.table() for one in self.stages]}
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The pipeline as the text of a file, which is written where a path is given."""
+        """Return the pipeline as the text of a file; write it if a path is given."""
         text = toml.dumps(self.document())
         if path is not None:
             Path(path).write_text(text, encoding="utf-8")
         return text
 
     def written(self) -> Written:
-        """The pipeline as if it had been read from a file; studies take it."""
+        """Return the pipeline as if read from a file, in the form that studies take."""
         return parse_pipeline(self.to_toml(), folder=self.folder)
 
     def plan(self, leave_out: bool = True) -> Planned:
-        """What would run.
+        """Return what would run.
 
         Raises
         ------
@@ -281,17 +282,18 @@ class Pipeline(Extended, PipelineSource):
         progress: bool = True,
         durable: bool = False,
     ) -> Outcome:
-        """Compute what is not there yet, with a progress bar in terminals and notebooks.
+        """Compute what is not finished yet, with a progress bar in terminals and notebooks.
 
         Parameters
         ----------
-        archive : a folder that is kept and resumed; None to stay in memory
-        want : variables, or one, instead of those of the pipeline
+        archive : folder to keep results in and resume from; None to stay in memory
+        want : variable or variables, instead of those of the pipeline
 
         Returns
         -------
         Outcome
-            ``tree``: the ``xarray.DataTree`` (of an archive: opened lazily); what was computed, reused, failed.
+            ``tree``: the ``xarray.DataTree`` (from an archive, loaded lazily); also what was computed, reused and
+            failed.
         """
         from etendue.present.terminal.progress import TerminalProgress
 
@@ -330,12 +332,12 @@ class Pipeline(Extended, PipelineSource):
 
 
 def replaced(pipeline: Pipeline, stages: tuple[Any, ...]) -> Pipeline:
-    """The same pipeline with other stages.
+    """Return the pipeline with other stages.
 
     Raises
     ------
     RequestError
-        One of them is none, or two have one name.
+        If one of them is not a placed stage, or two have the same name.
     """
     faults = [Fault(f"stage {n}", _no_stage(one)) for n, one in enumerate(stages, 1) if not isinstance(one, Placed)]
     if faults:
@@ -349,14 +351,14 @@ def _placed(table: Mapping[str, Any]) -> Placed:
 
 
 def _choice(one: Any) -> Any:
-    """A stage as a value of an axis ``STAGE__use``."""
+    """Return a stage as a value of an axis ``STAGE__use``."""
     if isinstance(one, Placed):
         return {"use": one.use, **one.values} if one.values else one.use
     return getattr(one, "__name__", one) if callable(one) else one
 
 
 def _bare(word: str) -> str:
-    """A quantity's own name, also where it is written ``TABLE__NAME``."""
+    """Return a quantity's own name, even if written ``TABLE__NAME``."""
     head, mark, name = word.partition("__")
     return name if mark and head in tables() else word
 
@@ -373,22 +375,19 @@ def number(text: str) -> Any:
 
 def _no_stage(one: Any) -> str:
     if callable(one):
-        return f"expected a placed stage, got the function {one!r}: call it"
+        return f"expected a placed stage, got the function {one!r}; call it"
     if isinstance(one, Stage):
-        return (
-            f"expected a placed stage, got {one!r} itself: a stage of your own is installed, and then "
-            f"etendue.stages.NAME(...)"
-        )
+        return f"expected a placed stage, got {one!r} itself; install your own stage, then use etendue.stages.NAME(...)"
     return f"expected a placed stage such as etendue.stages.NAME(), got {one!r}"
 
 
 def _no_word(word: str) -> str:
     if word in APART:
-        return f"is set by the method {word}(...)" if word != "stages" else "stages are given in front, in their order"
+        return f"is set by the method {word}(...)" if word != "stages" else "give stages as positional arguments"
     if word in shared_quantities.names():
         own = next(iter(tables()))
-        return f"is a {own} quantity: Pipeline.{own}({word}=...)"
-    return f"is no key of a pipeline{nearest(word, TOP)}"
+        return f"is a {own} quantity; use Pipeline.{own}({word}=...)"
+    return f"is not a key of a pipeline{nearest(word, TOP)}"
 
 
 __all__ = ["Pipeline", "Planned", "maker", "span"]

@@ -1,4 +1,4 @@
-"""Plans and pipelines as they look in a notebook.
+"""Plans and pipelines as shown in a notebook.
 
 In:  documents of numbers and texts, which may come from anywhere.
 Out: HTML without scripts; texts are escaped.
@@ -16,13 +16,13 @@ from etendue.telling import human_bytes
 
 
 def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], notes: Sequence[str] = ()) -> str:
-    """A table with its title above and notes (HTML) below."""
+    """Return a table with its title above and notes (HTML) below."""
     below = "".join(f"<div>{note}</div>" for note in notes)
     return f"<div><b>{escape(title)}</b>{rows_of(heads, rows)}{below}</div>"
 
 
 def plan_page(document: dict[str, Any]) -> str:
-    """What ``etendue plan`` prints."""
+    """Return what ``etendue plan`` prints, as HTML."""
     rows = [
         (
             stage["name"],
@@ -37,8 +37,8 @@ def plan_page(document: dict[str, Any]) -> str:
     whole = (
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
         f"{human_bytes(document['bytes'])}, "
-        f"about {human_seconds(document['seconds'])} of thread time, {human_bytes(document['peak_memory'])} held at "
-        f"most"
+        f"about {human_seconds(document['seconds'])} of thread time, at most {human_bytes(document['peak_memory'])} "
+        f"of memory"
     )
     notes = [whole, *(f"note: {escape(text)}" for text in document["warnings"])]
     return table_page(

@@ -1,8 +1,8 @@
 """Installed stages as functions that place them in a pipeline: ``from etendue import stages as s``;
 ``s.diffraction(terms=6)``.
 
-In:  names of stages, those of plugins included, and their parameters as a pipeline file has them.
-Out: ``Placed`` values. Nothing is computed, and a stage is imported when its signature, its help or a call asks for it.
+In:  names of stages, including those of plugins, and their parameters as in a pipeline file.
+Out: ``Placed`` values. Nothing is computed; a stage is imported when its signature, help or a call needs it.
 """
 
 from __future__ import annotations
@@ -25,9 +25,7 @@ from etendue.errors import Fault, RequestError, nearest
 
 @dataclasses.dataclass(frozen=True)
 class Placed:
-    """One stage of a pipeline: which it is, what it is called there, its parameters as written, from which stages it
-    reads.
-    """
+    """One stage of a pipeline: its kind, name, parameters as written, and the stages that it reads from."""
 
     use: str
     values: Mapping[str, Any]
@@ -35,7 +33,7 @@ class Placed:
     reads_from: Mapping[str, str]
 
     def table(self) -> dict[str, Any]:
-        """What stands under ``[[stages]]`` in a pipeline file."""
+        """Return its ``[[stages]]`` table of a pipeline file."""
         own: dict[str, Any] = {"use": self.use}
         if self.name != self.use:
             own["name"] = self.name
@@ -44,7 +42,7 @@ class Placed:
         return {**own, **self.values}
 
     def with_values(self, **values: Any) -> Placed:
-        """The same stage with other values of some parameters."""
+        """Return the same stage with other values of some parameters."""
         return maker(self.use)(name=self.name, reads_from=self.reads_from, **{**self.values, **values})
 
     def __repr__(self) -> str:
@@ -58,7 +56,7 @@ class Placed:
 
 @called_methods
 class Maker:
-    """A stage by its name: called with its parameters it gives a ``Placed``."""
+    """A stage by its name; calling it with parameters returns a ``Placed``."""
 
     def __init__(self, use: str) -> None:
         self.__name__ = self.__qualname__ = use
@@ -82,7 +80,7 @@ class Maker:
         return installed_stages().load(self.__name__)
 
     def _own(self) -> dict[str, tuple[Parameter, Any, Any]]:
-        """The parameters that stand with the stage; shared quantities stand elsewhere."""
+        """Return the stage's own parameters, without shared quantities."""
         return {name: found for name, found in parameters_of(self._kind).items() if not found[0].shared}
 
     @property
@@ -108,7 +106,7 @@ class Maker:
             lines += [f"{word} {declared}" for declared in ports.values()]
         shared = [name for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared]
         if shared:
-            lines.append(f"Takes {', '.join(shared)}, which stages share: Pipeline.{next(iter(tables()))}(...)")
+            lines.append(f"Uses the shared {', '.join(shared)}: Pipeline.{next(iter(tables()))}(...)")
         own = self._own()
         if own:
             lines += ["", "Parameters", "----------"]
@@ -126,7 +124,7 @@ class Maker:
 
 
 class Stages:
-    """Every installed stage by its name."""
+    """All installed stages by name."""
 
     __name__ = "etendue.stages"
 
@@ -134,7 +132,7 @@ class Stages:
         if not name.startswith("_") and name in installed_stages():
             return maker(name)
         raise AttributeError(
-            f"there is no stage {name!r}{nearest(name, installed_stages().names())}; all of them: etendue stages"
+            f"unknown stage {name!r}{nearest(name, installed_stages().names())}; to list all: etendue stages"
         )
 
     def __dir__(self) -> list[str]:
@@ -153,19 +151,19 @@ _MAKERS: dict[str, Maker] = {}
 
 @called
 def maker(use: str) -> Maker:
-    """The one function that places a stage.
+    """Return the function that places a stage; there is one per stage.
 
     Raises
     ------
     RequestError
-        There is no such stage.
+        If the stage is unknown.
     """
     if use not in installed_stages():
         raise RequestError(
             [
                 Fault(
                     "",
-                    f"there is no stage {use!r}{nearest(use, installed_stages().names())}; all of them: etendue stages",
+                    f"unknown stage {use!r}{nearest(use, installed_stages().names())}; to list all: etendue stages",
                 )
             ]
         )
@@ -173,7 +171,7 @@ def maker(use: str) -> Maker:
 
 
 def plain(value: Any) -> Any:
-    """A value as a document has it: tuples and arrays as lists, scalars of numpy as numbers, paths as text."""
+    """Return a value as in a document: tuples and arrays as lists, numpy scalars as numbers, paths as text."""
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, list | tuple):
@@ -189,8 +187,8 @@ def plain(value: Any) -> Any:
 
 def _unknown(name: str, own: Mapping[str, Any], every: Mapping[str, Any]) -> str:
     if name in every:
-        return f"{name} is shared by stages: set it by Pipeline.{next(iter(tables()))}({name}=...)"
-    return f"there is no such parameter{nearest(name, own) or '; it has none'}"
+        return f"{name} is shared by stages; set it with Pipeline.{next(iter(tables()))}({name}=...)"
+    return f"unknown parameter{nearest(name, own) or '; the stage has none'}"
 
 
 def _form(parameter: Parameter, default: Any) -> str:

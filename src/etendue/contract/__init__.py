@@ -1,6 +1,6 @@
-"""The words of a request and of a stage: declarations, parameters, units, grids, the pipeline file, ports between
-rooms.
+"""The shared vocabulary of requests and stages: declarations, parameters, units, grids, the pipeline file, and ports
+between packages.
 
 In:  text and classes.
-Out: frozen values that the rooms above agree on. No arrays.
+Out: frozen values that the higher layers agree on. No arrays.
 """

@@ -1,10 +1,9 @@
-"""What a stage can do beyond ``run``: typed bases, asked for by ``issubclass``.
+"""What a stage can do beyond ``run``, as typed base classes that ``issubclass`` tests for.
 
 In:  a class of stages.
-Out: whether it is a source, a transfer function, made by band, may be left out, looks at other stages.
+Out: whether it is a source, a transfer function, computed by band, may be left out, looks at other stages.
 
-Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of all stages in front of it, see
-``Probe``.
+Any stage may read ``"*.transfer [1]"``: the port gets the transfer functions of all stages before it, see ``Probe``.
 """
 
 from __future__ import annotations
@@ -33,148 +32,146 @@ from etendue.contract.stage import (
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Source(Stage):
-    """A stage that reads nothing and says before any array what it will write."""
+    """A stage that reads nothing and states what it will write before any array is made."""
 
     @abstractmethod
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
 
     def white_light(self, edges: tuple[float, ...]) -> Any:
-        """(band,): light of a white surface in bands with these edges, of any scale, by which figures weigh them; None:
-        not known, and they take light that is equally strong in all bands."""
+        """(band,): light of a white surface in bands with these edges, in any scale, by which metrics weight the bands.
+        None: unknown, and metrics assume light that is equally strong in all bands."""
         return None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tinting(Stage):
-    """A stage that takes light by band, the same all over the frame, as a filter does."""
+    """A stage that absorbs light by band, uniformly over the frame, as a filter does."""
 
     @abstractmethod
     def transmission(self, grid: Grid) -> Any:
-        """(band,): of the bands of a grid."""
+        """(band,): the transmission in the bands of a grid."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Transfer(Stage):
-    """A linear shift-invariant stage: a transfer function in the place of ``run``. ``radial``: it depends on the size
-    of the frequency alone. It reads and writes one variable."""
+    """A linear shift-invariant stage: it has a transfer function instead of ``run``. ``radial``: the function depends
+    only on the magnitude of the frequency. The stage reads and writes one variable."""
 
     radial: ClassVar[bool] = False
 
     @abstractmethod
     def transfer(self, *given: Any, **named: Any) -> Any:
-        """At separable frequencies: ``(fy, fx, middles of the bands)``, cycles/um and the unit in which their dim is
-        asked, and ``prepared`` where ``prepare`` gives something."""
+        """Return the transfer function at separable frequencies ``(fy, fx, centres of the bands)``, in cycles/um and in
+        the unit in which the dim of the bands is asked; ``prepared`` is given too if ``prepare`` returns something."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Summed(Transfer):
-    """A transfer function that ends in a weighted sum over the bands, as a pixel behind its filters does."""
+    """A transfer function that ends in a weighted sum over the bands, as a pixel under its filters does."""
 
     @abstractmethod
     def weights(self, prepared: Any) -> Any:
-        """(channel, band)."""
+        """(channel, band): the weights of the sum."""
 
     def segment_error(
         self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str
     ) -> tuple[float | None, str]:
-        """Its error behind the stages that are joined before it."""
+        """Return its error, and the basis, after the stages that are joined before it."""
         return self.error(facts, grid, precision)
 
     def terms(self) -> int:
-        """Of an expansion of the sum, taken before the transfer functions; 0: every band has its own."""
+        """Return the terms of an expansion of the sum, made before the transfer functions; 0: each band has its own."""
         return 0
 
     def kept(self) -> float:
-        """Share of the grid's Nyquist frequency beyond which the light in front of it is left out; 1: nothing is."""
+        """Return the share of the grid's Nyquist frequency above which incident light is omitted; 1: none is."""
         return 1.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ChannelTransfer(Stage):
-    """A stage behind the sum over bands that moves charge from pixel to pixel, whatever their filters are: linear, and
-    over the pixels of a channel shift-invariant on average. Whoever looks at transfer functions sees it with those of
-    the pixel.
+    """A stage after the sum over bands that moves charge from pixel to pixel, whatever their filters are. It is linear
+    and, over the pixels of a channel, shift-invariant on average. Stages that look at transfer functions see it
+    combined with that of the pixel.
     """
 
     @abstractmethod
     def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
-        """(channel that collects, channel of the filter, m, n) at fy (m,), fx (n,), cycles/um.
+        """(collecting channel, channel of the filter, m, n): the transfer at fy (m,), fx (n,), cycles/um.
 
-        ``light``: (band,), of a white surface, of any scale.
+        ``light``: (band,), of a white surface, in any scale.
         """
 
     def moves_charge(self) -> bool:
-        """Whether it does anything with these parameters."""
+        """Return whether it does anything with these parameters."""
         return True
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Banded(Stage):
-    """A stage whose ``run`` may be given some of the bands."""
+    """A stage whose ``run`` can work on some of the bands."""
 
     @abstractmethod
     def by_band(self, prepared: Any, bands: slice) -> Any:
-        """What is prepared for these bands."""
+        """Return the part of ``prepared`` for these bands."""
 
     def constants(self, prepared: Any) -> Mapping[str, Any]:
-        """Of a source: what it writes that has no place."""
+        """Return, for a source, what it writes that has no position."""
         return {}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Haloed(Stage):
-    """A stage of which every row follows from the rows near it: ``run`` may be given some rows of a frame, and gives
-    them the same bits.
+    """A stage in which every row depends only on rows near it: ``run`` can be given some rows of a frame and returns
+    the same bits for them.
 
-    What it reads with rows, and ``y`` and its like, is cut; all else (tables, figures) is whole. Random numbers must be
-    asked for once, in the order of the rows, and only without a halo. Strips begin on even rows, and hold as many rows
-    as the halo has at least.
+    Inputs with rows, and ``y`` and the like, are cut; all others (tables, numbers) are whole. Random numbers must be
+    drawn in one call, in the order of the rows, and only without a halo. Strips begin on even rows and have at least as
+    many rows as the halo.
     """
 
     def halo(self) -> int | None:
-        """Rows above and below that a row depends on; None: with these parameters on the whole frame."""
+        """Return the rows above and below that a row depends on; None: the whole frame, with these parameters."""
         return 0
 
     def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
-        """What is written without rows, from what was given for each strip; ``sizes``: values of a strip's first
-        variable. The same for all strips, unless a stage without a halo says otherwise."""
+        """Return what is written without rows, from the results of all strips; ``sizes``: values of each strip's first
+        variable. By default they must be equal in all strips; a stage without a halo may override this."""
         apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
         if apart:
-            raise ValueError(
-                f"{type(self).__name__} gives some rows another {', '.join(apart)} than others: write joined()"
-            )
+            raise ValueError(f"{type(self).__name__} returns another {', '.join(apart)} for some rows; define joined()")
         return {name: values[0] for name, values in parts.items()}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Bounded(Stage):
-    """A stage that may be left out where it does little: it reads and writes the same variable on the same grid."""
+    """A stage that may be left out where its effect is small: it reads and writes one variable on the same grid."""
 
     @abstractmethod
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """How wrong leaving it out is, relative to full scale, and why; None where that is not known."""
+        """Return the error of leaving it out, relative to full scale, and the reason; None if it is unknown."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sampled(Stage):
-    """A stage that draws random numbers or rounds, and knows what it writes on average.
+    """A stage that draws random numbers or rounds, and can compute its mean output.
 
-    Errors of a pipeline are found by comparing expected values: an error d in front of rounding by q is sqrt(d q)
-    behind it, and two draws differ by their noise.
+    Errors of a pipeline are found by comparing means: an error d before rounding to steps of q becomes sqrt(d q) after
+    it, and two draws differ by their noise.
     """
 
     @abstractmethod
     def mean(self, *given: Any, **named: Any) -> Any:
-        """What ``run`` gives on average, before rounding: the same variables, as floats. It asks by name for what
-        ``run`` may ask for, random numbers aside."""
+        """Return what ``run`` returns on average, before rounding: the same variables, as floats. It may ask by name
+        for what ``run`` may ask for, except random numbers."""
 
 
 class Noisy(Stage):
-    """A stage that adds noise to the level of a place, and knows how much.
+    """A stage that adds noise to the signal at a position, and states how much.
 
-    ``by_line``: whole rows or columns share the noise. ``inherent``: it follows from the level alone, as counts
-    scatter, so that who counts noise knows it without a datasheet. Rounding is noise too: a twelfth of the square of
-    its step.
+    ``by_line``: whole rows or columns share the noise. ``inherent``: the noise follows from the level alone, as in
+    counting, so that it is known without a datasheet. Rounding is noise too, with a variance of a twelfth of its step
+    squared.
     """
 
     by_line: ClassVar[bool] = False
@@ -182,21 +179,21 @@ class Noisy(Stage):
 
     @abstractmethod
     def variance(self, level: float) -> float:
-        """What is added to the variance of a place with a mean level, in the square of its unit."""
+        """Return the variance that is added at a mean level, in the square of its unit."""
 
 
 class Datasheet(Stage):
-    """A stage that knows figures of itself which a measurement finds again, and at which others may look."""
+    """A stage that states numbers about itself that a measurement can reproduce and other stages may look at."""
 
     @abstractmethod
     def datasheet(self) -> Mapping[str, float]:
-        """Figures by name: those that whoever looks at them knows."""
+        """Return the numbers by name; stages that look at them know these names."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """What a port that looks at ``"*.datasheet"`` is given of a stage: its role and its figures; none of one that
-    has no datasheet.
+    """What a port that looks at ``"*.datasheet"`` gets from a stage: its role and its numbers, none if it has no
+    datasheet.
     """
 
     role: str
@@ -211,11 +208,11 @@ class Sheet:
 class Probe(Stage):
     """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
 
-    ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and
-    including that stage (``etendue.compute.joined.otf.Otf``), or the array itself; with ``with_grids`` arrays come as
+    For each such port ``run`` gets a list of (stage name, what it looks at). That is the transfer function up to and
+    including the stage (``etendue.compute.joined.otf.Otf``), or the array itself; with ``with_grids`` the list has
     (stage name, array, grid). Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in
-    order, whose names ``run`` may ask for as ``stage``; those seen through the ports in ``beside`` alone have no place
-    in it, and a ``ChannelTransfer`` shares the pixel's.
+    order, whose names ``run`` may ask for as ``stage``. Stages seen only through the ports in ``beside`` have no entry
+    there, and a ``ChannelTransfer`` shares the pixel's.
     """
 
     with_grids: ClassVar[bool] = False
@@ -224,11 +221,11 @@ class Probe(Stage):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Viewed(Stage):
-    """A stage whose pictures are meant for an eye that is adapted to a white of their own."""
+    """A stage whose pictures are meant for an eye adapted to a white of their own."""
 
     @abstractmethod
     def viewing_white(self) -> Any:
-        """XYZ of that white, or None where it is the display's."""
+        """Return XYZ of that white, or None if it is the display's."""
 
 
 CAPABILITIES = {
@@ -246,9 +243,7 @@ CAPABILITIES = {
 
 
 def no_coordinates(kind: type[Stage]) -> str:
-    """What ``creates`` should be in place of what it is, '' where it is right: a list of names or numbers becomes
-    Labels.
-    """
+    """Return what ``creates`` should be instead, '' if it is right; a list of names or numbers becomes Labels."""
     creates: Any = kind.creates
     given = creates.items() if isinstance(creates, Mapping) else ()
     wrong = [(dim, one) for dim, one in given if not isinstance(one, Line | Bands | Labels)]
@@ -265,16 +260,16 @@ def no_coordinates(kind: type[Stage]) -> str:
 
 
 def check_class(kind: type[Stage]) -> None:
-    """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where
-    it is another.
+    """Check the attributes and methods of a class apart from its ports; raise ``TypeError`` if one has a form that the
+    engine does not read.
     """
     _check_words(kind)
     _check_methods(kind)
     name, rate, working = kind.__name__, kind.nanoseconds, kind.working
     if not _is_number(rate) or not rate > 0:
-        raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number above 0")
+        raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number greater than 0")
     if not _is_number(working) or not 0 <= working < math.inf:
-        raise TypeError(f"{name}.working is {working!r}; expected a number from 0")
+        raise TypeError(f"{name}.working is {working!r}; expected a number of at least 0")
     if issubclass(kind, Sampled):
         mean_arguments_of(kind)
     own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
@@ -285,10 +280,10 @@ def check_class(kind: type[Stage]) -> None:
 
 
 def _check_words(kind: type[Stage]) -> None:
-    """How it takes what is undefined or negative, what it keeps, which libraries and dims are its own."""
+    """Check how a stage treats undefined and negative values, what it keeps, and its libraries and dims."""
     name, gain = kind.__name__, kind.gain
     if gain is not None and not (_is_number(gain) and 0 <= gain < math.inf):
-        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
+        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers of at least 0")
     said = (("nan", kind.nan, ("error", "keep")), ("negative", kind.negative, ("error", "keep", "clip")))
     for attribute, word, allowed in said:
         if word not in allowed:
@@ -302,19 +297,19 @@ def _check_words(kind: type[Stage]) -> None:
 
 
 def _check_methods(kind: type[Stage]) -> None:
-    """What it computes with is there, and of the bases that ask for it."""
+    """Check that methods come with their base classes, and that abstract methods are defined."""
     methods = {name: own for name in dir(kind) if inspect.isfunction(own := inspect.getattr_static(kind, name))}
     for method, base in CAPABILITIES.items():
         if method in methods and not issubclass(kind, base):
             raise TypeError(
-                f"{kind.__name__} has {method}, as a {base.__name__} has, and is none: derive it from "
+                f"{kind.__name__} defines {method}, a method of {base.__name__}, but is none: derive it from "
                 f"etendue.api.{base.__name__}"
             )
     lacking = sorted(name for name, own in methods.items() if vars(own).get("__isabstractmethod__"))
     if lacking:
-        raise TypeError(f"{kind.__name__} has no {', '.join(lacking)}, which its bases ask for")
+        raise TypeError(f"{kind.__name__} lacks {', '.join(lacking)}, required by its base classes")
     if kind.run is None and not is_transfer(kind):
-        raise TypeError(f"{kind.__name__} has neither run nor transfer: nothing would be computed")
+        raise TypeError(f"{kind.__name__} has neither run nor transfer; define one of them")
 
 
 def _is_number(value: Any) -> bool:
@@ -330,26 +325,25 @@ def is_transfer(kind: type[Stage]) -> bool:
 
 
 def _equal(one: Any, other: Any) -> bool:
-    """Whether two plain figures are the same; what is undefined equals itself."""
+    """Return whether two plain values are equal; NaN equals itself."""
     same = (one == other) | ((one != one) & (other != other))
     return bool(same.all() if hasattr(same, "all") else same)
 
 
 def halo_of(stage: Stage) -> int | None:
-    """Rows above and below that a row of what a stage writes depends on; None: on the whole frame, as far as is
-    known.
-    """
+    """Return the rows above and below that a row of a stage's output depends on; None: the whole frame, or unknown."""
     kind = type(stage)
     if isinstance(stage, Haloed):
         rows = stage.halo()
         if rows is not None and (isinstance(rows, bool) or not isinstance(rows, int) or rows < 0):
-            raise TypeError(f"{kind.__name__}.halo gives {rows!r}; expected a whole number of rows from 0, or None")
+            raise TypeError(f"{kind.__name__}.halo returned {rows!r}; expected a number of rows, 0 or more, or None")
+        # Random numbers must be drawn in the order of the rows, and a halo would draw rows at the seams twice.
         return None if rows and is_random(kind) else rows
     return 0 if kind.elementwise and not is_random(kind) else None
 
 
 def is_seen_as_transfer(kind: type[Stage]) -> bool:
-    """Whether who looks at transfer functions looks at it: as one of them, or with the pixel in front of it."""
+    """Return whether a look at transfer functions sees it: as one of them, or combined with the pixel before it."""
     return issubclass(kind, Transfer | ChannelTransfer)
 
 
@@ -358,7 +352,7 @@ def ends_in_sum(kind: type[Stage]) -> bool:
 
 
 def moves_light(kind: type[Stage]) -> bool:
-    """Whether a stage changes the place of light by band, and no transfer function says how."""
+    """Return whether a stage moves light by band from place to place without a transfer function for it."""
     read = {declared.variable for declared in reads_of(kind).values()}
     both = any(declared.variable in read and is_light(declared.dims) for declared in writes_of(kind).values())
     return both and not is_transfer(kind) and not kind.pointwise
@@ -366,33 +360,33 @@ def moves_light(kind: type[Stage]) -> bool:
 
 @per_kind
 def bands_of(kind: type[Stage]) -> str:
-    """The dim of bands that a stage speaks of in what it reads or writes; '' where it speaks of none."""
+    """Return the dim of bands in what a stage reads or writes; '' if there is none."""
     return banded(dim for declared in (*reads_of(kind).values(), *writes_of(kind).values()) for dim in declared.dims)
 
 
 def is_random(kind: type[Stage]) -> bool:
-    """Whether a stage is given random numbers: new in every cell, or fixed patterns."""
+    """Return whether a stage gets random numbers: new ones in every cell, or fixed patterns."""
     return "rng" in arguments_of(kind) or bool(patterns_of(kind))
 
 
 def draws_anew(kind: type[Stage]) -> bool:
-    """Whether its random numbers follow the seed: fixed patterns alone do not."""
+    """Return whether its random numbers depend on the seed; those of fixed patterns do not."""
     return "rng" in arguments_of(kind)
 
 
 def rounds(kind: type[Stage]) -> bool:
-    """Whether a stage writes whole numbers of a physical unit: codes of a converter."""
+    """Return whether a stage writes whole numbers in a physical unit, as the codes of a converter."""
     return any(d.dtype != "float" and d.unit != "1" for d in writes_of(kind).values())
 
 
 def has_no_mean(kind: type[Stage]) -> bool:
-    """Whether a stage draws or rounds and does not say what comes of it on average."""
+    """Return whether a stage draws or rounds without stating its mean output."""
     return (is_random(kind) or rounds(kind)) and not issubclass(kind, Sampled)
 
 
 @per_kind
 def mean_arguments_of(kind: type[Sampled]) -> tuple[str, ...]:
-    """The names that ``mean`` asks for. Random numbers are refused: there is nothing to draw."""
+    """Return the names that ``mean`` asks for. Random numbers are refused, since a mean draws nothing."""
     names = names_asked(kind, "mean")
     drawn = [name for name in names if name == "rng" or identity_of(name)]
     if drawn:

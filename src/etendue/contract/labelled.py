@@ -1,8 +1,8 @@
-"""Stages written on labels: ``run`` gets an ``xarray.Dataset`` and gives one back.
+"""Stages written on labelled arrays: ``run`` gets an ``xarray.Dataset`` and returns one.
 
 In:  a class of stages whose ``run(self, data, ...)`` works on a Dataset of what ``reads`` declares.
-Out: the same class with a ``run`` on plain arrays, which fills in coordinates and attributes and holds the answer to
-     its declaration.
+Out: the same class with a ``run`` on plain arrays, which adds coordinates and attributes, and checks the result against
+     the declaration.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ _Kind = TypeVar("_Kind", bound=type[Stage])
 
 
 def labelled(kind: _Kind) -> _Kind:
-    """Let ``run`` of a stage work on labels.
+    """Let ``run`` of a stage work on labelled arrays.
 
-    ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims: middles of bands, ``y``, ``x`` (with
-    ``y_um``, ``x_um`` on the image plane), and the attributes of the vocabulary; the coordinates of dims that only
-    ``writes`` declares stand in ``data`` too. It returns a Dataset (or a mapping of arrays) of what ``writes``
-    declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, fixed patterns and ``asked``.
+    ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims: centres of bands, ``y``, ``x`` (with
+    ``y_um``, ``x_um`` on the image plane), and the attributes of the vocabulary. Coordinates of dims that only
+    ``writes`` declares are in ``data`` too. It returns a Dataset (or a mapping of arrays) of what ``writes`` declares,
+    with dims in any order. Apart from ``data`` it may ask for ``prepared``, ``rng``, fixed patterns and ``asked``.
 
     Raises
     ------
     TypeError
-        ``run`` asks for something else.
+        If ``run`` asks for something else.
     """
     body = kind.run
     asked = [name for name in list(inspect.signature(body).parameters)[1:] if name != "data"]
     unknown = [name for name in asked if not (name in SPECIAL or identity_of(name))]
     if unknown:
         raise TypeError(
-            f"{kind.__name__}.run asks for {', '.join(unknown)} beside data; allowed are {', '.join(sorted(SPECIAL))}"
+            f"{kind.__name__}.run asks for {', '.join(unknown)} besides data; allowed are {', '.join(sorted(SPECIAL))}"
         )
     reads, writes = reads_of(kind), writes_of(kind)
     dims = tuple(
@@ -69,7 +69,7 @@ def labelled(kind: _Kind) -> _Kind:
 def _dataset(
     arrays: Mapping[str, tuple[Declaration, Any]], dims: Iterable[str], given: Mapping[str, Any]
 ) -> xr.Dataset:
-    """What is read, with labels; and the coordinates of what is to be written."""
+    """Return what is read, with labels, and the coordinates of what is to be written."""
     import xarray as xr
 
     coordinates: dict[str, Any] = {}
@@ -90,33 +90,33 @@ def _dataset(
 
 
 def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.Dataset) -> dict[str, Any]:
-    """What was written, as arrays in the declared order of dims.
+    """Return what was written, as arrays with their dims in declared order.
 
     Raises
     ------
     PluginError
-        Something lacks, has other dims, another unit or other coordinates than declared.
+        If something is missing, or has other dims, another unit or other coordinates than declared.
     """
     import numpy as np
     import xarray as xr
 
     if not isinstance(found, Mapping):
-        raise PluginError(f"{name}.run gave {type(found).__name__}, not a Dataset of the variables it writes")
+        raise PluginError(f"{name}.run returned {type(found).__name__}, not a Dataset of the variables it writes")
     arrays: dict[str, Any] = {}
     extra = sorted(
         set(map(str, found)) - {d.variable for d in writes.values()} - set(data.variables) - {"y_um", "x_um"}
     )
     if extra:
-        raise PluginError(f"{name}.run gave {', '.join(extra)}, which it does not write")
+        raise PluginError(f"{name}.run returned {', '.join(extra)}, which it does not write")
     carried = {
         str(one.attrs.get("units")) for one in (*data.data_vars.values(), *data.coords.values())
-    }  # kept by arithmetic: no claim
+    }  # units that arithmetic has passed on are no statement of the stage
     for declared in writes.values():
         if declared.variable not in found:
             if declared.optional:
                 continue
             raise PluginError(
-                f"{name}.run gave {', '.join(map(str, found)) or 'nothing'}, but declares {declared.variable}"
+                f"{name}.run returned {', '.join(map(str, found)) or 'nothing'}, but declares {declared.variable}"
             )
         array = found[declared.variable]
         if not isinstance(array, xr.DataArray):
@@ -125,16 +125,16 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
         if set(array.dims) != set(declared.dims):
             dims = " ".join(map(str, array.dims))
             raise PluginError(
-                f"{name} gave {declared.variable} with the dims '{dims}', but declares '{' '.join(declared.dims)}'"
+                f"{name} returned {declared.variable} with the dims '{dims}', but declares '{' '.join(declared.dims)}'"
             )
         unit = array.attrs.get("units", declared.unit)
         if unit not in carried and not same_unit(unit, declared.unit):
-            raise PluginError(f"{name} gave {declared.variable} in {unit}, but declares {declared.unit}")
+            raise PluginError(f"{name} returned {declared.variable} in {unit}, but declares {declared.unit}")
         for own in declared.dims:
             if own in array.coords and own in data.coords and not array.coords[own].equals(data.coords[own]):
                 raise PluginError(
-                    f"{name} gave {declared.variable} at another {own} than it read; what changes the grid says so in "
-                    f"grid()"
+                    f"{name} returned {declared.variable} at another {own} than it read; a stage that changes the grid "
+                    f"must define grid()"
                 )
         arrays[declared.variable] = array.transpose(*declared.dims).to_numpy()
     return arrays

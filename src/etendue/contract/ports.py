@@ -1,7 +1,7 @@
-"""Ports between rooms that do not know each other: where results go, and who is told.
+"""Ports between packages that do not import each other: where results go, and who is notified.
 
-``run`` computes and hands results to a ``Target`` of the run's ``Keeper``; ``archive`` implements both, on disk and in
-memory; ``report`` draws a ``Sheet``; ``session`` joins them.
+``run`` computes and passes results to a ``Target`` of the run's ``Keeper``; ``archive`` implements both, on disk and in
+memory; ``present`` draws a ``Sheet``; ``session`` joins them.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class WrittenChunk:
-    """One stored chunk: its slot in a shard, and where its bytes were put when it was written."""
+    """One stored chunk: its slot in a shard, and where its bytes were written."""
 
-    path: str  # of the shard, below the archive
+    path: str  # of the shard, relative to the archive
     slot: int  # number of the chunk in the shard
-    part: str  # name of the unfinished file beside the shard that the bytes were appended to
+    part: str  # name of the unfinished file next to the shard to which the bytes were appended
     offset: int
     size: int
-    digest: int  # crc32c, which stands behind the bytes as well
+    digest: int  # crc32c, which also follows the bytes in the file
 
 
 class Target(Protocol):
-    """Where the variables of one cell are kept. Picklable: it travels with the work."""
+    """Where the variables of one cell are stored. Picklable, because it is sent with the work."""
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]: ...
 
@@ -38,7 +38,7 @@ class Target(Protocol):
     def read_band(self, variable: str, band: int) -> Any: ...
 
     def settle(self) -> None:
-        """Called behind the last cell of a batch: what was written stands in its files before it is reported."""
+        """Called after the last cell of a batch: all that was written must be in its files before it is reported."""
 
 
 @dataclass(frozen=True)
@@ -53,13 +53,13 @@ class CellReport:
     message: str = ""
     clipped: float = 0.0
     clipped_flux: float = 0.0
-    floored: float = 0.0  # sum of the variables that are counted
-    platform: str = ""  # an earlier one, on which it was computed and accepted
-    size: int = 0  # bytes of what was written, where that is no longer told one by one
+    floored: float = 0.0  # sum of the counted variables
+    platform: str = ""  # the earlier platform on which it was computed, if accepted
+    size: int = 0  # bytes written, if the single chunks are no longer listed
 
 
 class Progress(Protocol):
-    """Told by the owner of a run, never by a worker."""
+    """Notified by the owner of a run, never by a worker."""
 
     def begin(self, cells: int) -> None: ...
 
@@ -72,8 +72,8 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class ContactSheet:
-    """Pictures of the shown cells: as a table of the archive, empty where that of an earlier run stays, and drawn
-    into one PNG.
+    """Pictures of the shown cells: as a table of the archive (empty if that of an earlier run stays), and a function
+    that draws them into one PNG.
     """
 
     table: dict[str, Any]
@@ -83,15 +83,14 @@ class ContactSheet:
 
 
 class Keeper(Protocol):
-    """Where the results of a run are kept, and what is kept from earlier ones. Used as a context manager, by the owner
-    of the run.
+    """The store of a run's results, with those of earlier runs. The owner of the run uses it as a context manager.
 
     Attributes
     ----------
-    folder : where, if anywhere
-    keeps_arrays : whether it takes the arrays of all cells from ``finished``; else from their ``target``
+    folder : its folder, if it has one
+    keeps_arrays : whether ``finished`` must pass the arrays of all cells; if not, cells write them to their ``target``
     draws : whether pictures are made of the shown cells
-    mark : once begun, a file that all who write the results must see, and what it holds; None where nothing is written
+    mark : once begun, a file that all writers of results must see, and its content; None if nothing is written
     """
 
     folder: Path | None
@@ -108,8 +107,8 @@ class Keeper(Protocol):
     def target(self, cell: Cell) -> Target | None: ...
 
     def place(self, ref: CellRef, variable: str) -> Any:
-        """Where a variable that is made piece by piece may be put at once, an array to be filled; None: it is taken
-        when it is whole.
+        """Return an array that a variable made piece by piece can be written into directly; None: it is taken when
+        complete.
         """
 
     def starting(self, refs: Iterable[CellRef]) -> None: ...
@@ -117,7 +116,7 @@ class Keeper(Protocol):
     def finished(
         self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
     ) -> Mapping[CellRef, dict[str, Any]]:
-        """Take what became of cells, in any thread; gives their arrays where they stand from now on."""
+        """Take the reports of cells, in any thread; return their arrays as the store holds them from now on."""
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]: ...
 
@@ -126,8 +125,8 @@ class Keeper(Protocol):
     ) -> dict[CellRef, dict[str, Any]]: ...
 
     def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
-        """At the end: the arrays of all cells that it has taken, and ``others``, that it was given and does not
-        keep.
+        """Return, at the end, the arrays of all cells that it has taken, and ``others``, which it was given and does
+        not keep.
         """
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
@@ -135,11 +134,11 @@ class Keeper(Protocol):
     def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
 
     def close(self, tables: dict[str, Any], sheet: ContactSheet | None, failed: bool) -> tuple[Any, list[Path]]:
-        """End a run in order: the tree of its results where it is in memory, and the files of pictures."""
+        """End a run in order; return the tree of results if it is in memory, and the files of pictures."""
 
 
 class Passing:
-    """What keepers have in common that find nothing of earlier runs and leave nothing to later ones."""
+    """Base of stores that find no results of earlier runs and leave none to later ones."""
 
     folder: Path | None = None
     mark: tuple[str, bytes] | None = None

@@ -1,6 +1,6 @@
-"""Stages by name: known from the manifests of installed distributions, loaded when they are used.
+"""Stages by name: known from the manifests of installed distributions, and loaded on first use.
 
-Names, near-misses and clashes need no stage module; a stage that cannot be imported fails only what uses it.
+Names, suggestions and clashes need no stage module, and a stage that cannot be imported fails only what uses it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ OWN = "etendue"  # the distribution of the package
 
 
 class Registry:
-    """Stages by name. Built once per process with ``installed_stages``; tests may build their own."""
+    """Stages by name. ``installed_stages`` builds it once per process; tests may build their own."""
 
     def __init__(self, found: Discovery) -> None:
         self.found = found
@@ -37,14 +37,14 @@ class Registry:
         return isinstance(name, str) and self.found.first("stages", name) is not None
 
     def fitting(self, fits: Callable[[type[Stage]], bool]) -> Iterator[str]:
-        """The stages that can be loaded and of which something holds, those of the package first."""
+        """Yield the loadable stages that satisfy a condition, those of this package first."""
         for name in sorted(self.names(), key=lambda name: (self.installed(name).distribution != OWN, name)):
             with contextlib.suppress(PluginError):
                 if fits(self.load(name)):
                     yield name
 
     def makers(self, variable: str) -> Iterator[str]:
-        """The stages that write a variable without reading it."""
+        """Yield the stages that write a variable without reading it."""
         return self.fitting(
             lambda kind: (
                 variable
@@ -53,7 +53,7 @@ class Registry:
         )
 
     def installed(self, name: str) -> Brought:
-        """Where a stage is, and of which distribution."""
+        """Return where a stage is defined, and by which distribution."""
         return self.found.all("stages", name)[0]
 
     def load(self, name: str) -> type[Stage]:
@@ -62,8 +62,8 @@ class Registry:
         Raises
         ------
         PluginError
-            Two distributions offer it, its module cannot be imported, has no such class, or the class breaks the form
-            of a stage.
+            If two distributions offer it, its module cannot be imported or has no such class, or the class is not a
+            valid stage.
         """
         with self._lock:
             if name not in self._loaded:
@@ -78,7 +78,7 @@ class Registry:
         if isinstance(kind, str):
             if ":" not in kind:
                 raise PluginError(
-                    f"{origin} cannot be loaded: it stands at {kind!r}; expected 'module:Class', or the class"
+                    f"{origin} cannot be loaded: its place is {kind!r}; expected 'module:Class', or the class"
                 )
             with foreign(
                 f"{origin} cannot be loaded", "" if brought.distribution == OWN else f"{origin}, when it was imported,"
@@ -97,5 +97,5 @@ class Registry:
 
 @cache
 def installed_stages() -> Registry:
-    """The stages of all installed distributions."""
+    """Return the stages of all installed distributions."""
     return Registry(discovery.installed())

@@ -1,10 +1,10 @@
-"""A stage: a frozen value that says what it reads, writes and needs, and computes on plain arrays.
+"""A stage: a frozen value that states what it reads, writes and needs, and computes on plain arrays.
 
 In:  class attributes and methods of ``Stage``.
-Out: declarations, parameters and arguments of a class, found out once.
+Out: declarations, parameters and arguments of a class, each determined once.
 
-A stage class is a frozen, keyword-only dataclass deriving from ``Stage``; what it can do beyond ``run`` stands in the
-typed bases of ``capabilities``, never in the name of an attribute.
+A stage class is a frozen, keyword-only dataclass deriving from ``Stage``. What it can do beyond ``run`` is stated by
+the typed bases in ``capabilities``, never by the name of an attribute.
 """
 
 from __future__ import annotations
@@ -31,46 +31,46 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def per_kind(function: _Function) -> _Function:
-    """Remember what was found out about a class."""
+    """Cache a function of a class."""
     return cache(function)  # type: ignore[return-value]
 
 
-COORDINATES = frozenset({"y", "x", "y_um", "x_um", "channel", "stage"})  # of dims that nobody need declare
+COORDINATES = frozenset({"y", "x", "y_um", "x_um", "channel", "stage"})  # of dims that need no declaration
 SPECIAL = frozenset({"asked", "prepared", "rng"})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Stage:
-    """Base of all stages. Class attributes are the declaration; every method but ``run`` may stay as it is here.
+    """Base of all stages. Class attributes are the declaration; every method except ``run`` has a usable default.
 
-    Must be known: ``reads`` and ``writes`` (port to ``"dims [unit]"``), ``run``, parameters (``param``, ``quantity``),
+    Required: ``reads`` and ``writes`` (port to ``"dims [unit]"``), ``run``, parameters (``param``, ``quantity``),
     ``role``.
 
-    ``run(self, <ports>, <coordinates>, prepared, rng, asked) -> {variable: array}`` names what it needs, fixed patterns
-    too (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the optional variables that
-    are asked for. Over dims that a stage does not declare it is mapped.
+    ``run(self, <ports>, <coordinates>, prepared, rng, asked) -> {variable: array}`` names what it needs, including
+    fixed patterns (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the optional
+    variables that are requested. A stage is mapped over dims that it does not declare.
 
-    ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"sharpening"``,
-    ``"glare"``, ``"resolution"``). Among stages that read and write the same, those of another role are not offered in
-    each other's place; '' says nothing: what it reads and writes decides alone.
-    ``creates``: coordinates of dims that nothing it reads has, such as ``{"channel": RGB}``, where ``grid`` has nothing
-    to add. ``gain``: the largest factor by which an error, relative to the full scale of what is read, can grow
-    relative to the full scale of what is written, for every allowed parameter value. ``None``: not known, so claims end
-    here. ``nan`` and ``negative`` say what happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative
-    only). ``libraries`` names distributions whose version can change the result.
-    ``nanoseconds``: what a value it writes costs, before it has ever been measured.
-    ``working``: what it holds while it computes beside what it reads and writes, in times the larger of the two as
-    floats of the run. ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer
-    functions in front and behind may be multiplied as if it were not there.
-    ``elementwise``: every value follows from the values at its own place alone, so that many frames may be given to
-    ``run`` at once. ``once``: physics that is met once on the way (``"diffraction"``, ``"fall-off"``): a second stage
-    with the same on the way counts it twice, which the plan notes.
-    ``decides``: by its nature it rounds, counts or chooses, so that a small change of what it is given may be a large
-    one of what it gives. Of any other stage the conformance kit says where it jumps.
-    ``keeps``: what it promises of its values, for the conformance kit: ``"order"`` (none falls where what is read
-    rises), ``"sum"`` (what leaves one place arrives at another).
-    ``unseen``: by figure that it writes, the roles of stages that change what the figure is about and cannot enter it.
-    Where a pipeline has such stages, tables, plots and reports name them beside the figure.
+    ``role``: what the stage is an alternative to, in a word or two shared by stages of one kind (``"sharpening"``,
+    ``"glare"``, ``"resolution"``). Stages that read and write the same are offered as replacements only within one
+    role; with '', only what it reads and writes decides.
+    ``creates``: coordinates of dims that none of its inputs has, such as ``{"channel": RGB}``, if ``grid`` adds
+    nothing. ``gain``: the largest factor by which an error can grow from input to output, both relative to full scale,
+    for every allowed parameter value. ``None``: unknown, so error bounds end here. ``nan`` and ``negative`` state what
+    happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative only). ``libraries`` names distributions
+    whose version can change the result.
+    ``nanoseconds``: time per value written, used until it has been measured.
+    ``working``: memory used while computing, apart from input and output, as a multiple of the larger of the two in
+    floats of the run. ``pointwise``: light stays in its place, and factors vary slowly over the frame, so transfer
+    functions before and after it may be multiplied as if it were absent.
+    ``elementwise``: every value depends only on values at its own position, so ``run`` may get many frames at once.
+    ``once``: physics that should occur once along a path (``"diffraction"``, ``"fall-off"``); the plan notes a second
+    stage with the same.
+    ``decides``: it rounds, counts or chooses by nature, so a small change of its input may change its output much. For
+    any other stage the conformance kit reports where it jumps.
+    ``keeps``: properties of its values that the conformance kit tests: ``"order"`` (no value falls if the input rises),
+    ``"sum"`` (what leaves one position arrives at another).
+    ``unseen``: by metric that it writes, the roles of stages that affect the subject of the metric but cannot enter it.
+    Tables, plots and reports name such stages of a pipeline beside the metric.
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -93,38 +93,38 @@ class Stage:
 
     @property
     def common_draws(self) -> bool:
-        """Whether random numbers are the same whatever the parameter values are."""
+        """Whether random numbers are the same for all parameter values."""
         return False
 
     def grid(self, inputs: Any) -> Mapping[str, Grid]:
-        """{variable: Grid} where the grid changes, from {port: Grid}."""
+        """Return {variable: Grid} where the grid changes, from {port: Grid}."""
         return {}
 
     def prepare(self, coordinates: Any) -> Any:
-        """Tables and matrices, once per (parameters, coordinates)."""
+        """Return tables and matrices, computed once per (parameters, coordinates)."""
         return None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """What is known of what it writes, from {port: Facts} and {port: Grid}."""
+        """Return what is known of its output, from {port: Facts} and {port: Grid}."""
         return UNKNOWN
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
-        """A bound relative to full scale, and how it is known: proved, fitted, measured. Literals:
+        """Return an error bound relative to full scale, and its basis: proved, fitted, measured. For constants:
         ``error = proved(2e-7, 4e-16)``.
         """
         return None, "unknown"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        """What a user should know about these values."""
+        """Return what a user should know about these values."""
         return []
 
     def warn_among(self, others: Any) -> list[str]:
-        """The same about the stages of the pipeline: classes by the name of their use."""
+        """Return the same about the stages of the pipeline: classes by the name under which they are used."""
         return []
 
     def assumes(self) -> Mapping[str, Any]:
-        """What it takes for granted of things that others take for granted too; the plan notes where one before it
-        has another value.
+        """Return its assumptions about things that other stages also assume; the plan notes an earlier stage with
+        another value.
         """
         return {}
 
@@ -133,14 +133,14 @@ WORDS = frozenset(name for name in vars(Stage) if not name.startswith("_"))
 
 
 def looks(declaration: Declaration) -> str:
-    """What a port looks at in all earlier stages: ``transfer``, ``datasheet``, a variable, or '' where it reads one
+    """Return what a port looks at in all earlier stages: ``transfer``, ``datasheet`` or a variable; '' if it reads one
     array.
     """
     return declaration.variable.removeprefix("*.") if declaration.variable.startswith("*.") else ""
 
 
 def looks_at_stages(what: str) -> bool:
-    """Whether it is the stages themselves that a port looks at, not what they write."""
+    """Return whether a port looks at the stages themselves, not at what they write."""
     return what in ("transfer", "datasheet")
 
 
@@ -153,9 +153,7 @@ def reads_of(kind: type[Stage]) -> Mapping[str, Declaration]:
 def writes_of(kind: type[Stage]) -> Mapping[str, Declaration]:
     found = {port: parse_declaration(port, text) for port, text in kind.writes.items()}
     dims = {own for declaration in found.values() for own in declaration.dims}
-    unfit = [
-        f"it may write no {d.variable!r}: {why}" for d in found.values() if (why := unfit_variable(d.variable, dims))
-    ]
+    unfit = [f"cannot write {d.variable!r}: {why}" for d in found.values() if (why := unfit_variable(d.variable, dims))]
     if unfit:
         raise ValueError("; ".join(unfit))
     return found
@@ -163,19 +161,17 @@ def writes_of(kind: type[Stage]) -> Mapping[str, Declaration]:
 
 @per_kind
 def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]:
-    """Parameter, type and default (``MISSING`` where it must be given) by name.
+    """Return parameter, type and default (``MISSING`` if it must be given), by name.
 
     Raises
     ------
     TypeError
-        A parameter has the name of a word of the contract, such as ``gain``: its value would be taken for what the
-        class says.
+        If a parameter has the name of an attribute of ``Stage``, such as ``gain``: its value would replace what the
+        class states.
     """
     taken = sorted(WORDS & {field.name for field in dataclasses.fields(kind)})
     if taken:
-        raise TypeError(
-            f"the parameter {', '.join(taken)} has the name of a word that every stage has; give it another name"
-        )
+        raise TypeError(f"the parameter {', '.join(taken)} has the name of an attribute of Stage; give it another name")
     hints = typing.get_type_hints(kind)
     return {
         field.name: (field.metadata.get("parameter", Parameter()), hints[field.name], field.default)
@@ -185,27 +181,27 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
 
 @per_kind
 def quantities_of(kind: type[Stage]) -> Mapping[str, Parameter]:
-    """The shared quantities that a stage takes: arguments that may be given, swept, or written by an earlier stage."""
+    """Return the shared quantities that a stage takes; they may be given, swept, or written by an earlier stage."""
     return {name: parameter for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared}
 
 
 @per_kind
 def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
-    """The names ``run`` asks for.
+    """Return the names that ``run`` asks for.
 
     Raises
     ------
     TypeError
-        It has ``*args`` or ``**kwargs``: an argument nobody declared cannot be given. It asks for fixed patterns and
-        not for whose.
+        If it has ``*args`` or ``**kwargs``, since an undeclared argument cannot be given; or if it asks for fixed
+        patterns but not for the quantity that identifies their owner.
     """
     names = () if kind.run is None else names_asked(kind, "run")
     patterns = _patterns_among(kind, names)
     for name, identity in patterns.items():
         if identity not in quantities_of(kind):
-            hint = f'write {identity}: str = quantity("{identity}") among its parameters'
+            hint = f'add {identity}: str = quantity("{identity}") to its parameters'
             raise TypeError(
-                f"{kind.__name__}.run asks for {name}, whose patterns follow {identity}, but not for that: {hint}"
+                f"{kind.__name__}.run asks for {name}, whose patterns follow {identity}, but does not take that: {hint}"
             )
     if len({*patterns.values()}) > 1:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(patterns)}; allowed are patterns of one kind")
@@ -213,8 +209,8 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
 
 
 def identity_of(name: str) -> str:
-    """The quantity that says whose the patterns are that an argument of this name draws; '' of what is no pattern
-    generator.
+    """Return the quantity that identifies the owner of the patterns that an argument of this name draws; '' if it is no
+    pattern generator.
     """
     brought = discovery.installed().first("patterns", name)
     return str(brought.value) if brought is not None else ""
@@ -227,16 +223,16 @@ def _patterns_among(kind: type[Stage], names: tuple[str, ...]) -> dict[str, str]
 
 @per_kind
 def patterns_of(kind: type[Stage]) -> Mapping[str, str]:
-    """The pattern generators that ``run`` asks for, each with the quantity that says whose patterns they are."""
+    """Return the pattern generators that ``run`` asks for, each with the quantity that identifies the owner."""
     return _patterns_among(kind, arguments_of(kind))
 
 
 def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
-    """The names that a method asks for, of those that ``run`` may be given."""
+    """Return the names that a method asks for, among those that ``run`` may get."""
     names = []
     for parameter in list(inspect.signature(getattr(kind, method)).parameters.values())[1:]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
-            raise TypeError(f"{kind.__name__}.{method} takes *{parameter.name}; name every input")
+            raise TypeError(f"{kind.__name__}.{method} takes *{parameter.name}; name every argument instead")
         names.append(parameter.name)
     allowed = set(kind.reads) | COORDINATES | SPECIAL
     dims = frozenset(dim for one in (*reads_of(kind).values(), *writes_of(kind).values()) for dim in one.dims)
@@ -247,8 +243,8 @@ def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
 
 
 def _is_coordinate(name: str, dims: frozenset[str]) -> bool:
-    """Whether an argument is a coordinate of a dim that the stage names or a distribution declares, as it is read or
-    written (``out_``): where its points stand, on the image plane (``_um``), or its edges, where it is one of bands."""
+    """Return whether an argument is a coordinate of a dim that the stage uses or a distribution declares, as read or as
+    written (``out_``): its positions, those on the image plane (``_um``), or the edges of a dim of bands."""
     own = name.removeprefix("out_")
     if own in COORDINATES or own in dims or own.removesuffix("_um") in dims:
         return True
@@ -258,7 +254,7 @@ def _is_coordinate(name: str, dims: frozenset[str]) -> bool:
 
 @per_kind
 def optional_ports(kind: type[Stage]) -> frozenset[str]:
-    """Ports that nobody need write: their arguments of ``run`` have a default."""
+    """Return the ports that need no writer: their arguments of ``run`` have a default."""
     given = inspect.signature(kind.run).parameters if kind.run is not None else {}
     return frozenset(
         name for name in kind.reads if name in given and given[name].default is not inspect.Parameter.empty
@@ -266,7 +262,7 @@ def optional_ports(kind: type[Stage]) -> frozenset[str]:
 
 
 def files_of(stage: Stage) -> dict[str, str]:
-    """Paths of the files that parameters stand for."""
+    """Return the paths of the files that parameters stand for."""
     values = {name: (parameter, getattr(stage, name)) for name, (parameter, _, _) in parameters_of(type(stage)).items()}
     paths = {
         name: file_behind(value, parameter) for name, (parameter, value) in values.items() if isinstance(value, str)
@@ -275,14 +271,14 @@ def files_of(stage: Stage) -> dict[str, str]:
 
 
 def file_behind(value: str, parameter: Parameter) -> str:
-    """The file that a value stands for, as it is named; of a table that a distribution brings its path; '' for what
-    is no file.
+    """Return the file that a value stands for, as named; for a table that a distribution brings, its path; '' if it is
+    no file.
     """
     return value if parameter.file else table_file(value) if parameter.table else ""
 
 
 def file_state(path: str) -> tuple[int, int]:
-    """Time and size of a file, or of all files of a folder: what is remembered of a path is forgotten when they
+    """Return time and size of a file, or of all files of a folder; what is cached for a path is invalid once they
     change.
     """
     try:
@@ -296,7 +292,7 @@ def file_state(path: str) -> tuple[int, int]:
 
 
 def state_of(stage: Stage) -> tuple[Stage, tuple[tuple[int, int], ...]]:
-    """A stage together with the state of its files: what a cache of a process may be keyed by."""
+    """Return a stage and the state of its files, as a cache key within a process."""
     return stage, tuple(map(file_state, _paths(stage)))
 
 

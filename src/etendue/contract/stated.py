@@ -1,7 +1,7 @@
-"""Errors that are the same for all values of a stage: a number by precision, and how it is known.
+"""Errors that are the same for all values of a stage: a number per precision, and its basis.
 
 In:  bounds relative to full scale, for 32 and 64 bits.
-Out: what stands on a class as ``error``, in the place of a method.
+Out: the value of a class's ``error``, instead of a method.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Stated:
-    """Asked like a method: ``stage.error(facts, grid, precision)``."""
+    """Called like a method: ``stage.error(facts, grid, precision)``."""
 
     float32: float
     float64: float
@@ -23,7 +23,7 @@ class Stated:
 
 
 def proved(float32: float, float64: float | None = None) -> Stated:
-    """From the arithmetic itself; one number holds for both precisions.
+    """Return an error that follows from the arithmetic; one number holds for both precisions.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def proved(float32: float, float64: float | None = None) -> Stated:
 
 
 def measured(float32: float, float64: float | None = None) -> Stated:
-    """Against a reference.
+    """Return an error measured against a reference.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def measured(float32: float, float64: float | None = None) -> Stated:
 
 
 def fitted(float32: float, float64: float | None = None) -> Stated:
-    """Along a rule that goes through measured errors.
+    """Return an error read from a rule that was fitted to measured errors.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""What people are shown first, and what things are called, as distributions say: orders, subjects, words, units.
+"""What people see first, and what things are called, as distributions declare: orders, subjects, words, units.
 
 In:  the name of a place, a subject, a word, a unit.
-Out: what is said of it; where nobody says anything, words that fit any graph of stages.
+Out: what is declared of it; by default, words that fit any graph of stages.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from etendue.errors import PluginError
 from etendue.plugins import discovery
 
 WORDS = {
-    "cell": "setting",  # a place on the axes of a sweep
-    "point": "setting",  # the same, as the head of a page counts it
-    "place": "setting",  # and as the title of its opening names it
+    "cell": "setting",  # one combination of axis values
+    "point": "setting",  # the same, as counted at the top of a page
+    "place": "setting",  # the same, as the first title of a page names it
     "whole": "graph",  # all stages together
     "frame": "frame",  # what takes a picture
-    "build": "Choose",  # in front of the axis values of the choice
-    "chain": "Each picture is what the stage named below it has made of the one before.",
+    "build": "Choose",  # before the axis values of the choice
+    "chain": "Each picture is the output of the stage named below it.",
     "strip": "From stage to stage",
     "curves": "by stage, by name, over a dim of its own",
-    "over": "go beyond a limit",  # of more than one cell that is not chosen
-    "overs": "goes beyond a limit",  # of one
+    "over": "go beyond a limit",  # of several cells that are not chosen
+    "overs": "goes beyond a limit",  # of one such cell
     "over_what": "",
     "within": "that stay within their limits",
     "lost": "what",  # which stage loses ..., in few words
@@ -36,8 +36,8 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Subject:
-    """What figures may be about. ``said``: what its first figure is called in a sentence; ``short``: at the head of a
-    column, '' its own name. ``opens``: whether one of its figures stands open on a page, and may stand against
+    """What metrics may be about. ``said``: the name of its first metric in a sentence; ``short``: the name at the head
+    of a column, '' for its own. ``opens``: whether one of its metrics is expanded on a page, and may be plotted against
     another's."""
 
     said: str = ""
@@ -47,9 +47,9 @@ class Subject:
 
 @dataclass(frozen=True)
 class Unit:
-    """``said``: how it is written beside a plot; ``full``: an ordinary full scale, of which stages are tried; ``bits``:
-    the shared quantity that says how many digits of two its largest number has; ``noise``: noise says its variance in
-    its square."""
+    """``said``: the unit as written beside a plot; ``full``: a typical full scale, with which stages are tested;
+    ``bits``: the shared quantity with the number of bits of its largest value; ``noise``: whether noise has a variance
+    in its square."""
 
     said: str = ""
     full: float = 1.0
@@ -62,7 +62,7 @@ _Form = TypeVar("_Form", Subject, Unit)
 
 @cache
 def first(place: str) -> tuple[str, ...]:
-    """What goes first in a place where there is a choice, of all who say so."""
+    """Return what comes first in a place where there is a choice, according to all distributions."""
     found: dict[str, None] = {}
     for brought in discovery.installed().all("first", place):
         if isinstance(brought.value, list | tuple):
@@ -72,8 +72,8 @@ def first(place: str) -> tuple[str, ...]:
 
 @cache
 def words(of: frozenset[str] = frozenset()) -> Mapping[str, str]:
-    """What things are called in sentences; with names of distributions, what these say alone: those whose stages a
-    graph has.
+    """Return what things are called in sentences; with names of distributions, only their words: those of the
+    distributions whose stages a graph has.
     """
     every, found = discovery.installed(), dict(WORDS)
     for name in every.names("words"):
@@ -84,20 +84,20 @@ def words(of: frozenset[str] = frozenset()) -> Mapping[str, str]:
 
 @cache
 def spelling() -> Mapping[str, str]:
-    """How parts of names are written out; of those that begin with ``_``, how the end of a name is."""
+    """Return how parts of names are spelled out; an entry that begins with ``_`` is for the end of a name."""
     every = discovery.installed()
     return {name: str(own.value) for name in every.names("spelling") if (own := every.first("spelling", name))}
 
 
 @cache
 def subjects() -> Mapping[str, Subject]:
-    """Every subject that is declared, in order."""
+    """Return all declared subjects, in order."""
     return _all(Subject, "subjects")
 
 
 @cache
 def units() -> Mapping[str, Unit]:
-    """What is said of units."""
+    """Return what is declared of units."""
     return _all(Unit, "scales")
 
 
@@ -107,24 +107,24 @@ def _prefixes() -> Mapping[str, str]:
     for name in quantities.names():
         try:
             found[name] = quantities.declared(name).prefix
-        except PluginError:  # which whoever uses it is told
+        except PluginError:  # reported where the quantity is used
             continue
     return {name: prefix for name, prefix in found.items() if prefix}
 
 
 def prefix(dim: str) -> str:
-    """What stands in front of values along a dim, in the place of its name: ``f/`` of an f-number."""
+    """Return what is written before values along a dim instead of its name: ``f/`` of an f-number."""
     name = dim.rpartition(".")[2]
     return next((own for quantity, own in _prefixes().items() if name.endswith(quantity)), "")
 
 
 def prefix_of(key: str) -> str:
-    """The same of a shared quantity alone."""
+    """Return the same for a shared quantity."""
     return _prefixes().get(key, "")
 
 
 def _all(form: type[_Form], what: str) -> dict[str, _Form]:
-    """Whatever is brought and can be read; what cannot be says so in ``etendue stages``."""
+    """Return all readable declarations; ``etendue stages`` reports the others."""
     every, found = discovery.installed(), dict[str, _Form]()
     for name in every.names(what):
         if brought := every.first(what, name):

@@ -1,4 +1,4 @@
-"""The request: the pipeline file, its schema, and what one begins with.
+"""The request: the pipeline file, its schema, and templates to start from.
 
 In:  text.
 Out: frozen values and faults. No arrays.

@@ -1,4 +1,4 @@
-"""Who made a pipeline's results, and what others may do with them: the table ``[about]`` of a pipeline file.
+"""Who made a pipeline's results, and how others may use them: the table ``[about]`` of a pipeline file.
 
 In:  the table as written.
 Out: ``About``; nothing in it changes a result.
@@ -31,9 +31,9 @@ class Author:
 
 @dataclass(frozen=True)
 class About:
-    """What is said of results beside what they are; '' where nothing is.
+    """What is stated about results besides their content; '' if nothing is.
 
-    ``license`` is a name of the SPDX list (CC-BY-4.0) or an address.
+    ``license`` is a name of the SPDX list (CC-BY-4.0) or a URL.
     """
 
     title: str = ""
@@ -41,14 +41,14 @@ class About:
     authors: tuple[Author, ...] = ()
 
     def document(self) -> dict[str, Any]:
-        """As it stands in a pipeline file; nothing where nothing is said."""
+        """Return the table as written in a pipeline file, without empty entries."""
         authors = [{name: value for name in OF_AN_AUTHOR if (value := getattr(one, name))} for one in self.authors]
         said = {"title": self.title, "license": self.license, "author": authors}
         return {name: value for name, value in said.items() if value}
 
 
 def read_about(table: Any, faults: list[Fault]) -> About:
-    """The table of a pipeline; what is wrong with it is added to ``faults``."""
+    """Read the table of a pipeline; add what is wrong with it to ``faults``."""
     if not isinstance(table, Mapping):
         faults.append(Fault("about", f"expected a table, got {as_written(table)}"))
         return About()
@@ -57,7 +57,7 @@ def read_about(table: Any, faults: list[Fault]) -> About:
             faults.append(Fault(f"about.{key}", f"unknown key{nearest(str(key), KEYS)}"))
     license = _text(table, "license", faults)
     if license and not _LICENSE.fullmatch(license):
-        what = "a name of the SPDX list, such as CC-BY-4.0, or an address"
+        what = "an SPDX licence name, such as CC-BY-4.0, or a URL"
         faults.append(Fault("about.license", f"expected {what}, got {as_written(license)}"))
         license = ""
     given = table.get("author", [])
@@ -75,7 +75,7 @@ def _text(table: Mapping[str, Any], key: str, faults: list[Fault], place: str = 
 
 
 def _author(written: Any, faults: list[Fault]) -> Author | None:
-    """A name, or a table with name, orcid, affiliation."""
+    """Read an author: a name, or a table with name, orcid, affiliation."""
     place = "about.author"
     table = {"name": written} if isinstance(written, str) else written
     if not isinstance(table, Mapping) or not isinstance(table.get("name"), str) or not table["name"].strip():

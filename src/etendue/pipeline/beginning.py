@@ -1,6 +1,6 @@
-"""A commented pipeline to begin with, from a template that a distribution brings by ``etendue_templates``.
+"""A commented pipeline to start from, made from a template that a distribution brings by ``etendue_templates``.
 
-In:  a template, its name, a preset, bytes that each choice under `keep` stores.
+In:  a template, its name, a preset, the bytes that each choice under `keep` stores.
 Out: the text of the file.
 """
 
@@ -18,8 +18,8 @@ from etendue.plugins import discovery
 
 @dataclass(frozen=True)
 class Template:
-    """``path``: the text, with NAME and PRESET to be replaced and KEPT where the choices of `keep` stand; ``keep``:
-    what each keeps; ``preset``: the one that is taken where none is named, '' where the text names none."""
+    """``path``: the text, with NAME and PRESET to be replaced, and KEPT where the choices of `keep` go; ``keep``: what
+    each choice keeps; ``preset``: the default preset, '' if the text names none."""
 
     path: Path
     preset: str = ""
@@ -27,31 +27,31 @@ class Template:
 
 
 def template(name: str = "") -> Template:
-    """The template of a name, or the first that there is.
+    """Return the template of a name, or the first one.
 
     Raises
     ------
     RequestError
-        There is none of that name, or none at all.
+        If there is none of that name, or none at all.
     """
     names = discovery.installed().names("templates")
     brought = discovery.installed().first("templates", name or (names[0] if names else ""))
     if brought is None:
         raise RequestError(
-            f"there is no template {name!r}{nearest(name, names)}"
+            f"unknown template {name!r}{nearest(name, names)}"
             if names
-            else "nothing that is installed brings a template"
+            else "no installed distribution brings a template"
         )
     return discovery.made_of(Template, f"the template {name!r}", brought)
 
 
 def text_of(name: str, chosen: str = "", kept: Mapping[str, str] | None = None, of: Template | None = None) -> str:
-    """The file of a pipeline of this name. ``chosen``: a preset; ``kept``: what each choice under `keep` takes.
+    """Return the pipeline file for this name. ``chosen``: a preset; ``kept``: the size of each choice under `keep`.
 
     Raises
     ------
     RequestError
-        The name is none for a pipeline, or there is no such preset.
+        If the name is not valid for a pipeline, or the preset is unknown.
     """
     of = of or template()
     if of.preset:
@@ -71,6 +71,7 @@ def text_of(name: str, chosen: str = "", kept: Mapping[str, str] | None = None, 
     )
     if '"' in name or "\\" in name or "\n" in name or parse_pipeline(text).faults:
         raise RequestError(
-            f"{name!r} is no name for a pipeline: no slash, quotes or control characters, no dot in front"
+            f"{name!r} is not a valid pipeline name: it must not contain a slash, quotes or control characters, nor "
+            f"start with a dot"
         )
     return text

@@ -1,7 +1,7 @@
-"""A pipeline made of a pipeline: other values, other stages, fewer or more of them, other variables asked for.
+"""A pipeline derived from another: other values, other stages, fewer or more of them, other wanted variables.
 
-In:  a pipeline as written, which stays as it is.
-Out: another, of the same file.
+In:  a pipeline as written, which is not changed.
+Out: another pipeline of the same file.
 """
 
 from __future__ import annotations
@@ -15,31 +15,33 @@ from etendue.pipeline.presets import preset
 
 
 def given(entry: StageEntry, values: Mapping[str, Any], but: Collection[str] = ()) -> StageEntry:
-    """A stage with these values beside its own, of which those named in ``but`` are left out."""
+    """Return a stage with these values added to its own, without those named in ``but``."""
     own = {name: value for name, value in entry.values.items() if name not in but}
     return replace(entry, values={**own, **values})
 
 
 def each(pipeline: PipelineFile, change: Callable[[StageEntry], StageEntry]) -> PipelineFile:
-    """Every stage as ``change`` gives it."""
+    """Return the pipeline with ``change`` applied to every stage."""
     return replace(pipeline, stages=tuple(map(change, pipeline.stages)))
 
 
 def with_values(
     pipeline: PipelineFile, stage: str, values: Mapping[str, Any], but: Collection[str] = ()
 ) -> PipelineFile:
-    """The stage of a name with these values, as ``given``."""
+    """Return the pipeline with these values for the named stage, as in ``given``."""
     return each(pipeline, lambda entry: given(entry, values, but) if entry.name == stage else entry)
 
 
 def without_stages(pipeline: PipelineFile, names: Collection[str]) -> PipelineFile:
-    """Without the stages of these names, which write what they read: who read from them reads what they read."""
+    """Return the pipeline without these stages, which must write what they read: later stages read their input."""
     left = replace(pipeline, stages=tuple(entry for entry in pipeline.stages if entry.name not in names))
     return each(left, lambda entry: replace(entry, origin=origin_without(pipeline, entry, names)))
 
 
 def origin_without(pipeline: PipelineFile, entry: StageEntry, names: Collection[str]) -> dict[str, str]:
-    """``from`` of a stage without those that are gone: what those read, else nothing, for the nearest writer."""
+    """Return ``from`` of a stage without removed sources: each is replaced by its own source, or left to the
+    default.
+    """
     by_name = {one.name: one for one in pipeline.stages}
     found = {}
     for port, source in entry.origin.items():
@@ -51,13 +53,13 @@ def origin_without(pipeline: PipelineFile, entry: StageEntry, names: Collection[
 
 
 def stage_in_front(pipeline: PipelineFile, stage: str, entry: StageEntry) -> PipelineFile:
-    """One stage more, in front of the one of a name."""
+    """Return the pipeline with one more stage in front of the named one."""
     at = [one.name for one in pipeline.stages].index(stage)
     return replace(pipeline, stages=(*pipeline.stages[:at], entry, *pipeline.stages[at:]))
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
-    """A name that no stage has."""
+    """Return a name that no stage has, by appending underscores."""
     while name in taken:
         name += "_"
     return name
@@ -66,8 +68,8 @@ def free_name(name: str, taken: Collection[str]) -> str:
 def wanting(
     pipeline: PipelineFile, places: Iterable[tuple[str, str]] | None = None, kept: bool = False, exact: bool = False
 ) -> PipelineFile:
-    """Computed for the variables ``(stage, variable)``, None: for all there are; stored is what is computed, or with
-    ``kept`` these alone; ``exact``: in 64 bits.
+    """Return the pipeline with the wanted variables ``(stage, variable)``; None: the default ones. All computed
+    variables are stored, or with ``kept`` only the wanted ones. ``exact``: in 64 bits.
     """
     wanted = None if places is None else tuple(f"{stage}.{variable}" for stage, variable in places)
     precision = "float64" if exact else pipeline.precision
@@ -75,9 +77,10 @@ def wanting(
 
 
 def at_value(pipeline: PipelineFile, key: str, value: Any) -> PipelineFile:
-    """One value of an axis in the place where a file says it: a shared quantity, a preset, a stage, its parameter.
+    """Return the pipeline with one value of an axis written where it belongs: a shared quantity, a preset, a stage, its
+    parameter.
 
-    A stage's own table goes with its own implementation, and not with others.
+    A stage's own table belongs to its own implementation, and is dropped for others.
     """
     stage, _, name = key.rpartition(".")
     if stage:

@@ -1,8 +1,8 @@
-"""A distribution that brings one stage, as it stands a copy of an installed one of its role: it installs, keeps the
-laws and is ranked.
+"""A new distribution with one stage that begins as a copy of an installed one: it installs, passes the conformance laws
+and can be compared.
 
 In:  the name of the stage, its role, the stage it begins as.
-Out: the texts of its files. The arithmetic is inherited until its author writes another.
+Out: the texts of its files. The arithmetic is inherited until the author replaces it.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from etendue.plugins import discovery
 
 @dataclass(frozen=True)
 class Beginning:
-    """What a distribution begins as."""
+    """What a new distribution begins as."""
 
     stage: str  # its name in a pipeline
     role: str
-    like: str  # the installed stage it inherits from
+    like: str  # the installed stage that it inherits from
     kind: Any
 
     @property
@@ -47,12 +47,12 @@ class Beginning:
 
 
 def beginning(registry: Registry, stage: str, role: str | None, like: str | None) -> Beginning:
-    """What ``etendue new-plugin`` is asked for.
+    """Check the arguments of ``etendue new-plugin`` and return what they ask for.
 
     Raises
     ------
     RequestError
-        The name is none for a stage or taken; there is no such role or stage.
+        If the name is invalid or taken, or the role or stage is unknown.
     """
     stage = stage.replace("-", "_").removeprefix("etendue_")
     roles = _by_role(registry)
@@ -71,28 +71,28 @@ def beginning(registry: Registry, stage: str, role: str | None, like: str | None
 def _of_the_name(registry: Registry, stage: str) -> Iterator[Fault]:
     plain = stage.isidentifier() and stage.isascii() and re.match(r"[a-z]", stage) and not keyword.iskeyword(stage)
     if unfit_stage(stage) or not plain:
-        yield Fault("NAME", f"{stage!r} is no name for a stage: small letters, digits and _, a letter in front")
+        yield Fault("NAME", f"{stage!r} is not a stage name: use lower-case letters, digits and _, a letter first")
     elif stage in registry:
         whose = registry.installed(stage).distribution
-        yield Fault("NAME", f"{stage!r} is installed already, from {whose}; give another")
+        yield Fault("NAME", f"{stage!r} is already installed, from {whose}; give another name")
 
 
 def _of_what_it_begins_as(
     registry: Registry, roles: Mapping[str, list[str]], role: str | None, like: str | None
 ) -> Iterator[Fault]:
     if like is not None and like not in registry:
-        yield Fault("--like", f"there is no stage {like!r}{nearest(like, registry.names())}")
+        yield Fault("--like", f"unknown stage {like!r}{nearest(like, registry.names())}")
     if role is not None and role not in roles:
         hint = f"{nearest(role, roles)}; roles: {', '.join(roles)}"
         yield Fault("--role", f"no installed stage has the role {role!r}{hint}")
     if role is None and like is None:
-        yield Fault("--role", f"say what it is for: {', '.join(roles)}; or --like STAGE")
+        yield Fault("--role", f"missing: give one of {', '.join(roles)}, or --like STAGE")
     if like is not None and like in registry and role in roles and (own := registry.load(like).role) != role:
         yield Fault("--like", f"{like} has the role {own!r}, not {role!r}")
 
 
 def files(one: Beginning) -> Mapping[str, str]:
-    """The texts by path."""
+    """Return the texts of the files by path."""
     return {
         "pyproject.toml": _project(one),
         "README.md": _readme(one),
@@ -104,7 +104,7 @@ def files(one: Beginning) -> Mapping[str, str]:
 
 
 def _simplest() -> dict[str, str]:
-    """Of roles with several built-in stages: the one whose arithmetic is read fastest."""
+    """Return, for roles with several built-in stages, the one whose arithmetic is simplest."""
     found = discovery.installed()
     return {
         role: str(brought.value) for role in found.names("beginnings") if (brought := found.first("beginnings", role))
@@ -146,7 +146,7 @@ packages = ["src/{one.module}"]
 
 def _manifest(one: Beginning) -> str:
     return f'''\
-"""What this distribution brings to etendue: names alone, so that nothing is imported before it is used."""
+"""What this distribution brings to etendue: only names, so that nothing is imported before it is used."""
 
 from __future__ import annotations
 
@@ -164,21 +164,21 @@ def _readme(one: Beginning) -> str:
     return f"""\
 # {one.distribution}
 
-The stage `{one.stage}` of etendue ({one.role}). As it stands it computes what `{one.like}` does;
+The stage `{one.stage}` of etendue ({one.role}). For now it computes the same as `{one.like}`;
 write your own arithmetic in `src/{one.module}/stages.py`.
 
     pip install -e ".[test]"
-    pytest                          # the laws that every stage keeps
+    pytest                          # the laws that every stage must satisfy
     etendue stages {one.stage}
     {ranked}
 
-`PIPELINE.toml` has a stage named `STAGE` with `use = "{one.like}"`; `etendue new mine` writes a pipeline to begin with.
+`PIPELINE.toml` has a stage named `STAGE` with `use = "{one.like}"`; `etendue new mine` writes a pipeline to start from.
 """
 
 
 def _test(one: Beginning) -> str:
     return f'''\
-"""The stage keeps what it declares: every law of the conformance kit is a test of this class."""
+"""The stage does what it declares: every law of the conformance kit is a test of this class."""
 
 from {one.module}.stages import {one.name}
 
@@ -213,23 +213,23 @@ from {public} import {one.kind.__name__}
 
 @dataclass(frozen=True, kw_only=True)
 class {one.name}({one.kind.__name__}):
-    """What it does, in a sentence (who published it, where).
+    """One sentence on what it does (who published it, where).
 
     It begins as ``{one.like}``: {first}
     """
 
-    # Parameters it has already:
+    # Inherited parameters:
 {taken}
-    # One of your own, with its unit and range (from etendue.api import param):
+    # Add one of your own, with its unit and range (from etendue.api import param):
     #     {_free(one.kind)}: float = param(1.0, at_least=0, at_most=10, doc="what it changes")
-    # What it says of its error and its gain is inherited too: say your own where your arithmetic differs, the tests
-    # hold you to it.
+    # The stated error and gain are inherited too: state your own where your arithmetic differs, because the tests check
+    # them.
 {_method(one)}'''
 
 
 def _free(kind: Any) -> str:
-    """A name for a parameter that the class has nothing of yet: one that is inherited would change what stands in
-    its place.
+    """Return a name for a parameter that the class does not have yet: reusing an inherited one would change its
+    meaning.
     """
     return next(
         name
@@ -244,51 +244,50 @@ def _listed(word: str, ports: Mapping[str, Any]) -> str:
 
 
 COORDINATES = {
-    "y": "rows: where they stand, in pixels of the whole frame behind what takes it, in um on the image plane in front "
-    "of it",
+    "y": "rows: their positions, in pixels of the whole frame after sampling, in um on the image plane before it",
     "x": "columns, in the same way",
-    "y_um": "rows: where they stand on the image plane, um",
+    "y_um": "rows: their positions on the image plane, um",
     "x_um": "columns, in the same way",
     "fy": "cycles/um along y",
     "fx": "cycles/um along x",
-    "prepared": "what ``prepare`` gives, made once for many calls",
-    "rng": "random numbers of this cell alone",
-    "asked": "names of the variables that are asked for",
+    "prepared": "the result of ``prepare``, made once for many calls",
+    "rng": "random numbers for this cell only",
+    "asked": "names of the requested optional variables",
 }
 
 
 def _coordinates(one: Beginning) -> str:
-    """The arguments that are no variables, a line each."""
+    """Describe the arguments that are not variables, one line each."""
     own = [p.name for p in _arguments(one)]
     return "".join(f"``{name}``: {said}.\n" for name in own if (said := _said_of(name)))
 
 
 def _said_of(name: str) -> str:
-    """What an argument is that is no variable; '' of one that is."""
+    """Describe an argument that is not a variable; '' for one that is."""
     if name in COORDINATES:
         return COORDINATES[name]
     if whose := identity_of(name):
-        return f"patterns that stay with the {whose}, each by its name: the same for every stage that asks for it"
+        return f"fixed patterns of the {whose}, each under its name: the same for every stage that asks for it"
     bands = dim(name.removesuffix("_edges"))
     if not bands.bins:
         return ""
-    what = "edges" if name.endswith("_edges") else "middles"
+    what = "edges" if name.endswith("_edges") else "centres"
     return f"{what} of the bands, {bands.units}{', one more than there are bands' if what == 'edges' else ''}"
 
 
 def _method(one: Beginning) -> str:
-    """The method that computes, handing on to the one it inherits."""
+    """Return the method that computes, which calls the inherited one."""
     name, parameters = _computes(one), _arguments(one)
     asked = ", ".join(["self", *(_declared(p) for p in parameters)])
     given = ", ".join(p.name for p in parameters)
     what = (
-        "what the stage multiplies the Fourier transform of the picture with"
+        "the factor for the Fourier transform of the picture"
         if name == "transfer"
         else "{variable: array} of all it writes"
     )
     return f"""
     def {name}({asked}) -> Any:
-        # Your arithmetic in the place of this line; it gives {what}.
+        # Replace this line by your arithmetic; return {what}.
         return {one.kind.__name__}.{name}(self{", " if given else ""}{given})
 """
 

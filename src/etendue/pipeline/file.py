@@ -43,54 +43,54 @@ class StageEntry:
 
 
 class PipelineSource(ABC):
-    """Whatever a pipeline may be had from: one that was read, or one written in Python."""
+    """Base of all that a pipeline can be obtained from: one that was read, or one written in Python."""
 
     @abstractmethod
     def written(self) -> PipelineFile:
-        """The pipeline as if it had been read from a file."""
+        """Return the pipeline as if it had been read from a file."""
 
 
 @dataclass(frozen=True)
 class PipelineFile(PipelineSource):
-    """A pipeline as written, checked for form only."""
+    """A pipeline as written; only its form has been checked."""
 
     name: str
     stages: tuple[StageEntry, ...]
     shared: Mapping[str, Any] = field(default_factory=dict)  # quantities that stages share
-    table: Table = field(default_factory=Table)  # where they stand in the file
+    table: Table = field(default_factory=Table)  # the table of the file that holds them
     preset_name: str = ""
-    preset: Mapping[str, Any] = field(default_factory=dict)  # what that name stands for, where ``shared`` says nothing
+    preset: Mapping[str, Any] = field(default_factory=dict)  # the preset's values; ``shared`` overrides them
     sweep: Mapping[str, Any] = field(default_factory=dict)
     wanted: tuple[str, ...] | None = None
-    keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS among them: what people look at
+    keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS: pictures and metrics
     seed: int = 0
     tolerance: float = 1e-4
     norm: str = "rms"
     leave_out: bool = True  # whether what a scene does not need may be left out
     precision: str = "auto"
     requires: tuple[str, ...] = ()  # distributions whose stages it uses
-    most_cells: int = MOST_CELLS  # a sweep of more is refused
+    most_cells: int = MOST_CELLS  # a larger sweep is refused
     variant: str = ""
     description: str = ""
     about: About = field(default_factory=About)
     file: str = ""
     folder: Path = Path(".")
     text: str = ""
-    overrides: tuple[tuple[str, Any], ...] = ()  # what the command line put in place of the file's words
+    overrides: tuple[tuple[str, Any], ...] = ()  # values from the command line that replace those of the file
     faults: tuple[Fault, ...] = ()  # of form; the planner reports them with its own
     whole: bool = True  # whether every stage table could be read
-    lines: Mapping[str, int] = field(default_factory=dict)  # of tables and keys in the file
+    lines: Mapping[str, int] = field(default_factory=dict)  # line numbers of tables and keys in the file
 
     def written(self) -> PipelineFile:
         return self
 
     @property
     def preset_swept(self) -> bool:
-        """Whether presets stand on an axis."""
+        """Whether presets are an axis of the sweep."""
         return bool(self.table.preset) and self.table.preset in self.sweep
 
     def document(self) -> dict[str, Any]:
-        """What a file would say that is read as this pipeline."""
+        """Return the document of a file that reads as this pipeline."""
         lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "about")
         words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
         names = {word: list(getattr(self, word)) for word in lists if getattr(self, word) is not None}
@@ -107,7 +107,7 @@ class PipelineFile(PipelineSource):
         }
 
     def located(self, faults: Iterable[Fault]) -> list[Fault]:
-        """The same faults with their lines in the file, in the order in which they stand there."""
+        """Return the faults with their lines in the file, sorted by line."""
         found = [fault if fault.line else replace(fault, line=self._line(fault.place)) for fault in faults]
         return sorted(dict.fromkeys(found), key=lambda fault: fault.line or 0)
 
@@ -121,12 +121,13 @@ class PipelineFile(PipelineSource):
 
 
 def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> PipelineFile:
-    """Read a file and apply ``{"TABLE.NAME": "4", "sweep.NAME": [...]}`` on top of it.
+    """Read a file and apply overrides such as ``{"TABLE.NAME": "4", "sweep.NAME": [...]}``.
 
     Raises
     ------
     RequestError
-        The file is missing, too large or not TOML. Faults of form are kept in the pipeline for ``make_plan`` to raise.
+        If the file is missing, too large or not TOML. Faults of form are kept in the pipeline for ``make_plan`` to
+        raise.
 
     Examples
     --------
@@ -139,20 +140,20 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
     try:
         piped = str(path).startswith(("/dev/stdin", "/dev/fd/", "/proc/self/fd/"))
         with path.open("rb") if piped else plain_files.open_plain(path) as file:
-            content = file.read(LARGEST_FILE + 1)  # a pipe has no size to ask for
+            content = file.read(LARGEST_FILE + 1)  # a pipe has no known size
         if len(content) > LARGEST_FILE:
-            raise RequestError(f"the file is larger than {LARGEST_FILE} bytes; that is no pipeline", name)
+            raise RequestError(f"the file is too large for a pipeline: more than {LARGEST_FILE} bytes", name)
         if content.count(b",") > MOST_LISTED:
             raise RequestError(
-                f"the file lists more than {MOST_LISTED} values; of an axis write {{ from, to, steps }}", name
+                f"the file lists more than {MOST_LISTED} values; write a long axis as {{ from, to, steps }}", name
             )
         text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except IsADirectoryError:
-        raise RequestError("is a directory; name the pipeline file in it", name) from None
+        raise RequestError("is a directory; give the pipeline file in it", name) from None
     except FileNotFoundError:
         folder = path.parent if path.parent.is_dir() else Path(".")
         hint = nearest(path.name, [p.name for p in folder.glob("*.toml")])
-        raise RequestError(f"there is no such file{hint}", name) from None
+        raise RequestError(f"no such file{hint}", name) from None
     except (OSError, UnicodeDecodeError) as error:
         raise RequestError(f"cannot be read: {error}", name) from None
     return parse_pipeline(text, name, path.parent, overrides)
@@ -161,7 +162,7 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
 def parse_pipeline(
     text: str, file: str = "", folder: Path = Path("."), overrides: Mapping[str, Any] | None = None
 ) -> PipelineFile:
-    """The pipeline in a TOML text; ``file`` and ``folder`` serve messages and relative paths.
+    """Return the pipeline in a TOML text; ``file`` and ``folder`` are for messages and relative paths.
 
     Faults of form (unknown keys, two stages of one name) are kept in ``faults``, so that the planner can report them
     together with all others.
@@ -173,18 +174,18 @@ def parse_pipeline(
         document = tomllib.loads(text, parse_float=Decimal)
     except RecursionError:
         raise RequestError("not valid TOML: nested too deeply", file) from None
-    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
+    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
         raise RequestError([_not_toml(text, str(error))], file) from None
     lines = _lines(text)
     refuse_large(document, file, lines)
     given = by_one_name(overrides or {}, document)
     for place in apply_overrides(document, given, file):
-        lines[place] = 0  # no longer what stands in the file
+        lines[place] = 0  # the value is no longer the one in the file
     return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=tuple(given.items()))
 
 
 def overridden(pipeline: PipelineFile, overrides: Mapping[str, Any]) -> PipelineFile:
-    """A pipeline that was read, with other values: as if they had been there when it was."""
+    """Return a pipeline with other values, as if its file had contained them."""
     document = pipeline.document()
     given = by_one_name(overrides, document)
     lines = {**pipeline.lines, **dict.fromkeys(apply_overrides(document, given, pipeline.file), 0)}
@@ -201,14 +202,14 @@ def overridden(pipeline: PipelineFile, overrides: Mapping[str, Any]) -> Pipeline
 
 
 def refuse_large(document: Mapping[str, Any], file: str = "", lines: Mapping[str, int] = {}) -> None:
-    """Refuse a document without bounds: too many keys, nested too deeply, a number of too many digits."""
+    """Refuse a document that is too large: too many keys, nested too deeply, a number of too many digits."""
     fault = document_fault(document)
     if fault:
         raise RequestError([replace(fault, line=lines.get(fault.place))], file)
 
 
 def _not_toml(text: str, message: str) -> Fault:
-    """What TOML's own message leaves out: the line, and the two usual reasons."""
+    """Return the fault with what the TOML parser's message omits: the line, and the usual reasons."""
     match = re.search(r" \(at line (\d+), column \d+\)$", message)
     if not match:
         return Fault("", f"not valid TOML: {message}")
@@ -217,9 +218,9 @@ def _not_toml(text: str, message: str) -> Fault:
     reason = message[: match.start()]
     hint = ""
     if "overwrite" in reason or "twice" in reason:
-        hint = "; a key or a table stands twice"
+        hint = "; a key or a table appears twice"
     elif "newline" in reason or "Invalid value" in reason:
-        hint = '; text, and a number with a unit, stands in quotes: "5.4 um"'
+        hint = '; text, and a number with a unit, must be in quotes: "5.4 um"'
     return Fault("", f"not valid TOML: {reason}, at: {line}{hint}", number)
 
 
@@ -228,11 +229,11 @@ _KEY = re.compile(r"""^\s*([\w\-]+(?:\s*\.\s*[\w\-]+)*|"[^"]*"|'[^']*')\s*=""")
 
 
 def _lines(text: str) -> dict[str, int]:
-    """Line numbers of tables and keys: ``stages[3]``, ``stages[3].strength``, ``TABLE.NAME``, ``seed``."""
+    """Return line numbers of tables and keys: ``stages[3]``, ``stages[3].strength``, ``TABLE.NAME``, ``seed``."""
     found: dict[str, int] = {}
     table, stages, inside = "", 0, ""
     for number, line in enumerate(text.splitlines(), 1):
-        if inside:  # a text of several lines
+        if inside:  # inside a multi-line string
             inside = "" if line.count(inside) % 2 else inside
             continue
         header, key = _HEADER.match(line), _KEY.match(line)
@@ -257,7 +258,7 @@ def _lines(text: str) -> dict[str, int]:
 
 
 def from_document(document: Mapping[str, Any], file: str = "") -> PipelineFile:
-    """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is
+    """Return a pipeline from a document. Faults of its form are in ``faults``; a document beyond the size limits is
     refused.
     """
     refuse_large(document, file, {})
@@ -275,9 +276,9 @@ def from_document(document: Mapping[str, Any], file: str = "") -> PipelineFile:
         faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, PRECISIONS)}"))
     norm = words.text("norm", "rms")
     if norm not in NORMS:
-        faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, NORMS)}; allowed are rms and max"))
+        faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, NORMS)}; must be rms or max"))
     shared = words.table(table.name)
-    words.table("sweep")  # a fault where it is none
+    words.table("sweep")  # reports a fault if it is not a table
     sweep = axes_of(document, faults)
     named, values = _preset(table, shared, faults)
     stages, whole = _stages(document.get("stages"), faults)
@@ -308,16 +309,16 @@ def from_document(document: Mapping[str, Any], file: str = "") -> PipelineFile:
 
 
 def _meant(key: str, table: Table) -> str:
-    """What an unknown key may have been meant for."""
+    """Return a hint at what an unknown key may have been meant for."""
     if key in tables():
-        return f"; quantities stand under [{table.name}] already"
+        return f"; this file already has its quantities under [{table.name}]"
     if key in quantities.names():
-        return f"; {key} is a {table.name} quantity: set it under [{table.name}]"
+        return f"; {key} is a {table.name} quantity, set under [{table.name}]"
     return nearest(key, [*TOP, *tables()])
 
 
 def _preset(table: Table, shared: Mapping[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
-    """The preset that a table names, and the values it stands for; the name itself is no quantity."""
+    """Return the preset that a table names, and its values; the name itself is not a quantity."""
     name, place = shared.get(table.preset, "") if table.preset else "", table.place(table.preset)
     if not isinstance(name, str):
         faults.append(Fault(place, f"expected the name of a {table.preset}, got {as_written(name)}"))
@@ -332,7 +333,7 @@ def _preset(table: Table, shared: Mapping[str, Any], faults: list[Fault]) -> tup
 
 
 def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bool]:
-    """The stages that can be read, and whether that is all of them."""
+    """Return the stages that could be read, and whether these are all."""
     if not isinstance(value, list) or not value:
         faults.append(Fault("stages", "expected at least one [[stages]] table with a key 'use'"))
         return (), False
@@ -344,7 +345,7 @@ def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bo
             faults.append(Fault(place, f"expected a table, got {as_written(table)}"))
         elif not isinstance(use, str):
             got = f", got {as_written(use)}" if use is not None else ""
-            faults.append(Fault(place, f"needs a key 'use' with the name of a stage{got}; see: etendue stages"))
+            faults.append(Fault(place, f"requires a key 'use' with the name of a stage{got}; see: etendue stages"))
         if not isinstance(use, str):
             whole = False
             continue
@@ -356,9 +357,7 @@ def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bo
             continue
         place = f"{place} {name}"
         if name in seen:
-            faults.append(
-                Fault(place, f"two stages are named {name!r}, this and {seen[name]}; give one of them another 'name'")
-            )
+            faults.append(Fault(place, f"{name!r} is also the name of {seen[name]}; give one of them another 'name'"))
             continue
         seen[name] = place.partition(" ")[0]
         origin = table.get("from", {})

@@ -1,7 +1,7 @@
-"""The words of a document, one by one, as a pipeline wants them.
+"""Read the entries of a document one by one, in the form that a pipeline needs.
 
 In:  a document.
-Out: plain values; a fault for each that is of another form, in whose place its default stands.
+Out: plain values; for each entry of another form a fault, and the default instead.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Words:
-    """Of one document. ``faults``: what is wrong with it so far, to which is added."""
+    """The entries of one document. ``faults``: the list to which its faults are added."""
 
     def __init__(self, document: Mapping[str, Any], faults: list[Fault]) -> None:
         self.document, self.faults = document, faults
@@ -34,7 +34,7 @@ class Words:
         return self.refused(key, value, "text", default)
 
     def name(self, default: str) -> str:
-        """That of the pipeline, and of a folder, on any system."""
+        """Return the name of the pipeline, which must be valid as a folder name on any system."""
         value = self.document.get("name", default)
         if isinstance(value, str) and _plain(value):
             return value

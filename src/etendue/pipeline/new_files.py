@@ -1,7 +1,7 @@
-"""Folders that appear whole or not at all.
+"""Write folders that appear whole or not at all.
 
 In:  texts by path.
-Out: files; nothing that stands there is written over.
+Out: files; nothing that exists is overwritten.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from etendue.errors import RequestError
 
 
 def refuse_existing(place: Path) -> None:
-    """Raises ``RequestError`` where something stands in the way."""
+    """Raise ``RequestError`` if the place already exists."""
     if place.exists() or place.is_symlink():
-        raise RequestError(f"{place} is there already; nothing is written over. Give another name, or -o FOLDER")
+        raise RequestError(f"{place} already exists and is not overwritten; give another name, or -o FOLDER")
 
 
 def write_folder(place: Path, files: Mapping[str, str]) -> list[Path]:
-    """The files below a new folder."""
+    """Write the files below a new folder and return their paths."""
     refuse_existing(place)
     place.parent.mkdir(parents=True, exist_ok=True)
+    # Written beside its place and renamed at the end: a folder with that name is always complete.
     beside = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
     try:
         for path, text in files.items():

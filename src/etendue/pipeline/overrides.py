@@ -1,8 +1,9 @@
-"""What is put in the place of a file's words, and the names by which they are meant: ``NAME`` and ``TABLE.NAME`` of a
-quantity are one.
+"""Override the values of a file, and resolve the names by which they are given: ``NAME`` and ``TABLE.NAME`` are the
+same quantity.
 
 In:  a document of a pipeline, overrides such as ``{"NAME": 4, "sweep.TABLE.NAME": [2, 3]}``.
-Out: the document changed; overrides and axes by one name each: ``TABLE.NAME`` for a value, the bare name for an axis.
+Out: the document changed; overrides and axes each under one name: ``TABLE.NAME`` for a value, the bare name for an
+axis.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ TOP = (
 
 
 def axis_name(key: str, document: Mapping[str, Any]) -> str:
-    """The name of an axis: a quantity's own, also where it is written ``TABLE.NAME``; a stage may be called as a
-    table is.
+    """Return the name of an axis: for a quantity its bare name, even if written ``TABLE.NAME``. A stage may have the
+    same name as a table.
     """
     head, dot, name = key.partition(".")
     if not dot or head not in tables() or (head in _stages(document) and name not in _quantities(document)):
@@ -44,7 +45,7 @@ def axis_name(key: str, document: Mapping[str, Any]) -> str:
 
 
 def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
-    """The same overrides by the names under which an archive records them; of two that mean one thing the last
+    """Return the overrides under the names by which an archive records them; of two with one meaning the last
     counts.
     """
     found: dict[str, Any] = {}
@@ -61,7 +62,7 @@ def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> di
 
 
 def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
-    """``STAGE.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
+    """Return a sweep with one key per axis: TOML reads ``STAGE.use`` without quotes as a table in a table."""
     found: dict[str, Any] = {}
     for key, value in sweep.items():
         if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
@@ -72,7 +73,7 @@ def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
-    """The sweep of a document, each axis by its name; a fault where one stands twice."""
+    """Return the sweep of a document, each axis by its name; report an axis that is given twice."""
     found: dict[str, Any] = {}
     for key, values in flat(document["sweep"]).items() if isinstance(document.get("sweep"), dict) else ():
         name = axis_name(key, document)
@@ -80,8 +81,8 @@ def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
             faults.append(
                 Fault(
                     f"sweep.{key}",
-                    f"{name} and {table_in(document).place(name)} are one axis, and both are given; leave one of them "
-                    f"out",
+                    f"{name} and {table_in(document).place(name)} are the same axis, and both are given; remove one of "
+                    f"them",
                 )
             )
         found[name] = values
@@ -89,22 +90,22 @@ def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
 
 
 def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file: str = "") -> list[str]:
-    """Put ``TABLE.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key into the document.
+    """Set ``TABLE.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key in the document.
 
-    Returns the places that now hold something else than the file.
+    Return the places whose value now differs from the file's.
     """
     faults: list[Fault] = []
     places = []
     axes = axes_of(document, faults)
     if isinstance(document.get("sweep"), dict) and not faults:
         document["sweep"] = axes
-    faults.clear()  # they are found again, with those of the rest of the file
+    faults.clear()  # reported later, with those of the rest of the file
     for key, value in by_one_name(overrides, document).items():
         head, _, tail = key.partition(".")
         named = _stages(document)
         if head in (*tables(), "sweep", "about") and tail:
             if not isinstance(document.setdefault(head, {}), dict):
-                continue  # a fault of form, found later
+                continue  # a fault of form, reported later
             document[head][tail] = value
             places.append(key)
             if head in tables() and isinstance(document.get("sweep"), dict):
@@ -121,32 +122,32 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
             document[head] = value
             places.append(key)
         else:
-            faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{_meant(document, head, tail)}"))
+            faults.append(Fault(f"--set {key}", f"cannot set {head!r}: unknown name{_meant(document, head, tail)}"))
     if faults:
         raise RequestError(faults, file)
     return places
 
 
 def _meant(document: Mapping[str, Any], head: str, tail: str) -> str:
-    """What may have been meant by a name that a document has not."""
+    """Return a hint at what an unknown name may have been meant for."""
     if not tail:
         return nearest(head, [*TOP, *_quantities(document)])
     named = _stages(document)
     called = next((name for name, (_, stage) in named.items() if stage.get("use") == head), "")
     if called:
-        return f"; the stage {head} is called {called!r} here: {called}.{tail}"
+        return f"; in this file the stage {head} is named {called!r}: {called}.{tail}"
     return nearest(head, [*named, *tables(), "sweep"])
 
 
 def _quantities(document: Mapping[str, Any]) -> tuple[str, ...]:
-    """What may stand in the table of shared quantities: what distributions declare, and what the document gives."""
+    """Return the keys that the table of shared quantities may have: declared ones, and those the document gives."""
     table = table_in(document)
     given = document.get(table.name)
     return (*([table.preset] if table.preset else []), *quantities.names(), *(given if isinstance(given, dict) else ()))
 
 
 def _stages(document: Mapping[str, Any]) -> dict[str, tuple[int, dict[str, Any]]]:
-    """The stage tables by name, with their numbers."""
+    """Return the stage tables by name, with their numbers."""
     stages = document.get("stages")
     entries = [(n, s) for n, s in enumerate(stages, 1) if isinstance(s, dict)] if isinstance(stages, list) else []
     return {str(s.get("name", s.get("use"))): (n, s) for n, s in entries}

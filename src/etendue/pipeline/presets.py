@@ -1,8 +1,7 @@
-"""Presets: values of many shared quantities under one name, brought by distributions, each with the source it comes
-from.
+"""Presets: values of many shared quantities under one name, brought by distributions, each with its source.
 
-In:  a table and the name that its preset word has.
-Out: a ``Preset``: values as they would stand in the table; what the pipeline itself says goes before them.
+In:  a table and the value of its preset key.
+Out: a ``Preset``: values as they would be in the table; the pipeline's own values override them.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from etendue.plugins import discovery
 from etendue.telling import plain
 
 TYPICAL = "typical"
-SPOKEN = (TYPICAL, "definition", "seed paper")  # how a source begins that is no address
+SPOKEN = (TYPICAL, "definition", "seed paper")  # beginnings of a source that is not a URL
 
 
 @dataclass(frozen=True)
 class Sourced:
-    """One value, and who says so. ``typical``: nobody citable; a value that such things have."""
+    """One value and its source. ``typical``: no citable source, only a usual value."""
 
     value: Any
     source: str
@@ -35,7 +34,7 @@ class Sourced:
 
 @dataclass(frozen=True)
 class Preset:
-    """What a name gives the table of shared quantities, and what else is published of it."""
+    """The values that a name gives to the table of shared quantities, and other published facts."""
 
     name: str
     title: str
@@ -47,34 +46,34 @@ class Preset:
     version: str
 
     def values(self) -> dict[str, Any]:
-        """As in the table."""
+        """Return the values, as in the table."""
         return {name: sourced.value for name, sourced in self.shared.items()}
 
 
 def preset_names(table: Table | None = None) -> tuple[str, ...]:
-    """The presets of a table; without one those of all tables."""
+    """Return the names of the presets of a table, or of all tables."""
     hooks = [one.presets for one in ([table] if table else tables().values()) if one.presets]
     return tuple(sorted({name for hook in hooks for name in discovery.installed().names(hook)}))
 
 
 @cache
 def preset(name: str, table: Table | None = None) -> Preset:
-    """The preset of a name, in a table or in the first that has presets.
+    """Return the preset of a name, in a table or in the first table that has presets.
 
     Raises
     ------
     RequestError
-        There is none of that name, with the nearest one; two distributions bring it; what is brought cannot be read.
+        If the name is unknown (with the closest one), two distributions bring it, or its file cannot be read.
     """
     found = discovery.installed()
     table = table or next((one for one in tables().values() if one.presets), None)
     if table is None or not table.presets:
-        raise RequestError(f"there is no preset {name!r}; nothing that is installed brings any")
+        raise RequestError(f"unknown preset {name!r}; no installed distribution brings any")
     what = table.preset
     brought = found.all(table.presets, name)
     if not brought:
         hint = nearest(name, preset_names(table)) or (f"; {table.listed} lists them" if table.listed else "")
-        raise RequestError(f"there is no {what} {name!r}{hint}{found.missed(table.presets, name)}")
+        raise RequestError(f"unknown {what} {name!r}{hint}{found.missed(table.presets, name)}")
     if clash := found.clash(table.presets, name):
         raise RequestError(f"the {what} {name!r} is {clash}")
     (one,) = brought
@@ -91,7 +90,7 @@ def preset(name: str, table: Table | None = None) -> Preset:
         }
         words = (document["title"], document["kind"], document["description"])
     except (OSError, ValueError, TypeError, AttributeError, KeyError) as error:
-        lacking = f"{error} is lacking" if isinstance(error, KeyError) else plain(str(error))
+        lacking = f"{error} is missing" if isinstance(error, KeyError) else plain(str(error))
         form = f"expected title, kind, description, and a value and its source under {table.name}.NAME"
         raise RequestError(f"the {what} {name!r} of {one.origin} cannot be read: {lacking}; {form}") from error
     return Preset(name, *words, read[table.name], read["facts"], one.distribution, one.version)

@@ -1,9 +1,9 @@
-"""The form of a pipeline file as a JSON Schema, so that editors complete and check it: stages and quantities of plugins
-included.
+"""A JSON Schema of the pipeline file, with which editors complete and check it, including stages and quantities of
+plugins.
 
 In:  the registry, shared quantities.
-Out: a schema of draft 7. What hangs on values of other keys (names of stages in a sweep, units, files) it cannot know:
-     that is the plan's.
+Out: a schema of draft 7. It cannot check what depends on values of other keys (names of stages in a sweep, units,
+     files); the planner does.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ OF_A_STAGE = {"anyOf": [{"type": "array"}, SPACED]}  # axes in a table of their 
 
 
 def schema(registry: Registry) -> dict[str, Any]:
-    """Of the whole file."""
+    """Return the schema of the whole file."""
     kinds = {name: kind for name in registry.names() if (kind := _loaded(registry, name)) is not None}
     every = [(name, *found) for kind in kinds.values() for name, found in parameters_of(kind).items()]
     types = {name: of for name, parameter, of, _ in every if parameter.shared}
@@ -61,23 +61,23 @@ def schema(registry: Registry) -> dict[str, Any]:
                 "pattern": r"^[^/\\.\-\x00-\x1f\x7f][^/\\\x00-\x1f\x7f]*$",
             },
             "description": {"type": "string"},
-            "seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of random numbers"},
+            "seed": {"type": "integer", "minimum": 0, "default": 0, "description": "seed of the random numbers"},
             "tolerance": {
                 "type": "number",
                 "minimum": 0,
                 "exclusiveMaximum": 1,
                 "default": 1e-4,
-                "description": "what each approximation or omission may add to its stage's output, relative to full "
-                "scale",
+                "description": "largest error that each approximation or omission may add to its stage's output, "
+                "relative to full scale",
             },
             "norm": {"enum": ["rms", "max"], "default": "rms"},
             "leave_out": {"type": "boolean", "default": True},
             "precision": {"enum": ["auto", "float32", "float64"], "default": "auto"},
-            "wanted": {"anyOf": [NAMES, {"type": "string"}], "description": "variables that are computed for"},
+            "wanted": {"anyOf": [NAMES, {"type": "string"}], "description": "variables to compute"},
             "keep": {
                 "anyOf": [NAMES, {"type": "string"}],
-                "description": "variables that are stored; all: everything computed; looks: pictures and figures, not "
-                "the bands of light",
+                "description": "variables that are stored; all: everything computed; looks: pictures and metrics, not "
+                "light by band",
             },
             "requires": {"anyOf": [NAMES, {"type": "string"}], "description": "distributions whose stages are used"},
             "most_cells": {"type": "integer", "minimum": 1},
@@ -102,7 +102,7 @@ def schema(registry: Registry) -> dict[str, Any]:
 
 
 def _stages(names: Sequence[str], kinds: Mapping[str, Any]) -> dict[str, Any]:
-    """One ``[[stages]]`` table: what it may hold follows from its ``use``."""
+    """Return the schema of one ``[[stages]]`` table, which depends on its ``use``."""
     return {
         "type": "object",
         "properties": {"use": {"enum": list(names), "description": "the stage"}},
@@ -124,7 +124,7 @@ def _stage(name: str, kind: Any) -> dict[str, Any]:
     own = {key: found for key, found in parameters_of(kind).items() if not found[0].shared}
     properties: dict[str, Any] = {
         "use": {"const": name, "description": cleandoc(kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")},
-        "name": {"type": "string", "pattern": r"^\w+$", "description": "what it is called here; default: what it is"},
+        "name": {"type": "string", "pattern": r"^\w+$", "description": "its name here; default: the stage's own"},
         "from": {
             "type": "object",
             "description": "stages it reads from, by port",
@@ -138,7 +138,7 @@ def _stage(name: str, kind: Any) -> dict[str, Any]:
 
 
 def _value(parameter: Parameter, default: Any, kind: Any = None) -> dict[str, Any]:
-    """One value: a number in the declared unit, or a text that may have another."""
+    """Return the schema of one value: a number in the declared unit, or text that may have another unit."""
     words = [parameter.doc, f"in {parameter.units}" if parameter.units not in ("", "1") else "", parameter.range_text()]
     found: dict[str, Any] = _form(parameter, default, kind)
     said = "; ".join(word for word in words if word)
@@ -195,7 +195,7 @@ def _axis(name: str, kind: Any) -> dict[str, Any]:
 
 
 def _shared(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
-    """A table of shared quantities, with the word that names many of them at once."""
+    """Return the schema of a table of shared quantities, with its preset key."""
     named = {"enum": list(preset_names(table)), "description": f"values of a known {table.preset}"}
     return {
         "type": "object",
@@ -205,7 +205,7 @@ def _shared(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _presets(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The axis of presets: names, or tables of quantities."""
+    """Return the schema of the axis of presets: names, or tables of quantities."""
     name = {"enum": list(preset_names(table))}
     own = {
         "type": "object",

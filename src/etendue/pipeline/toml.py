@@ -1,7 +1,7 @@
-"""A document as TOML text: what ``tomllib`` reads back as the same document.
+"""Write a document as TOML text that ``tomllib`` reads back as the same document.
 
 In:  tables, lists, text, numbers (int, float, Decimal), true and false; nothing else.
-Out: text, plain keys and values first, then tables, then lists of tables.
+Out: text: plain keys and values first, then tables, then lists of tables.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ def _text(value: str) -> str:
 
 
 def key(name: str) -> str:
-    """A key, in quotes where it needs them."""
+    """Return a key, in quotes if it needs them."""
     return name if _BARE.fullmatch(name) else _text(name)
 
 
 def value(found: Any) -> str:
-    """A value on one line.
+    """Return a value on one line.
 
     Raises
     ------
     TypeError
-        TOML has no such value.
+        If TOML has no such value.
     """
     if isinstance(found, bool):
         return "true" if found else "false"
@@ -50,7 +50,7 @@ def value(found: Any) -> str:
     if isinstance(found, list | tuple):
         return f"[{', '.join(map(value, found))}]"
     if hasattr(found, "item") and not isinstance(found, Decimal):
-        return value(found.item())  # a scalar of numpy
+        return value(found.item())  # a numpy scalar
     if isinstance(found, int):
         return str(found)
     if isinstance(found, float | Decimal):
@@ -61,7 +61,7 @@ def value(found: Any) -> str:
 
 
 def dumps(document: Mapping[str, Any]) -> str:
-    """The whole text of a document whose tables hold plain values."""
+    """Return the text of a document whose tables hold plain values."""
     tables = {name: found for name, found in document.items() if isinstance(found, Mapping)}
     lists = {
         name: found

@@ -1,6 +1,5 @@
-"""What is computed, before anything is: a pipeline as a graph, its sweep as cells, their keys, costs and errors. No
-arrays.
+"""Planning: a pipeline as a graph, its sweep as cells, with their keys, costs and errors. No arrays.
 
-In:  a pipeline (``spec``), the stages that are installed (``registry``).
+In:  a pipeline (``spec``) and the installed stages (``registry``).
 Out: a ``Plan``, or every fault of the request at once.
 """

@@ -1,4 +1,4 @@
-"""Stages that disagree: what several take for granted and have different values of, and physics that light meets twice.
+"""Find stages that disagree: about a shared assumption, or by modelling the same physics twice along one path.
 
 In:  nodes and cells of a plan.
 Out: notes, each text once.
@@ -15,7 +15,7 @@ from etendue.plan.model import Cell, CellRef, Node
 
 
 def taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
-    """Where a stage assumes of something shared what no stage before it on its way did."""
+    """Return a note for every stage whose assumption differs from that of an earlier stage on its path."""
     assumed: dict[CellRef, dict[str, tuple[str, Any]]] = {}
     notes: dict[str, None] = {}
     alike: Once[dict[str, tuple[str, Any]]] = Once()  # cells of one stage that read cells alike assume the same
@@ -27,7 +27,7 @@ def taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
         for what, value in cell.stage.assumes().items():
             before = found.get(what)
             if before is not None and before[1] != value:
-                theirs = f"{_shown(before[1])} in {before[0]!r}, which stands before it"
+                theirs = f"{_shown(before[1])} in {before[0]!r}, earlier on its path"
                 notes[f"{cell.node}: {what} is {_shown(value)} here, but {theirs}"] = None
             found[what] = (cell.node, value)
         return found
@@ -45,9 +45,9 @@ def _shown(value: Any) -> str:
 
 
 def met_twice(nodes: Iterable[Node]) -> list[str]:
-    """Where light, or charge, goes through two stages that hold the same physics."""
+    """Return a note for every two stages on one path of light or charge that model the same physics."""
     notes: list[str] = []
-    before: dict[str, dict[str, str]] = {}  # by node: what has been met on the way, and where
+    before: dict[str, dict[str, str]] = {}  # by node: the physics modelled up to it, and by which stage
     for node in nodes:
         met: dict[str, str] = {}
         for bound in node.inputs:
@@ -57,7 +57,7 @@ def met_twice(nodes: Iterable[Node]) -> list[str]:
         for what in once:
             if what in met:
                 notes.append(
-                    f"{node.name}: {what} counts twice: {met[what]!r}, before it, has it already; leave one of them out"
+                    f"{node.name}: {what} counts twice: {met[what]!r} already models it; leave one of them out"
                 )
         before[node.name] = met | dict.fromkeys(once, node.name)
     return notes

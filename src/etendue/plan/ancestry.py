@@ -1,7 +1,7 @@
-"""What some cells need, and nothing else: for runs that want a few cells of a plan.
+"""Find what some cells need, for runs of only a few cells of a plan.
 
 In:  a plan and cells of it.
-Out: these cells and all that they depend on, at any distance.
+Out: these cells and all that they depend on, directly or indirectly.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from etendue.plan.model import CellRef, Node, Plan
 
 
 def ancestry(plan: Plan, refs: Iterable[CellRef]) -> set[CellRef]:
-    """The cells and every cell whose result they need."""
+    """Return the cells and every cell whose result they need."""
     nodes = {node.name: node for node in plan.nodes}
     found: set[CellRef] = set()
     open_ = list(refs)
@@ -26,8 +26,8 @@ def ancestry(plan: Plan, refs: Iterable[CellRef]) -> set[CellRef]:
 
 
 def _needed_by(plan: Plan, nodes: dict[str, Node], ref: CellRef) -> list[CellRef]:
-    """What a cell reads, waits for and looks at; of transfer functions it looks at the stages, and needs what these
-    wait for.
+    """Return the cells that a cell reads, waits for and looks at. A look at transfer functions needs the stages, not
+    their results, and therefore only the cells that find values for those stages.
     """
     cell = plan.cells[ref]
     refs = [source for _, source, _ in cell.inputs] + [word.ref for word in cell.open_words]
@@ -41,7 +41,7 @@ def _needed_by(plan: Plan, nodes: dict[str, Node], ref: CellRef) -> list[CellRef
 
 
 def behind(plan: Plan, names: Iterable[str]) -> set[str]:
-    """The names of some nodes and of all nodes that depend on what they write."""
+    """Return the names of some nodes and of all nodes that depend on what they write."""
     found = set(names)
     for node in plan.nodes:
         read = {source for bound in node.inputs for _, source, _ in bound}
@@ -52,10 +52,11 @@ def behind(plan: Plan, names: Iterable[str]) -> set[str]:
 
 
 def in_front(plan: Plan, names: Iterable[str]) -> set[str]:
-    """The names of some nodes and of all nodes whose decisions can change what they write: those they read and those
-    they look at.
+    """Return the names of some nodes and of all nodes whose decisions can change what they write: the nodes they read
+    from and those they look at.
     """
     found = set(names)
+    # A node reads only earlier nodes, so one pass in reverse reaches everything.
     for node in reversed(plan.nodes):
         if node.name in found:
             found |= {source for bound in node.inputs for _, source, _ in bound}

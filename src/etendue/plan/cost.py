@@ -1,8 +1,7 @@
-"""Cost before running: bytes stored, seconds expected.
+"""Cost before running: bytes stored and seconds expected.
 
-Seconds are an estimate from a stage's ``nanoseconds`` per value written (per padded value and band for transfer
-functions), which is what it takes at its defaults, and from the costs of its knobs; the table at the end of a run has
-the measured ones.
+Seconds are estimated from ``nanoseconds``, a stage's time at its defaults per value written (per padded value and band
+for transfer functions), and from the costs of its knobs. The table at the end of a run has the measured times.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ def bytes_of(declaration: Declaration, grid: Grid, precision: str) -> int:
 
 
 def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
-    """Whether a variable is made and stored one band at a time."""
+    """Return whether a variable is made and stored one band at a time."""
     by_band = declaration.dims[1:] == ("y", "x") and declaration.dims[0] == grid.banded
     return by_band and bytes_of(declaration, grid, precision) > LARGEST_WHOLE
 
 
 def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
-    """Of the cells of a node one of each that cost the same, being of one stage and of the same grids, and how many
-    there are.
+    """Return one cell of each group that costs the same, with the size of the group. Cells cost the same if they have
+    one stage and the same grids.
     """
     groups: Once[list[Cell]] = Once()
     for cell in cells:
@@ -48,14 +47,14 @@ def cell_bytes(node: Node, cell: Cell, precision: str, variables: Iterable[str] 
 
 
 def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
-    """Expected seconds of one cell on one thread."""
+    """Return the expected seconds of one cell on one thread."""
     if cell.left_out:
         return 2e-5
     rate = cell.stage.nanoseconds
     if node.segment and cell.inputs:
         grid = cell.input_grids[cell.inputs[0][0]]
         terms = cell.stage.terms() if isinstance(cell.stage, Summed) else 0
-        transformed = min(1.0, terms / grid.bands().size) if terms else 1.0  # of as many planes as there are bands
+        transformed = min(1.0, terms / grid.bands().size) if terms else 1.0  # share of the bands that are transformed
         values = 1.6 * grid.count * transformed
     else:
         values = max(
@@ -65,8 +64,8 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
 
 
 def knobs_cost(stage: Stage) -> float:
-    """How many times what it takes at its defaults a stage takes with its settings: the product over knobs of which
-    that is known.
+    """Return the time at the stage's settings relative to its time at the defaults: the product over all knobs with
+    known costs.
     """
     found = 1.0
     for name, (parameter, _, default) in parameters_of(type(stage)).items():
@@ -76,11 +75,11 @@ def knobs_cost(stage: Stage) -> float:
 
 
 def _cost(parameter: Parameter, value: Any) -> float:
-    """Of a setting, or of the next finer one where a file writes a value between two of them."""
+    """Return the cost of a setting; for a value between two settings, that of the finer one."""
     if value in parameter.settings:
         return parameter.costs[parameter.settings.index(value)]
     falling = (
         parameter.settings[0] > parameter.settings[-1] and parameter.settings[-1] != 0
-    )  # ladders of counts may end in 0, all of them
+    )  # counts may end in 0, which stands for all
     finer = (i for i, one in enumerate(parameter.settings) if one != 0 and (value >= one if falling else value <= one))
     return parameter.costs[next(finer, -1)]

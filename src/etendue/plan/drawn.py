@@ -1,4 +1,4 @@
-"""How a variable of a cell is drawn, from the plan: its black and the filters in front of its pixels at the cell's
+"""How a variable of a cell is drawn, from the plan: its black level and the filter pattern of its pixels at the cell's
 own axis values.
 """
 
@@ -14,7 +14,7 @@ from etendue.plan.model import Cell, Plan
 
 
 def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
-    """None of what is no picture, or is not shown."""
+    """Return how to draw a variable; None if it is no image, or is not shown."""
     known, dims = variable(name), plan.node(cell.node).writes[name].dims
     if not known.shown or dims[-2:] != ("y", "x"):
         return None
@@ -27,9 +27,9 @@ def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
 
 
 def _quantity(plan: Plan, cell: Cell, name: str) -> Any:
-    """A shared quantity as it is for a cell; None where it is swept along an axis that does not reach the cell."""
+    """Return the value of a shared quantity for a cell; None if it is swept along an axis that does not reach it."""
     axes = plan.node(cell.node).axes
-    for axis in sorted(plan.axes, key=lambda axis: axis.key != name):  # its own axis before that of presets
+    for axis in sorted(plan.axes, key=lambda axis: axis.key != name):  # its own axis overrides that of presets
         if axis.key == name or name in axis.gives:
             return axis.value(name, cell.index[axes.index(axis.dim)]) if axis.dim in axes else None
     return plan.shared.get(name)

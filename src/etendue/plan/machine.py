@@ -1,4 +1,4 @@
-"""What the machine has: asked before anything runs."""
+"""Resources of the machine, read before anything runs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def available_memory() -> int:
-    """Bytes that can be had without swapping; the system's cache of files counts as free."""
+    """Return the bytes available without swapping, counting the system's file cache as free; 0 if unknown."""
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):

@@ -1,7 +1,7 @@
-"""What a figure does not see: stages of the pipeline that change what it is about, and are not in it.
+"""Find what a metric does not include: stages of the pipeline that affect its subject but are not in it.
 
 In:  a plan, a node of it and a variable that it writes.
-Out: names of stages, for tables, plots and reports to say beside the figure.
+Out: names of stages, for tables, plots and reports to show beside the metric.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from etendue.plan.model import Node, Plan
 
 
 def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:
-    """The names of these stages, in the order of the pipeline; none of a stage that does nothing in any cell."""
+    """Return the names of these stages, in the order of the pipeline, without stages that do nothing in any cell."""
     roles = {role for one in node.alternatives for role in one.kind.unseen.get(variable, ())}
     if not roles:
         return ()
@@ -31,7 +31,7 @@ def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:
 
 
 def _silent(kind: type[Stage], measured: set[str]) -> bool:
-    """Whether a stage that writes what stages with a datasheet write draws noise of which none says how much."""
+    """Return whether a stage adds random noise to what the measured stages write without stating how much."""
     told = issubclass(kind, Datasheet) or (issubclass(kind, Noisy) and kind.inherent)
     return bool(measured & set(kind.writes)) and is_random(kind) and not told
 

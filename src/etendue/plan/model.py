@@ -1,7 +1,7 @@
-"""The plan: frozen values that say what will be computed. No arrays.
+"""The plan: frozen values that state what is computed. No arrays.
 
-A ``Node`` is a stage of the pipeline with its axes; a ``Cell`` is one stage at one combination of the axes that
-reach it. A ``CellRef`` names a cell by its node and the position on each of the node's axes.
+A ``Node`` is a stage of the pipeline with the axes that reach it. A ``Cell`` is one stage at one combination of these
+axes. A ``CellRef`` names a cell by its node and its position on each of the node's axes.
 """
 
 from __future__ import annotations
@@ -36,24 +36,24 @@ CellRef = tuple[str, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Axis:
-    """One swept parameter. ``key`` is its name in the file, ``dim`` its name as a dimension."""
+    """One swept parameter. ``key`` is its name in the file; ``dim`` is its name as a dimension."""
 
     key: str
     dim: str
-    values: tuple[Any, ...]  # floats, ints or texts; labels where a stage is swapped
+    values: tuple[Any, ...]  # floats, ints or texts; labels if the axis swaps a stage
     units: str = ""
     gives: Mapping[str, tuple[Any, ...]] = field(
         default_factory=dict, hash=False
-    )  # by parameter: names of many at once
+    )  # values by parameter, for an axis that sets several at once
 
     def value(self, name: str, position: int) -> Any:
-        """What a parameter is at a position."""
+        """Return the value of a parameter at a position."""
         return self.gives[name][position] if name in self.gives else self.values[position]
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """One stage that may stand at a node: its class and its fixed parameters."""
+    """One stage that a node can use: its class and its fixed parameters."""
 
     use: str
     label: str
@@ -67,7 +67,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Node:
-    """A stage of the pipeline with what it reads and the axes that reach it."""
+    """A stage of the pipeline, with what it reads and the axes that reach it."""
 
     name: str
     number: int
@@ -81,13 +81,14 @@ class Node:
     looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
     writes: Mapping[str, Declaration]
     axes: tuple[str, ...]
-    optional: Mapping[str, Declaration] = field(default_factory=dict)  # what it could write too, and nobody asks for
-    segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment up to itself
-    mapped: tuple[str, ...] = ()  # dims of what it reads that it does not work on: it is run for each of their values
+    # what it could write as well but nothing asks for
+    optional: Mapping[str, Declaration] = field(default_factory=dict)
+    segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment, up to itself
+    mapped: tuple[str, ...] = ()  # leading dims of its inputs that it does not work on: it runs once per value
 
     @property
     def found(self) -> dict[str, str]:
-        """Shared quantities that earlier stages write, and which stages those are."""
+        """The shared quantities that earlier stages write, each with the stage that writes it."""
         pairs = zip(self.alternatives, self.inputs, strict=True)
         return {name: source for one, bound in pairs for name, source, _ in bound if name in quantities_of(one.kind)}
 
@@ -122,7 +123,7 @@ class Node:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Why a cell needs no computing, and how wrong that is relative to the full scale of its variable."""
+    """Why a cell is not computed, and the error bound of leaving it out, relative to the full scale of its variable."""
 
     bound: float
     why: str
@@ -130,8 +131,8 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Approximated:
-    """A knob that the plan has set, what it would be in the reference, and what the difference may add to the cell's
-    own output.
+    """A knob that the plan has set, its value in the reference, and the bound on what the difference adds to the error
+    of the cell's own output.
     """
 
     knob: str
@@ -142,8 +143,8 @@ class Approximated:
 
 @dataclass(slots=True)
 class Cell:
-    """One stage at one combination of its axes. Written once by the planner, then only read: cells share what is
-    equal in them.
+    """One stage at one combination of its axes. The planner writes it once; then it is only read, so cells share the
+    parts in which they are equal.
     """
 
     ref: CellRef
@@ -152,11 +153,11 @@ class Cell:
     inputs: tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable); ports first
     looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
     key: str
-    versions: Mapping[str, str]  # of the libraries that stand in its key
+    versions: Mapping[str, str]  # of the libraries that its key includes
     seed: bytes
     open_words: tuple[
         Any, ...
-    ]  # of its seed: lines whose value a run finds (plan.words.Open), and the closed ones behind them
+    ]  # lines of its seed whose value only a run finds (plan.words.Open), and the fixed lines after them
     input_grids: Mapping[str, Grid]
     grids: Mapping[str, Grid]
     facts: Facts
@@ -164,9 +165,7 @@ class Cell:
     approximated: tuple[Approximated, ...]
     error: tuple[float | None, str]
     segment_input: tuple[CellRef, str] | None = None
-    mapped: tuple[
-        tuple[str, Coordinate], ...
-    ] = ()  # dims in front of what is written for which the stage is run one by one
+    mapped: tuple[tuple[str, Coordinate], ...] = ()  # leading dims of the output; the stage runs once per value
 
     @property
     def node(self) -> str:
@@ -178,27 +177,25 @@ class Cell:
 
     @property
     def found(self) -> tuple[tuple[str, CellRef, str], ...]:
-        """The inputs that are shared quantities."""
+        """The inputs that are shared quantities written by earlier stages."""
         quantities = quantities_of(type(self.stage))
         return tuple(one for one in self.inputs if one[0] in quantities)
 
     @property
     def bound(self) -> float:
-        """What leaving out and approximating may add to its own output, relative to full scale."""
+        """The error that leaving out and approximating add at most to its own output, relative to full scale."""
         return self.left_out.bound if self.left_out else sum(one.bound for one in self.approximated)
 
 
 def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:
-    """The source cell at the start of what a cell reads first."""
+    """Return the source cell that the chain of first inputs of a cell starts from."""
     while cell.inputs:
         cell = cells[cell.inputs[0][1]]
     return cell
 
 
 def is_whole(cells: Mapping[CellRef, Cell], cell: Cell) -> bool:
-    """Whether nothing stands between the scene and a transfer cell that a product of transfer functions does not
-    hold.
-    """
+    """Return whether a product of transfer functions describes everything between the scene and a transfer cell."""
     while cell.inputs:
         if not (is_transfer(type(cell.stage)) or cell.stage.pointwise):
             return False
@@ -207,15 +204,15 @@ def is_whole(cells: Mapping[CellRef, Cell], cell: Cell) -> bool:
 
 
 def pixel_of(cells: Sequence[Cell]) -> list[Cell]:
-    """Of the cells that are looked at the first that sums over bands, or else the last; none of none."""
+    """Return the first of some cells that sums over bands, else the last one; an empty list for none."""
     return [c for c in cells if isinstance(c.stage, Summed)][:1] or list(cells[-1:])
 
 
 def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | None:
-    """White light by band in front of a transfer cell: that of the scene, less what filters have taken; the largest 1,
-    to 12 places.
+    """Return white light by band in front of a transfer cell: the scene's white less what filters absorb, scaled to a
+    largest value of 1 and rounded to 12 places.
 
-    None where the scene does not say, or a stage changes white in a way of its own.
+    Return None if the scene states no white, or if a stage changes white in another way than by a transmission.
     """
     edges = cell.input_grids[cell.inputs[0][0]].bands().edges
     passed = [1.0] * (len(edges) - 1)
@@ -235,7 +232,7 @@ def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | N
 
 @per_kind
 def _changes_white(kind: type[Stage]) -> bool:
-    """Whether a stage reads and writes something that has a value for every band, and no place."""
+    """Return whether a stage reads and writes a variable that has one value per band and no position."""
     read = {declared.variable for declared in reads_of(kind).values()}
     return any(
         declared.variable in read and len(declared.dims) == 1 and banded(declared.dims)
@@ -244,7 +241,7 @@ def _changes_white(kind: type[Stage]) -> bool:
 
 
 def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:
-    """For each of some transfer nodes in order: which of them light has passed behind it, itself last."""
+    """Return, for each of some transfer nodes in order, the numbers of those that its light passes, its own last."""
     found: list[list[int]] = []
     for number, name in enumerate(names):
         before: set[str] = set()
@@ -257,9 +254,10 @@ def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:
 
 
 class Numbers:
-    """Cells as numbers from 0, in the order of the plan: what is known of every cell fits in columns, of a few bytes.
+    """Numbers cells from 0 in the order of the plan, so that what is known of every cell fits in columns of a few
+    bytes.
 
-    Those of a node stand one behind the other, the last axis fastest: no table of them is needed.
+    The cells of a node are consecutive, the last axis fastest. So a number follows from strides; no table is needed.
     """
 
     def __init__(self, nodes: Iterable[Node], sizes: Mapping[str, int]) -> None:
@@ -273,7 +271,7 @@ class Numbers:
             self.count += prod(own)
 
     def range(self, node: str) -> range:
-        """The numbers of the cells of a node."""
+        """Return the numbers of the cells of a node."""
         first = self.places[node][0]
         return range(first, first + self.counts[node])
 
@@ -285,7 +283,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Plan:
-    """What will be computed, in which order, with what left out and why."""
+    """What is computed and in which order, and what is left out and why."""
 
     pipeline: PipelineFile
     axes: tuple[Axis, ...]
@@ -297,8 +295,8 @@ class Plan:
     shared: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out or approximated
-    looked: float = 0.0  # seconds of looking at scenes that were never planned before
-    expected: bool = False  # means in the place of draws and rounding: integer variables are floats, nothing is stored
+    looked: float = 0.0  # seconds spent analysing scenes that were never planned before
+    expected: bool = False  # means instead of draws and rounding: integer variables are floats, nothing is stored
 
     def node(self, name: str) -> Node:
         return self._named[name]
@@ -310,7 +308,7 @@ class Plan:
         raise KeyError(dim)
 
     def of(self, name: str) -> list[Cell]:
-        """The cells of a node, in order."""
+        """Return the cells of a node, in order."""
         return list(self._grouped.get(name, ()))
 
     @cached_property
@@ -329,12 +327,12 @@ class Plan:
         return found
 
     def origin(self, ref: CellRef) -> str:
-        """The stage behind a cell and the distribution it is of: ``STAGE of DISTRIBUTION 0.1.0``."""
+        """Return the stage of a cell and its distribution, as ``STAGE of DISTRIBUTION 0.1.0``."""
         cell = self.cells[ref]
         one = next(a for a in self.node(ref[0]).alternatives if a.kind is type(cell.stage) and a.use == cell.use)
         return f"{one.use} of {one.distribution} {one.version}"
 
     def labels(self, ref: CellRef) -> dict[str, Any]:
-        """Axis values of a cell by dim."""
+        """Return the axis values of a cell, by dim."""
         node = self.node(ref[0])
         return {dim: self.axis(dim).values[i] for dim, i in zip(node.axes, ref[1], strict=True)}

@@ -1,7 +1,7 @@
-"""What a plan leaves out and approximates, stage by stage, as tables and JSON show it.
+"""Summarise what a plan leaves out and approximates, stage by stage, as tables and JSON show it.
 
 In:  the cells of one stage.
-Out: documents with the number of cells, the bound and, where it can be told, the seconds that it saves.
+Out: documents with the number of cells, the bound and, if known, the seconds saved.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from etendue.contract.stage import parameters_of
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import Approximated, Cell, Node
 
-LEAST_TOLD = 1e-3  # seconds that are worth a word
+LEAST_TOLD = 1e-3  # seconds; a smaller saving is not mentioned
 
 
 def left_out(node: Node, cells: Sequence[Cell], precision: str) -> dict[str, Any] | None:
-    """Of a stage that some cells go without."""
+    """Return the summary of a stage that is left out in some cells; None for other stages."""
     out = [(cell, cell.left_out) for cell in cells if cell.left_out]
     if not out:
         return None
@@ -33,8 +33,8 @@ def left_out(node: Node, cells: Sequence[Cell], precision: str) -> dict[str, Any
 
 
 def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[dict[str, Any]] | None:
-    """Of a stage whose knobs a plan has set: every knob and setting, in how many cells, and what that saves beside
-    the reference's.
+    """Return, for a stage whose knobs the plan has set, every knob and setting with the number of cells and the seconds
+    saved relative to the reference setting; None for other stages.
     """
     found: dict[tuple[str, Any], list[Approximated]] = {}
     saved: dict[tuple[str, Any], list[float | None]] = {}
@@ -58,14 +58,14 @@ def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[dict
 
 
 def saved(node: Node, cell: Cell, precision: str) -> float | None:
-    """Seconds that a plan's decisions for a cell are expected to save; None where that is not known."""
+    """Return the seconds that the decisions about a cell are expected to save; None if unknown."""
     if cell.left_out:
         return cell_seconds(node, replace(cell, left_out=None), precision) - cell_seconds(node, cell, precision)
     return _sum([_saved(node, cell, one, precision) for one in cell.approximated])
 
 
 def _saved(node: Node, cell: Cell, one: Approximated, precision: str) -> float | None:
-    """Seconds that a setting saves, all others as they are; None where nobody has said what the knob costs."""
+    """Return the seconds that one setting saves, all others unchanged; None if the knob states no costs."""
     parameter = parameters_of(type(cell.stage))[one.knob][0]
     try:
         other = replace(cell, stage=replace(cell.stage, **{one.knob: one.reference}))
@@ -81,7 +81,7 @@ def _sum(seconds: Sequence[float | None]) -> float | None:
 
 
 def _saving(seconds: float | None) -> str:
-    """As a sentence ends with it, where it is known and worth a word."""
+    """Return the end of a sentence that states the saving; '' if it is unknown or too small to mention."""
     return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
 
 
@@ -90,10 +90,10 @@ def _shown(value: Any) -> Any:
 
 
 def told(name: str, left: dict[str, Any] | None, knobs: list[dict[str, Any]] | None) -> list[str]:
-    """The same in sentences."""
+    """Return the same as sentences."""
     said = []
     if left:
-        wrong = "exactly" if left["bound"] == 0 else f"wrong by at most {left['bound']:.2g}"
+        wrong = "exactly" if left["bound"] == 0 else f"error at most {left['bound']:.2g}"
         said.append(
             f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
             f"{left['why']}{_saving(left['seconds_saved'])}"
@@ -108,6 +108,7 @@ def told(name: str, left: dict[str, Any] | None, knobs: list[dict[str, Any]] | N
             for one in own
         )
         said.append(
-            f"coarser   {name}.{knob} = {values}, not {own[0]['reference']}: adds at most {worst:.2g}{_saving(saved)}"
+            f"coarser   {name}.{knob} = {values} instead of {own[0]['reference']}: "
+            f"error bound {worst:.2g}{_saving(saved)}"
         )
     return said

@@ -1,4 +1,4 @@
-"""Pipeline to plan: check, describe, decide. Pure: no array exists before a plan does.
+"""Turn a pipeline into a plan: check it, describe its cells, decide how each is computed. No array is made here.
 
 plan = make_plan(read_pipeline(path), installed_stages())
 """
@@ -34,7 +34,7 @@ INSTALLED: Mapping[str, str] = MappingProxyType({})
 
 @contextmanager
 def without_collecting() -> Iterator[None]:
-    """Cells hold no circles, and looking for some through all of them takes a tenth of the time."""
+    """Pause the garbage collector: cells hold no reference cycles, and scanning them takes a tenth of planning time."""
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -46,7 +46,7 @@ def without_collecting() -> Iterator[None]:
 
 @contextmanager
 def _asked() -> Iterator[None]:
-    """Stages are asked, those of other distributions among them."""
+    """Guard the calls to stages, some of which belong to other distributions."""
     with Guest("a stage, when it was planned,"):
         yield
 
@@ -62,16 +62,26 @@ def make_plan(
     computed: frozenset[str] = frozenset(),
     versions: Mapping[str, str] = INSTALLED,
 ) -> Plan:
-    """Check a pipeline and expand it into cells; ``told`` hears how many of how many are planned.
+    """Check a pipeline and expand it into cells.
 
-    ``expected``: samplers are replaced by their mean, rounding by the identity. ``computed``: stages that are not left
-    out in any cell. ``versions``: of libraries, for the keys an earlier platform would have given.
+    Parameters
+    ----------
+    told
+        Called with the number of cells planned so far and the total.
+    expected
+        Replace random draws by their mean and rounding by the identity.
+    computed
+        Names of stages that are not left out in any cell.
+    versions
+        Library versions to put into the keys instead of the installed ones; gives the keys of an earlier environment.
 
     Raises
     ------
     RequestError
-        With every fault of the file, or every stage whose grid is impossible.
+        With every fault of the file, or with every stage whose grid is impossible.
     """
+    # Order: the graph before cells (a file with faults must not be expanded), cells before warnings (most warnings need
+    # the facts of a cell).
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     pipeline, swapped = fitted_to_overrides(pipeline, registry)
     try:
@@ -105,12 +115,12 @@ def make_plan(
 
 
 def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
-    """What stages have to say about their own cells: each text once."""
+    """Return the warnings that stages give about their own cells, each text once."""
     places = {node.name: node.place for node in nodes}
     uses = {one.use: one.kind for node in nodes for one in node.alternatives}
     notes = (_rewritten_in_vain(nodes), met_twice(nodes), taken_differently(cells), _beyond_tolerance(cells, tolerance))
     texts = dict.fromkeys(itertools.chain(*notes))
-    among: dict[Stage, list[str]] = {}  # it serves many cells
+    among: dict[Stage, list[str]] = {}  # by stage, since one stage serves many cells
     for cell in cells.values():
         kind = type(cell.stage)
         try:
@@ -130,8 +140,8 @@ def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
 
 
 def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
-    """Stages that are more wrong than the tolerance, by what they state, and that cannot be asked for less without
-    being told to.
+    """Return a warning for every stage whose stated error exceeds the tolerance and whose finer settings are ``dear``,
+    so that the plan does not choose them unasked.
     """
     worst: dict[tuple[str, str, Any], float] = {}
     for cell in cells.values():
@@ -141,16 +151,16 @@ def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
             key = (cell.node, dear, vars(cell.stage)[dear])
             worst[key] = max(worst.get(key, 0.0), error)
     return [
-        f"{stage}: states an error of {error:.2g}, above the tolerance of {tolerance:g}: no plan asks for a finer "
-        f"{name} than {value}"
+        f"{stage}: states an error of {error:.2g}, above the tolerance of {tolerance:g}; the plan does not choose a "
+        f"{name} finer than {value} unless the file sets it"
         for (stage, name, value), error in worst.items()
     ]
 
 
 def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
-    """Stages that change a variable behind the one that reads it: their place in the file is likely wrong."""
+    """Return a warning for every stage that changes a variable after its only reader: it is likely misplaced."""
     written = {(node.name, variable): declared.dims for node in nodes for variable, declared in node.writes.items()}
-    readers: dict[tuple[str, str], list[tuple[int, Node]]] = {}  # of what a stage writes, with their places
+    readers: dict[tuple[str, str], list[tuple[int, Node]]] = {}  # of each (stage, variable), with their numbers
     for number, node in enumerate(nodes):
         for _, source, variable in itertools.chain(*node.inputs):
             readers.setdefault((source, variable), []).append((number, node))
@@ -159,18 +169,18 @@ def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
         own = {variable: source for _, source, variable in itertools.chain(*node.inputs) if variable in node.writes}
         for variable, source in own.items():
             if written[source, variable] != node.writes[variable].dims:
-                continue  # one picture instead of many frames
+                continue  # it reduces dims, such as many frames to one picture: a new result, not a rewrite
             before = [reader for at, reader in readers[source, variable] if at < number]
             if before and (node.name, variable) not in readers and not any(variable in r.writes for r in before):
                 notes.append(
-                    f"{node.name}: nothing reads its {variable}; {before[0].name}, which stands before it, reads that "
-                    f"of {source}: move {node.name} up"
+                    f"{node.name}: nothing reads its {variable}; {before[0].name} comes earlier and reads "
+                    f"that of {source}; move {node.name} up"
                 )
     return notes
 
 
 def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
-    """The plan as JSON: ``etendue plan --json``; ``peak_memory``: bytes that a run of it holds at most."""
+    """Return the plan as JSON for ``etendue plan --json``; ``peak_memory`` bounds the memory of a run, in bytes."""
     stages = [_stage(plan, node) for node in plan.nodes]
     written = {(s["name"], v): one["bytes"] for s in stages for v, one in s["variables"].items()}
     return {
@@ -195,7 +205,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
 
 
 def _stage(plan: Plan, node: Node) -> dict[str, Any]:
-    """One stage of it."""
+    """Return the summary of one stage."""
     cells, precision = plan.of(node.name), plan.precision
     counted = cost.alike(cells)
     sizes = {v: sum(count * cost.cell_bytes(node, c, precision, [v]) for c, count in counted) for v in node.writes}

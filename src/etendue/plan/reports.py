@@ -1,7 +1,7 @@
-"""What became of the cells of a plan, in columns: 18 bytes a cell, and more of those few of which there is more to say.
+"""What became of the cells of a plan, in columns: 18 bytes per cell, and more only for the few with more to report.
 
 In:  reports of cells as they end.
-Out: the same by cell, made when they are asked for; sums over the cells of a stage.
+Out: the reports by cell, made on request; sums over the cells of a stage.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import replace
 from etendue.contract.ports import CellReport
 from etendue.plan.model import CellRef, Plan
 
-STATUSES = ("", "done", "left_out", "failed", "skipped", "loaded", "reused")  # '': nothing has become of it yet
+STATUSES = ("", "done", "left_out", "failed", "skipped", "loaded", "reused")  # '': no report yet
 DONE, LEFT_OUT, FAILED, SKIPPED, REUSED = (
     STATUSES.index(name) for name in ("done", "left_out", "failed", "skipped", "reused")
 )
@@ -23,12 +23,12 @@ NOTHING: Rest = (0.0, 0.0, 0.0, "", "")
 
 
 class Reports(Mapping[CellRef, CellReport]):
-    """Of each cell what it reported last; of what it has written the number of bytes.
+    """The last report of each cell, with the number of bytes instead of the files written.
 
     Attributes
     ----------
     status, seconds, size : by number of a cell (``plan.numbers``)
-    rest : of the few cells of which anything of it is known
+    rest : only for the cells that have a value in it other than ``NOTHING``
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -50,12 +50,12 @@ class Reports(Mapping[CellRef, CellReport]):
                 self.rest.pop(number, None)
 
     def reuse(self, refs: Iterable[CellRef]) -> None:
-        """Say of cells that they were there already."""
+        """Mark cells as reused: they were finished before."""
         for ref in refs:
             self.status[self.number(ref)] = REUSED
 
     def of(self, plan: Plan, cells: Mapping[CellRef, CellRef]) -> Reports:
-        """The reports of the cells of another plan, which stand at other places of this one."""
+        """Return the reports of the cells of another plan; ``cells`` maps them to the cells of this one."""
         if plan.axes == self.plan.axes:
             return self
         found = Reports(plan)
@@ -93,39 +93,40 @@ class Reports(Mapping[CellRef, CellReport]):
             self.size[number],
         )
 
-    # -- of many cells ------------------------------------------------------------------------------------------------
+    # -- over many cells
+    # ------------------------------------------------------------------------------------------------
 
     def numbers(self, stage: str | None = None) -> range:
-        """Of the cells of a stage, or of all."""
+        """Return the numbers of the cells of a stage, or of all cells."""
         return range(len(self.status)) if stage is None else self.plan.numbers.range(stage)
 
     def count(self, *statuses: int, stage: str | None = None) -> int:
-        """How many cells have come to one of these."""
+        """Return how many cells have one of these statuses."""
         own = self.numbers(stage)
         return sum(self.status.count(status, own.start, own.stop) for status in statuses)
 
     def having(self, *statuses: int) -> list[CellReport]:
-        """The reports of the cells that have come to one of these."""
+        """Return the reports of the cells with one of these statuses."""
         if not self.count(*statuses):
             return []
         return [self._at(number, ref) for number, ref in enumerate(self.plan.cells) if self.status[number] in statuses]
 
     def seconds_of(self, stage: str | None = None) -> float:
-        """Thread time of the cells of a stage, or of all, that were computed."""
+        """Return the thread time in seconds of the computed cells of a stage, or of all stages."""
         return math.fsum(self.seconds[n] for n in self.numbers(stage) if self.status[n] in (DONE, LEFT_OUT))
 
     def bytes_of(self, stage: str) -> int:
-        """What the cells of a stage have written."""
+        """Return the bytes that the cells of a stage have written."""
         own = self.numbers(stage)
         return sum(self.size[own.start : own.stop])
 
     def counted(self, stage: str) -> list[float]:
-        """What was lifted to a floor, or lies above saturation, in each cell of a stage that has any."""
+        """Return what was raised to a floor or lies above saturation, for each cell of a stage that has any."""
         own = self.numbers(stage)
         return [rest[2] for number, rest in self.rest.items() if number in own and rest[2] > 0]
 
     def most_clipped(self) -> CellReport | None:
-        """Of the cells that read negative light the one that most of it was clipped for."""
+        """Return the report of the cell with the most negative light clipped; None if none was."""
         worst = max(self.rest, key=lambda number: self.rest[number][1], default=None)
         if worst is None or not self.rest[worst][1] > 0:
             return None

@@ -1,4 +1,4 @@
-"""What is asked for, and what has been found wrong with it so far: every room of the planner adds to the same list.
+"""The request being planned and the faults found in it so far: every module of the planner adds to the same list.
 
 In:  a ``Pipeline`` (values as written) and a ``Registry``.
 Out: faults and warnings, in the order in which they were found.
@@ -23,8 +23,9 @@ class Choice:
     leave_out: bool  # whether anything may be left out or approximated
     precision: str  # auto, float32 or float64
     norm: str = "rms"
-    expected: bool = False  # means in the place of draws and rounding
-    versions: Mapping[str, str] = field(default_factory=dict)  # of libraries, in keys: not those that are installed
+    expected: bool = False  # means instead of draws and rounding
+    # library versions for the keys, instead of the installed ones
+    versions: Mapping[str, str] = field(default_factory=dict)
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
 
 
@@ -33,7 +34,7 @@ class Request:
 
     Attributes
     ----------
-    whole : whether what every stage writes is known; else nothing is concluded from a lack
+    whole : whether all that the stages write is known; if not, nothing is concluded from something missing
     """
 
     def __init__(self, pipeline: PipelineFile, registry: Registry) -> None:
@@ -47,11 +48,11 @@ class Request:
         self.faults.append(Fault(place, message))
 
     def takes_label(self, place: str, label: str, known: Container[str]) -> bool:
-        """Whether a value of an axis may be called so; ``known``: labels of the values in front of it."""
+        """Return whether an axis value may have this label; ``known`` are the labels before it."""
         if unprintable(label) or not label:
-            self.fault(place, f"the label {as_written(label)} is no plain name: text without control characters")
+            self.fault(place, f"invalid label {as_written(label)}: expected text without control characters")
         elif label in known:
-            self.fault(place, f"{label!r} stands twice; give one of them another 'label'")
+            self.fault(place, f"{label!r} appears twice; give one of them another 'label'")
         else:
             return True
         return False

@@ -1,6 +1,6 @@
-"""What of a plan is left to do, given what an archive holds.
+"""Find what is left to do of a plan, given the content of an archive.
 
-In:  a plan, the axis values an archive has, the cells that are finished.
+In:  a plan, the axis values that an archive has, the finished cells.
 Out: the plan over all those values, and the cells to compute (``Work``).
 """
 
@@ -20,9 +20,9 @@ from etendue.plan.model import CellRef, Plan
 
 @dataclass
 class Work:
-    """What is left to do of what was asked for.
+    """What is left to do of a request.
 
-    ``plan`` is over the axis values of earlier runs as well; ``cells`` has each cell of what was asked for in it.
+    ``plan`` also covers the axis values of earlier runs; ``cells`` maps each requested cell to its cell in ``plan``.
     """
 
     plan: Plan
@@ -30,21 +30,22 @@ class Work:
     todo: set[CellRef]
     reused: set[CellRef] = field(default_factory=set)
     reasons: dict[str, str] = field(default_factory=dict)  # by stage: why it is computed again
-    removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
-    pruned: int = 0  # finished cells removed because it was asked for
-    stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
+    removed: int = 0  # cells of earlier runs at other axis values whose results are outdated
+    pruned: int = 0  # finished cells removed on request
+    # stages stored earlier and still valid, although 'keep' no longer names them
+    stay: list[str] = field(default_factory=list)
     mended: list[str] = field(
         default_factory=list
-    )  # files of the archive that were missing or damaged, and are written again
+    )  # files of the archive that were missing or damaged and are written again
     moved: dict[str, int] = field(
         default_factory=dict
-    )  # shards made anew, bytes copied for them, bytes of what was computed
+    )  # shards rewritten, bytes copied for them, bytes of computed results
     shown: Mapping[str, CellRef] = field(
         default_factory=dict
-    )  # of each stage the cell of the pictures, where it is not the usual one
+    )  # by stage: the cell shown as a picture, if not the usual one
 
 
-# values looked at to find the possible ones among those of earlier runs; a plan counts as PLANNED of them
+# Limit on the values examined to find the valid ones among those of earlier runs; one plan counts as PLANNED values.
 MOST_WORK = 10_000_000
 PLANNED = 5_000
 
@@ -52,9 +53,9 @@ PLANNED = 5_000
 def with_stored_values(
     plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()
 ) -> Plan:
-    """The plan over the axis values of an archive's earlier runs as well: what is still right there stays.
+    """Return the plan extended to the axis values of an archive's earlier runs, so that valid results there stay.
 
-    ``sweeps`` of earlier runs, as they stood in their files, say what a label of a swapped stage means.
+    ``sweeps`` of earlier runs, as written in their files, give the meaning of the label of a swapped stage.
     """
     extra: dict[str, list[Any]] = {}
     for axis in plan.axes:
@@ -69,16 +70,16 @@ def with_stored_values(
     if not extra:
         return plan
     whole = _over(plan, extra, stored)
-    if whole is None:  # a value that is no longer possible: its cells are not of this pipeline any more
+    if whole is None:  # some value is no longer valid, so its cells no longer belong to this pipeline
         extra = {key: _possible(plan, key, values, stored) for key, values in extra.items()}
         whole = _over(plan, {key: values for key, values in extra.items() if values}, stored)
     return whole or plan
 
 
 def _possible(plan: Plan, key: str, values: list[Any], stored: Mapping[str, Mapping[str, list[Any]]]) -> list[Any]:
-    """Those of the values over which there is a plan, found by halves: few values that are not cost few plans.
+    """Return the values over which a plan exists, found by bisection: a few invalid values cost few plans.
 
-    A journal that names millions is not gone through to the end: what nobody has come to stays out.
+    The work is limited, so that a journal naming millions of values cannot stall a run; values not reached are dropped.
     """
     known = sum(len(own) for axes in stored.values() for own in axes.values())
     found, left, work = list[Any](), [values], 0
@@ -93,7 +94,7 @@ def _possible(plan: Plan, key: str, values: list[Any], stored: Mapping[str, Mapp
 
 
 def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mapping[str, list[Any]]]) -> Plan | None:
-    """The plan with further axis values, in stored order; None where it is impossible."""
+    """Return the plan with further axis values, in stored order; None if it is invalid."""
     sweep = dict(plan.pipeline.sweep)
     for axis in plan.axes:
         if axis.key not in extra:
@@ -112,12 +113,12 @@ def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mappi
 
 
 def is_of_names(key: str) -> bool:
-    """Whether the values of an axis are names, of stages or presets: their tables say what they stand for."""
+    """Return whether the values of an axis are names, of stages or presets, that a table explains."""
     return key.endswith(".use") or key in preset_keys()
 
 
 def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
-    """What stood for a label of a swapped stage in the newest sweep that had it."""
+    """Return the definition of a label of a swapped stage in the newest sweep that has it."""
     for sweep in sweeps:
         values = sweep.get(key)
         for one in values if isinstance(values, list) else ():
@@ -131,11 +132,12 @@ def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
 
 
 def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = None) -> set[CellRef]:
-    """The cells to compute: unfinished requested ones, and finished ones whose unstored result an unfinished one
-    reads.
+    """Return the cells to compute: requested ones that are unfinished, and finished ones whose result was not stored
+    and is read by a cell to compute.
     """
     todo = {ref for ref in (plan.cells if requested is None else requested) if ref not in finished}
     nodes = {node.name: node for node in plan.nodes}
+    # In reverse, since cells come after those they read: each source is added before the loop reaches it.
     for ref in reversed(list(plan.cells)):
         if ref not in todo:
             continue
@@ -153,7 +155,7 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
 
 
 def _need_segment(plan: Plan, source: CellRef, todo: set[CellRef]) -> None:
-    """A transform is rebuilt from its segment's input, which must be stored or computed."""
+    """Add what is needed to rebuild a transform: its segment's input, unless that is stored."""
     segment_input = plan.cells[source].segment_input
     assert segment_input is not None
     (node, index), variable = segment_input

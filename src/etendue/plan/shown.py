@@ -1,4 +1,4 @@
-"""Which cells of a sweep are looked at: one of each stage, for pictures and headline figures."""
+"""Choose the cells of a sweep to show: one of each stage, for pictures and headline metrics."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from etendue.plan.model import CellRef, Plan
 
 
 def shown_cells(plan: Plan) -> dict[str, CellRef]:
-    """One cell of each stage for the pictures: at the pipeline's own values where they are swept, else in the
-    middle.
+    """Return one cell of each stage for the pictures: at the pipeline's own values of swept quantities, else at the
+    middle of the axis.
     """
     middle = {}
     for axis in plan.axes:
@@ -22,7 +22,7 @@ def shown_cells(plan: Plan) -> dict[str, CellRef]:
 
 
 def where_shown(plan: Plan, shown: Mapping[str, CellRef] | None = None) -> str:
-    """The axis values of the shown cells, such as `` at gain 2.8, pitch 4 um``; '' without a sweep."""
+    """Return the axis values of the shown cells, such as `` at gain 2.8, pitch 4 um``; '' without a sweep."""
     at = {}
     for name, index in (shown or shown_cells(plan)).values():
         at.update({dim: value for dim, value in plan.labels((name, index)).items()})

@@ -1,10 +1,9 @@
-"""What a plan asks of a stage, and what may come back: a plugin's method that breaks off or answers nonsense is a fault
-of the file.
+"""Call the methods of stages while planning, and check their answers: a plugin's method that raises or returns an
+invalid value is a fault of the file.
 
-In:  a stage and what its method is given.
-Out: the answer in the form that the contract states; ``PluginError`` that names stage and method. A ``ValueError`` is
-     how a stage
-refuses, and stays one.
+In:  a stage and the arguments of its method.
+Out: the answer, in the form the contract states; ``PluginError`` naming stage and method. A ``ValueError`` means that
+     the stage refuses its values, and is passed on.
 """
 
 from __future__ import annotations
@@ -29,13 +28,15 @@ def _name(stage: Stage, method: str) -> str:
 
 
 def _nonsense(stage: Stage, method: str, found: Any, expected: str) -> PluginError:
-    with foreign(f"the repr of what {_name(stage, method)} gave"):
+    with foreign(f"the repr of what {_name(stage, method)} returned"):
         text = " ".join(plain(repr(found)).split())
-    return PluginError(f"{_name(stage, method)} gave {text[:80]}{'...' if len(text) > 80 else ''}; expected {expected}")
+    return PluginError(
+        f"{_name(stage, method)} returned {text[:80]}{'...' if len(text) > 80 else ''}; expected {expected}"
+    )
 
 
 def _is_number(value: Any) -> bool:
-    """Of Python or of numpy, and neither NaN nor a bool."""
+    """Return whether a value is a number of Python or numpy, and neither NaN nor a bool."""
     if isinstance(value, bool | str | bytes) or not hasattr(value, "__float__"):
         return False
     try:
@@ -45,27 +46,27 @@ def _is_number(value: Any) -> bool:
 
 
 def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
-    """An instance of a stage. ``ValueError`` and ``TypeError`` are how it refuses its values."""
+    """Return an instance of a stage. ``ValueError`` and ``TypeError`` mean that it refuses the values."""
     with foreign(f"{kind.__name__}.__post_init__"):
         try:
             stage = kind(**values)
-        except NotKnown:  # what it would look at is found by a run, which makes it again
+        except NotKnown:  # it checks a value that only a run finds; the run makes and checks it again
             stage = unchecked(kind, values)
         except TypeError as error:
             raise ValueError(str(error)) from error
     if not isinstance(stage, kind):
-        raise PluginError(f"{kind.__name__}(...) gives {type(stage).__name__}, which is no {kind.__name__}")
+        raise PluginError(f"{kind.__name__}(...) returned {type(stage).__name__}, expected {kind.__name__}")
     try:
         hash(stage)
     except Exception as error:
         raise PluginError(
-            f"{kind.__name__} is no value: {error}; write @dataclass(frozen=True, kw_only=True)"
+            f"{kind.__name__} is not hashable: {error}; declare it with @dataclass(frozen=True, kw_only=True)"
         ) from None
     return stage
 
 
 def unchecked(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
-    """An instance whose values have not been looked at."""
+    """Return an instance without checking its values."""
     stage = object.__new__(kind)
     for field in dataclasses.fields(kind):
         object.__setattr__(stage, field.name, values.get(field.name, field.default))
@@ -73,13 +74,13 @@ def unchecked(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
 
 
 def _grids(stage: Stage, method: str, found: Any) -> Mapping[str, Grid]:
-    form = "a mapping of the variables it writes to Grid values"
+    form = "a mapping from the variables it writes to Grid values"
     if not isinstance(found, Mapping) or not all(isinstance(g, Grid) for g in found.values()):
         raise _nonsense(stage, method, found, form)
     unknown = sorted({str(name) for name in found} - {d.variable for d in writes_of(type(stage)).values()})
     if unknown:
         raise PluginError(
-            f"{_name(stage, method)} speaks of {', '.join(unknown)}, which {type(stage).__name__} does not write"
+            f"{_name(stage, method)} returned {', '.join(unknown)}, which {type(stage).__name__} does not write"
         )
     return found
 
@@ -89,16 +90,16 @@ def _facts(stage: Stage, method: str, found: Any) -> Facts:
         value is None or _is_number(value) for value in (found.low, found.high, found.contrast, found.band_limit)
     )
     if not fine or found.uniform not in (None, True, False):
-        raise _nonsense(stage, method, found, "Facts of numbers, None where something is not known")
+        raise _nonsense(stage, method, found, "Facts with numbers, or None where a value is unknown")
     facts: Facts = found
     return facts
 
 
-RUN = object()  # what depends on what a run finds is refused
+RUN = object()  # as ``unknown``: an answer that depends on what a run finds is a fault
 
 
 def _asked(stage: Any, method: str, *given: Any, unknown: Any = RUN) -> Any:
-    """What a method gives; ``unknown`` where it depends on a value that only a run finds."""
+    """Return what a method returns; ``unknown`` if that depends on a value which only a run finds."""
     with foreign(_name(stage, method)):
         try:
             return getattr(stage, method)(*given)
@@ -106,8 +107,8 @@ def _asked(stage: Any, method: str, *given: Any, unknown: Any = RUN) -> Any:
             if unknown is not RUN:
                 return unknown
             raise PluginError(
-                f"{_name(stage, method)} depends on {error}, which an earlier stage finds while the run goes on: what "
-                f"a grid depends on is known before; give {error} as a value, behind no stage that writes it"
+                f"{_name(stage, method)} depends on {error}, which an earlier stage finds only during the run, but a "
+                f"grid must be known before; give {error} as a value and leave out the stage that writes it"
             ) from None
 
 
@@ -119,7 +120,7 @@ def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
 
 
 def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
-    """What ``grid`` says of what a stage writes; nothing where it has none."""
+    """Return the grids that ``grid`` states for what a stage writes; empty if the stage has no such method."""
     if type(stage).grid is Stage.grid:
         return {}
     return _grids(stage, "grid", _asked(stage, "grid", dict(inputs)))
@@ -137,33 +138,33 @@ def negligible(stage: Any, facts: Facts, grid: Grid) -> tuple[float, str] | None
         return None
     fine = isinstance(found, tuple) and len(found) == 2 and _is_number(found[0]) and isinstance(found[1], str)
     if not fine or found[0] < 0:
-        raise _nonsense(stage, "negligible", found, "(a bound from 0, the reason) or None")
+        raise _nonsense(stage, "negligible", found, "(a bound of at least 0, the reason) or None")
     return float(found[0]), plain(found[1])
 
 
 def variance_of(stage: Any, charge: float) -> float | None:
-    """What a source of noise adds at a charge; None where what it depends on is found by a run, or where it refuses."""
+    """Return the variance that a noise source adds at a charge; None if a run must find it, or if the stage refuses."""
     with foreign(_name(stage, "variance")):
         try:
             found = stage.variance(charge)
         except (NotKnown, ValueError):
             return None
     if not _is_number(found):
-        raise _nonsense(stage, "variance", found, "a number from 0")
+        raise _nonsense(stage, "variance", found, "a number of at least 0")
     return max(float(found), 0.0)
 
 
 def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
-    """What ``error`` or ``segment_error`` states."""
+    """Return the error that ``error`` or ``segment_error`` states, and its basis."""
     found = _asked(stage, method, *given, unknown=(None, "unknown"))
     fine = isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], str) and found[1] in KNOWN_BY
     if not fine or not (found[0] is None or (_is_number(found[0]) and found[0] >= 0)):
-        raise _nonsense(stage, method, found, f"(a bound from 0 or None, how it is known: {', '.join(KNOWN_BY)})")
+        raise _nonsense(stage, method, found, f"(a bound of at least 0 or None, its basis: {', '.join(KNOWN_BY)})")
     return (None if found[0] is None else float(found[0])), found[1]
 
 
 def texts(stage: Any, method: str, *given: Any) -> list[str]:
-    """What ``warn`` or ``warn_among`` has to say; nothing where there is no such method."""
+    """Return the texts of ``warn`` or ``warn_among``; none if they depend on what a run finds."""
     with foreign(_name(stage, method)):
         try:
             found = getattr(stage, method)(*given)
@@ -185,10 +186,10 @@ def common_draws(stage: Stage) -> bool:
 
 
 def lacking(kind: type[Stage], dim: str, variable: str) -> str:
-    """What to say where nobody knows the coordinate of a dim that a stage writes."""
+    """Return the message for a dim that a stage writes and whose coordinate nothing states."""
     return (
-        f"{kind.__name__} writes {variable} with the dim {dim!r}, which nothing it reads has, and does not say what it "
-        f"is: give the class "
-        f"creates = {{{dim!r}: RGB}} (or Labels, a Line, Bands), or a method grid(self, inputs) if it depends on what "
-        f"is read"
+        f"{kind.__name__} writes {variable} with the dim {dim!r}, which none of its inputs has, without stating its "
+        f"coordinate: give the class "
+        f"creates = {{{dim!r}: RGB}} (or Labels, a Line, Bands), or a method grid(self, inputs) if it depends on the "
+        f"inputs"
     )

@@ -1,7 +1,7 @@
-"""The bench a stage is tried on: grids, arrays, coordinates and random generators made from its declaration alone.
+"""The test bench of a stage: grids, arrays, coordinates and random generators made from its declaration alone.
 
 In:  an instance of a stage.
-Out: ``Trial`` values: what the engine's own ``run.cell.compute`` made of one cell.
+Out: ``Trial`` values: what the engine's own ``compute.cell.compute`` made of one cell.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ Arrays = Mapping[str, Any]
 PRECISIONS = ("float32", "float64")
 FRAME: Frame = (9, 12)
 SMALL: Frame = (4, 5)
-LARGE: Frame = (119, 160)  # where sums are long enough to lose digits
+LARGE: Frame = (119, 160)  # large enough for sums to lose digits
 ODD_FRAMES: tuple[Frame, ...] = ((1, 1), (1, 7), (6, 1), (2, 2), (7, 5))
 PLANE = ("y", "x")
-SPACING = 2.0  # um, of what has bins: a few samples of anything else fit into a frame
+SPACING = 2.0  # um, for light by band: a few samples of anything else fit into a frame
 EXTREMES = ("zeros", "tiny", "huge", "uniform", "point", "hole")
-CLEAR = ("ValueError:", "OverflowError:", "ArithmeticError:")  # what a stage may raise where it cannot compute
-ROUNDING = 1e-12  # of double precision, where a stage states no error of its own
+CLEAR = ("ValueError:", "OverflowError:", "ArithmeticError:")  # what a stage may raise if it cannot compute
+ROUNDING = 1e-12  # error in double precision of a stage that states none
 
 
-_pools = ThreadpoolController()  # of the libraries which the engine has loaded
+_pools = ThreadpoolController()  # thread pools of the libraries that the engine has loaded
 
 
 class LawBroken(AssertionError):
@@ -69,7 +69,7 @@ class Finding:
 
 @dataclasses.dataclass(frozen=True)
 class BenchTrial:
-    """What came of one cell."""
+    """The result of computing one cell."""
 
     arrays: dict[str, Any]
     report: CellReport
@@ -85,19 +85,19 @@ class BenchTrial:
 
     @property
     def undefined(self) -> bool:
-        """Whether it gave NaN or infinity, which it does not declare."""
+        """Whether it returned NaN or infinity without declaring it."""
         return not self.done and " wrote " in self.last_line and "NaN or infinite" in self.last_line
 
     @property
     def refused_in_words(self) -> bool:
-        """Whether the stage says that it cannot compute, and did not break off anywhere else."""
+        """Whether the stage stated that it cannot compute, instead of failing elsewhere."""
         return not self.undefined and (
             self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip()
         )
 
 
 class Bench:
-    """Grids, arrays and jobs for one instance of a stage, from its declaration."""
+    """Makes grids, arrays and jobs for one instance of a stage, from its declaration."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class Bench:
 
     @cached_property
     def reads(self) -> dict[str, Declaration]:
-        """Ports that are given arrays; what a probe looks at is not among them."""
+        """Ports that get arrays; those through which a probe looks are not among them."""
         return {port: d for port, d in reads_of(self.kind).items() if not looks(d)}
 
     @cached_property
@@ -130,7 +130,7 @@ class Bench:
 
     @cached_property
     def steady(self) -> bool:
-        """Whether the result does not hang on the seed: no random argument, or one without effect."""
+        """Whether the result is independent of the seed: no random argument, or one without effect."""
         if not is_random(self.kind):
             return True
         first, second = (self.run(self.arrays("ordinary"), seed=seed) for seed in (b"one", b"two"))
@@ -138,7 +138,7 @@ class Bench:
 
     @cached_property
     def one_array(self) -> str | None:
-        """The port of a stage that reads one frame and nothing else."""
+        """The port of a stage that reads exactly one frame; None for other stages."""
         if len(self.reads) != 1 or self.looks:
             return None
         (port,) = self.reads
@@ -162,7 +162,9 @@ class Bench:
         return self._made_elsewhere.get(dim) or exemplary(dim) or GUESSED
 
     def _spacing(self, dim: str) -> float:
-        """The distance of samples along a dim: the quantity that says it, as the stage has it, else by default."""
+        """Return the distance of samples along a dim, from the quantity that states it: the stage's value, else the
+        default.
+        """
         name = dims.dim(dim).spacing
         return float(getattr(self.stage, name, quantities.declared(name).default)) if name else 1.0
 
@@ -178,14 +180,14 @@ class Bench:
         }
 
     def guessed(self) -> str:
-        """A hint where the size of a dim that is read is not known from anything."""
+        """Return a hint if the size of an input dim had to be guessed."""
         guessed = [dim for d in self.reads.values() for dim in d.dims if self.coordinate(dim, d, FRAME) is GUESSED]
         if not guessed or self.given_grids:
             return ""
         return (
-            f". Of the dim {guessed[0]!r} nothing is known, and three entries are tried: where it has others, say "
-            f"so beside "
-            f"'stage' in the test, coordinates = {{{guessed[0]!r}: Labels((0.0, 45.0, 90.0, 135.0))}}"
+            f". The dim {guessed[0]!r} is not declared, and was tested with three entries; if it has others, state "
+            f"them next to "
+            f"'stage' in the test: coordinates = {{{guessed[0]!r}: Labels((0.0, 45.0, 90.0, 135.0))}}"
         )
 
     def input_grids(self, frame: Frame = FRAME) -> dict[str, Grid]:
@@ -197,13 +199,14 @@ class Bench:
     def job(
         self, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False
     ) -> Job:
-        """The job of one cell, as the engine would make it."""
+        """Return the job of one cell, as the engine would make it."""
         looks_at = tuple(
             (port, what, tuple((n, (n, ())) for n in ("first", "second"))) for port, what in self.looks.items()
         )
         names = tuple((port, pairs) for port, _, pairs in looks_at)
         inputs = self.input_grids(frame)
-        declared = self.stage.describe()[1] if is_source(self.kind) else self.stage.grid(inputs)  # type: ignore[attr-defined]
+        # type: ignore[attr-defined]
+        declared = self.stage.describe()[1] if is_source(self.kind) else self.stage.grid(inputs)
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
         looking = Looking(
@@ -242,7 +245,7 @@ class Bench:
         return self.scales.get(port, wording.units().get(declaration.unit, wording.Unit()).full)
 
     def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Any:
-        """One input, in double precision: ordinary values, six decades of them, or an extreme."""
+        """Return one input in double precision: ordinary values, values over six decades, or an extreme."""
         declaration, grid = self.reads[port], self.input_grids(frame)[port]
         shape = grid.shape(declaration.dims)
         random = np.random.default_rng([1, *map(ord, port + what)])
@@ -266,7 +269,7 @@ class Bench:
         return np.clip(np.rint(values), 0, np.iinfo(declaration.dtype).max) if whole else values
 
     def seen(self, port: str, precision: str, frame: Frame) -> Any:
-        """What a probe looks at through a port: the same value everywhere."""
+        """Return what a probe looks at through a port: the same value everywhere."""
         declaration = reads_of(self.kind)[port]
         shape = self.seen_grid(port, frame).shape(self._seen_dims(declaration))
         whole = declaration.dtype != "float"
@@ -284,7 +287,7 @@ class Bench:
         return {port: self.array(port, what, frame, factor) for port in self.reads}
 
     def given(self, inputs: Arrays, precision: str) -> dict[str, Any]:
-        """Inputs as a stage gets them: in the plan's precision or the declared integers, read-only."""
+        """Return inputs as a stage gets them: in the plan's precision or the declared integers, read-only."""
         found = {}
         for port, values in inputs.items():
             kind = precision if self.reads[port].dtype == "float" else self.reads[port].dtype
@@ -302,7 +305,7 @@ class Bench:
         summed: bool = False,
         rows: int = 0,
     ) -> BenchTrial:
-        """Compute one cell with the engine; in strips of so many ``rows``, if any, where whatever goes wrong is
+        """Compute one cell with the engine. With ``rows``, compute it in strips of that many rows; errors are then
         raised.
         """
         job = self.job(precision, frame, seed, summed)
@@ -331,19 +334,19 @@ class Bench:
         return BenchTrial(result.arrays, report, tuple(port for port in given if before[port] != after[port]))
 
     def result(self, inputs: Arrays, precision: str = "float64", frame: Frame = FRAME, **how: Any) -> BenchTrial:
-        """The same, where it must succeed."""
+        """Compute one cell; raise ``LawBroken`` if it fails."""
         trial = self.run(inputs, precision, frame, **how)
         if not trial.done:
             raise LawBroken(f"{self.name} fails on ordinary input: {trial.report.message}{self.guessed()}")
         return trial
 
     def facts(self, inputs: Arrays) -> dict[str, Facts]:
-        """What is true of these arrays."""
+        """Return the facts of these arrays."""
         return {port: facts_of(array, self.reads[port].dims) for port, array in inputs.items()}
 
     def full_scale(self, variable: str, array: Any, frame: Frame = FRAME) -> float:
-        """The largest value of a result; of whole numbers the largest code which the stage gives to too bright an
-        input.
+        """Return the largest value of a result; for integers, the largest code that the stage writes for a far too
+        bright input.
         """
         if self.writes[variable].dtype == "float" or not self.reads:
             return full_scale(array)
@@ -351,7 +354,7 @@ class Bench:
         return max(full_scale(array), full_scale(brightest.arrays.get(variable, array)))
 
     def own_error(self, inputs: Arrays, precision: str, frame: Frame = FRAME) -> float | None:
-        """The bound the stage states for itself."""
+        """Return the error bound that the stage states."""
         if self.kind.error is Stage.error:
             return None
         facts = self.stage.describe()[0] if is_source(self.kind) else self.facts(inputs)  # type: ignore[attr-defined]
@@ -359,7 +362,7 @@ class Bench:
 
 
 def _usual(declaration: Declaration) -> tuple[str, ...]:
-    """The dims of every stage that writes what a probe looks at, where it names none and a vocabulary says them."""
+    """Return the dims that a vocabulary gives for a variable that a probe looks at, if the probe names none."""
     seen = "" if declaration.dims else looks(declaration)
     return tuple(variables.variable(seen).dims) if seen else ()
 
@@ -371,7 +374,7 @@ def digests(arrays: Arrays) -> dict[str, str]:
 
 
 def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
-    """Facts of an array: uniform and contrast over positions, at every band and channel."""
+    """Return the facts of an array: uniformity and contrast over positions, in every band and channel."""
     array = np.asarray(array, dtype=float)
     places = tuple(i for i, dim in enumerate(dims) if dim in ("y", "x"))
     if not array.size:
@@ -394,9 +397,9 @@ def full_scale(array: Any) -> float:
 
 
 def largest_difference(one: Any, other: Any) -> float:
-    """Largest absolute difference; infinite where only one of the two is undefined."""
+    """Return the largest absolute difference; infinite if only one of the two values is undefined."""
     one, other = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
     if np.any(np.isnan(one) != np.isnan(other)):
         return math.inf
     with np.errstate(invalid="ignore"):
-        return full_scale(np.where(one == other, 0.0, one - other))  # equal infinities differ by nothing
+        return full_scale(np.where(one == other, 0.0, one - other))  # equal infinities do not differ

@@ -1,14 +1,13 @@
-"""Instances of a stage all over what it declares: ordinary, at each end of each range, in the corners, and at random
-inside.
+"""Instances of a stage that cover its declaration: ordinary values, each end of each range, corners, and random
+interior points.
 
 In:  a class of stages.
-Out: ``Case`` values: a name, and the instance, or the words in which it was refused.
+Out: ``Case`` values: a name, and the instance or the text with which it was refused.
 
-Ordinary values are the defaults, or the ``example`` of a parameter that has none or a dear one. Ends are those which
-the plan allows (``at_least``, ``held``, ...): just inside where they are open, numbers that nobody needs where there
-are none, zero and infinity where they are allowed. Whole numbers without a near upper end, and knobs of fidelity, are
-work and no physics: they are taken to their cheap end alone. The interior is a Sobol sequence, logarithmic over
-decades, the same in every run.
+Ordinary values are the defaults, or the ``example`` of a parameter that has no default or an expensive one. Ends are
+those that the plan allows (``at_least``, ``held``, ...): just inside if open, extreme numbers if there is no end, zero
+and infinity if allowed. Integers without a near upper end, and knobs, change cost rather than physics: they are only
+taken to their cheap end. Interior points are a Sobol sequence, logarithmic over decades, the same in every run.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ ORDINARY, END, CORNER, INSIDE = "ordinary", "end", "corner", "inside"
 BEYOND = (
     1e6,
     1e30,
-)  # where a range has no end: beyond all that is built, and the largest number that a pipeline may hold
-NUDGE = 1e-12  # of an open end: what stands just inside it
-WORK = 8  # times its ordinary value: as far as a whole number is taken that has no end near it
-DECADES = 20.0  # a range whose ends are further apart is drawn from by its logarithm
-WIDE = 100.0  # times its ordinary value and a WIDE-th of it: what is drawn from where a range has no end
-POINTS = 4  # of the interior
+)  # for a range without an end: beyond anything that is built, and the largest number a pipeline may contain
+NUDGE = 1e-12  # relative distance of a value just inside an open end
+WORK = 8  # largest multiple of its ordinary value for an integer without a near end
+DECADES = 20.0  # if the ends of a range are a larger factor apart, it is sampled logarithmically
+WIDE = 100.0  # a range without an end is sampled up to this factor from its ordinary value
+POINTS = 4  # number of interior points
 
 
 @dataclass(frozen=True)
@@ -42,22 +41,22 @@ class Case:
     name: str
     where: str  # ordinary, end, corner or inside
     stage: Stage | None
-    refused: str = ""  # in whose place it says why there is none
-    broke: bool = False  # and whether it broke off, in place of refusing
-    parameter: str = ""  # of an end: whose
+    refused: str = ""  # if there is no stage, the reason
+    broke: bool = False  # whether it failed instead of refusing
+    parameter: str = ""  # of an end: the parameter
 
 
 class Untried(ValueError):
-    """A stage that cannot be made for trying it; the text says which word is missing."""
+    """A stage cannot be made for testing; the text says what is missing."""
 
 
 def cases(kind: type[Stage], points: int = POINTS) -> Iterator[Case]:
-    """Every case of a class of stages, the ordinary one first.
+    """Yield every case of a class of stages, the ordinary one first.
 
     Raises
     ------
     Untried
-        A parameter has neither a default nor an example.
+        If a parameter has neither a default nor an example.
     """
     base = ordinary(kind)
     yield made("ordinary", ORDINARY, kind, base)
@@ -79,12 +78,12 @@ def declared(kind: type[Stage], name: str) -> tuple[Parameter, Any]:
 
 
 def ordinary(kind: type[Stage]) -> dict[str, Any]:
-    """A value for every parameter: its example, or its default."""
+    """Return a value for every parameter: its example, else its default."""
     found = {}
     for name, (parameter, _, default) in parameters_of(kind).items():
         value = default if parameter.example is None else parameter.example
         if value is MISSING:
-            raise Untried(f"{name} has neither default nor example; say param(..., example=...)")
+            raise Untried(f"{name} has neither a default nor an example; add param(..., example=...)")
         if isinstance(value, str) and value.startswith("package:"):
             try:
                 value = str(resolve_file(value, Path(), parameter.folder))
@@ -95,17 +94,17 @@ def ordinary(kind: type[Stage]) -> dict[str, Any]:
 
 
 def made(name: str, where: str, kind: type[Stage], values: Mapping[str, Any], parameter: str = "") -> Case:
-    """An instance, or why there is none."""
+    """Return the case with an instance, or with the reason why there is none."""
     try:
         return Case(name, where, kind(**values), parameter=parameter)
     except ValueError as error:
         return Case(name, where, None, str(error), parameter=parameter)
-    except Exception as error:  # of a stranger
+    except Exception as error:  # foreign code may raise anything
         return Case(name, where, None, f"{type(error).__name__}: {error}", True, parameter)
 
 
 def limits(parameter: Parameter) -> tuple[float | None, float | None]:
-    """The smallest and the largest number allowed, just inside where an end is open; None where there is none."""
+    """Return the smallest and largest number allowed, just inside an open end; None if there is no end."""
     low: float | None = parameter.at_least
     high: float | None = parameter.at_most
     if parameter.above is not None:
@@ -119,7 +118,7 @@ def limits(parameter: Parameter) -> tuple[float | None, float | None]:
 
 
 def ends(parameter: Parameter, form: Any, now: Any) -> list[Any]:
-    """Values at the ends of what is allowed, other than the ordinary one."""
+    """Return values at the ends of what is allowed, other than the ordinary one."""
     if parameter.choices:
         return [choice for choice in parameter.choices if choice != now]
     if form is bool:
@@ -161,7 +160,7 @@ def real_ends(parameter: Parameter, now: float) -> list[float]:
 
 
 def span_of(parameter: Parameter, form: Any, now: Any) -> tuple[float, float] | None:
-    """From where to where a number is drawn; None for what is no number, or work."""
+    """Return the range from which a number is drawn; None if it is not a number or only changes cost."""
     if form is not float or parameter.fidelity or parameter.choices:
         return None
     low, high = limits(parameter)
@@ -177,7 +176,7 @@ def span_of(parameter: Parameter, form: Any, now: Any) -> tuple[float, float] | 
 
 
 def corners(dims: int) -> list[list[float]]:
-    """All low, all high, and every other one of each."""
+    """Return the points with all low, all high, and alternating values."""
     several = [[0.0] * dims, [1.0] * dims]
     return (
         several
@@ -187,7 +186,7 @@ def corners(dims: int) -> list[list[float]]:
 
 
 def sobol(dims: int, points: int) -> list[list[float]]:
-    """Points of the unit cube, of a scrambled Sobol sequence with a seed of its own."""
+    """Return points of the unit cube, from a scrambled Sobol sequence with a fixed seed."""
     from scipy.stats import qmc
 
     exponent = max(0, math.ceil(math.log2(points))) if points else 0
@@ -195,7 +194,7 @@ def sobol(dims: int, points: int) -> list[list[float]]:
 
 
 def drawn(kind: type[Stage], ranges: Mapping[str, tuple[float, float]], shares: list[float]) -> dict[str, float]:
-    """A value in each range, at a share of the way."""
+    """Return a value in each range, at a share of its width."""
     found = {}
     for (name, (low, high)), share in zip(ranges.items(), shares, strict=True):
         if low > 0 and high > DECADES * low:

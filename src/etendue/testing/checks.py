@@ -1,6 +1,6 @@
-"""What the laws measure: bounds, gains, facts and parameter ranges held against what a stage did.
+"""The measurements of the laws: bounds, gains, facts and parameter ranges compared with what a stage did.
 
-In:  a ``Bench`` and what came of it.
+In:  a ``Bench`` and its results.
 Out: nothing, or ``LawBroken``.
 """
 
@@ -49,7 +49,7 @@ def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> BenchTria
 
 
 def along_ladder(stage: Stage, name: str) -> Iterator[tuple[Any, Stage]]:
-    """A stage with each setting of a knob that it does not refuse, from the cheapest to the reference."""
+    """Yield a stage with each setting of a knob that it accepts, from the cheapest to the reference."""
     for value in parameters_of(type(stage))[name][0].settings:
         try:
             yield value, dataclasses.replace(stage, **{name: value})
@@ -58,7 +58,7 @@ def along_ladder(stage: Stage, name: str) -> Iterator[tuple[Any, Stage]]:
 
 
 def with_value(array: Any, value: float) -> Any:
-    """A copy with one value replaced."""
+    """Return a copy with one value replaced."""
     changed = np.array(array, dtype=float)
     changed.flat[changed.size // 2] = value
     return changed
@@ -75,7 +75,7 @@ def stated_error_of(bench: Bench, precision: str) -> tuple[float | None, str]:
     inputs = bench.arrays("ordinary")
     facts = bench.stage.describe()[0] if is_source(bench.kind) else bench.facts(inputs)  # type: ignore[attr-defined]
     answer = bench.stage.error(facts, bench.input_grids(), precision)  # type: ignore[attr-defined]
-    hold(isinstance(answer, tuple) and len(answer) == 2, f"{bench.name}.error gives {answer!r}, not (bound, how)")
+    hold(isinstance(answer, tuple) and len(answer) == 2, f"{bench.name}.error returned {answer!r}, not (bound, basis)")
     return answer
 
 
@@ -88,13 +88,12 @@ def must_survive(bench: Bench, inputs: Arrays, precision: str, frame: Frame, wha
     try:
         trial = bench.run(inputs, precision, frame)
     except ValueError:
-        return  # the grid is refused, before anything runs
+        return  # the grid is refused before anything runs
     if trial.done:
         return
     message = trial.last_line
-    wrote = message.startswith(f"{type(bench.stage).__name__} wrote ") or message.startswith(
-        f"{type(bench.stage).__name__} gave "
-    )
+    name = type(bench.stage).__name__
+    wrote = message.startswith((f"{name} wrote ", f"{name} gave ", f"{name} returned "))
     clear = message.startswith(CLEAR) or (trial.report.message == message and not wrote)
     hold(clear, f"{bench.name} on {what} input in {precision}: {message}")
 
@@ -109,7 +108,9 @@ def perturbations_of(shape: tuple[int, ...], worst: Any) -> Iterator[Any]:
 
 
 def worst_signs_of(bench: Bench, port: str, main: str) -> Any:
-    """Signs of the row with the largest sum in the derivative of the result by the input, on a small frame."""
+    """Return the signs of the row with the largest sum in the derivative of the result by the input, on a small
+    frame.
+    """
     base = np.full_like(bench.array(port, "uniform", SMALL), 0.5 * bench.scale(port))
     step = 1e-2 * bench.scale(port)
     reference = bench.result({port: base}, frame=SMALL).arrays[main].astype(float)
@@ -140,19 +141,19 @@ def check_gain(bench: Bench, port: str, main: str, inputs: Arrays, change: Any, 
     own = 2 * bound_of(bench, inputs, "float64", ROUNDING, frame)
     gain = bench.stage.gain
     assert gain is not None
-    if apart_in > 1e-3:  # where the stage's own rounding is not what grows
+    if apart_in > 1e-3:  # large enough that the growth is not the stage's own rounding
         magnified(ratio_of(apart, scale * apart_in))
     within(
         ratio_of(apart, scale),
         gain * apart_in * (1 + 1e-9) + own,
         f"{bench.name}: an error of {apart_in:.2g} of full scale in {port} became {ratio_of(apart, scale):.2g} of full "
         f"scale in {main}, "
-        f"{ratio_of(apart, scale * apart_in):.3g} times as large, but gain is {gain:g}; declare a larger one, or None",
+        f"{ratio_of(apart, scale * apart_in):.3g} times as large, but gain is {gain:g}; declare a larger gain, or None",
     )
 
 
 def check_facts(bench: Bench, facts: Facts, array: Any, slack: float, where: str) -> None:
-    hold(isinstance(facts, Facts), f"{bench.name} gives {facts!r} as facts")
+    hold(isinstance(facts, Facts), f"{bench.name} returned {facts!r}; expected Facts")
     true = facts_of(array, bench.writes[next(iter(bench.writes))].dims)
     assert true.low is not None
     assert true.high is not None
@@ -162,20 +163,20 @@ def check_facts(bench: Bench, facts: Facts, array: Any, slack: float, where: str
     if facts.low is not None:
         hold(
             true.low >= facts.low - room,
-            f"{bench.name} says at least {facts.low:g}, but on {where} it writes {true.low:g}",
+            f"{bench.name} states a minimum of {facts.low:g}, but on {where} it writes {true.low:g}",
         )
     if facts.high is not None:
         hold(
             true.high <= facts.high + room,
-            f"{bench.name} says at most {facts.high:g}, but on {where} it writes {true.high:g}",
+            f"{bench.name} states a maximum of {facts.high:g}, but on {where} it writes {true.high:g}",
         )
     if facts.uniform:
         spread = np.ptp(np.asarray(array, dtype=float), axis=(-2, -1)).max() if np.ndim(array) >= 2 else 0.0
-        hold(spread <= 2 * room, f"{bench.name} says uniform, but on {where} it writes values {spread:g} apart")
+        hold(spread <= 2 * room, f"{bench.name} states uniform, but on {where} it writes values {spread:g} apart")
     if facts.contrast is not None and true.contrast is not None:
         hold(
             true.contrast <= facts.contrast * (1 + 1e-9 + 4 * slack),
-            f"{bench.name} says contrast {facts.contrast:g}, but on {where} it writes {true.contrast:g}",
+            f"{bench.name} states a contrast of {facts.contrast:g}, but on {where} it writes {true.contrast:g}",
         )
 
 
@@ -204,17 +205,17 @@ def check_parameter(place: str, name: str, parameter: Parameter, kind: Any, defa
             same = resolve(list(default) if isinstance(default, tuple) else default, parameter, kind, folder)
         except Unfit as error:
             raise LawBroken(f"{place}: its own default is refused: {error}") from None
-        hold(same == default, f"{place}: its default {default!r} reads as {same!r}")
+        hold(same == default, f"{place}: its default {default!r} is read as {same!r}")
     for value in values_outside(parameter, kind):
         try:
             resolve(value, parameter, kind, folder)
         except Unfit:
             continue
-        raise LawBroken(f"{place} accepts {value!r}, which is out of its range ({parameter.range_text()})")
+        raise LawBroken(f"{place} accepts {value!r}, which is outside its range ({parameter.range_text()})")
 
 
 def values_outside(parameter: Parameter, kind: Any) -> Iterator[Any]:
-    """Values that must be refused."""
+    """Yield values that must be refused."""
     numbers: list[Any] = []
     if parameter.above is not None:
         numbers.append(parameter.above)

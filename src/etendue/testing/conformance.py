@@ -1,4 +1,4 @@
-"""The laws every stage keeps: one test method each.
+"""The laws that every stage must satisfy: one test method each.
 
 In:  an instance of a stage.
 Out: nothing, or a broken law that names the stage, the values and what to change.
@@ -55,14 +55,14 @@ from etendue.testing.transfer_checks import check_single_bands, check_transfer
 
 
 class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
-    """Subclass it, set ``stage``, and pytest holds the stage against each law.
+    """Subclass it and set ``stage``; pytest then tests the stage against each law.
 
     Attributes
     ----------
-    stage : the instance to check (set it in a fixture when it needs files)
-    grids : grids by port, for dims the kit cannot guess
+    stage : the instance to test (set it in a fixture if it needs files)
+    grids : grids by port, for dims that the kit cannot guess
     scales : full scale by port, in its unit
-    coordinates : by dim, where a stage reads a size of its own: {"polariser": Labels((0.0, 45.0, 90.0, 135.0))}
+    coordinates : by dim, if a stage reads a size of its own: {"polariser": Labels((0.0, 45.0, 90.0, 135.0))}
     """
 
     stage: Stage
@@ -77,7 +77,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
     # -- what it does
 
     def test_it_writes_what_it_declares(self) -> None:
-        """Names, shape, dtype, and finite values unless declared otherwise: the engine's own check, in both
+        """Names, shape, dtype, and finite values unless declared otherwise, by the engine's own check, in both
         precisions.
         """
         bench = self.bench
@@ -100,13 +100,15 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             hold(not trial.touched, f"{bench.name} changes its input {', '.join(trial.touched)}")
 
     def test_bits_do_not_depend_on_repetition_company_or_thread(self) -> None:
-        """The same cell again, after others, as an equal instance in a fresh thread: the same bits."""
+        """Computing the same cell again, after others, or as an equal instance in a fresh thread gives the same
+        bits.
+        """
         bench = self.bench
         for precision in PRECISIONS:
             inputs = bench.arrays("ordinary")
             first = digests(bench.result(inputs, precision).arrays)
             again = digests(bench.result(inputs, precision).arrays)
-            hold(again == first, f"{bench.name} gives other bits when run again in {precision}")
+            hold(again == first, f"{bench.name} gives different bits when run again in {precision}")
             for other in ("decades", "uniform", "zeros"):
                 bench.run(bench.arrays(other), precision)
             if not is_source(bench.kind):
@@ -114,12 +116,12 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
                     try:
                         bench.run(bench.arrays("ordinary", frame), precision, frame)
                     except ValueError:
-                        continue  # a grid it refuses: another law's subject
+                        continue  # it refuses the grid: tested by another law
             again = digests(bench.result(inputs, precision).arrays)
-            hold(again == first, f"{bench.name} gives other bits after other cells in {precision}")
+            hold(again == first, f"{bench.name} gives different bits after other cells in {precision}")
             twin = Bench(dataclasses.replace(bench.stage), bench.given_grids, bench.scales, bench.coordinates)
             again = digests(in_a_fresh_thread(twin, inputs, precision).arrays)
-            hold(again == first, f"{bench.name} gives other bits in a fresh thread in {precision}")
+            hold(again == first, f"{bench.name} gives different bits in a fresh thread in {precision}")
 
     def test_extremes_stay_finite_or_are_refused_clearly(self) -> None:
         """Zeros, 1e-30, a million times full scale, a point, a hole; frames of one pixel, one row, one column, odd
@@ -156,9 +158,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
                         f"{bench.name} declares nan = 'keep', but fails on {bad} in {port}: {trial.last_line}",
                     )
                 else:
-                    hold(
-                        not trial.done, f"{bench.name} lets {bad} in {port} pass; declare nan = 'keep' if that is meant"
-                    )
+                    hold(not trial.done, f"{bench.name} accepts {bad} in {port}; declare nan = 'keep' if intended")
 
     def test_negative_input_meets_the_declared_policy(self) -> None:
         bench = self.bench
@@ -172,7 +172,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             if policy == "keep":
                 hold(
                     not trial.undefined,
-                    f"{bench.name} declares negative = 'keep', but makes NaN of a negative {port}: {trial.last_line}",
+                    f"{bench.name} declares negative = 'keep', but returns NaN for negative {port}: {trial.last_line}",
                 )
                 clear = trial.done or trial.refused_in_words
                 hold(clear, f"{bench.name} declares negative = 'keep', but fails on it in {port}: {trial.last_line}")
@@ -181,23 +181,23 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
                 kept = trial.done and digests(trial.arrays) == digests(same.arrays) and trial.report.clipped > 0
                 hold(
                     kept,
-                    f"{bench.name} declares negative = 'clip', but negative {port} is not as if it were 0, and counted",
+                    f"{bench.name} declares negative = 'clip', but does not treat negative {port} as 0 and count it",
                 )
             else:
                 hint = (
-                    "; a transfer function is applied to any sign: declare negative = 'keep'"
+                    "; a transfer function applies to any sign: declare negative = 'keep'"
                     if is_transfer(bench.kind)
                     else ""
                 )
                 hold(
                     not trial.done,
-                    f"{bench.name} lets negative {port} pass{hint or '; declare negative = keep if that is meant'}",
+                    f"{bench.name} accepts negative {port}{hint or '; declare negative = keep if that is intended'}",
                 )
 
     # -- claims
 
     def test_the_stated_error_is_true_of_single_against_double_precision(self) -> None:
-        """Bound and how it is known; two results within their bounds lie within the sum of the bounds.
+        """The bound and its basis; two results within their bounds differ by at most the sum of the bounds.
 
         Relative to full scale: the largest value of the result in double precision, or a converter's top code.
         """
@@ -209,11 +209,11 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             bound, how = stated_error_of(bench, precision)
             hold(
                 how in ("proved", "fitted", "measured", "unknown"),
-                f"{bench.name}.error says {how!r}; allowed: proved, fitted, measured",
+                f"{bench.name}.error states the basis {how!r}; allowed: proved, fitted, measured",
             )
             hold(
                 bound is None or 0 <= bound < math.inf,
-                f"{bench.name}.error gives {bound}; allowed are None and finite numbers from 0",
+                f"{bench.name}.error returned {bound}; allowed are None and finite numbers of at least 0",
             )
             if bound is not None:
                 bounds[precision] = bound
@@ -229,7 +229,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             allowed = sum(bound_of(bench, inputs, precision, frame=frame) for precision in PRECISIONS)
             single, double = bench.run(inputs, "float32", frame), bench.run(inputs, "float64", frame)
             if not (single.done and double.done):
-                continue  # refused: another law's subject
+                continue  # refused: tested by another law
             for variable, exact in double.arrays.items():
                 apart, scale = (
                     largest_difference(single.arrays[variable], exact),
@@ -241,7 +241,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
                     f"{bench.name}: single and double precision of {variable} differ by {ratio_of(apart, scale):.2g} "
                     f"of full scale on "
                     f"{what} input x {factor:g} of {frame[0]} x {frame[1]}, but error() allows {allowed:.2g}; "
-                    "state what is true, or find where the digits go",
+                    "state the true error, or find where digits are lost",
                 )
 
     def test_leaving_it_out_is_no_worse_than_negligible_says(self) -> None:
@@ -250,15 +250,16 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             return
         main = next(iter(bench.writes))
         port = next((p for p, d in bench.reads.items() if d.variable == main), None)
-        hold(port is not None, f"{bench.name} has negligible, but does not read {main}, which it writes")
+        hold(port is not None, f"{bench.name} defines negligible, but does not read {main}, which it writes")
         assert port is not None
         for what, factor in (*levels_of(bench), ("point", 1.0), ("hole", 1.0)):
             inputs = bench.arrays(what, factor=factor)
-            answer = bench.stage.negligible(bench.facts(inputs)[port], bench.input_grids()[port])  # type: ignore[attr-defined]
+            # type: ignore[attr-defined]
+            answer = bench.stage.negligible(bench.facts(inputs)[port], bench.input_grids()[port])
             if answer is None:
                 continue
             bound, why = answer
-            hold(bound >= 0 and bool(why), f"{bench.name}.negligible gives {answer}, not (a bound from 0, the reason)")
+            hold(bound >= 0 and bool(why), f"{bench.name}.negligible returned {answer}; expected (bound, reason)")
             if bound > 0 and not bench.steady:
                 continue
             trial = bench.result(inputs)
@@ -272,14 +273,14 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
                     bound + slack,
                     f"{bench.name}: leaving it out changes {variable} by {ratio_of(apart, scale):.2g} of full scale on "
                     f"{what} input, "
-                    f"but negligible() says {bound:.2g} ({why})",
+                    f"but negligible() states {bound:.2g} ({why})",
                 )
 
     def test_errors_grow_by_no_more_than_the_gain(self) -> None:
-        """Pairs of inputs: random, shifted, and with the signs that hurt most, at several levels and sizes of error.
+        """Pairs of inputs: random, shifted, and with the signs of the worst case, at several levels and sizes of error.
 
-        Errors are relative to full scale: the largest value of what is read; of what is written, its largest value
-        for this input or for a uniform field as bright as its brightest point. The stage's own error comes on top.
+        Errors are relative to full scale. For the input this is its largest value; for the output, its largest value
+        for this input or for a uniform field as bright as its brightest point. The stage's own error is added.
         """
         bench = self.bench
         port = bench.one_array
@@ -297,15 +298,15 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
                             check_gain(bench, port, main, inputs, size * signs, frame)
 
     def test_a_transfer_function_keeps_the_mean_and_a_real_image_real(self) -> None:
-        """1 at zero frequency, Hermitian, and never above 1 unless a larger ``gain`` says so."""
+        """1 at zero frequency, Hermitian, and never above 1 unless a larger ``gain`` is declared."""
         bench = self.bench
         if not is_transfer(bench.kind):
             return
         check_transfer(bench)
 
     def test_bands_alone_are_the_bands_of_the_whole(self) -> None:
-        """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function the same at some
-        bands.
+        """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function has the same values
+        at some bands.
         """
         bench = self.bench
         if is_transfer(bench.kind):
@@ -320,15 +321,15 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
             for variable, declaration in bench.writes.items():
                 if dims.banded(declaration.dims[:1]):
                     same = np.array_equal(np.asarray(part[variable], dtype="float64"), whole_run[variable][bands])
-                    hold(same, f"{bench.name} by band gives other values of {variable} than all bands together")
+                    hold(same, f"{bench.name} gives different values of {variable} by band than for all bands together")
 
     def test_carried_facts_are_true_of_what_is_written(self) -> None:
-        """Range, uniformity and contrast of the first variable; of a source, what ``describe`` says."""
+        """Range, uniformity and contrast of the first variable; for a source, those that ``describe`` states."""
         bench = self.bench
         main = next(iter(bench.writes))
         if is_source(bench.kind):
             facts, grids = bench.stage.describe()  # type: ignore[attr-defined]
-            hold(set(grids) <= set(bench.writes), f"{bench.name}.describe speaks of variables it does not write")
+            hold(set(grids) <= set(bench.writes), f"{bench.name}.describe returns variables that it does not write")
             trial = bench.result({})
             check_facts(bench, facts, trial.arrays[main], 1e-9, "what it draws")
             return
@@ -345,7 +346,7 @@ class StageConformance(WordLaws, ExtremeLaws, KnobLaws, RowLaws, WindowLaws):
 
 
 def laws() -> list[str]:
-    """The names of the laws, in order."""
+    """Return the names of the laws, in order."""
     return [name for kind in StageConformance.__mro__ for name in vars(kind) if name.startswith("test_")]
 
 
@@ -355,7 +356,9 @@ def check_stage(
     scales: Mapping[str, float] | None = None,
     coordinates: Mapping[str, Coordinate] | None = None,
 ) -> list[Finding]:
-    """Hold one stage against every law; the findings, none when it conforms. What is no stage at all is one finding."""
+    """Test one stage against every law and return the findings, none if it conforms. A class that is not a valid stage
+    gives one finding.
+    """
     words = {"stage": stage, "grids": grids or {}, "scales": scales or {}, "coordinates": coordinates or {}}
     one = type("Conformance", (StageConformance,), words)()
     try:

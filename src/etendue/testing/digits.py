@@ -1,10 +1,9 @@
-"""How many digits a stage keeps: single, double and long double precision side by side, at every level of its input.
+"""How many digits a stage keeps: compare single, double and long double precision at every level of its input.
 
 In:  a ``Bench``.
-Out: nothing, or ``LawBroken`` that says where the digits go.
+Out: nothing, or ``LawBroken`` that says where digits are lost.
 
-Held on a machine whose long double has more digits than its double; where it has not, double precision is its own
-reference.
+This needs a machine whose long double has more digits than double; elsewhere double precision is its own reference.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ LONG = "longdouble"
 UNSTATED = {
     "float32": 1e-5,
     "float64": 1e-11,
-}  # of full scale, of a stage that states no error: a hundred roundings of 32 bits
-ANY = 1e-6  # a bound above it holds what is approximated, and says nothing of digits
+}  # of full scale, for a stage that states no error: about a hundred roundings
+ANY = 1e-6  # a larger bound covers approximations and says nothing about digits
 STEPS = (1e-8, 3e-8, 1e-7)
 CURVED = (
-    1e-9  # of full scale, that a step of 1e-7 may be off a straight line: the curvature of anything smooth is far below
+    1e-9  # of full scale; deviation from a straight line over a step of 1e-7; that of smooth functions is far smaller
 )
 LEVELS = (
     (1.0, "ordinary"),
@@ -41,12 +40,12 @@ LEVELS = (
     (1.0, "point"),
     (1.0, "hole"),
 )
-FREQUENCIES = 400  # where a transfer function is looked at first, um-1, from 1e-6 to 1e3
-ZOOMS, CLOSER = 6, 30.0  # how often, and by how much, it is looked at more closely where the precisions differ most
+FREQUENCIES = 400  # number of frequencies first evaluated, from 1e-6 to 1e3 um-1
+ZOOMS, CLOSER = 6, 30.0  # number and factor of the zooms to where the precisions differ most
 
 
 def digits_kept(bench: Bench) -> None:
-    """The results of one input in three precisions, relative to the largest value of each."""
+    """Compare the results of one input in three precisions, relative to the largest value of each."""
     if isinstance(bench.stage, Transfer):
         transfer_digits(bench)
     if not bench.steady:
@@ -56,9 +55,9 @@ def digits_kept(bench: Bench) -> None:
         try:
             single, double = bench.run(given, "float32", frame), bench.run(given, "float64", frame)
         except ValueError:
-            continue  # a grid that it refuses
+            continue  # it refuses the grid
         if not (single.done and double.done):
-            continue  # refused: another law's subject
+            continue  # refused: tested by another law
         where = f"{what} input x {factor:g} of {frame[0]} x {frame[1]}" if bench.reads else "what it writes"
         compare(
             bench,
@@ -77,7 +76,7 @@ def digits_kept(bench: Bench) -> None:
 
 
 def double_inside(bench: Bench, port: str) -> None:
-    """Whether what is double stays double: a step up and a step down cancel but for curvature, unless something is
+    """Test that double precision is kept: a step up and a step down cancel except for curvature, unless something is
     rounded to 32 bits.
     """
     inputs = bench.arrays("ordinary")
@@ -92,9 +91,9 @@ def double_inside(bench: Bench, port: str) -> None:
             within(
                 off,
                 CURVED,
-                f"{bench.name}: digits lost in double precision, as if something were rounded to 32 bits: {variable} "
-                f"is {off:.2g} of its "
-                f"largest value off the straight line where {port} moves by {step:g} up and down, allowed {CURVED:g}",
+                f"{bench.name}: digits lost in double precision, as if rounded to 32 bits: {variable} "
+                f"deviates by {off:.2g} of its "
+                f"largest value from a straight line when {port} moves up and down by {step:g}; allowed is {CURVED:g}",
             )
 
 
@@ -109,18 +108,18 @@ def inputs_of(bench: Bench) -> Iterator[tuple[str, float, Frame]]:
 
 
 def long_double(bench: Bench, given: Any, frame: Frame) -> BenchTrial | None:
-    """The same in long double, where the stage and the libraries below it know that precision."""
+    """Return the result in long double, if the stage and the libraries below it support it."""
     if is_random(bench.kind):
-        return None  # draws are made in one of two precisions
+        return None  # random numbers exist only in the other two precisions
     try:
         found = bench.run(given, LONG, frame)
-    except Exception:  # of a library that has no such type
+    except Exception:  # a library does not support the type
         return None
     return found if found.done else None
 
 
 def allowed(bench: Bench, given: Any, precision: str, frame: Frame) -> float:
-    """What the stage states, or what a careful one keeps."""
+    """Return the error that the stage states, or the default tolerance."""
     stated = bench.own_error(given, precision, frame)
     least = UNSTATED[precision] if stated is None or precision == "float64" else 0.0
     return max(least, stated or 0.0)
@@ -137,21 +136,21 @@ def compare(
         with np.errstate(all="ignore"):
             off = ratio_of(largest_difference(found.arrays[variable], exact), max(full_scale(exact), SMALLEST))
         said = (
-            "cancellation: even double precision loses digits, as long double shows"
+            "cancellation: even double precision loses digits compared with long double"
             if precision == "float64"
             else "digits lost in single precision: a long sum in float32, or a difference of large numbers"
         )
         within(
             off,
             bound,
-            f"{bench.name}: {said}; {variable} is off by {off:.2g} of its largest value on {where}, allowed "
+            f"{bench.name}: {said}; {variable} is off by {off:.2g} of its largest value on {where}; allowed is "
             f"{bound:.2g}",
         )
 
 
 def transfer_digits(bench: Bench) -> None:
-    """A transfer function along a line of frequencies, in double and in long double; closer and closer where they
-    differ most.
+    """Compare a transfer function in double and long double along a line of frequencies, zooming in where they differ
+    most.
     """
     stage = bench.stage
     assert isinstance(stage, Transfer)
@@ -176,17 +175,17 @@ def transfer_digits(bench: Bench) -> None:
             return
         near = planes(
             frequency * (1 + 4 * np.finfo(float).eps), np.float64
-        )  # what the rounding of its argument costs is none of its own
+        )  # the effect of rounding the argument, which is not the function's own error
         apart = np.maximum(np.abs(double - exact).astype(float) - np.abs(near - double), 0.0)
-        apart = np.where(np.isfinite(apart), apart, 0.0)  # what is not finite is another law's
+        apart = np.where(np.isfinite(apart), apart, 0.0)  # values that are not finite are tested by another law
         worst = float(apart.max())
         at = float(frequency[int(apart.reshape(-1, frequency.size).max(axis=0).argmax())])
         within(
             worst,
             bound,
-            f"{bench.name}: cancellation: even double precision loses digits, as long double shows; its transfer "
+            f"{bench.name}: cancellation: even double precision loses digits compared with long double; its transfer "
             f"function is off by "
-            f"{worst:.2g} at {at:.9g} um-1, allowed {bound:.2g}",
+            f"{worst:.2g} at {at:.9g} um-1; allowed is {bound:.2g}",
         )
         ratio = float(frequency[-1] / frequency[0]) ** (1 / CLOSER)
         frequency = np.geomspace(at / ratio, at * ratio, FREQUENCIES)

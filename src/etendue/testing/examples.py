@@ -1,7 +1,8 @@
-"""What stages are tried with beside arrays: coordinates of dims, figures of a data sheet, transfer functions.
+"""Examples with which stages are tested besides arrays: coordinates of dims, numbers of a datasheet, transfer
+functions.
 
-In:  dims, and what distributions say of them.
-Out: the example of each, where nobody says one a plain one of its own.
+In:  dims, and what distributions declare of them.
+Out: the declared example of each, or a plain default.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from etendue.contract.arrays.grid import Coordinate, Labels, Line
 from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.plugins import discovery
 
-EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # of bins, where their dim has no example
-GUESSED = Labels((0.0, 1.0, 2.0))  # of a dim of which nothing is known
+EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # edges of bins, if their dim has no example
+GUESSED = Labels((0.0, 1.0, 2.0))  # entries of an undeclared dim
 
 
 class GaussianTransfer(Transfer):
@@ -40,7 +41,7 @@ class BlurAndSum(Summed):
 
 
 def exemplary(dim: str) -> Coordinate | None:
-    """The coordinate with which stages are tried, as a distribution says of a dim; None where nobody does."""
+    """Return the coordinate that a distribution gives as the example of a dim; None if there is none."""
     declared = dims.dim(dim)
     entries = declared.example
     if not entries:
@@ -51,16 +52,16 @@ def exemplary(dim: str) -> Coordinate | None:
 
 
 def edges_of(dim: str) -> tuple[float, ...]:
-    """Edges of bins along a dim, with which stages are tried."""
+    """Return the edges of bins along a dim with which stages are tested."""
     return dims.dim(dim).example or EDGES
 
 
 def edges() -> tuple[float, ...]:
-    """The same of the dim that has bins."""
+    """Return these edges for the dim that has bins."""
     return next((edges_of(dim) for dim in dims.declared_dims() if dims.dim(dim).bins), EDGES)
 
 
 def sheet() -> Sheet:
-    """Figures of a stage, as those are given that look at data sheets."""
+    """Return the numbers of a stage that a port looking at datasheets gets."""
     brought = discovery.installed().first("examples", "datasheet")
     return Sheet(str(brought.value["role"]), dict(brought.value["figures"])) if brought else Sheet("", {})

@@ -1,7 +1,7 @@
-"""What a law measures: an error beside its bound, and the condition number of what was solved.
+"""The measurements of a law: an error with its bound, and the condition number of what was solved.
 
 In:  numbers of a law, as it finds them.
-Out: the worst of them, for whoever asks (``measuring``), or ``LawBroken``.
+Out: the worst of them inside ``measuring``, or ``LawBroken``.
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ from etendue.testing.bench import LawBroken
 
 @dataclass
 class WorstError:
-    """The worst that one law has found of one instance: the error that comes nearest to its bound, and the largest
-    condition number.
-    """
+    """The worst results of one law for one instance: the error closest to its bound, the largest condition number."""
 
     error: float | None = None
     bound: float | None = None
@@ -34,7 +32,7 @@ class WorstError:
 
 
 def _nearness(error: float, bound: float) -> float:
-    """How much of its bound an error takes; two that take nothing are told apart by nothing."""
+    """Return the share of its bound that an error takes; 0 if both are 0."""
     return error / bound if bound else (math.inf if error else 0.0)
 
 
@@ -43,7 +41,7 @@ _now: ContextVar[WorstError | None] = ContextVar("measured", default=None)
 
 @contextmanager
 def measuring() -> Iterator[WorstError]:
-    """What is measured in here."""
+    """Collect what is measured inside."""
     found = WorstError()
     before = _now.set(found)
     try:
@@ -58,23 +56,23 @@ def hold(condition: bool, otherwise: str) -> None:
 
 
 def told(error: float, bound: float) -> None:
-    """An error beside its bound, which is held elsewhere."""
+    """Record an error and its bound; the bound is tested elsewhere."""
     if (found := _now.get()) is not None:
         found.take(error, bound)
 
 
 def within(error: float, bound: float, otherwise: str) -> None:
-    """An error, which is to be no larger than its bound."""
+    """Record an error and require it to be within its bound."""
     told(error, bound)
     hold(error <= bound, otherwise)
 
 
 def magnified(condition: float) -> None:
-    """A condition number: how many times a small change grows."""
+    """Record a condition number: the factor by which a small change grows."""
     if (found := _now.get()) is not None:
         found.magnified(condition)
 
 
 def ratio_of(apart: float, scale: float) -> float:
-    """Relative to full scale; what differs by nothing differs by nothing of anything."""
+    """Return a difference relative to full scale; 0 if both are 0."""
     return apart / scale if scale else (math.inf if apart else 0.0)

@@ -1,11 +1,10 @@
-"""What becomes of a small change: of the input, of a parameter, of the unit of the light.
+"""The effect of a small change: of the input, of a parameter, of the unit of light.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken`` that says what jumped.
 
-A change by one unit in the last place must do no more than a billionth of what a change by 1e-6 does, its roundings
-apart; a change by 1e-6 no more than ``JUMP`` of full scale. What a change of 1e-6 does, times 1e6, is the condition
-number.
+Apart from rounding, a change by one unit in the last place may do at most ``SHARE`` of what a change by 1e-6 does, and
+a change by 1e-6 at most ``JUMP`` of full scale. The effect of a change by 1e-6, times 1e6, is the condition number.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ from etendue.testing.measured import hold, magnified, ratio_of, within
 
 STEP = 1e-6
 JUMP = 1e-2  # of full scale, for a change of 1e-6: a condition number of 10 000
-SHARE = 1e-3  # of what a change of 1e-6 does, that one by an ulp may do: 4e6 times what a straight line would
-LIGHT = ("W m-2 sr-1 nm-1", "W m-2 nm-1")  # units in which nothing but light is measured
+SHARE = 1e-3  # of the effect of a change of 1e-6, for a change of an ulp: 4e6 times that of a straight line
+LIGHT = ("W m-2 sr-1 nm-1", "W m-2 nm-1")  # units used only for light
 UNITS = (2.0**-20, 2.0**20)
 
 
 def jumps(bench: Bench) -> bool:
-    """Whether a stage decides or rounds by its nature: it writes whole numbers, or says so."""
+    """Return whether a stage decides or rounds by nature: it writes integers, or declares it."""
     return bench.kind.decides or any(d.dtype != "float" for d in bench.writes.values())
 
 
 def input_changes(bench: Bench) -> None:
-    """All of an input moved by an ulp, and by 1e-6."""
+    """Move a whole input by an ulp, and by 1e-6."""
     if not bench.steady or jumps(bench):
         return
     for port, declaration in bench.reads.items():
@@ -53,7 +52,7 @@ def input_changes(bench: Bench) -> None:
 
 
 def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> None:
-    """Every number among the parameters moved by an ulp, and by 1e-6: towards what is allowed."""
+    """Move every numeric parameter by an ulp, and by 1e-6, within what is allowed."""
     if not bench.steady:
         return
     inputs = bench.arrays("ordinary")
@@ -80,7 +79,7 @@ def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> Non
 
 
 def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> BenchTrial | None:
-    """The result with one parameter changed; None where the stage refuses it, or the grid is another."""
+    """Return the result with one parameter changed; None if the stage refuses it, or the grid differs."""
     try:
         stage = dataclasses.replace(bench.stage, **{name: value})
         return Bench(stage, bench.given_grids or bench.input_grids(), bench.scales, bench.coordinates).run(inputs)
@@ -89,7 +88,7 @@ def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> BenchT
 
 
 def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: str, inputs: Arrays) -> None:
-    """Relative to the largest value of a result, or of what it was made of where a stage writes what it reads."""
+    """Compare relative to the largest value of a result, or of the input if a stage writes what it reads."""
     if not base.done:
         return
     rounding = 2 * max(UNSTATED["float64"], min(1e-6, bound_of(bench, inputs, "float64")))
@@ -108,7 +107,7 @@ def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: 
                 JUMP + rounding,
                 f"{bench.name}: {variable} jumps by {apart['1e-6']:.2g} of its largest value when {what} moves by "
                 f"1e-6; "
-                "say decides = True if that is its nature",
+                "declare decides = True if that is its nature",
             )
         if "an ulp" in apart:
             within(
@@ -116,14 +115,14 @@ def compare(bench: Bench, base: BenchTrial, moved: dict[str, BenchTrial], what: 
                 SHARE * min(apart.get("1e-6", 0.0), JUMP) + rounding,
                 f"{bench.name}: {variable} jumps by {apart['an ulp']:.2g} of its largest value when {what} moves by "
                 f"its last bit: "
-                "digits are lost, or something is decided there",
+                "digits are lost, or a decision is made there",
             )
 
 
 def unit_changes(bench: Bench) -> None:
-    """Light in a unit a million times as large or as small is the same light: a hidden constant shows.
+    """Light in a unit a million times as large or small is the same light; a hidden constant would show.
 
-    Of stages that read and write one variable of light and nothing else that has its unit.
+    Only for stages that read and write one variable of light and have nothing else in its unit.
     """
     port = bench.one_array
     if port is None or not bench.steady:
@@ -145,7 +144,7 @@ def unit_changes(bench: Bench) -> None:
             other = bench.run({port: inputs[port] * factor})
             hold(
                 other.done,
-                f"{bench.name} fails where the unit of {port} is {1 / factor:g} times as large: {other.last_line}",
+                f"{bench.name} fails if the unit of {port} is {1 / factor:g} times as large: {other.last_line}",
             )
             found, wanted = np.asarray(other.arrays[main], float) / factor, np.asarray(base.arrays[main], float)
             apart = ratio_of(largest_difference(found, wanted), full_scale(wanted))
@@ -153,6 +152,6 @@ def unit_changes(bench: Bench) -> None:
                 apart,
                 2 * UNSTATED["float64"],
                 f"{bench.name}: a hidden constant: {main} is off by {apart:.2g} of its largest value on {what} input "
-                f"where its unit is "
-                f"{1 / factor:g} times as large, and no parameter has that unit",
+                f"if its unit is "
+                f"{1 / factor:g} times as large, but no parameter has that unit",
             )

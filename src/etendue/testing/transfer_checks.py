@@ -1,4 +1,4 @@
-"""What is measured of a transfer function: mean, symmetry, height, and that a band alone is that band among others.
+"""Checks of a transfer function: mean, symmetry, height, and that a single band equals that band among others.
 
 In:  a ``Bench`` whose stage has ``transfer``.
 Out: nothing, or ``LawBroken``.
@@ -17,8 +17,8 @@ from etendue.transfer.products import Product
 
 
 def check_transfer(bench: Bench) -> None:
-    """Shape, 1 at zero frequency, Hermitian, no higher than ``gain`` allows; weights of every band, where it ends in
-    a sum.
+    """Check the shape, 1 at zero frequency, Hermitian symmetry, a height that ``gain`` allows, and the weights of every
+    band if it ends in a sum.
     """
     grids = bench.input_grids()
     assert isinstance(bench.stage, Transfer)
@@ -32,10 +32,10 @@ def check_transfer(bench: Bench) -> None:
         whole = product.at(np.zeros((1, 1)), line[None, :])
     bad = ~np.isfinite(whole).reshape(-1, line.size).all(axis=0)
     at = float(line[int(bad.argmax())])
-    hold(not bad.any(), f"{bench.name}.transfer is not finite at {at:.4g} um-1: overflow, or a nought over a nought")
+    hold(not bad.any(), f"{bench.name}.transfer is not finite at {at:.4g} um-1: overflow, or zero divided by zero")
     hold(
         value.shape[-2:] == (7, 7) and value.ndim in (2, 3),
-        f"{bench.name}.transfer has shape {value.shape}, not (band, y, x)",
+        f"{bench.name}.transfer has shape {value.shape}; expected (band, y, x)",
     )
     hold(
         value.ndim == 2 or value.shape[0] in (1, len(bands) - 1),
@@ -43,12 +43,12 @@ def check_transfer(bench: Bench) -> None:
     )
     hold(bool(np.isfinite(value).all()), f"{bench.name}.transfer is not finite")
     centre = np.abs(value[..., 3, 3] - 1).max()
-    within(centre, 1e-12, f"{bench.name}.transfer is 1 {'+-'} {centre:.2g} at zero frequency: it makes or loses light")
+    within(centre, 1e-12, f"{bench.name}.transfer is 1 {'+-'} {centre:.2g} at zero frequency: it adds or loses light")
     uneven = np.abs(value[..., ::-1, ::-1] - np.conj(value)).max()
     within(
         uneven,
         1e-12,
-        f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image turns complex",
+        f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image becomes complex",
     )
     wide = np.linspace(-3.0, 3.0, 61)
     highest = np.abs(product.at(wide[:, None], wide[None, :])).max()
@@ -65,7 +65,7 @@ def check_transfer(bench: Bench) -> None:
 
 
 def check_single_bands(bench: Bench) -> None:
-    """The value at one band is the value at that band among others."""
+    """Check that the value at one band equals the value at that band among others."""
     grids = bench.input_grids()
     prepared = prepared_of(bench.stage, grids, bench.job().grids)
     given = [np.linspace(-0.6, 0.6, 5)[:, None], np.linspace(-0.4, 0.9, 6)[None, :]]
@@ -76,4 +76,4 @@ def check_single_bands(bench: Bench) -> None:
     one = np.asarray(bench.stage.transfer(*given, middle[2:3], *last))  # type: ignore[attr-defined]
     wanted = whole[2] if whole.ndim == 3 and whole.shape[0] > 1 else whole.reshape(one.shape[-2:])
     apart = np.abs(one.reshape(wanted.shape) - wanted).max()
-    within(apart, 1e-12, f"{bench.name}.transfer at one band is {apart:.2g} from its value among others")
+    within(apart, 1e-12, f"{bench.name}.transfer at one band differs by {apart:.2g} from its value among others")

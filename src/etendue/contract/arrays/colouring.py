@@ -1,7 +1,7 @@
-"""How dims and patterns become colours, as distributions say by ``etendue_seen``: a function for each.
+"""Colours of dims and patterns, as distributions define them by ``etendue_seen``, with a function for each.
 
 In:  the name of a dim in front of y and x, or of a pattern of filters.
-Out: what the function gives; a ``Pattern``. Nothing is imported before it is asked for.
+Out: what the function returns; a ``Pattern``. Nothing is imported before it is needed.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from typing import Any
 from etendue.errors import PluginError
 from etendue.plugins import discovery
 
-PATTERN = "pattern"  # the one name that is no dim
+PATTERN = "pattern"  # the only name that is not a dim
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """Letters that repeat over y and x: ``rows`` of one period from position (0, 0), ``tints`` the colour of each
+    """Letters that repeat over y and x: ``rows`` of one period from position (0, 0), and ``tints``, the colour of each
     letter.
     """
 
@@ -32,40 +32,40 @@ class Pattern:
         return len(self.rows), len(self.rows[0])
 
     def moved(self, down: int, across: int) -> tuple[str, ...]:
-        """Its rows as they stand from a position on."""
+        """Return its rows as seen from another position."""
         down, across = down % len(self.rows), across % len(self.rows[0])
         return tuple(row[across:] + row[:across] for row in (*self.rows[down:], *self.rows[:down]))
 
 
 @cache
 def function(name: str) -> Callable[..., Any] | None:
-    """What a distribution brings for a dim, or for patterns; None where nobody does."""
+    """Return the function that a distribution brings for a dim, or for patterns; None if there is none."""
     brought = discovery.installed().first("seen", name)
     if brought is None:
         return None
-    with discovery.foreign(f"how {name} is seen, of {brought.origin}, cannot be loaded"):
+    with discovery.foreign(f"the colours of {name}, of {brought.origin}, cannot be loaded"):
         found: Callable[..., Any] = EntryPoint(name, str(brought.value), "").load()
     return found
 
 
 @cache
 def flat_dims() -> tuple[str, ...]:
-    """Dims in front of y and x that are one picture."""
+    """Return the dims in front of y and x that together make one picture."""
     return tuple(name for name in discovery.installed().names("seen") if name != PATTERN)
 
 
 @cache
 def pattern(text: str) -> Pattern:
-    """The pattern of a name or of letters.
+    """Return the pattern with this name or these letters.
 
     Raises
     ------
     PluginError
-        Nobody brings patterns.
+        If no distribution brings patterns.
     """
     read = function(PATTERN)
     if read is None:
         raise PluginError(
-            f"nothing that is installed reads the pattern {text!r}{discovery.installed().missed('seen', PATTERN)}"
+            f"no installed distribution reads the pattern {text!r}{discovery.installed().missed('seen', PATTERN)}"
         )
     return Pattern(*read(text))

@@ -1,8 +1,8 @@
-"""Coordinates as arrays: what stages are given beside what they read.
+"""Coordinates as arrays, which stages can get beside what they read.
 
 In:  grids by name.
-Out: read-only arrays: ``y`` ``x`` as they stand on the grid, ``y_um`` ``x_um`` on the image plane, middles of bands
-     with their edges.
+Out: read-only arrays: ``y`` ``x`` as on the grid, ``y_um`` ``x_um`` on the image plane, centres of bands with their
+     edges.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from etendue.contract.arrays.grid import Bands, Grid, Line
 
 
 def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Any]:
-    """By name, with a prefix."""
+    """Return the coordinate arrays of some grids by name, with a prefix."""
     found: dict[str, Any] = {}
     for grid in grids.values():
         for dim, coordinate in grid.entries:

@@ -1,7 +1,7 @@
-"""Dims as distributions declare them: which of them are bands, in which unit, by which name.
+"""Dims as distributions declare them: which of them are bands, their units and names.
 
 In:  names of dims.
-Out: what is declared of them. A dim need not be declared: one that nobody speaks of has points or labels, and no unit.
+Out: what is declared of them. A dim need not be declared; an undeclared one has points or labels, and no unit.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ PLACE = ("y", "x")  # the dims of a picture
 
 @dataclass(frozen=True)
 class Dim:
-    """What a distribution says of a dim.
+    """The declaration of a dim.
 
-    ``bins``: it is cut into bands with edges; stages are given their middles, and the edges as ``NAME_edges``.
-    ``units``: of both. ``asked_in``: the unit in which transfer functions are given the middles; '' where it is the
-    same. ``long_name`` and ``standard_name``: as archives name it. ``example``: edges, evenly spaced places or names
-    with which stages are tried; ``spacing``: the shared quantity that is the distance of its samples.
+    ``bins``: it is divided into bands with edges; stages get their centres, and the edges as ``NAME_edges``. ``units``:
+    of both. ``asked_in``: the unit in which transfer functions get the centres; '' if it is the same. ``long_name``,
+    ``standard_name``: its names in archives. ``example``: edges, evenly spaced positions or names with which stages are
+    tested; ``spacing``: the shared quantity that is the distance of its samples.
     """
 
     bins: bool = False
@@ -37,7 +37,8 @@ class Dim:
 
     @cached_property
     def factor(self) -> float:
-        """From the unit of the middles to that in which transfer functions are asked."""
+        """The factor from the unit of the centres to the one in which transfer functions are asked."""
+        # late: only transfer functions need it, so only their digests cover it
         from etendue.contract.values.units import (
             to_unit,  # of transfer functions alone: it stands in the code behind these
         )
@@ -50,7 +51,7 @@ _KNOWN: dict[tuple[str, str], Dim] = {}
 
 
 def dim(name: str) -> Dim:
-    """What is declared of a dim."""
+    """Return what is declared of a dim."""
     brought = discovery.installed().first("dims", name)
     if brought is None:
         return UNDECLARED
@@ -63,16 +64,16 @@ def dim(name: str) -> Dim:
 
 @cache
 def declared_dims() -> tuple[str, ...]:
-    """Every dim of which somebody speaks."""
+    """Return the names of all declared dims."""
     return tuple(discovery.installed().names("dims"))
 
 
 def banded(dims: Iterable[str]) -> str:
-    """Which of some dims is one of bands; '' where none is."""
+    """Return which of some dims is one of bands; '' if none is."""
     return next((name for name in dims if name not in PLACE and dim(name).bins), "")
 
 
 def is_light(dims: Iterable[str]) -> bool:
-    """Whether something with these dims has a value for every band and place."""
+    """Return whether something with these dims has a value for every band and position."""
     own = {*dims}
     return own > {*PLACE} and bool(banded(own))

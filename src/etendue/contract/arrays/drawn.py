@@ -1,8 +1,8 @@
-"""What a picture of an array needs besides the array: how it is shown, its white and black, its filters, the eye that
+"""What is needed to draw an array as a picture: how it is shown, its white and black levels, its filters, and the eye
 it is meant for.
 
-In:  what distributions say of a variable; attributes of an array.
-Out: ``Drawn``, and the attributes that say the same to a program without a plan.
+In:  what distributions declare of a variable; attributes of an array.
+Out: ``Drawn``, and the attributes that carry the same to a program without a plan.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from typing import Any, NamedTuple
 from etendue.contract.arrays.colouring import flat_dims
 from etendue.contract.arrays.variables import Variable, variable
 
-BY = "drawn_by"  # attributes of some places on the axes alone, as JSON: [[{dim: value}, {attribute: value}], ...]
+BY = "drawn_by"  # attributes that hold only at some axis values, as JSON: [[{dim: value}, {attribute: value}], ...]
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """``shown`` and ``white`` to ``log``: as in ``spec.variables.Variable``.
+    """``shown`` and ``white`` to ``log`` are as in ``contract.variables.Variable``.
 
-    ``pattern``: rows of filters in front of the pixels, '' for none; ``viewer``: XYZ of the white to which whoever
-    looks is adapted, () for that of the display.
+    ``pattern``: rows of filters on the pixels, '' for none; ``viewer``: XYZ of the white that the viewer is adapted
+    to, () for that of the display.
     """
 
     shown: str
@@ -41,21 +41,21 @@ class Drawn:
 
     @property
     def linear(self) -> bool:
-        """Whether it is light or a signal, which is encoded for the screen."""
+        """Whether it is light or a signal, which must be encoded for the screen."""
         return self.shown == "linear"
 
     @property
     def sent(self) -> bool:
-        """Whether it goes to the screen as it is, between 0 and 1."""
+        """Whether it goes to the screen unchanged, between 0 and 1."""
         return self.shown in ("encoded", "unencoded")
 
     @property
     def scaled(self) -> bool:
-        """Whether what is shown as white is chosen for the eye."""
+        """Whether the value shown as white is chosen for the viewer."""
         return self.linear and self.white is None
 
     def attributes(self) -> dict[str, Any]:
-        """As they stand in an archive: what is not as usual."""
+        """Return the attributes for an archive; values that are the default are omitted."""
         found = {
             "drawn_white": self.white,
             "drawn_scale": self.scale,
@@ -69,7 +69,7 @@ class Drawn:
 
 
 def read(name: str, attrs: Mapping[str, Any], at: Mapping[str, Any]) -> Drawn:
-    """What the attributes of an array say of it at a place on the axes; without any, what is known of its name."""
+    """Return how to draw an array, from its attributes at a place on the axes; without any, from its name."""
     if "drawn_as" not in attrs:
         return Drawn.of(variable(name))
     own = dict(attrs)
@@ -90,7 +90,7 @@ def read(name: str, attrs: Mapping[str, Any], at: Mapping[str, Any]) -> Drawn:
 
 
 class Pictured(NamedTuple):
-    """A picture of a cell: its variable, its own dims, how it is drawn, the axes of the sweep that reach it."""
+    """A picture of a cell: its variable, its own dims, how it is drawn, and the sweep axes that reach it."""
 
     variable: str
     dims: tuple[str, ...]
@@ -99,16 +99,16 @@ class Pictured(NamedTuple):
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Dims of which one is shown: each frame has an exposure of its own, and their merger another."""
+        """Dims of which one entry is shown; each frame has an exposure of its own, and so has their merger."""
         return tuple(dim for dim in self.dims if dim not in ("y", "x", *flat_dims()))
 
 
 def lit_by(pictures: Sequence[Pictured], number: int) -> int:
-    """Which of a cell's pictures, in the order of the light, says what is bright for one of them.
+    """Return which of a cell's pictures, in the order of the light, sets the brightness scale for one of them.
 
-    The first of its variable, so that what gets darker looks darker; of variables that share a scale the last: what a
-    well cannot hold is no brightness. It has the same frames and no axes besides: a picture is one wherever it is
-    drawn.
+    It is the first picture of the same variable, so that what gets darker looks darker; for variables that share a
+    scale it is the last, since values beyond a full well are not brightness. Only pictures with the same frames and no
+    further axes count, so that a picture looks the same wherever it is drawn.
     """
     own = pictures[number]
     able = [n for n, one in enumerate(pictures) if set(one.axes) <= set(own.axes) and one.frames == own.frames]

@@ -1,7 +1,7 @@
 """What is known of a variable before it is computed.
 
-Facts decide what may be left out and with which precision a scene must be carried. A fact that is not known is
-``None`` and then nothing is concluded from it.
+Facts decide what may be left out and which precision a scene needs. An unknown fact is ``None``, and nothing is
+concluded from it.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
 
 @dataclass(frozen=True)
 class Content:
-    """What light holds by band and by radial frequency, relative to ``full``, the largest value of any band.
+    """The content of light by band and radial frequency, relative to ``full``, the largest value of any band.
 
-    Values are rounded up to three digits, so that no platform's last bits decide what is left out.
+    Values are rounded up to three digits, so that the last bits of a platform never decide what is left out.
 
     Attributes
     ----------
     full : largest value of any band, in the variable's unit
     edges : ends of the rings, cycles/um, the first 0; the mean is in none of them
-    power : mean square over the frame of what a ring holds, by band
-    amplitude : sum of the amplitudes of what a ring holds, by band: no point has more of it
+    power : mean square over the frame of the content of a ring, by band
+    amplitude : sum of the amplitudes in a ring, by band; no point can exceed it
     low, mean, high : smallest, mean and largest value of every band
     """
 
@@ -41,10 +41,10 @@ class Content:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
 
     def scaled(self, low: float, high: float, smooth: bool = False) -> Content:
-        """Light times a factor, from 0, that changes over the frame between two values: with what it makes of even
-        light.
+        """Return a bound on the content after a factor (at least 0) that varies over the frame between two values.
 
-        Of that the share beyond a frequency falls as 1/f, as of an edge; ``smooth``: as 1/f^3, as of a mirrored slope.
+        The factor puts detail into uniform light. Its share above a frequency f falls as 1/f, as for an edge; with
+        ``smooth`` as 1/f^3, as for a mirrored slope.
         """
         if low == high or high <= 0:
             return replace(self, full=self.full * high, **({} if high > 0 else self._nothing()))
@@ -60,12 +60,12 @@ class Content:
         return replace(self, full=self.full * high, power=tuple(power), amplitude=tuple(amplitude), low=darkest)
 
     def _nothing(self) -> dict[str, Any]:
-        """Of light that is not there."""
+        """Return the fields of the content of no light."""
         none, rings = (0.0,) * len(self.mean), tuple((0.0,) * len(row) for row in self.power)
         return {"power": rings, "amplitude": rings, "low": none, "mean": none, "high": none}
 
     def weighed(self, factors: tuple[float, ...]) -> Content:
-        """Every band times its own factor (from 0)."""
+        """Return the content with every band times its own factor (at least 0)."""
         largest = max(f * h for f, h in zip(factors, self.high, strict=True))
         if largest <= 0:
             return replace(self, full=0.0, **self._nothing())
@@ -82,8 +82,8 @@ class Content:
         return (2, self.power), (1, self.amplitude)
 
     def filtered(self, passed: Rings) -> Content:
-        """Behind a blur that leaves so much of every ring, by band or (one row) of all bands alike. The range stays
-        as it was.
+        """Return the content after a blur that passes a share of every ring, by band or (one row) alike in all bands.
+        The range of values stays as it was.
         """
         rows = passed if len(passed) > 1 else passed * len(self.power)
         power, amplitude = (
@@ -93,8 +93,8 @@ class Content:
         return replace(self, power=power, amplitude=amplitude)
 
     def bands_of_light(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Smallest and largest value of every band, a little wider than the samples: light between them, and behind a
-        transfer function that the grid cuts off, swings as far beyond them as the finest detail there is."""
+        """Return bounds on the values of every band, a little wider than the samples. Between samples, and after a
+        transfer function cut off by the grid, light can overshoot them by as much as the finest detail present."""
         fine = [i for i, edge in enumerate(self.edges[:-1]) if edge > 0.25 * self.edges[-1]]
         low, high = [], []
         for own, most, row in zip(self.low, self.high, self.power, strict=True):
@@ -104,7 +104,7 @@ class Content:
         return tuple(low), tuple(high)
 
     def range_of_light(self) -> tuple[float, float]:
-        """The same over all bands."""
+        """Return these bounds over all bands."""
         low, high = self.bands_of_light()
         return min(low), max(high)
 
@@ -116,25 +116,24 @@ class Content:
 
     @property
     def detail(self) -> float:
-        """The same without the means of the bands: 0 where the light is uniform."""
+        """The same without the means of the bands: 0 if the light is uniform."""
         return math.sqrt(sum(map(sum, self.power)) / len(self.mean))
 
 
 @dataclass(frozen=True)
 class Facts:
-    """Noise-free values of one variable.
+    """What is known of the noise-free values of one variable.
 
     Attributes
     ----------
     uniform : the same value at every position
     low, high : bounds on the values, in the variable's unit
-    contrast : largest over smallest value; inf where the scene holds exact black
-    band_limit : frequency above which the scene holds less than a hundredth of its contrast, cycles/um
-    rendered : of a scene, with what its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which
-    values
-        are means), um, each 0 where it does not apply
-    content : of light, what it holds by band and frequency; the planner finds it of a scene, and passes it on through
-    transfer functions
+    contrast : largest over smallest value; inf if the scene contains exact black
+    band_limit : frequency above which the scene has less than a hundredth of its contrast, cycles/um
+    rendered : of a scene, how its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
+        are means), um, each 0 if it does not apply
+    content : of light, its content by band and frequency; the planner finds it for a scene, and passes it on through
+        transfer functions
     """
 
     uniform: bool | None = None
@@ -146,9 +145,7 @@ class Facts:
     content: Content | None = None
 
     def scaled(self, low: float, high: float | None = None, smooth: bool = False) -> Facts:
-        """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0), ``smooth``: one that
-        changes slowly.
-        """
+        """Return the facts after a factor between ``low`` and ``high`` (both above 0); ``smooth``: it varies slowly."""
         high = low if high is None else high
         return replace(
             self,

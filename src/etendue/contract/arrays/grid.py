@@ -15,9 +15,9 @@ from dataclasses import dataclass
 class Line:
     """``size`` points at ``start + step * i``.
 
-    On the image plane the points are positions in um. Behind it they are pixel indices, and
-    ``position`` holds (start, step) of the pixel centres on the image plane, um. ``cells`` says that a value is the
-    mean over a cell of length ``step`` about its point, not a sample of band-limited light.
+    On the image plane the points are positions in um. After sampling they are pixel indices, and ``position`` is
+    (start, step) of the pixel centres on the image plane, um. ``cells``: each value is the mean over a cell of length
+    ``step`` around its point, not a sample of band-limited light.
     """
 
     size: int
@@ -31,7 +31,7 @@ class Line:
         return [self.start + self.step * i for i in range(self.size)]
 
     def um(self) -> tuple[float, float]:
-        """Start and step of the positions on the image plane, um."""
+        """Return start and step of the positions on the image plane, um."""
         return self.position if self.position is not None else (self.start, self.step)
 
 
@@ -74,7 +74,7 @@ class Grid:
     entries: tuple[tuple[str, Coordinate], ...] = ()
 
     def __hash__(self) -> int:
-        """Taken once: grids are keys of every table, and one grid serves thousands of cells."""
+        """Cached, because grids are keys of every table, and one grid serves thousands of cells."""
         known = self.__dict__.get("_hash")
         if known is None:
             known = hash(self.entries)
@@ -83,7 +83,7 @@ class Grid:
 
     @property
     def count(self) -> int:
-        """Values of an array that has all dims; taken once."""
+        """The number of values of an array with all dims; cached."""
         known = self.__dict__.get("_count")
         if known is None:
             known = math.prod(coordinate.size for _, coordinate in self.entries)
@@ -104,29 +104,29 @@ class Grid:
         return any(name == dim for name, _ in self.entries)
 
     def line(self, dim: str) -> Line:
-        """The coordinate of a dim that must be evenly spaced."""
+        """Return the coordinate of a dim that must be evenly spaced."""
         coordinate = self[dim]
         if not isinstance(coordinate, Line):
             raise TypeError(f"{dim} is not evenly spaced: {coordinate}")
         return coordinate
 
     def bands(self) -> Bands:
-        """The bins of the dim that has some."""
+        """Return the bins of the dim that has some."""
         for _, coordinate in self.entries:
             if isinstance(coordinate, Bands):
                 return coordinate
-        raise TypeError(f"no dim has bins: {', '.join(name for name, _ in self.entries) or 'there is none'}")
+        raise TypeError(f"no dim has bins: {', '.join(name for name, _ in self.entries) or 'it has none'}")
 
     @property
     def banded(self) -> str:
-        """The dim that has bins; '' where none has."""
+        """The dim that has bins; '' if none has."""
         return next((name for name, coordinate in self.entries if isinstance(coordinate, Bands)), "")
 
     def replace(self, **coordinates: Coordinate) -> Grid:
         return Grid.of({**dict(self.entries), **coordinates})
 
     def take(self, dims: tuple[str, ...]) -> Grid:
-        """Only these dims."""
+        """Return the grid with only these dims."""
         return Grid(tuple((name, coordinate) for name, coordinate in self.entries if name in dims))
 
     def shape(self, dims: tuple[str, ...]) -> tuple[int, ...]:

@@ -1,6 +1,6 @@
-"""Variables: their declarations, ``"channel y x [1]"``, and what distributions say they mean.
+"""Variables: their declarations, ``"channel y x [1]"``, and what distributions declare about their meaning.
 
-In:  the text beside a port in a stage's ``reads`` or ``writes``; the name of a variable.
+In:  the text of a port in a stage's ``reads`` or ``writes``; the name of a variable.
 Out: name, dims, unit, dtype and whether undefined values are allowed; meaning and how it is shown.
 """
 
@@ -17,7 +17,7 @@ from etendue.plugins import discovery
 _FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?P<unit>[^\]]*)\]\s*(?P<flags>.*?)\s*$")
 DTYPES = ("float", "uint8", "uint16", "uint32")
 
-NOT_IN_IT = "not_in_it"  # attribute of a figure: stages of the pipeline that change what it is about
+NOT_IN_IT = "not_in_it"  # attribute of a metric: stages that affect its subject but are not in it
 SHOWN = ("", "linear", "encoded", "unencoded", "map")
 COUNTED = ("", "floored", "overexposed")
 BETTER = ("", "higher", "lower")
@@ -25,28 +25,28 @@ BETTER = ("", "higher", "lower")
 
 @dataclass(frozen=True)
 class Variable:
-    """What a distribution says of a variable: meaning, unit, and how a contact sheet shows it.
+    """What a distribution declares about a variable: meaning, unit, and how a contact sheet shows it.
 
     ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a pattern through its own
-    filters); ``encoded`` values for a display, as they are; ``unencoded`` what they are before their gamma, as it would
-    look on the display without it; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as
-    white, None: what is bright in the first picture; variables with one ``scale`` share what is bright in the last of
-    them. ``black`` is a shared quantity that stands for nothing; ``pattern`` one that names the filters in front of y
-    and x. ``range`` has both ends of a map, None: its own; ``log``: in equal ratios. ``full``: what errors of it are
-    relative to, where that does not follow from its declaration: 1 for a share. ``index``: it is a place in a list,
-    right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added up.
-    ``beside``: it is a coordinate of the variables of its group that have this dim. ``counted``: where it is above 0,
-    the end of a run says that something was lifted to a floor, or lies above saturation. ``better``: whether ``higher``
-    or ``lower`` is, where that is always so; '' where it depends. ``subject``: what a figure is about, such as
-    ``detail`` or ``noise``: reports fold figures by it, and open with that of the lowest ``rank``.
+    filters); ``encoded`` display values, unchanged; ``unencoded`` display values before gamma, shown as they would look
+    without it; ``map`` numbers over y and x, in grey. ``white`` is the linear value shown as white, None: the bright
+    parts of the first picture; variables with one ``scale`` share the bright parts of their last picture. ``black``
+    names the shared quantity with the value of no signal, ``pattern`` the one with the filters over y and x. ``range``
+    has both ends of a map, None: its own; ``log``: logarithmic. ``full``: what its errors are relative to, if that does
+    not follow from its declaration: 1 for a share. ``index``: it is a position in a list, right or wrong; ``names``: in
+    the labels of this dim. ``flags`` names codes, ``masks`` bits that are combined. ``beside``: it is a coordinate of
+    the variables of its group with this dim. ``counted``: if it is above 0, the end of a run reports that values were
+    raised to a floor, or are above saturation. ``better``: whether ``higher`` or ``lower`` is better, '' if it depends.
+    ``subject``: what a metric is about, such as ``detail`` or ``noise``: reports group metrics by it and open with the
+    one of the lowest ``rank``.
 
-    ``quiet``: it is no figure that is shown first. ``usable``: where it is above, a cell is not chosen to open a page
-    with. ``instead`` names a variable beside which it says little more. ``curve``: of the curves of a page the one with
-    the highest stands first; ``base``: its curves have a line at 0; ``end``: its value is where an axis of its unit
-    ends for good, and what that is called. Of an index, ``asks`` is what it answers, ``said`` what its names are in a
-    sentence, ``tints`` their colours, and ``cap`` that of them beyond which nothing else counts, with ``cap_said``
-    behind it. ``dims``: those of every stage that writes it. ``below_zero``: noise takes it there, and whoever reads it
-    has a word for that.
+    ``quiet``: it is not among the metrics shown first. ``usable``: a cell with a larger value is not chosen to open a
+    page. ``instead``: the variable beside which it adds little. ``curve``: among the curves of a page the one with the
+    highest comes first; ``base``: its curves have a line at 0; ``end``: its value is the hard end of an axis in its
+    unit, and this is the name of that end. For an index, ``asks`` is the question it answers, ``said`` gives its names
+    in sentences, ``tints`` their colours, ``cap`` the name beyond which nothing else counts, and ``cap_said`` the text
+    after that. ``dims``: those of every stage that writes it. ``below_zero``: noise makes it negative, and stages that
+    read it state how they handle that.
     """
 
     long_name: str = ""
@@ -92,24 +92,24 @@ class Variable:
             if not (isinstance(named, Mapping) and all(isinstance(n, str) and n.split() == [n] for n in named)):
                 raise ValueError(f"{word} is {named!r}; expected names without blanks and their codes")
         if self.range is not None and not (len(self.range) == 2 and self.range[0] < self.range[1]):
-            raise ValueError(f"range is {self.range!r}; expected two ends in order")
+            raise ValueError(f"range is {self.range!r}; expected two numbers, the smaller first")
 
 
 @cache
 def variable(name: str) -> Variable:
-    """What is known of a variable; of one that nobody brings, its name."""
+    """Return what is declared of a variable; if nothing is, its name."""
     brought = discovery.installed().first("variables", name)
     found = discovery.made_of(Variable, f"the variable {name!r}", brought) if brought else Variable()
     return found if found.long_name else replace(found, long_name=name.replace("_", " "))
 
 
 def without(attrs: Mapping[str, Any]) -> str:
-    """What stands behind a figure's name for the stages that are not in it, '' where there are none."""
+    """Return the text after a metric's name for the stages that are not in it, '' if there are none."""
     return f", without {attrs[NOT_IN_IT]}" if attrs.get(NOT_IN_IT) else ""
 
 
 def disagree(name: str) -> str:
-    """The distributions that say different things of a variable, '' where all say the same."""
+    """Return the distributions that declare a variable differently, '' if all agree."""
     brought = discovery.installed().all("variables", name)
     return (
         " and ".join(one.distribution for one in brought)
@@ -122,9 +122,9 @@ def disagree(name: str) -> str:
 class Declaration:
     """What a port carries.
 
-    ``dims`` are those a stage works on; over any others that lead what it is given, the engine maps it. ``dtype`` is
-    ``float`` (the plan's precision) or an unsigned integer type. ``nan`` allows undefined values. What is ``optional``
-    is computed where it is asked for.
+    ``dims`` are those that a stage works on; the engine maps it over any dims before them. ``dtype`` is ``float`` (the
+    plan's precision) or an unsigned integer type. ``nan`` allows undefined values. An ``optional`` variable is computed
+    only if it is requested.
     """
 
     variable: str
@@ -147,20 +147,18 @@ class Declaration:
         return f"{self.variable}: {' '.join(self.dims)} [{self.unit}]{flags}".replace("  ", " ")
 
     def mapped(self, dims: tuple[str, ...]) -> tuple[str, ...] | None:
-        """The dims over which a stage is mapped that is given an array with these dims; None where it cannot take
-        it.
-        """
+        """Return the dims over which a stage is mapped for an input with ``dims``; None if it cannot take it."""
         extra = dims[: len(dims) - len(self.dims)]
         return extra if dims == (*extra, *self.dims) and not set(extra) & set(self.dims) else None
 
     def led_by(self, mapped: tuple[str, ...]) -> Declaration:
-        """The same with the dims in front over which a stage is mapped, as far as it has none of them itself."""
+        """Return the declaration with the mapped dims in front, unless it has one of them itself."""
         return replace(self, dims=(*mapped, *self.dims)) if mapped and not set(mapped) & set(self.dims) else self
 
 
 def parse_declaration(port: str, text: str) -> Declaration:
-    """Read one declaration; the variable is the port unless the text names one."""
-    if text.startswith("*."):  # what a probe looks at, in every stage
+    """Parse one declaration; the variable is the port unless the text names one."""
+    if text.startswith("*."):  # a probe's look at every stage
         variable, _, rest = text.partition(" ")
         text = f"{variable}: {rest or '[1]'}"
     match = _FORM.match(text)
@@ -176,6 +174,6 @@ def parse_declaration(port: str, text: str) -> Declaration:
             dtype = flag
         else:
             raise ValueError(
-                f"unknown word {flag!r} in the declaration of {port!r}; valid: nan, optional, {', '.join(DTYPES)}"
+                f"unknown flag {flag!r} in the declaration of {port!r}; valid: nan, optional, {', '.join(DTYPES)}"
             )
     return Declaration(match["name"] or port, tuple(match["dims"].split()), match["unit"].strip(), dtype, nan, optional)

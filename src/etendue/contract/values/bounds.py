@@ -1,9 +1,9 @@
-"""How much a pipeline may ask for: limits that are held against it before anything of that size exists.
+"""Limits on the size of a request, checked before anything of that size exists.
 
 In:  the text of a file, the document in it, the number of something.
 Out: nothing; or one ``Fault`` with the number, the limit and what to do.
 
-A limit lies far above what anybody has and far below what hurts: planning a cell takes 0.1 ms and 6 kB.
+Each limit is far above normal use and far below what a machine cannot handle: planning a cell takes 0.1 ms and 6 kB.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 from etendue.errors import Fault
 
 LARGEST_FILE = 1 << 20  # bytes
-MOST_KEYS = 10_000  # in one file: tables, keys and the entries of tables in lists
-MOST_LISTED = 200_000  # commas in one file: more different numbers do not fit it
+MOST_KEYS = 10_000  # per file: tables, keys and the entries of tables in lists
+MOST_LISTED = 200_000  # commas per file: more distinct numbers do not fit in it
 MOST_NESTED = 16
-LONGEST_NUMBER = 1000  # bits of a whole number
-MOST_PARTS = 32  # of a dotted key: the parser's time and memory grow with their square
+LONGEST_NUMBER = 1000  # bits of an integer
+MOST_PARTS = 32  # of a dotted key; the parser's time and memory grow with their square
 MOST_CELLS = 1_000_000  # unless the file says ``most_cells``
 MOST_POINTS = 1_000_000  # along one dim
 MOST_BANDS = 20_000
@@ -29,7 +29,7 @@ _DOTTED = re.compile(rf"""(?<![\w\-"'])(?:{_PART}[ \t]*\.[ \t]*){{{MOST_PARTS}}}
 
 
 def dotted_fault(text: str) -> Fault | None:
-    """A key of too many parts, before the text is parsed."""
+    """Return a fault if the text has a key of too many parts; checked before parsing."""
     found = _DOTTED.search(text)
     if found is None:
         return None
@@ -41,15 +41,17 @@ def dotted_fault(text: str) -> Fault | None:
 
 
 def more_values(text: str, most_cells: int) -> Fault | None:
-    """A text of more values than there may be cells, before it is parsed: a value on an axis has a cell at least."""
+    """Return a fault if the text has more values than cells are allowed; checked before parsing. Each value on an axis
+    makes at least one cell.
+    """
     count = text.count(",")
     if count <= most_cells + MOST_KEYS:
         return None
-    return Fault("sweep", beyond(count, "values", most_cells, "a run of more has --most-cells N"))
+    return Fault("sweep", beyond(count, "values", most_cells, "to allow more, use --most-cells N"))
 
 
 def document_fault(document: Any) -> Fault | None:
-    """A document that is nested too deeply or has too many keys; looked at without going down into it by calls."""
+    """Return a fault if a document is nested too deeply or has too many keys; checked without recursion."""
     keys, open_ = 0, [(document, "", 0)]
     while open_:
         value, place, depth = open_.pop()
@@ -71,14 +73,14 @@ def document_fault(document: Any) -> Fault | None:
 
 
 def beyond(count: float, what: str, most: int, hint: str) -> str:
-    """'3e+09 bands, more than 20000; ...' where a count is above its limit, else ''."""
+    """Return '3e+09 bands, more than the 20000 that are allowed; ...' if a count is above its limit, else ''."""
     if count <= most:
         return ""
-    return f"{number(count)} {what}, more than the {number(most)} that are allowed; {hint}"
+    return f"{number(count)} {what}, more than the {number(most)} allowed; {hint}"
 
 
 def number(count: float) -> str:
-    """A count that can be read: in digits up to a million, else as a power of ten."""
+    """Return a readable count: in digits up to a million, else in scientific notation."""
     if count <= 1_000_000:
         return f"{int(count)}"
     try:

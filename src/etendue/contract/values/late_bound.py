@@ -1,7 +1,7 @@
-"""A shared quantity that an earlier stage finds while a run goes on: while planning only its ends are known.
+"""A shared quantity that an earlier stage finds during the run: while planning, only its range is known.
 
 In:  the smallest and the largest value that may be found.
-Out: a value that stands in a stage's parameter and cannot be reckoned with; ``ends`` of it, or of a number.
+Out: a stand-in for a stage's parameter that cannot be used in arithmetic; ``ends`` of it, or of a number.
 """
 
 from __future__ import annotations
@@ -11,14 +11,12 @@ from typing import Any, NoReturn
 
 
 class NotKnown(Exception):
-    """Something of the plan depends on a value that only a run finds."""
+    """A part of the plan depends on a value that only a run finds."""
 
 
 @dataclass(frozen=True)
 class LateValue:
-    """Stands for a number between ``low`` and ``high``; whoever reckons with it or compares it is stopped by
-    ``NotKnown``.
-    """
+    """Stand-in for a number between ``low`` and ``high``; arithmetic and comparisons with it raise ``NotKnown``."""
 
     name: str
     low: float
@@ -37,7 +35,8 @@ class LateValue:
 
 
 def ends(value: Any) -> tuple[float, float]:
-    """Smallest and largest value of a quantity: of a number itself, of one that is found its declared ends.
+    """Return the smallest and largest possible value of a quantity: twice a number itself, or the range of one that a
+    run finds.
 
     Examples
     --------

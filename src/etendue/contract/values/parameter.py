@@ -1,4 +1,4 @@
-"""What is allowed for one parameter of a stage: unit, range, choices, and what kind of thing it is.
+"""One parameter of a stage: its unit, range, choices and role.
 
 In:  keywords of ``param``.
 Out: the field of a dataclass.
@@ -15,7 +15,7 @@ MISSING = dataclasses.MISSING
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """What is allowed for one parameter, beside its type."""
+    """What is allowed for one parameter, apart from its type."""
 
     units: str = "1"
     above: float | None = None
@@ -28,41 +28,35 @@ class Parameter:
     reference: str = ""
     settings: tuple[
         Any, ...
-    ] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
-    costs: tuple[
-        float, ...
-    ] = ()  # of the stage with each of its settings, relative to one of them; none where nobody has measured them
-    # of a fidelity parameter: it changes a grid, what a scene shows or an interval; studies vary it, no plan does
+    ] = ()  # of a fidelity parameter, from the cheapest to the reference; empty if they have no order
+    costs: tuple[float, ...] = ()  # of the stage at each setting, relative to one of them; empty if not measured
+    # of a fidelity parameter: it changes a grid, what a scene shows or an interval; only studies vary it, never a plan
     studied: bool = False
-    # of a fidelity parameter: settings finer than its default may not be had; no plan chooses them, and no reference
+    # of a fidelity parameter: settings finer than its default are too costly; neither a plan nor a reference takes them
     dear: bool = False
-    exact: bool = (
-        False  # of a fidelity parameter: its reference leaves nothing out, though it is neither 0 nor without end
-    )
+    exact: bool = False  # of a fidelity parameter: its reference is exact although it is neither 0 nor infinite
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
-    along: str = ""  # mapped over this dim, a stage has the label of its slice in the place of the value
-    held: tuple[float, float] | None = (
-        None  # ends beyond which its stages do not compute: the plan refuses, with the reason
-    )
+    along: str = ""  # mapped over this dim, a stage gets the label of its slice instead of the value
+    held: tuple[float, float] | None = None  # range that its stages support; the plan refuses values outside it
     length: int | None = None
-    one_for_all: bool = False  # a list that may be written as the one number in it
+    one_for_all: bool = False  # a list that may be written as a single number
     infinite: bool = False
-    # with which a stage is tried, where it has no default or a large one; a file as in a pipeline, "package:..."
+    # value for testing a stage that has no default, or a large one; a file as in a pipeline, "package:..."
     example: Any = None
     doc: str = ""
 
     @property
     def closed_form(self) -> bool:
-        """Whether the reference setting is exact: 0 or no limit, as knobs say that leave nothing out."""
+        """Whether the reference setting is exact: 0 or infinite, for knobs whose reference omits nothing."""
         last = self.settings[-1] if self.settings else None
         return self.exact or (
             isinstance(last, int | float) and not isinstance(last, bool) and (last == 0 or math.isinf(last))
         )
 
     def range_text(self) -> str:
-        """The allowed range in words, '' when everything is."""
+        """Return the allowed range in words; '' if every value is allowed."""
         parts = []
         for word, limit in (
             ("above", self.above),
@@ -76,7 +70,7 @@ class Parameter:
         return f"{text} {self.units}".strip() if text and self.units not in ("1", "") else text
 
     def shown_range(self) -> str:
-        """The range, and within which of it the stages compute."""
+        """Return the range in words, with the part of it that the stages support."""
         if self.held is None:
             return self.range_text()
         return f"{self.range_text()}; computed from {self.held[0]:g} to {self.held[1]:g}".removeprefix("; ")
@@ -105,22 +99,22 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
     """
     parameter = Parameter(**allowed)
     if parameter.fidelity and not parameter.reference:
-        raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
+        raise TypeError("a fidelity parameter must name its reference: param(..., fidelity=True, reference='...')")
     if not parameter.fidelity and (parameter.settings or parameter.studied):
         raise TypeError(
-            "only a fidelity parameter has settings or is studied: param(..., fidelity=True, reference='...', "
+            "only a fidelity parameter can have settings or be studied: param(..., fidelity=True, reference='...', "
             "settings=(...))"
         )
     if parameter.settings and not _lies_within(default, parameter.settings):
         raise TypeError(
-            f"settings go from the cheapest to the reference, the default {default!r} among them; got "
+            f"settings must go from the cheapest to the reference and contain the default {default!r}; got "
             f"{parameter.settings}"
         )
     if parameter.costs and (
         len(parameter.costs) != len(parameter.settings) or not all(cost > 0 for cost in parameter.costs)
     ):
         raise TypeError(
-            f"costs are numbers above 0, one for each of {len(parameter.settings)} settings; got {parameter.costs}"
+            f"costs must be numbers above 0, one per setting ({len(parameter.settings)}); got {parameter.costs}"
         )
     return (
         dataclasses.field(default=default, metadata={"parameter": parameter})
@@ -130,7 +124,7 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
 
 
 def _lies_within(default: Any, settings: tuple[Any, ...]) -> bool:
-    """Whether a default is one of the settings, or a number between the first and the last of settings that differ."""
+    """Return whether a default is one of the settings, or a number between the first and the last of them."""
     if len(settings) < 2 or len(set(settings)) < len(settings):
         return False
     if default in settings:

@@ -19,14 +19,13 @@ from etendue.plugins import discovery
 
 @dataclasses.dataclass(frozen=True)
 class Quantity(Parameter):
-    """What a distribution says of a shared quantity: the words of ``param()``, its name as an axis, a default unless it
+    """The declaration of a shared quantity: the keywords of ``param()``, its name as an axis, and a default unless it
     must be given.
 
-    ``prefix`` stands in front of its values in the place of its name; ``off`` is the value that says that it does not
-    count.
+    ``prefix`` is written before its values instead of its name; ``off`` is the value that turns it off.
 
-    ``scales``: a quantity whose every value it multiplies: a preset's value of the one does not fit a pipeline's own of
-    the other.
+    ``scales``: another quantity whose values it multiplies. A preset's value of this one therefore does not fit a
+    pipeline's own value of the other.
     """
 
     shared: bool = True
@@ -47,7 +46,7 @@ class Quantity(Parameter):
 
 
 def quantity(name: str, doc: str = "") -> Any:
-    """The dataclass field of a shared quantity; ``doc`` says of a stage that takes some of its values which.
+    """Return the dataclass field of a shared quantity; ``doc`` describes which of its values a stage takes.
 
     Examples
     --------
@@ -71,26 +70,25 @@ def names() -> tuple[str, ...]:
 
 @cache
 def declared(name: str) -> Quantity:
-    """What is allowed for a quantity, and its default (``MISSING`` where it must be given).
+    """Return what is allowed for a quantity, and its default (``MISSING`` if it must be given).
 
     Raises
     ------
     PluginError
-        Nobody brings it, or what is brought cannot be read.
+        If no distribution brings it, or its declaration cannot be read.
     """
     brought = discovery.installed().first("quantities", name)
     if brought is None:
         hint = (
             nearest(name, names())
-            or "; a distribution brings one by etendue_quantities() in a manifest that is a module of its own"
+            or "; a distribution brings one with etendue_quantities() in a separate manifest module"
         )
         raise PluginError(
-            f"there is no {next(iter(tables()))} quantity "
-            f"{name!r}{hint}{discovery.installed().missed('quantities', name)}"
+            f"unknown {next(iter(tables()))} quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}"
         )
     return discovery.made_of(Quantity, f"the {next(iter(tables()))} quantity {name!r}", brought)
 
 
 def long_name(name: str) -> str:
-    """What an axis of an archive is called."""
+    """Return the long name of an axis in an archive."""
     return (declared(name).long_name if name in names() else "") or name

@@ -1,7 +1,7 @@
-"""The table of a pipeline file under which shared quantities stand, and the word in it that names many values at once.
+"""The table of a pipeline file that holds shared quantities, and the key in it that names a preset.
 
 In:  what distributions bring by ``etendue_tables``; a document.
-Out: ``Table``. ``[shared]`` is one that every file may have; a domain may give it a name of its own.
+Out: ``Table``. Every file may have ``[shared]``; a domain may give the table a name of its own.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ SHARED = "shared"
 
 @dataclass(frozen=True)
 class Table:
-    """``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that brings such
-    sets; ``listed``: the command that lists them."""
+    """A table of shared quantities.
+
+    ``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that brings such sets;
+    ``listed``: the command that lists them."""
 
     preset: str = ""
     presets: str = ""
@@ -27,13 +29,13 @@ class Table:
     name: str = SHARED
 
     def place(self, name: str) -> str:
-        """How a quantity is written from outside the table."""
+        """Return the name of a quantity as written outside the table."""
         return f"{self.name}.{name}"
 
 
 @cache
 def tables() -> dict[str, Table]:
-    """All tables by name, the one that needs no distribution last."""
+    """Return all tables by name; the one that needs no distribution is last."""
     found = discovery.installed()
     own = {
         name: discovery.made_of(Table, f"the table {name!r}", brought)
@@ -44,11 +46,11 @@ def tables() -> dict[str, Table]:
 
 
 def table_in(document: Mapping[str, Any]) -> Table:
-    """The table that a document has; of one that has none the first that there is."""
+    """Return the table that a document has; if it has none, the first one."""
     every = tables()
     return next((table for name, table in every.items() if name in document), next(iter(every.values())))
 
 
 def preset_keys() -> frozenset[str]:
-    """The words that name presets, in any table."""
+    """Return the keys that name presets, in any table."""
     return frozenset(table.preset for table in tables().values() if table.preset)

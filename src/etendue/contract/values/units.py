@@ -47,7 +47,7 @@ _NUMBER = re.compile(r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\
 
 
 def as_written(value: Any) -> str:
-    """A value for a message: as it stands in the file, shortened."""
+    """Return a value for a message, as written in the file and shortened."""
     if isinstance(value, dict):
         text = "{ " + ", ".join(f"{k} = {as_written(v)}" for k, v in value.items()) + " }"
     elif isinstance(value, list | tuple):
@@ -85,7 +85,7 @@ def _symbol(symbol: str) -> tuple[Decimal, dict[str, int]]:
 
 
 def parse_unit(text: str) -> tuple[Decimal, dict[str, int]]:
-    """Factor to base units and the dimensions of a unit such as ``W m-2 nm-1`` or ``W/um2``."""
+    """Return the factor to base units and the dimensions of a unit such as ``W m-2 nm-1`` or ``W/um2``."""
     factor, dimensions, sign = Decimal(1), dict[str, int](), 1
     for part in re.split(r"(\s+|/|\*)", text.strip()):
         if part == "/":
@@ -106,8 +106,8 @@ def parse_unit(text: str) -> tuple[Decimal, dict[str, int]]:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """Whether two units are the same number for number, as ``um-1`` and ``cycles/um`` are; of units that are not in
-    the table, as text.
+    """Return whether numbers in two units are equal without conversion, as in ``um-1`` and ``cycles/um``. Units that
+    are not in the table are compared as text.
     """
     if one == other:
         return True
@@ -118,12 +118,12 @@ def same_unit(one: str, other: str) -> bool:
 
 
 def to_unit(value: Decimal | int | str, unit: str) -> float:
-    """A number (already in ``unit``) or text with a compatible unit, as a float in ``unit``.
+    """Return a number (already in ``unit``), or text with a compatible unit, as a float in ``unit``.
 
     Raises
     ------
     UnitError
-        Not a number, an unknown unit, or one of another dimension.
+        If it is not a number, or has an unknown or incompatible unit.
     """
     try:
         if isinstance(value, str):
@@ -135,13 +135,13 @@ def to_unit(value: Decimal | int | str, unit: str) -> float:
                 factor, dims = parse_unit(match["unit"])
                 own_factor, own_dims = parse_unit(unit)
                 if dims != own_dims:
-                    raise UnitError(f"{as_written(value)} is in {match['unit']}, which is not compatible with {unit}")
+                    raise UnitError(f"{as_written(value)} has unit {match['unit']}, which is incompatible with {unit}")
                 number = number * factor / own_factor
         elif isinstance(value, Decimal | int) and not isinstance(value, bool):
             number = Decimal(value)
         else:
             raise UnitError(f"{as_written(value)} is not a number")
-    except ArithmeticError as error:  # an exponent that no decimal holds
+    except ArithmeticError as error:  # the exponent is too large for a decimal
         raise UnitError(f"{as_written(value)} is not a number") from error
     result = float(number)
-    return result + 0.0  # -0 is 0
+    return result + 0.0  # turns -0 into 0

@@ -1,8 +1,8 @@
-"""Approximating: of every knob of fidelity that the file leaves open, the cheapest setting within the local tolerance.
+"""Approximating: for every knob that the file leaves open, choose the cheapest setting within the local tolerance.
 
-A knob lists its settings from the cheapest to the reference (``Parameter.settings``); the stage says how wrong it is
-with each (``error``). What the file writes is the model and stays; a knob that only studies vary is no plan's to
-choose.
+A knob lists its settings from the cheapest to the reference (``Parameter.settings``); the stage states its error at
+each (``error``). A setting that the file writes is part of the model and stays. A knob that only studies vary is never
+chosen here.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from etendue.plan.stage_calls import made
 
 
 class WatchedFacts(dict[str, Any]):
-    """Facts by port that know whether anybody has looked at them: an answer without a look holds whatever they are."""
+    """Facts by port that record whether they were looked at: an answer given without a look holds for any facts."""
 
     looked = False
 
@@ -43,7 +43,7 @@ Asked = Callable[[Stage], tuple[float | None, str]]
 
 
 def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
-    """The knobs of a stage that may be chosen."""
+    """Return the names of the knobs of a stage that the plan may set."""
     return tuple(
         name
         for name, (parameter, _, _) in parameters_of(kind).items()
@@ -54,15 +54,16 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
 def choose(
     stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked
 ) -> tuple[Stage, tuple[Approximated, ...]]:
-    """A stage with its open knobs set, one after the other, and what was chosen where that adds something to the
-    reference.
+    """Return a stage with its open knobs set, and the settings chosen that add an error to the reference's.
 
-    Of each knob the first setting from the cheap end with which the stage's whole error is within the tolerance. Where
-    the stage stays above it so, all knobs begin at their finest; where even that is above the tolerance, coarser
-    settings add a tenth of the tolerance at most, so that what is asked for is held as far as knobs can. But a stage of
-    which finer settings may not be had (``dear``) is not made dearer for what its other knobs cannot mend: it stays as
-    it is, and so does one that does not know its error. A setting that the stage refuses is passed over for a finer
-    one.
+    Knobs are set one after the other, each to its first setting from the cheap end that keeps the stage's whole error
+    within the tolerance. If the error stays above the tolerance, all knobs start from their finest setting. If even the
+    finest is above it, coarser settings add at most a tenth of the tolerance, so that the result is as close to the
+    tolerance as the knobs allow.
+
+    A stage with a ``dear`` knob, whose finer settings the plan may not choose, stays as it is in this case: finer
+    settings of its other knobs would cost time without reaching the tolerance. So does a stage that does not know its
+    error. A setting that the stage refuses is skipped in favour of a finer one.
     """
     found, chosen = _walked(stage, knobs, tolerance, asked)
     error = asked(found)[0] if knobs else None
@@ -82,9 +83,7 @@ def choose(
 
 
 def _walked(stage: Stage, knobs: tuple[str, ...], most: float, asked: Asked) -> tuple[Stage, tuple[Approximated, ...]]:
-    """A stage with each knob at the first setting with which its error is at most so much; as it was where no
-    setting is.
-    """
+    """Return a stage with each knob at its first setting with an error of at most ``most``, if there is one."""
     chosen: list[Approximated] = []
     for name in knobs:
         parameter, _, default = parameters_of(type(stage))[name]
@@ -95,7 +94,8 @@ def _walked(stage: Stage, knobs: tuple[str, ...], most: float, asked: Asked) -> 
             continue
         low, high = 0, len(settings) - 1
         found, bound = reference, finest
-        while low < high:  # the first setting that fits: along the ladder no stated error grows
+        # Bisection finds the first setting that fits, because stated errors never grow towards finer settings.
+        while low < high:
             middle = (low + high) // 2
             candidate = _with(stage, name, settings[middle])
             own = None if candidate is None else asked(candidate)[0]
@@ -104,13 +104,13 @@ def _walked(stage: Stage, knobs: tuple[str, ...], most: float, asked: Asked) -> 
             else:
                 high, found, bound = middle, candidate, own
         stage = found
-        if bound > finest:  # a setting that changes nothing is no approximation
+        if bound > finest:  # a setting that adds no error is no approximation
             chosen.append(Approximated(name, settings[high], settings[-1], bound - finest))
     return stage, tuple(chosen)
 
 
 def _finest(stage: Stage, knobs: tuple[str, ...]) -> Stage | None:
-    """A stage with every open knob at the best setting that a plan may choose; None where it refuses one of them."""
+    """Return a stage with every open knob at the finest setting a plan may choose; None if it refuses one of them."""
     found: Stage | None = stage
     for name in knobs:
         parameter, _, default = parameters_of(type(stage))[name]
@@ -119,13 +119,13 @@ def _finest(stage: Stage, knobs: tuple[str, ...]) -> Stage | None:
 
 
 def _allowed(parameter: Parameter, default: Any) -> tuple[Any, ...]:
-    """The settings that a plan may choose: of a dear knob none finer than the default."""
+    """Return the settings that a plan may choose; for a dear knob, none finer than the default."""
     found = parameter.settings
     return found[: found.index(default) + 1] if parameter.dear and default in found else found
 
 
 def _with(stage: Stage, name: str, value: Any) -> Stage | None:
-    """A stage with another setting; None where it refuses it."""
+    """Return a stage with another setting; None if it refuses the setting."""
     if getattr(stage, name) == value:
         return stage
     try:

@@ -1,7 +1,7 @@
-"""Nodes and axes to cells: parameters, grids, facts, what is left out, keys and seeds of every cell.
+"""Expand nodes and axes to cells: find parameters, grids, facts, omissions, keys and seeds of every cell.
 
 In:  a checked ``Graph`` and a pipeline.
-Out: cells by reference, in an order in which every cell stands behind what it reads.
+Out: cells by reference; every cell comes after the cells it reads.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from etendue.plan.wiring.graph import Graph
 from etendue.plan.wiring.quantities import to_be_found
 from etendue.telling import human_bytes, plain
 
-BYTES_OF_A_CELL = 1300  # of a plan, in memory: benchmarks/scale.py
+BYTES_OF_A_CELL = 1300  # of a plan in memory, measured by benchmarks/scale.py
 
 
-Told = Callable[[int, int], None]  # how many cells are planned, of how many
-Place = Callable[[tuple[int, ...]], tuple[int, ...]]  # the position of one cell from that of another
+Told = Callable[[int, int], None]  # called with the cells planned so far and the total
+Place = Callable[[tuple[int, ...]], tuple[int, ...]]  # maps the position of a cell to that of a cell it reads
 
 
 def expand(
     graph: Graph, pipeline: PipelineFile, choice: Choice, told: Told = lambda done, total: None
 ) -> tuple[dict[CellRef, Cell], str, float]:
-    """All cells, the precision they are computed in, and the seconds that looking at new scenes took."""
+    """Return all cells, the precision they are computed in, and the seconds spent analysing new scenes."""
     expansion = _Expansion(graph, pipeline, choice, told)
     return expansion.expand(), expansion.precision, expansion.looked
 
@@ -63,15 +63,15 @@ class _Expansion:
         numbered = [(node, number) for node in graph.nodes for number in range(len(node.alternatives))]
         self.readings = {(node.name, number): reading_of(node, number, self.nodes) for node, number in numbered}
         self.forms: dict[tuple[Any, ...], CellGrids] = {}
-        # of cells of one stage and form that read what nothing is known of
+        # Decisions by stage and form, shared by cells whose inputs have no known facts: nothing else can differ there.
         self.decisions: Once[Decisions] = Once()
         self.grids: dict[Grid, Grid] = {}
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
         self.faults: dict[str, Fault] = {}
-        self.looked = 0.0  # seconds of looking at scenes that were never seen before
+        self.looked = 0.0  # seconds spent analysing scenes that were never seen before
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[LateValue, ...] = ()) -> Stage:
-        """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
+        """Return the stage of an alternative at a combination, with stand-ins for quantities that only a run finds."""
         key = (node.name, (number, *(index[dim] for dim, _ in node.direct), *found))
         known = self.stages.get(key)
         if known:
@@ -93,8 +93,8 @@ class _Expansion:
         return stage
 
     def found(self, one: Alternative, inputs: Any) -> tuple[LateValue, ...]:
-        """What stands for the quantities that earlier cells write: between the ends which those know of what they
-        write first.
+        """Return stand-ins for the quantities that earlier cells write, with the range that the writing cell states if
+        the quantity is the first variable it writes (facts describe only the first).
         """
         quantities = quantities_of(one.kind)
         stand = []
@@ -108,7 +108,9 @@ class _Expansion:
         total = self.count()
         self.precision = self.choose_precision()
         self.decider = Decider(self.graph, self.choice, self.cells, self.stage_at, self.precision)
-        places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}  # by axes: each once, for all stages that they reach
+        # positions by axes, shared by all nodes with the same axes
+        places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
+        # Nodes are in the order of the file, and a node reads only earlier ones: the cells it reads exist already.
         for node in self.graph.nodes:
             if node.axes not in places:
                 places[node.axes] = list(itertools.product(*(range(len(self.axes[dim].values)) for dim in node.axes)))
@@ -116,19 +118,20 @@ class _Expansion:
                 self.add(node, index)
                 if not len(self.cells) % 500:
                     self.told(len(self.cells), total)
+            # All faults of one node, then stop: later nodes lack the cells they read.
             if self.faults:
                 raise RequestError(list(self.faults.values())[:12], self.pipeline.file)
         return self.cells
 
     def count(self) -> int:
-        """The cells there will be, refused where they are too many: before the first of them is made."""
+        """Return how many cells there will be; raise before the first is made if there are too many."""
         counts = {node.name: math.prod(len(self.axes[dim].values) for dim in node.axes) for node in self.graph.nodes}
         total = sum(counts.values())
         if total > self.pipeline.most_cells:
             largest = max(self.graph.nodes, key=lambda node: counts[node.name])
             product = " x ".join(f"{self.axes[dim].key} {len(self.axes[dim].values)}" for dim in largest.axes)
             text = beyond(total, "cells", self.pipeline.most_cells, f"{largest.name} alone has {product}")
-            ways = f", ask for less with 'wanted', or set most_cells = {total}" if total < 1e9 else ""
+            ways = f", request less under 'wanted', or set most_cells = {total}" if total < 1e9 else ""
             raise RequestError([Fault("sweep", f"{text}; shorten an axis{ways}")], self.pipeline.file)
         free = available_memory()
         if total > MOST_CELLS and free and BYTES_OF_A_CELL * total > free:
@@ -138,13 +141,15 @@ class _Expansion:
                 f"{human_bytes(free)} are free"
             )
             raise MachineError(
-                f"{need}; shorten the axis {longest.key}, which has {len(longest.values)} values, or ask for less with "
-                f"'wanted'"
+                f"{need}; shorten the axis {longest.key}, which has {len(longest.values)} values, or request less "
+                f"under 'wanted'"
             )
         return total
 
     def choose_precision(self) -> str:
-        """float32 only where a float32 FFT keeps the darkest values of every scene right (error 2e-7 of the range)."""
+        """Return float32 only if its FFT error, 2e-7 of the range, is within the tolerance at the darkest values of
+        every scene.
+        """
         if self.choice.precision != "auto":
             return self.choice.precision
         for node in self.graph.nodes:
@@ -173,7 +178,7 @@ class _Expansion:
         return self.described[stage]
 
     def seen_before(self, stage: Stage, facts: Facts, grids: Mapping[str, Grid]) -> tuple[Facts, Mapping[str, Grid]]:
-        """What a scene says of itself, and what its light holds, where anything may be left out for it."""
+        """Add to the facts of a scene what its light contains, if anything may be left out because of it."""
         assert isinstance(stage, Source)
         if not self.choice.leave_out or facts.content is not None:
             return facts, grids
@@ -241,21 +246,22 @@ class _Expansion:
         self.cells[cell.ref] = cell
 
     def unfit(self, node: Node, by_dim: Mapping[str, int], error: Exception) -> Fault:
-        """What is wrong with a stage, at the first combination at which it is."""
+        """Return the fault of a stage, at the first combination where it occurs."""
         where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in by_dim.items())
         text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
         return Fault(f"{node.place}{f' at {where}' if where else ''}", text)
 
     @staticmethod
     def by_whom(node: Node, stage: Stage, error: PluginError) -> str:
-        """A fault of a plugin, and which distribution it is of."""
+        """Return the text of a plugin's fault with the distribution it belongs to."""
         one = next((a for a in node.alternatives if a.kind is type(stage)), node.alternatives[0])
         return f"{one.use} of {one.distribution} {one.version}: {error}"
 
     def form(self, node: Node, number: int, stage: Stage, inputs: Any) -> CellGrids:
-        """The grids of a cell, found once for all cells of the node that read the same ones (and of one stage, where
-        it makes grids).
+        """Return the grids of a cell, found once for all cells of the node that read the same grids (and have the same
+        stage, if it makes grids of its own).
         """
+        # Grids are unique per value (``self.grids``) and live as long as the plan, so their ids are a safe cache key.
         ports, own = reads_of(node.alternatives[number].kind), node.is_source or type(stage).grid is not Stage.grid
         whole = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
         place = (node.name, number, stage if own else None, *map(id, whole.values()))
@@ -273,13 +279,13 @@ class _Expansion:
         writes = {**node.writes, **node.optional}
         seen = self.seen(node)
         grids = {v: output_grid(stage, d, declared.get(v), input_grids, seen) for v, d in writes.items()}
-        # One of equal ones: below, and by whoever follows, they are told apart by identity.
+        # One object for equal grids: here and later, grids are told apart by identity.
         grids = {v: self.grids.setdefault(grid, grid) for v, grid in grids.items()}
         found = self.forms[place] = CellGrids(whole, input_grids, grids, mapped)
         return found
 
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
-        """Every stage that a node looks at through any port, in the order of the pipeline."""
+        """Return every stage that a node looks at through any port, in the order of the pipeline."""
         beside = node.kind.beside if issubclass(node.kind, Probe) else ()
         found = [(what, name) for port, what, own in node.looks_at for name in own if port not in beside]
         names = {
@@ -294,17 +300,17 @@ class _Expansion:
 
 
 class Reading(NamedTuple):
-    """Where an alternative of a node finds what it reads."""
+    """Where an alternative of a node finds what it reads and looks at."""
 
     inputs: tuple[tuple[str, str, str, Place], ...]  # port or shared quantity, node, variable, where
     looks_at: tuple[tuple[str, tuple[tuple[str, Place], ...]], ...]
     ports: frozenset[str]
     quantities: frozenset[str]
-    alike: bool  # whether what is decided of a cell follows from its stage, and the grids and facts of what it reads
+    alike: bool  # whether the decisions about a cell follow from its stage and the grids and facts of its inputs
 
 
 def reading_of(node: Node, number: int, nodes: Mapping[str, Node]) -> Reading:
-    """What the alternative at this place of a node reads and looks at."""
+    """Return what an alternative of a node reads and looks at, and where."""
     kind = node.alternatives[number].kind
     ports = reads_of(kind)
     seen = [one for one in node.looks_at if one[0] in ports and looks(ports[one[0]]) == one[1]]
@@ -318,7 +324,9 @@ def reading_of(node: Node, number: int, nodes: Mapping[str, Node]) -> Reading:
 
 
 def places(node: Node, source: Node) -> Place:
-    """Where a cell stands that is read; what a probe of transfer functions does not depend on is at its first value."""
+    """Return the map from a position of ``node`` to one of ``source``; dims that ``node`` lacks are at their first
+    value, which is right because a node lacks only dims that do not change what it reads.
+    """
     where = {dim: place for place, dim in enumerate(node.axes)}
     if source.axes == node.axes:
         return lambda index: index

@@ -1,7 +1,7 @@
-"""What is decided of one cell after the other: whether it is left out, how well the rest is computed, and what is known
-behind it.
+"""Decide for one cell after the other whether it is left out, how accurately it is computed, and what is known of its
+output.
 
-In:  a cell as far as it is planned (``Draft``), what is known of what it reads.
+In:  a cell as far as it is planned (``Draft``), and the facts of what it reads.
 Out: ``Decisions``.
 """
 
@@ -27,7 +27,7 @@ from etendue.transfer import effects
 
 
 class Decisions(NamedTuple):
-    """Of a cell."""
+    """What the planner decides for one cell."""
 
     stage: Stage
     left_out: LeftOut | None
@@ -36,11 +36,11 @@ class Decisions(NamedTuple):
     facts: Facts
 
 
-StageAt = Callable[[Node, int, Mapping[str, int]], Stage]  # that of an alternative, at a combination of the axes
+StageAt = Callable[[Node, int, Mapping[str, int]], Stage]  # the stage of an alternative at a combination of the axes
 
 
 class Decider:
-    """``cells`` are those planned so far."""
+    """Makes the decisions. ``cells`` are those planned so far: all that a cell reads is among them."""
 
     def __init__(
         self, graph: Graph, choice: Choice, cells: Mapping[CellRef, Cell], stage_at: StageAt, precision: str
@@ -48,9 +48,10 @@ class Decider:
         self.nodes, self.choice, self.cells, self.stage_at = graph.nodes, choice, cells, stage_at
         self.precision = precision
         self.rule = leave_out.LeaveOutRule(choice.tolerance if choice.leave_out else None, choice.norm)
-        self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what they were chosen from
-        self.knobs: dict[tuple[str, int], tuple[str, ...]] = {}  # those that the file leaves open
-        for node in graph.nodes if choice.leave_out else ():  # else nothing may be approximated
+        self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what the choice depended on
+        # knobs that the file leaves open, by node and alternative
+        self.knobs: dict[tuple[str, int], tuple[str, ...]] = {}
+        for node in graph.nodes if choice.leave_out else ():  # otherwise nothing may be approximated
             for number, one in enumerate(node.alternatives if not node.is_source else ()):
                 written = {*one.written, *(name for _, name in node.direct)}
                 self.knobs[node.name, number] = open_knobs(one.kind, written)
@@ -58,8 +59,8 @@ class Decider:
     def decide(
         self, draft: Draft, facts_in: Mapping[str, Facts], by_dim: Mapping[str, int], declared: Facts | None
     ) -> Decisions:
-        """What a scene's facts decide of a cell, and what is known behind it; ``declared``: what a source says of its
-        own.
+        """Decide a cell from the facts of its inputs; ``declared`` are the facts that a source states of its own
+        output.
         """
         node, stage, form = draft.node, draft.stage, draft.form
         facts = stage_calls.carried(stage, facts_in, form.input_grids) if declared is None else declared
@@ -68,18 +69,20 @@ class Decider:
             noises = partial(self.noises, by_dim)
             left_out = leave_out.decide(self.rule, stage, facts_in, form.whole_grids, form.grids, noises)
         approximated: tuple[Approximated, ...] = ()
+        # Leaving out comes first: it is cheaper than any setting, and a cell left out needs no setting.
         if not left_out and self.knobs.get((node.name, draft.number)):
             stage, approximated = self.approximate(draft, facts_in)
         error = self.error(draft, stage, facts_in)
         facts = behind(stage, facts_in, form.input_grids, facts)
         if left_out:
+            # A cell that is left out passes its input on, so the facts of that input hold for its output.
             main = next(iter(node.writes))
             facts = next((self.cells[ref].facts for _, ref, v in draft.inputs if v == main), facts)
         return Decisions(stage, left_out, approximated, error, facts)
 
     def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
-        """Every stage that adds noise, as it is at a combination; None where one of them is not known before the
-        run.
+        """Return every stage that adds noise, as it is at a combination; None if one of them is not known before the
+        run or at this combination.
         """
         found: list[Noisy] = []
         for node in self.nodes:
@@ -94,8 +97,8 @@ class Decider:
         return found
 
     def approximate(self, draft: Draft, facts: Mapping[str, Facts]) -> tuple[Stage, tuple[Approximated, ...]]:
-        """A stage with its open knobs set, found once for cells of equal stage and equal facts."""
-        # Most stages state errors that ask for no facts: then cells of other facts are served as well.
+        """Return a stage with its open knobs set, found once for cells of equal stage and equal facts."""
+        # Most stages state errors without looking at facts. Such a choice holds for any facts, so it is cached without.
         place = (draft.stage, self.before(draft), tuple(draft.form.input_grids.items()))
         whole = (*place, tuple(facts.items()))
         known = self.chosen.get(place) or self.chosen.get(whole)
@@ -107,17 +110,18 @@ class Decider:
         return known
 
     def error(self, draft: Draft, stage: Stage, facts: Any) -> tuple[float | None, str]:
-        """What a stage states of its error, in the place of the draft's own."""
+        """Return the error that ``stage`` states in place of the draft's own stage, and its basis."""
         node, grids = draft.node, draft.form.input_grids
         if not node.segment or not isinstance(stage, Summed):
             return stage_calls.error_of(stage, "error", facts, grids, self.precision)
+        # A stage that sums over bands ends a segment: its error depends on the light that enters the segment.
         port, before, _ = draft.inputs[0]
         source, _ = segment_input(self.cells, draft) or (before, "")
         facts = {**facts, port: replace(facts[port], content=self.cells[source].facts.content)}
         return stage_calls.error_of(stage, "segment_error", self.before(draft), facts, grids, self.precision)
 
     def before(self, draft: Draft) -> tuple[Stage, ...]:
-        """The stages in force between the input of a segment and one of its stages, in the order of the light."""
+        """Return the stages between the input of a segment and this one that are not left out, in light order."""
         found: list[Stage] = []
         at = draft.inputs
         for _ in range(len(draft.node.segment) - 1):
@@ -129,7 +133,7 @@ class Decider:
 
 
 def segment_input(cells: Mapping[CellRef, Cell], draft: Draft) -> tuple[CellRef, str] | None:
-    """What the segment of a transfer stage starts from."""
+    """Return the cell and variable that the segment of a transfer stage starts from; None for other stages."""
     if not draft.node.segment:
         return None
     _, source, variable = draft.inputs[0]
@@ -137,8 +141,8 @@ def segment_input(cells: Mapping[CellRef, Cell], draft: Draft) -> tuple[CellRef,
 
 
 def behind(stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, Grid], own: Facts) -> Facts:
-    """What is known behind a transfer function beside what the stage says: less detail, and nearly the range there
-    was.
+    """Return the facts after a transfer function: what the stage states, with the detail that the blur leaves and a
+    bound on the range of the light.
     """
     if not isinstance(stage, Transfer) or isinstance(stage, Summed):
         return own
@@ -148,7 +152,7 @@ def behind(stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, G
         return own
     try:
         left = effects.behind(stage, grids_in[port].bands().edges, content)
-    except ValueError:  # it refuses, and says why in its own place
+    except ValueError:  # the stage refuses its values, which is reported where it is made
         return own
     low, high = content.range_of_light()
     return replace(

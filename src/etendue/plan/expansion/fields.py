@@ -1,5 +1,5 @@
-"""What pixels see of a scene: a chart wider than the field, or drawn softer than its pixels, told before anything is
-computed.
+"""Check how pixels sample a scene, before anything is computed: report a chart wider than the field, or drawn softer
+than the pixels resolve.
 
 In:  cells of a plan.
 Out: notes, each with the axis values at which it is worst.
@@ -17,12 +17,13 @@ from etendue.contract.wording import words
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of
 
-CRISP = 0.25  # contrast at the pixels' Nyquist frequency that a rendering has to leave: two samples a pixel leave 0.29
-SEEN = 0.5  # of the light's area: whatever lies around less than that was hardly meant to be cropped
+# least contrast that a rendering must leave at the pixels' Nyquist frequency; two samples per pixel leave 0.29
+CRISP = 0.25
+SEEN = 0.5  # share of the light's area; a crop to less than this is unlikely to be intended
 
 
 class _Field(NamedTuple):
-    """Sides of the light in front of pixels and of what they take, and the pitch of these, um: (y, x)."""
+    """Side lengths of the incident light and of the part that the pixels take, and the pixel pitch, in um: (y, x)."""
 
     light: tuple[float, float]
     taken: tuple[float, float]
@@ -34,14 +35,15 @@ class _Field(NamedTuple):
 
 
 def notes_on_the_scene(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], axes: Mapping[str, Axis]) -> list[str]:
-    """A note on cropping and one on softness for each stage that samples light at pixels.
+    """Return notes on cropping and on softness, at most one of each for every stage that samples light at pixels.
 
-    Of its cells the one that takes least of its light, where it takes less than half of the area; the one whose pixels
-    are finest against the rendering of the chart, where that leaves less than a quarter of the contrast at their
-    Nyquist frequency. ``axes``: by dimension. Of light that is the same everywhere nothing is lost, and nothing said.
+    Cropping is noted for the cell that takes the smallest share of its light, if that is less than half of the area.
+    Softness is noted for the cell whose pixels are finest relative to the rendering of the chart, if the rendering
+    leaves less than a quarter of the contrast at their Nyquist frequency. Uniform light loses nothing and is skipped.
+    ``axes`` is by dimension.
     """
     by_node: dict[str, list[tuple[_Field, Cell]]] = {}
-    known: Once[_Field | None] = Once()  # cells share the grids that are equal
+    known: Once[_Field | None] = Once()  # cells share equal grids
     for cell in cells.values():
         field = known((cell.grids, cell.input_grids), partial(_field, cell))
         if field is not None and not cell.facts.uniform:
@@ -58,9 +60,9 @@ def _cropped(node: Node, own: Sequence[tuple[_Field, Cell]], axes: Mapping[str, 
     at = _where(node, worst, [(field.share, cell) for field, cell in own], axes)
     counted = f" (to less than half of its area in {len(cropped)} of {len(own)} cells)" if len(own) > 1 else ""
     return [
-        f"{node.name}: crops the light to its middle {_sides(least.taken)} of {_sides(least.light)}{at}{counted}; "
-        f"where the whole scene is "
-        f"wanted, make its width and height smaller, or the {words()['frame']} larger"
+        f"{node.name}: crops the light to its central {_sides(least.taken)} of {_sides(least.light)}{at}{counted}; "
+        f"to keep the whole scene, "
+        f"reduce its width and height or enlarge the {words()['frame']}"
     ]
 
 
@@ -80,17 +82,17 @@ def _softened(
         return []
     scene = scene_of(cells, cell)
     return [
-        f"{scene.node}: what it is drawn with leaves {100 * worst:.2g} % of the contrast at the Nyquist frequency of "
+        f"{scene.node}: its rendering leaves {100 * worst:.2g} % of the contrast at the Nyquist frequency of "
         f"{node.name}"
-        f"{_where(node, cell, left, axes)}: resolution that is measured in pictures is less than the "
-        f"{words()['whole']}'s; "
-        "take a finer spacing"
+        f"{_where(node, cell, left, axes)}: resolution measured in its pictures is below that of the "
+        f"{words()['whole']}; "
+        "use a finer spacing"
     ]
 
 
 def _contrast_left(rendered: tuple[float, float] | None, pitch: float) -> float:
-    """By a Gaussian of some rms width and cells of some side, um, at half a cycle a pixel; 1 of a scene that is no
-    chart.
+    """Return the contrast at half a cycle per pixel left by a Gaussian of some rms width and by cells of some side, in
+    um; 1 for a scene that is no chart.
     """
     if rendered is None:
         return 1.0
@@ -101,7 +103,7 @@ def _contrast_left(rendered: tuple[float, float] | None, pitch: float) -> float:
 
 
 def _where(node: Node, worst: Cell, own: Sequence[tuple[float, Cell]], axes: Mapping[str, Axis]) -> str:
-    """The axis values of a cell, of the axes along which a figure changes."""
+    """Return the axis values of a cell, for those axes along which the number changes."""
     point = [
         f"{axes[dim].key} = {_value(axes[dim], position)}"
         for number, (dim, position) in enumerate(zip(node.axes, worst.index, strict=True))
@@ -111,7 +113,7 @@ def _where(node: Node, worst: Cell, own: Sequence[tuple[float, Cell]], axes: Map
 
 
 def _field(cell: Cell) -> _Field | None:
-    """Of a cell that samples light at pixels; None for all others."""
+    """Return the field of a cell that samples light at pixels; None for all others."""
     light = next((grid for grid in cell.input_grids.values() if _placed(grid, at_pixels=False)), None)
     taken = next((grid for grid in cell.grids.values() if _placed(grid, at_pixels=True)), None)
     if light is None or taken is None:
@@ -121,7 +123,7 @@ def _field(cell: Cell) -> _Field | None:
 
 
 def _placed(grid: Grid, at_pixels: bool) -> bool:
-    """Whether it has both dims of a picture: positions in um, or pixels that know theirs."""
+    """Return whether a grid has both dims of a picture, as positions in um or as pixels with positions."""
     lines = [grid[dim] for dim in "yx" if dim in grid]
     return len(lines) == 2 and all(
         isinstance(line, Line) and (line.position is not None) == at_pixels for line in lines
@@ -134,7 +136,7 @@ def _lengths(grid: Grid) -> tuple[float, float]:
 
 
 def _matters(own: Sequence[tuple[float, Cell]], number: int) -> bool:
-    """Whether a figure changes along a stage's axis."""
+    """Return whether a number changes along an axis of a stage."""
     by_value: dict[int, set[float]] = {}
     for figure, cell in own:
         by_value.setdefault(cell.index[number], set()).add(figure)

@@ -1,4 +1,4 @@
-"""The grids of a cell: of what it reads and of what it writes.
+"""Find the grids of a cell: of what it reads and of what it writes.
 
 In:  a stage, what it declares, the grids of its inputs.
 Out: the grid of each output; ``Form``, shared by all cells that have the same.
@@ -22,7 +22,7 @@ from etendue.plan.model import Alternative, CellRef, Node
 def output_grid(
     stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()
 ) -> Grid:
-    """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
+    """Return the grid of one output: as given, else each dim from ``creates``, else from an input."""
     creates = stage.creates
     found = {}
     for dim in declaration.dims:
@@ -53,8 +53,8 @@ def output_grid(
 
 @dataclass(frozen=True, eq=False)
 class CellGrids:
-    """Grids of a cell: of what it reads, whole and without the dims it is mapped over, and of what it writes. Told by
-    identity: many cells share one, and to compare grids takes longer than all that is looked up by it.
+    """The grids of a cell: of its inputs, whole and without the dims it is mapped over, and of its outputs. Compared by
+    identity: many cells share one, and comparing grids would take longer than the lookups that use it.
     """
 
     whole_grids: Mapping[str, Grid]
@@ -64,10 +64,10 @@ class CellGrids:
 
 
 class Draft(NamedTuple):
-    """A cell of which all is known but what is decided of it."""
+    """A cell before its decisions: all else is known of it."""
 
     node: Node
-    number: int  # of the alternative
+    number: int  # number of the alternative
     stage: Stage
     inputs: tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable)
     looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]

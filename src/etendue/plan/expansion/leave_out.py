@@ -1,10 +1,10 @@
-"""Leaving out: what a scene does not need, decided per cell, within a local tolerance.
+"""Leaving out: decide per cell, within a local tolerance, which stages a scene does not need.
 
-A stage may be left out where it reads and writes the same variable on the same grid, and what that changes in its own
-output is known: an exact zero is always taken, a bound above zero where it is within the tolerance. Of a transfer
-function the change is the sum over what the scene's light holds at every frequency; of any other stage it is what the
-stage says (``negligible``); of one that adds noise, the share of the variance behind the converter that it brings, at
-the level where that is most. Nothing here depends on what else is swept.
+A stage may be left out if it reads and writes the same variable on the same grid and the change to its own output is
+known. A change of exactly zero always qualifies, a bound above zero if it is within the tolerance. For a transfer
+function the change is summed over the content of the scene's light at every frequency. Any other stage states it
+(``negligible``). For a stage that adds noise it is the largest share that the stage contributes to the variance after
+the converter. Nothing here depends on what else is swept, so a cell is decided alike in every sweep.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from etendue.plan.model import LeftOut
 from etendue.plan.stage_calls import negligible, variance_of
 from etendue.transfer import effects
 
-LEVELS = 5  # between the darkest and the brightest pixel, at which the share of a noise is looked at
+LEVELS = 5  # signal levels, darkest to brightest pixel, at which a noise's share of the variance is evaluated
 
 
 @dataclass(frozen=True)
 class LeaveOutRule:
-    """What may be left out: nothing (None), or changes within a tolerance, rms over the frame or of the largest
-    pixel.
+    """What may be left out: nothing (None), or changes within a tolerance, measured as rms over the frame or at the
+    pixel that changes most.
     """
 
     tolerance: float | None
@@ -42,8 +42,8 @@ def decide(
     grids: Mapping[str, Grid],
     noises: Callable[[], list[Noisy] | None],
 ) -> LeftOut | None:
-    """Whether one cell is left out, and with which bound. ``noises``: every source of noise of the pipeline, or
-    None: not known.
+    """Return whether and why a cell is left out, with the error bound; None if it is computed. ``noises`` gives every
+    noise source of the pipeline, or None if they are not all known.
     """
     if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
         return None
@@ -52,6 +52,8 @@ def decide(
         return None
     own, grid = facts[port], grids_in[port]
     found = _of_the_stage(rule, stage, own, grid)
+    # The cheapest test that can succeed comes first; the sum over the content is made only if it may give a lower
+    # bound.
     if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.content is not None and grid.banded:
         both = (found, _of_the_content(rule, stage, own, grid))
         found = min((one for one in both if one is not None), key=lambda one: one.bound, default=None)
@@ -61,8 +63,8 @@ def decide(
 
 
 def _through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Grid]) -> str | None:
-    """The port by which a stage reads what it writes first; None where it writes something that it does not read, or
-    on another grid.
+    """Return the port through which a stage reads the variable it writes first; None if it writes a variable that it
+    does not read, or writes it on another grid.
     """
     ports: dict[str, str] = {}
     for port, declaration in reads_of(type(stage)).items():
@@ -74,7 +76,7 @@ def _through(stage: Stage, grids_in: Mapping[str, Grid], grids: Mapping[str, Gri
 
 
 def _of_the_stage(rule: LeaveOutRule, stage: Stage, facts: Facts, grid: Grid) -> LeftOut | None:
-    """What the stage itself says; of a factor, times the light that it acts on."""
+    """Return the bound that the stage itself states; for a factor, times the rms of the light that it acts on."""
     if not isinstance(stage, Bounded):
         return None
     answer = negligible(stage, facts, grid)
@@ -87,7 +89,9 @@ def _of_the_stage(rule: LeaveOutRule, stage: Stage, facts: Facts, grid: Grid) ->
 
 
 def _of_the_content(rule: LeaveOutRule, stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None:
-    """The sum over what the light holds; None where the stage refuses to answer: it says why in its own place."""
+    """Return the bound summed over the content of the light; None if the stage refuses its values (reported
+    elsewhere).
+    """
     assert facts.content is not None
     if facts.content.detail == 0:
         dark = facts.content.full == 0
@@ -96,21 +100,23 @@ def _of_the_content(rule: LeaveOutRule, stage: Transfer, facts: Facts, grid: Gri
         bound = effects.change(stage, grid.bands().edges, facts.content, rule.norm)
     except ValueError:
         return None
-    return LeftOut(bound, "the scene holds so little detail that is fine enough for it")
+    return LeftOut(bound, "the scene has too little fine detail for it to matter")
 
 
 def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] | None], most: float) -> LeftOut | None:
-    """The largest share of all variance that one source brings, between the darkest and the brightest pixel."""
+    """Return the largest share of the total variance that one source adds, from the darkest to the brightest pixel."""
     if facts.low is None or facts.high is None:
         return None
     low, high = max(facts.low, 0.0), max(facts.high, 0.0)
     own = variance_of(stage, low)
-    if low == 0 or own is None or own > low:  # counts scatter by as much, and this is more
+    # Poisson noise has a variance of one per count; a source above that is never small
+    if low == 0 or own is None or own > low:
         return None
     every = noises()
     if every is None:
         return None
     share = 0.0
+    # Steps are quadratic: the share of a constant noise changes fastest in the dark.
     for step in range(LEVELS):
         level = low + (high - low) * (step / (LEVELS - 1)) ** 2
         parts = [variance_of(one, level) for one in every]
@@ -120,4 +126,4 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
         share = max(share, own / total if total > 0 else 1.0)
         if share > most:
             return None
-    return LeftOut(share, "of the variance of any pixel it brings no more than this")
+    return LeftOut(share, "it adds at most this share of the variance of any pixel")

@@ -1,6 +1,6 @@
-"""What makes a cell the same cell: its key, and the words of its random numbers.
+"""Build what identifies a cell: its key, and the words that seed its random numbers.
 
-In:  a stage at a combination of the axes, and the cells that stand before it.
+In:  a stage at a combination of the axes, and the cells before it.
 Out: the fields of its key and their digest; the words that key its random numbers.
 """
 
@@ -21,15 +21,15 @@ from etendue.plan.identity.keys import digest, key_of, parameters_for_key, plain
 from etendue.plan.identity.once import Once
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, light_of, pixel_of, scene_of
 
-NONE: Mapping[str, str] = {}  # never written to; a mapping proxy could not be pickled
+NONE: Mapping[str, str] = {}  # never written to; a plain dict, since a mapping proxy cannot be pickled
 Lines = frozenset[str]
-Head = tuple[str, Mapping[str, str], bool]  # text, versions of libraries, whether draws count
+Head = tuple[str, Mapping[str, str], bool]  # text, library versions, whether the seed is part of the key
 AS_TEXT = json.JSONEncoder(sort_keys=True).encode
 
 
 class Recipes:
-    """``cells`` are those planned so far; ``expected``: means in the place of draws and rounding. ``versions`` of
-    libraries stand in the place of those that are installed."""
+    """Makes keys and seeds. ``cells`` are those planned so far; ``expected``: means instead of draws and rounding;
+    ``versions``: library versions to use instead of the installed ones."""
 
     def __init__(
         self,
@@ -44,15 +44,15 @@ class Recipes:
         self.words: Once[tuple[str, ...]] = Once()
         self.digests: Once[str] = Once()  # of parameters
         self.heads: Once[Head] = Once()
-        self.forms: dict[CellGrids, str] = {}  # what counts of grids
-        self.looked: dict[tuple[Any, ...], str] = {}  # of transfer functions that are looked at: the same by many cells
+        self.forms: dict[CellGrids, str] = {}  # text of the grids
+        self.looked: dict[tuple[Any, ...], str] = {}  # text of the transfer functions looked at; many cells share it
         self.versions: dict[frozenset[str], dict[str, str]] = {}
         self.behind: dict[CellRef, Lines | None] = {}
         self.alike: Once[Lines | None] = Once()
         self.seeds: Once[bytes] = Once()
 
     def parameters(self, stage: Stage) -> str:
-        """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
+        """Return the digest of a stage's parameters, cached: a stage serves many cells, and each asks twice."""
         return self.digests((stage,), lambda: key_of(parameters_for_key(stage)))
 
     def key(
@@ -63,9 +63,10 @@ class Recipes:
         open_words: tuple[seed_words.Open, ...],
         precision: str,
     ) -> tuple[Mapping[str, str], str]:
-        """The versions of libraries that stand in a cell's key, and the key."""
+        """Return the library versions in a cell's key, and the key."""
         node, inputs = draft.node, draft.inputs
         if left_out:
+            # A cell that is left out passes its input on unchanged: same bits, same key.
             main = next(iter(node.writes))
             source = next(ref for _, ref, v in inputs if v == main)
             return NONE, self.cells[source].key
@@ -74,14 +75,14 @@ class Recipes:
         if node.segment:
             lines.append(self.text_of_segment(node, inputs, precision))
         if draws:
-            lines.append(seed.decode())  # values of ancestors count here even where a stage is left out
+            lines.append(seed.decode())  # includes the values of ancestors that are left out
             lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
         if draft.looks_at:
             lines.append(self.text_of_looked_at(node, draft.one, draft.looks_at))
         return versions, digest("\n".join(lines).encode())
 
     def head(self, draft: Draft, precision: str) -> Head:
-        """What the keys of all cells of a stage at a node begin with."""
+        """Return what the keys of all cells of a stage at a node begin with."""
         node, stage, one = draft.node, draft.stage, draft.one
         asked = [ref for port, refs in draft.looks_at if looks(reads_of(one.kind)[port]) == "transfer" for ref in refs]
         libraries = frozenset().union(*(libraries_of(type(self.cells[ref].stage)) for ref in asked))
@@ -113,7 +114,7 @@ class Recipes:
         return AS_TEXT(fields), versions, draws
 
     def text_of_form(self, form: CellGrids) -> str:
-        """The grids of what a cell writes, and the dims that it is mapped over."""
+        """Return the grids of what a cell writes, and the dims that it is mapped over, as text."""
         known = self.forms.get(form)
         if known is None:
             grids = [[v, plain_text(grid)] for v, grid in form.grids.items()]
@@ -121,8 +122,8 @@ class Recipes:
         return known
 
     def text_of_segment(self, node: Node, inputs: Any, precision: str) -> str:
-        """How far in front of a transfer function its segment begins, and whether the light there is streamed: other
-        bits either way.
+        """Return how many stages before a transfer function its segment begins, and whether the light there is streamed
+        band by band: both change bits of the result.
         """
         first, _, variable = inputs[0][1], None, inputs[0][2]
         for _ in range(len(node.segment) - 1):
@@ -131,8 +132,8 @@ class Recipes:
         return f"segment {len(node.segment)} {streamed}"
 
     def text_of_looked_at(self, node: Node, one: Alternative, looks_at: Any) -> str:
-        """What counts of all that a cell looks at; remembered of transfer functions, since cells look at the same
-        ones.
+        """Return the text of all that a cell looks at. It is cached for transfer functions and datasheets, which many
+        cells look at alike; a look at variables differs from cell to cell.
         """
         place = (node.name, one.label, looks_at)
         known = self.looked.get(place)
@@ -145,8 +146,8 @@ class Recipes:
         return known
 
     def looked_at(self, one: Alternative, port: str, cells: list[Cell]) -> Any:
-        """What counts of the cells that a stage looks at: of transfer functions and datasheets the stages, left out
-        or not.
+        """Return the key fields of the cells that a stage looks at. For transfer functions and datasheets these are the
+        stages, even if they are left out.
         """
         what = looks(reads_of(one.kind)[port])
         if not looks_at_stages(what):
@@ -172,7 +173,9 @@ class Recipes:
         return known
 
     def seed(self, draft: Draft) -> tuple[bytes, tuple[seed_words.Open, ...]]:
-        """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
+        """Return the words that key the random numbers of a cell. They contain values only, no positions on axes, so
+        that a cell computed alone equals the same cell in a sweep.
+        """
         name, stage = draft.node.name, draft.stage
         if not draws_anew(type(stage)) or (self.expected and isinstance(stage, Sampled)):
             return b"", ()
@@ -192,7 +195,7 @@ class Recipes:
         return self.seeds((stage,), found, name, *behind), ()
 
     def open_seed(self, draft: Draft, read: list[CellRef]) -> tuple[bytes, tuple[seed_words.Open, ...]]:
-        """The same where a run finds some of the values: the lines that are known, and those that are left open."""
+        """Return the same if a run must find some of the values: the known lines, and those left open."""
         name, stage = draft.node.name, draft.stage
         cells = seed_words.behind(self.cells, [self.cells[ref] for ref in read])
         lines = set(self.lines(name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
@@ -208,10 +211,10 @@ class Recipes:
         return "\n".join(sorted(lines)).encode(), awaited
 
     def lines_behind(self, ref: CellRef) -> Lines | None:
-        """The words of a cell and of all that it reads through its ports, at any distance; None where a run finds one
-        of their values.
+        """Return the words of a cell and of all that it reads through its ports, directly or indirectly; None if a run
+        must find one of their values.
 
-        One set for all cells of a stage that read cells of the same sets.
+        Cells of one stage whose inputs have the same sets share one set.
         """
         if ref in self.behind:
             return self.behind[ref]
@@ -226,5 +229,5 @@ class Recipes:
         return found
 
     def lines(self, name: str, stage: Stage) -> tuple[str, ...]:
-        """A stage's words, taken once: it serves many cells."""
+        """Return a stage's own words, cached: it serves many cells."""
         return self.words((stage,), lambda: seed_words.own_lines(name, stage), name)

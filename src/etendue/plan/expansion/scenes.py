@@ -1,7 +1,7 @@
-"""What scenes hold, found once for every scene that was ever planned: kept by the scene's digest.
+"""Analyse what scenes contain, once for every scene ever planned: results are cached by the scene's digest.
 
 In:  a source and its grids.
-Out: its ``Content``, and the seconds that looking at it took.
+Out: its ``Content``, and the seconds spent on the analysis.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from etendue.plan.identity.keys import key_of, parameters_for_key, version_of
 from etendue.transfer import contents as scenes
 from etendue.transfer.contents import light_of
 
-FORM = 1  # of the file
+FORM = 1  # version of the cached file's form
 __all__ = ["content_of", "light_of"]
-MOST = 64  # contents of which a process knows itself
+MOST = 64  # contents kept in memory
 _KNOWN: dict[str, Content | None] = {}
 _lock = threading.Lock()
 
 
 def content_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Content | None, float]:
-    """What the light of a scene holds, and the seconds spent on it now."""
+    """Return the content of a scene's light, and the seconds spent on it now."""
+    # The key holds all that the content depends on: code, library versions, parameters and grid. So a cached entry is
+    # valid for as long as its key can be formed.
     grid = sorted((name, repr(grid)) for name, grid in grids.items())
     code = [code_digest(type(source)), code_at("etendue.transfer.contents")]
     versions = {name: version_of(name) for name in sorted(libraries_of(type(source)))}

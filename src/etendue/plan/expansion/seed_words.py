@@ -1,11 +1,11 @@
-"""What keys the random numbers of a cell: the values, of its stage and of those it depends on, that differ from their
-defaults.
+"""Build the words that key the random numbers of a cell: the parameter values, of its stage and of those it depends on,
+that differ from their defaults.
 
 In:  cells of a plan.
-Out: lines of text; those whose value is found while the run goes on are left open.
+Out: lines of text; lines whose value is found during the run are left open.
 
-A parameter that is added with a default, a knob of fidelity, and how a quantity was found change no draw: given, swept
-or found, the same value is the same word.
+Three things change no draw: a new parameter with a default, an accuracy setting, and the way a quantity was obtained.
+Whether a value is given, swept or found by a run, it makes the same word.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from etendue.plan.model import Cell, CellRef
 
 @dataclass(frozen=True)
 class Open:
-    """A line whose value a run finds: of which stage and parameter, and which cell writes it."""
+    """A line whose value a run finds: its stage and parameter, and the cell that writes the value."""
 
     stage: str
     name: str
@@ -36,7 +36,7 @@ def line(stage: str, name: str, value: Any) -> str:
 
 
 def own_lines(name: str, stage: Stage) -> tuple[str, ...]:
-    """The lines of one stage under the name that it has in the pipeline."""
+    """Return the lines of one stage, under its name in the pipeline."""
     files = files_of(stage)
     found = []
     for parameter, (declared, _, default) in parameters_of(type(stage)).items():
@@ -48,13 +48,13 @@ def own_lines(name: str, stage: Stage) -> tuple[str, ...]:
 
 
 def seed_of(seed: int, node: str, lines: Set[str]) -> bytes:
-    """Words for a generator."""
+    """Return the words that seed a generator."""
     return f"{seed}|{node}|{digest(chr(10).join(sorted(lines)).encode())}".encode()
 
 
 def behind(cells: Mapping[CellRef, Cell], starts: list[Cell]) -> list[Cell]:
-    """Some cells and every cell that they read through their ports, at any distance. What a quantity was found from
-    is none of them.
+    """Return some cells and every cell that they read through their ports, directly or indirectly. Cells that only
+    find a quantity are not included: the value counts, not its origin.
     """
     seen: dict[CellRef, Cell] = {}
     open_ = list(starts)

@@ -1,14 +1,13 @@
-"""The code behind a stage, as a digest: all that its module imports, of whatever distribution, and the engine that runs
-it.
+"""Digest the code that a stage depends on: everything its module imports, from any distribution, and the engine.
 
 In:  the class of a stage.
-Out: 128-bit BLAKE2b digests, whole and by module, so that a change can be named. An edited kernel is seen, an edited
-     report is not.
+Out: 128-bit BLAKE2b digests, in total and by module, so that a change can be named. Editing a kernel changes them;
+     editing a report does not.
 
-Imports are followed from file to file, in functions and behind conditions too. What a library that knows nothing of
-etendue imports is not looked for: it counts whole, with what it requires, as does a distribution in which an import
-cannot be followed. The standard library stands in the platform, and so do numpy and scipy; other libraries of the
-engine count by their version.
+Imports are followed from file to file, including those in functions and under conditions. A library that does not
+depend on etendue is not followed: it counts as a whole, with what it requires. So does a distribution with an import
+that cannot be followed. The standard library, numpy and scipy belong to the platform, which is in the key already;
+the engine's other libraries count by version.
 """
 
 from __future__ import annotations
@@ -34,49 +33,48 @@ from etendue.plugins import discovery
 
 OWN = "etendue"
 DOOR = (
-    "api"  # of a package of this distribution it only hands on: what is taken out of it is followed to where it stands
+    "api"  # a package's module of this name only re-exports: names taken from it are followed to where they are defined
 )
 IN_PLATFORM = {"numpy", "scipy"}
 
 
 class Code(NamedTuple):
-    """What stands behind a stage."""
+    """The code that a stage depends on."""
 
     sources: dict[str, str]  # digests by module, file or library
-    libraries: frozenset[str]  # those that count by version
+    libraries: frozenset[str]  # libraries that count by version
 
 
 @per_kind
 def code_digest(kind: type[Stage]) -> str:
-    """Digest of the code behind a stage, and of the engine."""
+    """Return the digest of the code of a stage and of the engine."""
     found = digest("\n".join(f"{name} {one}" for name, one in sorted(code_of(kind).sources.items())).encode())
     sources.keep()
     return found
 
 
 def libraries_of(kind: type[Stage]) -> frozenset[str]:
-    """The distributions whose version is part of the keys of a stage: those that it names, and those that its code
-    imports.
-    """
+    """Return the distributions whose versions are in the keys of a stage: those it names and those it imports."""
     return code_of(kind).libraries.union(kind.libraries)
 
 
 @per_kind
 def code_of(kind: type[Stage]) -> Code:
-    """Digests of all code that can change what a stage writes."""
+    """Return the digests of all code that can change what a stage writes."""
+    # A method may come from any base class, and a decorated one may wrap a function of another module.
     roots = {module for base in kind.__mro__ for module in (base.__module__, *_modules_in(vars(base).values()))}
     if is_transfer(kind):
         roots.update(TRANSFER_KERNELS)
     found = _reached(roots)
     found.sources.update(_said_of(kind))
-    if place_of(kind.__module__) is None:  # written in a notebook
+    if place_of(kind.__module__) is None:  # no file, as in a notebook: digest the class's own text
         found.sources[kind.__module__] = digest(_text_of(kind).encode())
     return Code({**engine(), **found.sources}, found.libraries)
 
 
 def _said_of(kind: type[Stage]) -> Iterator[tuple[str, str]]:
-    """What manifests say of the dims and fixed patterns of a stage: by it, it is asked at other places, or given
-    another's patterns.
+    """Yield digests of what manifests state of a stage's dims and fixed patterns: they decide at which band values it
+    is evaluated and which patterns it gets.
     """
     if bands := bands_of(kind):
         yield f"the dim {bands}", digest(f"{dim(bands).factor!r}".encode())
@@ -86,20 +84,20 @@ def _said_of(kind: type[Stage]) -> Iterator[tuple[str, str]]:
 
 @cache
 def engine() -> dict[str, str]:
-    """Digests of the engine's modules that can change a bit of a cell."""
+    """Return the digests of the engine's modules that can change a bit of a cell."""
     return {name: sources.known(_own_file(name) or Path(name)).digest for name in ENGINE}
 
 
 @cache
 def code_at(module: str) -> str:
-    """Digest of a module of the package and of all it reaches, the engine's modules too."""
+    """Return the digest of a module of the package and of all it reaches, including the engine's modules."""
     return digest(
         "\n".join(f"{name} {one}" for name, one in sorted({**engine(), **_reached([module]).sources}.items())).encode()
     )
 
 
 def _modules_in(values: Iterable[Any]) -> Iterator[str]:
-    """The modules of functions, of what they are made around, and of what they stand for."""
+    """Yield the modules of functions, of those they wrap, and of those that a partial calls."""
     for value in values:
         value = value.func if isinstance(value, partial) else getattr(value, "__func__", value)
         if isinstance(value, FunctionType):
@@ -112,7 +110,7 @@ def _modules_in(values: Iterable[Any]) -> Iterator[str]:
 def _inside(cell: Any) -> Any:
     try:
         return cell.cell_contents
-    except ValueError:  # not yet filled
+    except ValueError:  # the closure cell is empty
         return None
 
 
@@ -123,12 +121,12 @@ def _text_of(kind: type[Stage]) -> str:
         return kind.__module__
 
 
-# ------------------------------------------------------------------------------------------------ followed
+# ------------------------------------------------------------------------------------------------ following imports
 
 
 @dataclass(frozen=True)
 class _Step:
-    """What one name stands for, and the names behind it."""
+    """What one imported name contributes, and the names it imports in turn."""
 
     sources: Mapping[str, str] = field(default_factory=dict)
     libraries: frozenset[str] = frozenset()
@@ -136,7 +134,7 @@ class _Step:
 
 
 def _reached(roots: Iterable[str]) -> Code:
-    """What some modules, and all that they import at any depth, consist of."""
+    """Return the code of some modules and of all that they import, directly or indirectly."""
     found, libraries, seen, open_ = dict[str, str](), set[str](), set[str](), list(roots)
     while open_:
         name = open_.pop()
@@ -170,7 +168,7 @@ def _step(name: str) -> _Step:
 
 
 def _behind(name: str, file: Path, source: sources.SourceFile) -> Iterator[str]:
-    """The names that a module imports, whole."""
+    """Yield the names that a module imports, as absolute names."""
     package = name if file.name.startswith("__init__.") else name.rpartition(".")[0]
     for one in source.imports:
         dots = len(one) - len(one.lstrip("."))
@@ -205,7 +203,7 @@ def _of_own(name: str, above: tuple[str, ...]) -> _Step:
 
 
 def _through_the_door(door: str, name: str) -> Iterator[str]:
-    """Where that stands which is taken out of a door; all of it where the module itself is."""
+    """Yield where a name re-exported by an ``api`` module is defined; all that it re-exports if the module is taken."""
     file = _own_file(door)
     for one in sources.known(file).imports if file else ():
         if name in ("", "*") or one.rpartition(".")[2] == name:
@@ -214,7 +212,7 @@ def _through_the_door(door: str, name: str) -> Iterator[str]:
 
 @cache
 def manifests() -> frozenset[str]:
-    """The manifests of this distribution."""
+    """Return the names of the manifest modules of this distribution."""
     return frozenset(point.module for point in discovery.installed().points if point.dist and point.dist.name == OWN)
 
 
@@ -223,15 +221,13 @@ def _own_file(module: str) -> Path | None:
     base = sources.PACKAGE.parent / Path(*module.split("."))
     above = _own_file(module.rpartition(".")[0]) if module.count(".") > 1 else None
     if above is not None and above.name != "__init__.py":
-        return None  # taken out of a module
+        return None  # the name is an attribute of a module, not a module
     return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
 
 
 @cache
 def _models() -> dict[str, str]:
-    """The modules of the stages of this distribution by the names of their classes, as ``models`` of a package gives
-    them.
-    """
+    """Return the modules of this distribution's stages by class name, for code that takes classes from ``models``."""
     found = discovery.installed()
     brought = (found.first("stages", name) for name in found.names("stages"))
     places = (
@@ -240,7 +236,7 @@ def _models() -> dict[str, str]:
     return {kind: module for module, _, kind in (place.partition(":") for place in places)}
 
 
-# ------------------------------------------------------------------------------------------------ of others
+# ------------------------------------------------------------------------------------------------ other distributions
 
 
 def _of_others(name: str, above: tuple[str, ...]) -> _Step:
@@ -248,7 +244,7 @@ def _of_others(name: str, above: tuple[str, ...]) -> _Step:
     if place is None or place.file is None:
         return _Step(behind=above)
     depth = name.count(".") - (not place.file.name.startswith("__init__."))
-    top = place.file.parents[depth] if depth >= 0 else place.file  # by which it is imported first
+    top = place.file.parents[depth] if depth >= 0 else place.file  # the top-level package or module
     owner = owner_of(top)
     if owner is not None and not owner.knows_etendue:
         return _Step(*whole(owner))
@@ -268,7 +264,7 @@ def _of_others(name: str, above: tuple[str, ...]) -> _Step:
 
 @cache
 def _under(folder: Path) -> tuple[Path, ...]:
-    """The files of a folder; bytecode and what is hidden aside."""
+    """Return the files of a folder, except bytecode and hidden files."""
     found = []
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
@@ -282,8 +278,8 @@ def _under(folder: Path) -> tuple[Path, ...]:
 
 
 def _around(top: Path) -> Iterator[Path]:
-    """The modules and packages that stand beside one in its folder of the path: a distribution that is not
-    installed, but edited.
+    """Yield the files of a top-level module or package and of those next to it: the sources of a distribution that is
+    run in place, not installed.
     """
     beside = [top] if top.parent.name in SITES else sorted(top.parent.iterdir())
     for path in beside:
@@ -294,8 +290,8 @@ def _around(top: Path) -> Iterator[Path]:
 
 
 def _data(file: Path, top: Path, owner: Installed | None, source: sources.SourceFile) -> dict[str, str]:
-    """What a module may read that is no code: all such files of its distribution or package; of a module alone what
-    lies beside it.
+    """Return the digests of non-code files that a module may read: all of its distribution or package; for a single
+    module, the files next to it.
     """
     if owner is not None:
         return _data_of(owner)
@@ -319,7 +315,7 @@ def _data(file: Path, top: Path, owner: Installed | None, source: sources.Source
 
 @cache
 def _digests(paths: tuple[Path, ...], root: Path) -> dict[str, str]:
-    """Of those that are no code, by where they stand."""
+    """Return the digests of the files that are not code, by path relative to ``root``."""
     return {path.relative_to(root).as_posix(): sources.known(path).digest for path in paths if path.suffix not in CODE}
 
 

@@ -1,8 +1,8 @@
-"""Where the code of others stands: files of modules, found as an import finds them and without importing, and the
-distribution they are of.
+"""Locate the code of other distributions: find the files of modules as an import would, without importing, and the
+distribution they belong to.
 
 In:  names of modules, paths of their files.
-Out: paths; ``Installed`` for what an installer has put in its place, whose files and digests stand in its record.
+Out: paths; ``Installed`` for what an installer has placed, with the files and digests of its record.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 
 from etendue.plan.identity.keys import digest
 
-# Libraries that the engine itself depends on, by the name under which they are imported: each counts by its version.
+# Libraries that the engine itself depends on, by the name under which they are imported; each counts by its version.
 VERSIONED = {
     "PIL": "pillow",
     "colour": "colour-science",
@@ -37,7 +37,7 @@ VERSIONED = {
     "xarray": "xarray",
     "zarr": "zarr",
 }
-SITES = ("site-packages", "dist-packages")  # folders that hold the distributions of many
+SITES = ("site-packages", "dist-packages")  # folders shared by many distributions
 CODE = (".py", ".pyc", ".pyo")
 _OF_ETENDUE = re.compile(r"^Requires-Dist: *etendue(?![\w.-])", re.MULTILINE)
 _REQUIRED = re.compile(r"^Requires-Dist: *([\w.-]+)([^\n]*)", re.MULTILINE)
@@ -45,8 +45,8 @@ _REQUIRED = re.compile(r"^Requires-Dist: *([\w.-]+)([^\n]*)", re.MULTILINE)
 
 @dataclass(frozen=True)
 class ModulePlace:
-    """Where a module stands: its file, none of a namespace; the folders of its submodules, none of what is no
-    package.
+    """The location of a module: its file (None for a namespace package) and the folders of its submodules (empty unless
+    it is a package).
     """
 
     file: Path | None
@@ -55,7 +55,7 @@ class ModulePlace:
 
 @cache
 def place_of(module: str) -> ModulePlace | None:
-    """Where an import would find a module; None where there is none, and for what is no file."""
+    """Return where an import would find a module; None if nowhere, or if it has no file."""
     loaded = sys.modules.get(module)
     spec = getattr(loaded, "__spec__", None)
     if spec is None and getattr(loaded, "__file__", None):  # a script
@@ -65,13 +65,13 @@ def place_of(module: str) -> ModulePlace | None:
         return None
     folders = tuple(spec.submodule_search_locations or ())
     file = Path(spec.origin) if spec.origin and spec.has_location else None
-    if file is not None and not file.is_file():  # in an archive of modules
+    if file is not None and not file.is_file():  # inside a zip archive: take the archive itself
         file = next((above for above in file.parents if above.is_file()), None)
     return ModulePlace(file, folders) if file or folders else None
 
 
 def _spec_of(module: str) -> ModuleSpec | None:
-    """What the first finder that knows a module says of it; its packages are asked first."""
+    """Return the spec from the first finder that knows a module; its parent packages are located first."""
     package = module.rpartition(".")[0]
     within = place_of(package) if package else None
     if package and (within is None or not within.folders):
@@ -79,19 +79,19 @@ def _spec_of(module: str) -> ModuleSpec | None:
     for finder in sys.meta_path:
         try:
             spec = finder.find_spec(module, list(within.folders) if within else None)
-        except Exception:  # of a finder that somebody has put there
+        except Exception:  # a third-party finder may raise anything
             continue
         if spec is not None:
             return spec
     return None
 
 
-# ------------------------------------------------------------------------------------------- what is installed
+# ------------------------------------------------------------------------------------------- installed distributions
 
 
 @dataclass(frozen=True)
 class Installed:
-    """A distribution in a folder of the path, by its folder of metadata."""
+    """An installed distribution, by its metadata folder."""
 
     folder: Path
 
@@ -104,15 +104,17 @@ class Installed:
 
     @cached_property
     def knows_etendue(self) -> bool:
-        """Whether it builds upon etendue, or brings something: what of it a stage reaches is followed file by file."""
+        """Whether it requires etendue or brings plugins for it. If so, the code that a stage reaches in it is followed
+        file by file.
+        """
         points = self.folder / "entry_points.txt"
         return bool(_OF_ETENDUE.search(self.metadata)) or (
             points.is_file() and "[etendue]" in points.read_text(encoding="utf-8")
         )
 
     def files(self) -> Iterator[tuple[Path, str]]:
-        """What it has put beside its metadata, with the digests of the record; '' where that has none, or the file
-        is newer.
+        """Yield its files outside the metadata, with the digests of the record; '' if the record has none, or the file
+        is newer than the record.
         """
         record, site = self.folder / "RECORD", self.folder.parent
         since = record.stat().st_mtime_ns
@@ -133,7 +135,7 @@ class Installed:
 
     @cached_property
     def digest(self) -> str:
-        """Of all its files."""
+        """The digest of all its files."""
         lines = sorted(
             f"{path.relative_to(self.folder.parent).as_posix()} {known or sha256(path)}" for path, known in self.files()
         )
@@ -141,7 +143,7 @@ class Installed:
 
     @cached_property
     def requires(self) -> tuple[str, ...]:
-        """The distributions that it requires, extras aside, as they are named."""
+        """The distributions that it requires, without extras, by normalised name."""
         return tuple(
             sorted(
                 {
@@ -154,7 +156,7 @@ class Installed:
 
 
 def sha256(path: Path) -> str:
-    """As a record has it."""
+    """Return the SHA-256 of a file in the form of a RECORD."""
     with path.open("rb") as file:
         return "sha256=" + base64.urlsafe_b64encode(hashlib.file_digest(file, "sha256").digest()).rstrip(b"=").decode()
 
@@ -165,7 +167,7 @@ def _plain(name: str) -> str:
 
 @cache
 def _metadata_in(site: Path) -> dict[str, Path]:
-    """The folders of metadata in a folder of the path, by the plain name of the distribution."""
+    """Return the metadata folders in a folder of the path, by normalised name of the distribution."""
     return {
         _plain(path.name.partition("-")[0]): path
         for path in sorted(site.glob("*.dist-info"))
@@ -175,11 +177,10 @@ def _metadata_in(site: Path) -> dict[str, Path]:
 
 @cache
 def owner_of(top: Path) -> Installed | None:
-    """The distribution that an installer has put into a folder of the path with something of this name; None of what
-    is edited in place.
-    """
+    """Return the installed distribution that placed this file or folder; None if the code is run or edited in place."""
     every = _metadata_in(top.parent)
     name, first = top.name.encode(), _plain(top.name.partition(".")[0])
+    # The distribution of the same name first: it is nearly always the owner, and saves reading the other records.
     for plain in sorted(every, key=lambda plain: plain != first):
         record = b"\n" + (every[plain] / "RECORD").read_bytes()
         if b"\n" + name + (b"," if top.is_file() else b"/") in record:
@@ -189,8 +190,8 @@ def owner_of(top: Path) -> Installed | None:
 
 @cache
 def whole(one: Installed) -> tuple[dict[str, str], frozenset[str]]:
-    """Digests, by name and version, of a distribution and of all that it requires; libraries of the engine among
-    that by their name.
+    """Return digests, by name and version, of a distribution and all that it requires; libraries of the engine among
+    them by name only.
     """
     found, libraries, open_ = dict[str, str](), set[str](), [one]
     versioned = {_plain(name): name for name in VERSIONED.values()}

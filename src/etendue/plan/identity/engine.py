@@ -23,44 +23,44 @@ def _modules_in(room: str) -> tuple[str, ...]:
 ENGINE = (
     *_modules_in("etendue.compute"),
     "etendue.contract.capabilities",
-    "etendue.contract.arrays.coordinates",  # the coordinates that stages are given
+    "etendue.contract.arrays.coordinates",  # the coordinates that stages get
     "etendue.contract.arrays.grid",
     "etendue.contract.stage",
     "etendue.contract.arrays.variables",  # dims and dtype of what is written
-    "etendue.plan.stage_calls",  # makes a stage again with what a run has found
-    "etendue.plan.expansion.seed_words",  # what random numbers are keyed by
+    "etendue.plan.stage_calls",  # remakes a stage with the values that a run has found
+    "etendue.plan.expansion.seed_words",  # the key of random numbers
     "etendue.transfer.products",  # products of transfer functions
 )
 
-# What the engine computes for transfer functions: in the digests of these, and of no other stages.
+# What the engine computes for transfer functions: part of the digests of those, and of no other stages.
 TRANSFER_KERNELS = (
-    "etendue.contract.values.units",  # that in which they are given the middles of bands
+    "etendue.contract.values.units",  # the unit in which they get the centres of bands
     "etendue.transfer.cell_pixels",
     "etendue.transfer.cells",
     "etendue.transfer.expansion",
     "etendue.transfer.sampling",
 )
 
-_VALUES = "what it says of a value stands in keys as that value"
-_DECIDES = "what it decides stands in keys"
-_WORDS = "texts of messages, names and declarations of form"
-_AFTER = "works on what has been computed"
+_VALUES = "what it states of a value is in keys as that value"
+_DECIDES = "what it decides is in keys"
+_WORDS = "messages, names and type declarations"
+_AFTER = "works on computed results"
 
 MOVES = {
-    "etendue": "opens names when they are asked for",
+    "etendue": "loads names on first use",
     "etendue.__main__": _AFTER,
     "etendue.accuracy.*": _AFTER,
-    "etendue.api": "hands on: what is taken out of it is followed to where it stands",
-    "etendue.archive.*": "stores and reads back bytes, under digests of their own",
+    "etendue.api": "re-exports; names taken from it are followed to their definition",
+    "etendue.archive.*": "stores and reads back bytes, with digests of their own",
     "etendue.builder.*": "writes the pipeline's file",
-    "etendue.cache": "keeps bytes between runs, under keys that hold what they depend on",
+    "etendue.cache": "keeps bytes between runs, under keys of all they depend on",
     "etendue.calls": _WORDS,
     "etendue.cli.*": _AFTER,
     "etendue.compute": _WORDS,
     "etendue.compute.joined": _WORDS,
     "etendue.contract": _WORDS,
     "etendue.contract.arrays": _WORDS,
-    "etendue.contract.arrays.dims": "which dims are bands, and in which unit, stands in keys",
+    "etendue.contract.arrays.dims": "which dims are bands, and in which unit, is in keys",
     "etendue.contract.arrays.drawn": _AFTER,
     "etendue.contract.arrays.facts": f"facts decide what is left out, knobs and precision: {_DECIDES}",
     "etendue.contract.ports": "what a keeper of results is asked",
@@ -76,24 +76,23 @@ MOVES = {
     "etendue.errors": _WORDS,
     "etendue.interrupts": "signals",
     "etendue.pipeline.*": f"reads the pipeline's file; {_VALUES}",
-    "etendue.plain_files": "opens files, and reads them whole or not at all",
+    "etendue.plain_files": "reads files whole or not at all",
     "etendue.plan.*": f"{_DECIDES}: parameters with their knobs, precision, inputs, grids, segments, seeds",
-    "etendue.plugins.*": "finds what distributions bring, whose code stands in keys; puts back what plugins change of "
-    "the process",
+    "etendue.plugins.*": "finds what distributions bring, whose code is in keys; restores what plugins change in the "
+    "process",
     "etendue.present.*": _AFTER,
-    "etendue.process": "puts back what foreign code changes of the process",
+    "etendue.process": "restores what foreign code changes in the process",
     "etendue.result_files": _AFTER,
-    "etendue.run.*": "starts, orders and hands on cells",
-    "etendue.running": "hands results to their keeper",
+    "etendue.run.*": "orders, starts and passes on cells",
+    "etendue.running": "passes results to the store",
     "etendue.session": "joins plan, run and archive",
-    "etendue.streams": "what is printed where",
+    "etendue.streams": "standard streams",
     "etendue.telling": _WORDS,
     "etendue.testing.*": _AFTER,
     "etendue.transfer": _WORDS,
     "etendue.trust.*": _AFTER,
 }
-# Of the rooms that move, what a process holds that computes cells and does nothing else: another of their modules would
-# be found by a test.
+# Modules listed in ``MOVES`` that a process holds when it only computes cells; a test reports any other module.
 HELD = (
     "etendue.pipeline.about",
     "etendue.pipeline.file",
@@ -113,7 +112,7 @@ HELD = (
 
 
 def only_moves(module: str) -> bool:
-    """Whether no digest follows a module: it stands among those that move, or in a package all of which does."""
+    """Return whether no digest follows a module: it is in ``MOVES``, or in a package that is as a whole."""
     if module in ENGINE or module in MOVES:
         return module not in ENGINE
     parts = module.split(".")

@@ -1,4 +1,4 @@
-"""Keys: equal key means equal result. Recipes are hashed, not pixels.
+"""Keys: equal keys mean equal results. A key digests the recipe of a result, not its values.
 
 In:  a stage's class, its resolved parameters, the keys of what it reads.
 Out: 128-bit BLAKE2b digests, and the fields they were made of, so that a change can be named.
@@ -25,10 +25,10 @@ def digest(data: bytes) -> str:
 
 
 def canonical(value: Any) -> Any:
-    """A value as JSON that is the same text for the same value: floats in hex."""
+    """Return a value as JSON whose text is the same for equal values; floats are in hex."""
     if isinstance(value, float):
         return value.hex()
-    if isinstance(value, LateValue):  # the key of the cell that finds it stands among the inputs
+    if isinstance(value, LateValue):  # the key of the cell that finds it is among the inputs
         return "found"
     if isinstance(value, dict):
         return {str(k): canonical(v) for k, v in sorted(value.items())}
@@ -38,8 +38,8 @@ def canonical(value: Any) -> Any:
 
 
 def plain_text(value: Any) -> str:
-    """Grids as text that is the same for equal ones: whether a number of them came as an int, a float or one of
-    numpy's.
+    """Return a grid as text that is the same for equal grids, whether a number in it came as an int, a float or a numpy
+    scalar.
     """
     if dataclasses.is_dataclass(value):
         return (
@@ -64,7 +64,7 @@ def version_of(distribution: str) -> str:
 
 
 def file_digest(path: str) -> str:
-    """SHA-256 of a file, or of the names and contents of a folder's files: file parameters count by content."""
+    """Return the SHA-256 of a file, or of the names and contents of a folder's files: files count by content."""
     return _file_digest(path, file_state(path))
 
 
@@ -80,7 +80,7 @@ def _file_digest(path: str, state: tuple[int, int]) -> str:
 
 
 def parameters_for_key(stage: Stage) -> dict[str, Any]:
-    """Resolved parameters with files replaced by their content's digest."""
+    """Return the resolved parameters, with files replaced by the digest of their content."""
     files = files_of(stage)
     return {
         n: f"sha256:{file_digest(files[n])}" if n in files else getattr(stage, n) for n in parameters_of(type(stage))

@@ -1,7 +1,7 @@
-"""What a file of code says of itself, remembered between runs by the state of the file, so that no file is read twice.
+"""Analyse files of code, and cache the result between runs by the state of the file, so that no file is read twice.
 
 In:  the path of a module, a table, a library.
-Out: its digest, the modules it imports, and whether it imports more than can be seen in it.
+Out: its digest, the modules it imports, and whether it has imports that cannot be followed.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from etendue import cache as kept
 from etendue.plan.identity.keys import digest
 
 PACKAGE = Path(__file__).parents[2]
-SETTLED = 2.0  # s; a file edited more recently may be edited again within the same tick of its clock
-FORM = 3  # of what is kept
-MOST = 4000  # files that are kept; beyond, those that are gone are forgotten
+SETTLED = 2.0  # s; a file changed more recently may change again without its time stamp showing it
+FORM = 3  # version of the cached form
+MOST = 4000  # files cached; above this, entries of deleted files are dropped
 
-CALLED = ("import_module", "__import__")  # with a name that stands there they are imports like any other
-RESOURCES = ("files", "get_data")  # of a package whose name stands there
+CALLED = ("import_module", "__import__")  # with a literal name they are imports like any other
+RESOURCES = ("files", "get_data")  # of a package given by a literal name
 HIDDEN = frozenset(
     {
         "entry_points",
@@ -47,7 +47,7 @@ HIDDEN = frozenset(
         "walk_packages",
     }
 )
-BUILT_IN = ("exec", "eval", "execfile")  # as methods of objects these names mean other things
+BUILT_IN = ("exec", "eval", "execfile")  # only as bare names: as methods they mean other things
 _MAY_HIDE = re.compile(
     rb"\b(?:%s)\b" % b"|".join(name.encode() for name in (*CALLED, *RESOURCES, *sorted(HIDDEN), *BUILT_IN))
 )
@@ -57,12 +57,12 @@ _CLASS = re.compile(r"\b[A-Z]\w+")
 
 @dataclass(frozen=True)
 class SourceFile:
-    """What is known of a file. ``imports`` are names of modules and of what is taken out of them, relative ones with
+    """What is known of a file. ``imports`` are names of modules and of what is imported from them, relative ones with
     their dots.
 
-    ``words``: a docstring and nothing else. ``hides``: imports something that cannot be seen. ``beside``: reads files
-    that lie beside it. ``classes``: of a module that imports the ``models`` of a package, which gives classes by name,
-    every word that may be the name of one.
+    ``words``: contains only a docstring. ``hides``: has imports that cannot be followed. ``beside``: reads files next
+    to it. ``classes``: for a module that imports the ``models`` of a package, which gives classes by name, every word
+    that may be the name of a class.
     """
 
     digest: str
@@ -80,7 +80,7 @@ def _read(path: Path) -> SourceFile:
     source = path.read_bytes()
     try:
         tree = ast.parse(source)
-    except (SyntaxError, ValueError):  # of another Python, behind a condition: nothing can be seen in it
+    except (SyntaxError, ValueError):  # written for another Python version, so its imports are unknown
         return SourceFile(digest(source), hides=True)
     found, hides = set(_imports(tree)), False
     if _MAY_HIDE.search(source):
@@ -93,14 +93,14 @@ def _read(path: Path) -> SourceFile:
 
 
 def _imports(tree: ast.Module) -> Iterator[str]:
-    """Every name that is imported, at any depth; what is there for checkers of types alone aside."""
+    """Yield every imported name, including those in functions, without imports for type checkers only."""
     open_: list[ast.AST] = [tree]
-    while open_:  # statements: nothing else holds an import, and most of a tree is expressions
+    while open_:  # only statements contain imports, and most of a tree is expressions
         node = open_.pop()
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            module = "." * node.level + (node.module or "")  # which is imported on the way to what is taken from it
+            module = "." * node.level + (node.module or "")  # importing a name from it imports the module too
             yield from (f"{module}{'.' if node.module else ''}{alias.name}" for alias in node.names)
         typing_only = (
             isinstance(node, ast.If) and getattr(node.test, "id", getattr(node.test, "attr", "")) == "TYPE_CHECKING"
@@ -112,8 +112,8 @@ def _imports(tree: ast.Module) -> Iterator[str]:
 
 
 def _called(tree: ast.Module) -> tuple[set[str], bool]:
-    """What is imported by a call with a name that stands there; whether anything else is imported in a way that
-    cannot be followed.
+    """Return what is imported by calls with a literal name, and whether anything else is imported in a way that cannot
+    be followed.
     """
     found, hides, followed = set[str](), False, set[ast.AST]()
     for node in ast.walk(tree):
@@ -139,12 +139,12 @@ def _name_of(node: ast.AST) -> str:
     return node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
 
 
-# ---------------------------------------------------------------------------------------- kept between runs
+# ---------------------------------------------------------------------------------------- cached between runs
 
 
 @cache
 def _kept() -> dict[str, Any]:
-    """State and content by path of what earlier runs have read; empty where that is not whole."""
+    """Return the state and content, by path, of files read in earlier runs; empty if the cache file is damaged."""
     data = kept.read("code", _place()) or b""
     try:
         found = json.loads(data[33:]) if data[:32].decode() == digest(data[33:]) else {}
@@ -153,12 +153,13 @@ def _kept() -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-_fresh: list[str] = []  # paths that are read in this process and not yet kept
+_fresh: list[str] = []  # paths read in this process and not yet cached
 
 
 @cache
 def known(path: Path) -> SourceFile:
-    """What a file holds; looked at once in a process, as the code that it has loaded stays."""
+    """Return what is known of a file. It is looked at once per process, because code once loaded does not change."""
+    # Four fields together identify a version of the file: an edit that restores the size and mtime still changes ctime.
     name, found = str(path), os.stat(path)
     state = [found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino]
     entry = _kept().get(name)
@@ -175,18 +176,18 @@ def known(path: Path) -> SourceFile:
 
 
 def keep() -> None:
-    """Write down what was read."""
+    """Write what was read to the cache."""
     if not _fresh:
         return
     _fresh.clear()
     if len(_kept()) > MOST:
         for name in [name for name in list(_kept()) if not os.path.exists(name)]:
             del _kept()[name]
-    body = json.dumps(dict(_kept())).encode()  # a copy: threads that plan beside this one add to it
+    body = json.dumps(dict(_kept())).encode()  # a copy, since other planning threads may add to it
     kept.write("code", _place(), digest(body).encode() + b"\n" + body)
 
 
 @cache
 def _place() -> str:
-    """The file for this package, by where it stands: two checkouts do not take turns in one."""
+    """Return the cache file of this package, by its location, so that two checkouts do not overwrite each other's."""
     return digest(f"{FORM} {PACKAGE}".encode())

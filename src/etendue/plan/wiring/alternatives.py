@@ -1,4 +1,4 @@
-"""The stages that may stand at one place of a pipeline: one, or several where ``.use`` is swept, with their parameters.
+"""The stages that can stand at one place of a pipeline, with their parameters: one, or several if ``.use`` is swept.
 
 In:  a stage's entry, its sweep, the registry.
 Out: classes with resolved values, and the axis that chooses among them.
@@ -21,11 +21,11 @@ from etendue.plan.model import Alternative, Axis
 from etendue.plan.request import Request
 from etendue.plan.wiring.parameters import Unfit, expected, resolve
 
-Entries = Mapping[str, tuple[Alternative, ...]]  # by the name of the stage
+Entries = Mapping[str, tuple[Alternative, ...]]  # by name of the stage
 
 
 def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternative, ...], Axis | None]:
-    """What may stand at an entry, () where nothing can; and the axis of its ``.use``, where that is swept."""
+    """Return the alternatives at an entry, () if none is valid, and the axis of its ``.use`` if that is swept."""
     key = f"{entry.name}.use"
     if key not in request.pipeline.sweep:
         one = _alternative(request, entry.name, entry.use, entry.use, entry.values, entry.place)
@@ -41,7 +41,7 @@ def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternat
     for value in values:
         table = {"use": value} if isinstance(value, str) else value
         if not isinstance(table, dict) or not isinstance(table.get("use"), str):
-            request.fault(place, f"expected a stage's name or a table with 'use', got {as_written(value)}")
+            request.fault(place, f"expected the name of a stage or a table with 'use', got {as_written(value)}")
             continue
         label = str(table.get("label", table["use"]))
         own = {k: v for k, v in table.items() if k not in ("use", "label")}
@@ -59,7 +59,7 @@ def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternat
 
 
 def meaning(parameter: Parameter) -> str:
-    """What a value that is lacking must be: meaning, unit, range."""
+    """Describe the value that is missing: meaning, unit, range."""
     return f"{parameter.doc}{expected(parameter)}".removeprefix(", ").strip() or "it has no default"
 
 
@@ -103,14 +103,14 @@ def _alternative(
 
 
 def _no_parameter(request: Request, use: str, name: str, shared: bool, own: list[str]) -> str:
-    """Why a stage takes no value of this name; ``shared``: it has the parameter, and shares it with others."""
+    """Return why a stage takes no value of this name. ``shared``: it has the parameter, as a shared quantity."""
     table = request.pipeline.table
     if shared:
-        return f"{name} is shared by several stages: set {table.place(name)} under [{table.name}]"
+        return f"{name} is shared by several stages; set {table.place(name)} under [{table.name}]"
     if name in quantities.names():
-        hint = f"; {name} is a {table.name} quantity: set it under [{table.name}]"
+        hint = f"; {name} is a {table.name} quantity, set under [{table.name}]"
     else:
-        hint = nearest(name, own) or ("; see: etendue stages " + use if own else "; it has none of its own")
+        hint = nearest(name, own) or ("; see: etendue stages " + use if own else "; it has no parameters")
     return f"{use} has no parameter {name!r}{hint}"
 
 
@@ -127,14 +127,14 @@ def _load(request: Request, use: str, place: str) -> type[Stage] | None:
 
 def _no_stage(request: Request, use: str) -> str:
     names = request.registry.names()
-    hint = nearest(use, names) or f"; {len(names)} are installed, listed by: etendue stages"
-    return f"there is no stage {use!r}{hint}{request.registry.found.missed('stages', use)}"
+    hint = nearest(use, names) or f"; to list the {len(names)} installed stages, run: etendue stages"
+    return f"unknown stage {use!r}{hint}{request.registry.found.missed('stages', use)}"
 
 
 def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
-    """Why two stages, each with its name, are no alternatives of each other: a reason each, none where they are.
+    """Return why two stages, given as (name, class), are not alternatives to each other; an empty list if they are.
 
-    They write the same; what is optional is computed where all of them have it, and somebody asks.
+    Alternatives write the same variables. An optional variable is available if all of them have it.
     """
     writes = [{str(d) for d in writes_of(kind).values() if not d.optional} for _, kind in both]
     (one, first), (another, second) = both
@@ -143,14 +143,17 @@ def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
         for a, b, own in ((one, another, writes[0] - writes[1]), (another, one, writes[1] - writes[0]))
         if own
     ]:
-        return [f"{a} writes {_some(own)}, which {b} does not; alternatives write the same" for a, b, own in lacking]
+        return [
+            f"{a} writes {_some(own)}, which {b} does not; alternatives must write the same variables"
+            for a, b, own in lacking
+        ]
     if is_transfer(first) != is_transfer(second):
-        return [f"of {one} and {another} only one is a transfer function; sweep them in two files"]
+        return [f"only one of {one} and {another} is a transfer function; sweep them in two files"]
     return []
 
 
 def _some(declarations: set[str]) -> str:
-    """The first of some declarations, and how many more there are."""
+    """Return the first of some declarations, and how many more there are."""
     ordered = sorted(declarations)
     more = f" and {len(ordered) - 1} more" if len(ordered) > 1 else ""
     return f"'{ordered[0]}'{more}"

@@ -1,7 +1,7 @@
-"""The axes of a sweep, and which parameters of which stages each of them sets.
+"""Resolve the axes of a sweep, and which parameters of which stages each of them sets.
 
 In:  the pipeline's ``[sweep]``, the alternatives at every stage, shared quantities, the axes of swapped stages.
-Out: axes in the order of the file, and by stage the (dim, parameter) pairs that reach it directly.
+Out: axes in the order of the file, and the (dim, parameter) pairs that set each stage directly.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from etendue.plan.wiring.quantities import Quantities
 
 
 class _Target(NamedTuple):
-    """What one line of a sweep sets."""
+    """What one line of a sweep sets, and the stages that use it."""
 
     parameter: Parameter
     kind: Any
@@ -32,7 +32,7 @@ class _Target(NamedTuple):
 def resolve_axes(
     request: Request, entries: Entries, shared: Quantities, swapped: list[Axis]
 ) -> tuple[list[Axis], dict[str, list[tuple[str, str]]]]:
-    """All axes, those of ``.use`` among them, and what each of the others sets."""
+    """Return all axes, including those of ``.use``, and the parameters that the others set, by stage."""
     direct: dict[str, list[tuple[str, str]]] = {}
     by_key = {axis.key: axis for axis in swapped}
     ordered: list[Axis] = []
@@ -60,7 +60,7 @@ def resolve_axes(
             continue
         if values and isinstance(values[0], tuple):
             if not (target.parameter.one_for_all and all(len(v) == 1 for v in values)):
-                request.fault(place, "a list of several values per step cannot be an axis")
+                request.fault(place, "an axis takes one value per step, not a list of several")
                 continue
             values = tuple(v[0] for v in values)
         ordered.append(Axis(key, target.dim, values, target.parameter.units))
@@ -70,11 +70,11 @@ def resolve_axes(
 
 
 def _parameter_of(request: Request, key: str, entries: Entries, shared: Quantities) -> _Target | None:
-    """The parameter of a stage that ``stage.parameter`` names; None where nothing, or a fault, comes of it."""
+    """Return the target that ``stage.parameter`` names; None if there is none, or a fault is reported."""
     stage, _, name = key.partition(".")
     place = f"sweep.{key}"
     if stage not in entries:
-        request.fault(place, f"there is no stage named {stage!r}{nearest(stage, entries)}")
+        request.fault(place, f"the pipeline has no stage {stage!r}{nearest(stage, entries)}")
         return None
     if name == "use" or not entries[stage]:
         return None
@@ -85,30 +85,30 @@ def _parameter_of(request: Request, key: str, entries: Entries, shared: Quantiti
         return None
     parameter, kind, _ = parameters_of(holders[0].kind)[name]
     if parameter.shared:
-        request.fault(place, f"{name} is a {request.pipeline.table.name} quantity: sweep it by its own name")
+        request.fault(place, f"{name} is a {request.pipeline.table.name} quantity; sweep it under its own name")
         return None
     return _Target(parameter, kind, f"{stage}_{name}", name, [stage])
 
 
 def _quantity_of(request: Request, key: str, entries: Entries, shared: Quantities) -> _Target | None:
-    """The shared quantity that a bare name means; None where nothing, or a fault, comes of it."""
+    """Return the shared quantity that a bare name stands for; None if there is none, or a fault is reported."""
     place = f"sweep.{key}"
     if key not in shared.declared:
         if not request.whole:
             return None
         if key in quantities.names():
-            request.fault(place, "an axis of nothing: no stage of this pipeline depends on it; leave it out")
+            request.fault(place, "no stage of this pipeline depends on it; remove this axis")
         else:
             known = [*shared.declared, *(f"{s}.use" for s in entries)]
-            request.fault(place, f"there is nothing named {key!r} to sweep{nearest(key, known)}")
+            request.fault(place, f"cannot sweep {key!r}: unknown name{nearest(key, known)}")
         return None
     one = shared.declared[key]
     dim = (
         f"{request.pipeline.table.name}_{key}" if key in shared.written else key
-    )  # the name of a variable is that variable's
+    )  # the bare name is taken by the variable
     return _Target(one.parameter, one.kind, dim, key, users_of(key, entries))
 
 
 def users_of(quantity: str, entries: Entries) -> list[str]:
-    """The stages that take a shared quantity."""
+    """Return the names of the stages that take a shared quantity."""
     return [stage for stage, made in entries.items() if any(quantity in parameters_of(one.kind) for one in made)]

@@ -1,4 +1,4 @@
-"""Ports bound to the stages that write them: what a node reads, writes and looks at, and which axes reach it.
+"""Bind ports to the stages that write them: find what a node reads, writes and looks at, and which axes reach it.
 
 In:  the alternatives at every stage, the axes, and what each axis sets.
 Out: nodes in the order of the file.
@@ -38,7 +38,7 @@ def link(
     axes: list[Axis],
     direct: Mapping[str, list[tuple[str, str]]],
 ) -> list[Node]:
-    """One node for every stage that could be read."""
+    """Return one node for every stage of the file that could be loaded."""
     nodes: list[Node] = []
     for number, entry in enumerate(request.pipeline.stages, 1):
         made = entries[entry.name]
@@ -48,7 +48,7 @@ def link(
         mapped = _mapped(request, entry, made, inputs, nodes)
         looks_at = _looks(request, made, inputs, nodes)
         use_axis = swapped[entry.name].dim if entry.name in swapped else None
-        # A parameter that is bound is written by an earlier stage: its axis, if it has one, is that stage's.
+        # An earlier stage writes a parameter that is bound; an axis over it, if there is one, belongs to that stage.
         taken = {
             name
             for one, bound in zip(made, inputs, strict=True)
@@ -75,7 +75,7 @@ def link(
 
 
 def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[Node]) -> Bound:
-    """Which earlier node writes each port of an alternative."""
+    """Return the earlier node that writes each port of an alternative."""
     bound = []
     reads, quantities = reads_of(one.kind), quantities_of(one.kind)
     for port in entry.origin:
@@ -101,7 +101,7 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
             request.fault(
                 entry.place,
                 f"{one.use} reads {variable} as '{declaration}', but {node.name!r} writes '{written}'; "
-                f"put a stage between them that converts it",
+                f"put a converting stage between them",
             )
         bound.append((port, node.name, variable))
     for name, parameter in quantities.items():
@@ -117,7 +117,7 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
 
 
 def _written(made: tuple[Alternative, ...]) -> list[Declaration]:
-    """What all alternatives write, and what is optional in all of them."""
+    """Return what all alternatives write; an optional variable counts if every alternative has it."""
     every = [set(writes_of(one.kind).values()) for one in made]
     return [d for d in writes_of(made[0].kind).values() if not d.optional or all(d in own for own in every)]
 
@@ -125,13 +125,13 @@ def _written(made: tuple[Alternative, ...]) -> list[Declaration]:
 def _mapped(
     request: Request, entry: StageEntry, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]
 ) -> tuple[str, ...]:
-    """The dims that lead what a stage reads and that it does not work on itself."""
+    """Return the leading dims of what a stage reads that the stage itself does not work on."""
     by_name = {node.name: node for node in earlier}
     every = [_mapped_over(request, entry, one, bound, by_name) for one, bound in zip(made, inputs, strict=True)]
     if len(set(every)) > 1:
         request.fault(
             entry.place,
-            f"alternatives are run one by one over {' and '.join(' '.join(d) or 'nothing' for d in set(every))}",
+            f"alternatives loop over different dims: {' and '.join(' '.join(d) or 'none' for d in set(every))}",
         )
     return every[0]
 
@@ -139,12 +139,12 @@ def _mapped(
 def _mapped_over(
     request: Request, entry: StageEntry, one: Alternative, bound: Bound, by_name: Mapping[str, Node]
 ) -> tuple[str, ...]:
-    """The same of one alternative."""
+    """Return these dims for one alternative."""
     reads = reads_of(one.kind)
     found = [reads[port].mapped(by_name[source].writes[v].dims) for port, source, v in bound if port in reads]
     leading = sorted({dims for dims in found if dims}, key=len)
     longest = leading[-1] if leading else ()
-    # A quantity with a value for each frame leads the planes that are read beside it: frames of planes.
+    # A quantity with a value per frame puts its dim in front of the planes read beside it: frames of planes.
     own = {dim: None for port, source, v in bound if port not in reads for dim in by_name[source].writes[v].dims}
     dims = (*(dim for dim in own if dim not in longest), *longest)
     if any([dim for dim in dims if dim in few] != list(few) for few in leading):
@@ -159,20 +159,20 @@ def _mapped_over(
 
 
 def _named_writer(request: Request, entry: StageEntry, port: str, variable: str, earlier: list[Node]) -> Node | None:
-    """The node that ``from`` names for a port."""
+    """Return the node that ``from`` names for a port."""
     source, place = entry.origin[port], f"{entry.place}.from.{port}"
     node = next((n for n in earlier if n.name == source), None)
     before = [n.name for n in earlier if variable in n.writes]
     if node is None:
         names = [each.name for each in request.pipeline.stages]
         if source not in names:
-            request.fault(place, f"there is no stage {source!r}{nearest(source, before)}")
+            request.fault(place, f"the pipeline has no stage {source!r}{nearest(source, before)}")
         elif names.index(source) >= names.index(entry.name):
             request.fault(
                 place,
-                f"{source!r} stands {'later' if source != entry.name else 'here'}; a stage reads what an earlier one "
-                f"writes, "
-                "so there are no cycles",
+                f"{source!r} is {'later in the file' if source != entry.name else 'this stage'}; "
+                f"a stage can read only "
+                "from earlier stages",
             )
         return None
     if variable not in node.writes:
@@ -185,7 +185,7 @@ def _named_writer(request: Request, entry: StageEntry, port: str, variable: str,
 def _nearest_writer(
     request: Request, entry: StageEntry, one: Alternative, port: str, variable: str, earlier: list[Node]
 ) -> Node | None:
-    """The last node before a stage that writes what it reads."""
+    """Return the last node before a stage that writes what it reads."""
     node = next((n for n in reversed(earlier) if variable in n.writes), None)
     if node is None and request.whole and port not in optional_ports(one.kind):
         writers = list(request.registry.makers(variable))[:6]
@@ -195,9 +195,10 @@ def _nearest_writer(
 
 
 def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]) -> Looks:
-    """What a node looks at: a probe at all stages, any other stage at the transfer functions in front of what it reads.
+    """Return what a node looks at: a probe looks at all stages, other stages at the transfer functions that their input
+    has passed.
 
-    Of the datasheets it is those in front of what is read, or, where there are none, all.
+    Datasheets are those that the input has passed or, if there are none, all.
     """
     found: dict[tuple[str, str], dict[str, None]] = {}
     for one, bound in zip(made, inputs, strict=True):
@@ -209,7 +210,7 @@ def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound,
             if not probe and not looks_at_stages(what):
                 request.fault(
                     port,
-                    f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at a variable of all "
+                    f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at the variables of all "
                     f"stages",
                 )
             chosen = _looked_at(what, probe, {source for _, source, _ in bound}, earlier)
@@ -219,7 +220,7 @@ def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound,
 
 
 def _looked_at(what: str, probe: bool, read: set[str], earlier: list[Node]) -> list[str]:
-    """The nodes that a port of one alternative looks at."""
+    """Return the nodes that a port of one alternative looks at."""
     before = _before(read, earlier)
     if what == "transfer":
         looked = [n.name for n in earlier if any(is_seen_as_transfer(a.kind) for a in n.alternatives)]
@@ -231,12 +232,12 @@ def _looked_at(what: str, probe: bool, read: set[str], earlier: list[Node]) -> l
 
 
 def _own_axes(node: Node) -> set[str]:
-    """Dims that change a node itself."""
+    """Return the dims that change a node itself."""
     return {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
 
 
 def _reach(node: Node, earlier: list[Node]) -> set[str]:
-    """Dims that reach a node through what it reads and looks at."""
+    """Return the dims that reach a node through what it reads and looks at."""
     read = {source for bound in node.inputs for _, source, _ in bound}
     seen: dict[str, set[str]] = {}
     for _, what, names in node.looks_at:
@@ -253,22 +254,23 @@ def _reach(node: Node, earlier: list[Node]) -> set[str]:
 
 
 def _reach_of_transfer(looked: Node, earlier: list[Node]) -> set[str]:
-    """Dims that a transfer function depends on: those of its stage, for its mean over bands those of the scenes and the
-    filters in front of it.
+    """Return the dims that a transfer function depends on: those of its stage and, for its mean over bands, those of
+    the scenes and filters before it.
     """
     names = _before({source for bound in looked.inputs for _, source, _ in bound}, earlier)
     reach = _own_axes(looked)
     for node in (n for n in earlier if n.name in names):
         if node.is_source or any(issubclass(one.kind, Tinting) for one in node.alternatives):
             reach |= _own_axes(node)
-        # and on whether one of its alternatives moves light, which no product of transfer functions holds
+        # And on the choice among alternatives of which some move light: no product of transfer functions holds for
+        # those.
         if node.use_axis and len({one.kind.pointwise or is_transfer(one.kind) for one in node.alternatives}) > 1:
             reach.add(node.use_axis)
     return reach
 
 
 def _before(names: set[str], nodes: list[Node]) -> set[str]:
-    """These nodes and every node they read from, at any distance."""
+    """Return these nodes and all nodes that they read from, directly or indirectly."""
     by_name = {n.name: n for n in nodes}
     found: set[str] = set()
     open_ = set(names)
@@ -280,7 +282,7 @@ def _before(names: set[str], nodes: list[Node]) -> set[str]:
 
 
 def _segment(node: Node, earlier: list[Node]) -> tuple[str, ...]:
-    """Names of the transfer nodes joined before this one, and itself; () where it is no transfer function."""
+    """Return the names of the transfer nodes joined up to this one, itself last; () if it is no transfer function."""
     if not node.is_transfer or not node.inputs[0]:
         return ()
     source = next(n for n in earlier if n.name == node.inputs[0][0][1])

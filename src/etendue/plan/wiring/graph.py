@@ -1,4 +1,4 @@
-"""Pipeline and registry to a graph of nodes. Every fault of the file is gathered before anything is raised.
+"""Turn a pipeline and the registry into a graph of nodes. All faults of a file are gathered and raised together.
 
 In:  a ``Pipeline`` (values as written) and a ``Registry``.
 Out: nodes in order, axes, shared quantities, wanted and kept variables; or one ``RequestError`` with all faults.
@@ -43,11 +43,11 @@ class Graph:
 
 
 def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
-    """Check a pipeline wholly; raises ``RequestError`` with every fault."""
+    """Check the whole pipeline; raise ``RequestError`` with every fault."""
     pipeline, _ = fitted_to_overrides(pipeline, registry)
     request = Request(pipeline, registry)
     needed = lacking(pipeline, registry)
-    if needed:  # what its stages are, nobody can say: every other fault would follow from that
+    if needed:  # stages of a missing distribution are unknown: all further faults would only follow from that
         raise RequestError([*request.faults, *needed], pipeline.file)
     entries: dict[str, tuple[Alternative, ...]] = {}
     swapped: dict[str, Axis] = {}
@@ -81,8 +81,8 @@ def build_graph(pipeline: PipelineFile, registry: Registry) -> Graph:
 
 
 def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:
-    """The (stage, variable) pairs to store. A variable means every stage's; a stage's name, all it writes;
-    ``looks``, all but light.
+    """Return the (stage, variable) pairs to store. A variable stands for that of every stage, a stage's name for all it
+    writes, ``looks`` for everything but light.
     """
     everything = [(n.name, v) for n in nodes for v in n.writes]
     if keep is None:
@@ -97,7 +97,7 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
 
 
 def _check_vocabulary(request: Request, entries: Entries) -> None:
-    """Where two distributions say different things of a name that the pipeline uses, or one says it wrongly."""
+    """Report names in the pipeline that two distributions define differently, or that one defines wrongly."""
     quantities: dict[str, str] = {}
     written: dict[str, str] = {}
     for stage, alternatives in entries.items():
@@ -110,7 +110,7 @@ def _check_vocabulary(request: Request, entries: Entries) -> None:
             written |= {d.variable: stage for d in writes_of(one.kind).values() if d.variable not in written}
     for name, use in quantities.items():
         if clash := discovery.installed().clash("quantities", name):
-            request.fault(request.pipeline.table.place(name), f"{use} takes it, and it is {clash}")
+            request.fault(request.pipeline.table.place(name), f"{use} takes it, but it is {clash}")
     for name, stage in written.items():
         try:
             variables.variable(name)
@@ -118,13 +118,13 @@ def _check_vocabulary(request: Request, entries: Entries) -> None:
             request.fault(f"stages.{stage}", str(error))
         if differ := variables.disagree(name):
             request.fault(
-                f"stages.{stage}", f"{differ} say different things of its variable {name!r}; uninstall one of them"
+                f"stages.{stage}", f"{differ} define its variable {name!r} differently; uninstall one of them"
             )
 
 
 def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
-    """Two axes, or an axis and a dim of a variable, of one name: the values of one would stand in the place of the
-    other's.
+    """Report an axis with the name of another axis, or of a dim of a variable: their values would overwrite each
+    other's in the archive.
     """
     by_dim: dict[str, Axis] = {}
     for axis in axes:
@@ -141,7 +141,7 @@ def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> 
 
 
 def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
-    """What is given or swept although an earlier stage writes it for every stage that takes it."""
+    """Report quantities that are given or swept although an earlier stage writes them for all that take them."""
     for name, finder in {name: finder for node in nodes for name, finder in node.found.items()}.items():
         takers = [
             n for n in nodes if any(name in quantities_of(one.kind) and name not in n.found for one in n.alternatives)
@@ -151,14 +151,16 @@ def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
         if any(axis.key == name for axis in axes):
             request.fault(
                 f"sweep.{name}",
-                f"{finder!r} writes {name} for every stage that takes it; leave the axis out, or {finder!r}",
+                f"{finder!r} writes {name} for every stage that takes it; remove the axis or {finder!r}",
             )
         elif name in request.pipeline.shared:
             request.warnings.append(f"{request.pipeline.table.place(name)} is not used: {finder!r} finds it")
 
 
 def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: Mapping[str, Any]) -> None:
-    """What a stage itself refuses about its values, for every stage at once; swept ones at their first value."""
+    """Report values that a stage itself refuses, for all stages at once; swept parameters are tried at their first
+    value.
+    """
     first = {axis.dim: axis for axis in axes if axis.values}
     for node in nodes:
         for one in node.alternatives:
@@ -185,7 +187,7 @@ def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: Ma
 
 
 def _as_asked(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]:
-    """The nodes without those optional variables that nobody wants, reads or looks at."""
+    """Return the nodes without the optional variables that nothing wants, reads or looks at."""
     asked = set(wanted) | {(source, variable) for n in nodes for bound in n.inputs for _, source, variable in bound}
     asked |= {(name, what) for n in nodes for _, what, names in n.looks_at for name in names}
     found = []
@@ -200,7 +202,7 @@ def _as_asked(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[No
 
 
 def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ...]:
-    """What the file asks for; if nothing, what probes write, and all else that no stage reads or writes again."""
+    """Return what the file asks for; by default what probes write, and all that no later stage reads or rewrites."""
     if request.pipeline.wanted is not None:
         found = [pair for text in request.pipeline.wanted for pair in _find_variable(request, text, nodes, "wanted")]
         if not request.pipeline.wanted:
@@ -217,17 +219,17 @@ def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ..
 
 
 def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -> tuple[tuple[str, str], ...]:
-    """The (stage, variable) pairs that a text under ``wanted`` or ``keep`` means."""
+    """Return the (stage, variable) pairs that a text under ``wanted`` or ``keep`` stands for."""
     stage, dot, variable = text.partition(".")
     if dot:
         node = next((n for n in nodes if n.name == stage), None)
         if node is None and not request.whole:
             return ()
         if node is None:
-            request.fault(place, f"there is no stage {stage!r}{nearest(stage, [n.name for n in nodes])}")
+            request.fault(place, f"the pipeline has no stage {stage!r}{nearest(stage, [n.name for n in nodes])}")
             return ()
         if variable not in node.writes:
-            request.fault(place, f"{stage} has no {variable!r}; it writes {', '.join(node.writes)}")
+            request.fault(place, f"{stage} does not write {variable!r}; it writes {', '.join(node.writes)}")
             return ()
         return ((stage, variable),)
     for node in reversed(nodes):
@@ -247,7 +249,7 @@ def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -
 
 
 def _prune(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]:
-    """Only the nodes that a wanted variable depends on."""
+    """Return only the nodes that a wanted variable depends on."""
     by_name = {node.name: node for node in nodes}
     needed: set[str] = set()
     open_ = [name for name, _ in wanted]

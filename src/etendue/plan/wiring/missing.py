@@ -1,7 +1,7 @@
-"""Distributions that a pipeline needs and that are not installed: each named once, with the command that installs it.
+"""Report distributions that a pipeline needs and that are not installed: each once, with the command to install it.
 
 In:  the pipeline's ``requires`` and the stages it uses, the registry.
-Out: faults; where there are any, nothing else can be said of the pipeline.
+Out: faults; if there are any, the rest of the pipeline cannot be checked.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ _NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._\-]*[A-Za-z0-9])?")
 
 @cache
 def known_plugins() -> dict[str, str]:
-    """The distribution of every stage that comes with a known one."""
+    """Return the distribution of every stage that a known plugin brings."""
     found = discovery.installed()
     brought = ((name, found.first("elsewhere", name)) for name in found.names("elsewhere"))
     return {stage: name for name, one in brought if one is not None for stage in one.value["stages"]}
 
 
 def lacking(pipeline: PipelineFile, registry: Registry) -> list[Fault]:
-    """One fault for each distribution that the pipeline names under ``requires``, or a stage of which it uses, and
-    that is not there.
+    """Return one fault for each distribution that is missing, although ``requires`` names it or the pipeline uses one
+    of its stages.
     """
     faults, named = [], dict[str, str]()
     for name in pipeline.requires:
@@ -47,7 +47,7 @@ def lacking(pipeline: PipelineFile, registry: Registry) -> list[Fault]:
             used.setdefault(known_plugins()[use], []).append(use)
     for name, place in named.items():
         if not _installed(name) or name in used:
-            of = f", which has {', '.join(dict.fromkeys(used[name]))}," if name in used else ""
+            of = f", which provides {', '.join(dict.fromkeys(used[name]))}," if name in used else ""
             faults.append(Fault(place, f"{name}{of} is not installed: pip install {_where(name, pipeline.folder)}"))
     return faults
 
@@ -71,7 +71,7 @@ def _installed(name: str) -> bool:
 
 
 def _where(name: str, folder: Path) -> str:
-    """What to give to pip: the folder of the distribution in the repository that a pipeline lies in, else its name."""
+    """Return the argument for pip: the plugin's folder in the repository that holds the pipeline, else its name."""
     for parent in list(folder.absolute().parents)[:8]:
         found = parent / "plugins" / name
         if (found / "pyproject.toml").is_file():

@@ -1,4 +1,4 @@
-"""Values as written in a pipeline file, turned into parameters of a declared type, unit and range.
+"""Turn values as written in a pipeline file into parameters of a declared type, unit and range.
 
 In:  a value from TOML (or the command line), and a ``Parameter``.
 Out: the Python value, or one fault that says what was expected.
@@ -21,7 +21,7 @@ from etendue.contract.values.units import UnitError, as_written, to_unit
 from etendue.errors import nearest, unprintable
 from etendue.plugins.discovery import is_table_file
 
-SMALLEST, LARGEST = 1e-30, 1e30  # sizes of numbers: their products fit 64 bits
+SMALLEST, LARGEST = 1e-30, 1e30  # magnitudes of numbers; products of a few of them fit 64-bit floats
 MOST_STEPS = 100_000
 
 
@@ -30,33 +30,33 @@ class Unfit(ValueError):
 
 
 def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
-    """Absolute path of a file parameter (of a folder, where those are allowed).
+    """Return the absolute path of a file parameter (or of a folder, where those are allowed).
 
-    ``package:matplotlib/...`` names a file in an installed distribution. What an archive has recorded names files in
-    its ``inputs/`` alone.
+    ``package:matplotlib/...`` names a file in an installed distribution. A pipeline recorded in an archive can name
+    only files in that archive's ``inputs/``: an archive may come from anywhere and must not read other files.
     """
     own = inputs_of(folder)
     if text.startswith("package:") and own is None:
         package, _, rest = text.removeprefix("package:").partition("/")
         try:
             spec = importlib.util.find_spec(package) if package.isidentifier() else None
-        except ValueError:  # a module that is no package, such as __main__
+        except ValueError:  # a module without a spec, such as __main__
             spec = None
         if spec is None or not spec.submodule_search_locations:
-            raise Unfit(f"there is no installed package {package!r}; install it, or give the path of a file")
+            raise Unfit(f"package {package!r} is not installed; install it, or give the path of a file")
         if ".." in rest.split("/") or rest.startswith("/"):
-            raise Unfit(f"{as_written(text)} leads out of the package; name a file in it")
+            raise Unfit(f"{as_written(text)} points outside the package; name a file inside it")
         path = Path(next(iter(spec.submodule_search_locations))) / rest
     else:
         path = (folder / text).absolute()
     if own is not None and not _lies_in(path, own):
-        raise Unfit(f"{as_written(text)} is not in the archive's inputs/; no word of an archive names files elsewhere")
+        raise Unfit(f"{as_written(text)} is not in the archive's inputs/; an archive can name no other files")
     try:
         if not path.is_file() and not (folders and path.is_dir()):
             hint = nearest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
             if "did you" not in hint:
-                hint = "" if text.startswith("package:") else "; relative paths start at the folder of the pipeline"
-            raise Unfit(f"there is no file {as_written(text)}{hint}")
+                hint = "" if text.startswith("package:") else "; relative paths start at the pipeline's folder"
+            raise Unfit(f"no such file: {as_written(text)}{hint}")
         if not path.is_dir():
             plain_files.check_plain(path)
     except OSError as error:
@@ -65,9 +65,7 @@ def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
 
 
 def inputs_of(folder: Path) -> Path | None:
-    """The inputs of an archive, where a folder is that of its records: its pipelines name files there and nowhere
-    else.
-    """
+    """Return the ``inputs`` folder of an archive if ``folder`` is that archive's folder of records, else None."""
     whole = folder.absolute().parent
     ours = folder.name == "runs" and any(
         os.path.lexists(whole / name) for name in ("data.zarr", "journal.jsonl", "manifest.json")
@@ -76,7 +74,7 @@ def inputs_of(folder: Path) -> Path | None:
 
 
 def _lies_in(path: Path, own: Path) -> bool:
-    """Whether a file, or all of a folder, lies in a folder, links followed."""
+    """Return whether a file, or everything in a folder, lies in another folder once links are followed."""
     whole = own.parent.resolve() / own.name
     inside = path.resolve().is_relative_to(whole)
     return inside and all(
@@ -85,7 +83,7 @@ def _lies_in(path: Path, own: Path) -> bool:
 
 
 def expected(parameter: Parameter) -> str:
-    """' in um, above 0': unit and range, '' where everything is allowed."""
+    """Return the unit and range of a parameter, as ' in um, above 0'; '' if everything is allowed."""
     limits = replace(parameter, units="1").range_text()
     return (f" in {parameter.units}" if parameter.units not in ("1", "") else "") + (f", {limits}" if limits else "")
 
@@ -95,11 +93,11 @@ def _wanted(parameter: Parameter, whole: bool) -> str:
 
 
 def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
-    """A number in the unit of a parameter. What is wanted is put together only where it is said, as an axis may have
-    100,000 that fit.
+    """Return a number in the unit of a parameter. The expected form is described only when an error needs it: an axis
+    may have 100,000 valid values.
     """
     if hasattr(value, "item"):
-        value = value.item()  # a scalar of numpy, from Python
+        value = value.item()  # a numpy scalar, from Python
     if isinstance(value, bool):
         raise Unfit(f"expected {_wanted(parameter, whole)}, got {as_written(value)}")
     if isinstance(value, str) and value.strip().lower() in ("inf", "infinite") and parameter.infinite:
@@ -118,10 +116,10 @@ def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
 
 
 def _refuse_beyond(value: Any, number: float, parameter: Parameter, whole: bool) -> None:
-    """Refuse a number that no product would hold, that is not allowed, or with which no stage computes."""
+    """Refuse a number that is too large or small for 64-bit products, not allowed, or beyond what stages handle."""
     if number and math.isfinite(number) and not SMALLEST <= abs(number) <= LARGEST:
         raise Unfit(
-            f"{as_written(value)} is out of range: numbers are 0, or from {SMALLEST:g} to {LARGEST:g} in size; "
+            f"{as_written(value)} is out of range: a number must be 0, or {SMALLEST:g} to {LARGEST:g} in magnitude; "
             f"expected {_wanted(parameter, whole)}"
         )
     if not parameter.allows(number):
@@ -129,11 +127,11 @@ def _refuse_beyond(value: Any, number: float, parameter: Parameter, whole: bool)
     if parameter.held and math.isfinite(number) and not parameter.held[0] <= number <= parameter.held[1]:
         unit = f" {parameter.units}" if parameter.units not in ("1", "") else ""
         low, high = parameter.held
-        raise Unfit(f"{value} is beyond what its stages compute with, {low:g} to {high:g}{unit}")
+        raise Unfit(f"{value} is outside the range that its stages support, {low:g} to {high:g}{unit}")
 
 
 def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
-    """The value of one parameter.
+    """Return the value of one parameter.
 
     Raises
     ------
@@ -158,7 +156,7 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
     if not isinstance(value, str):
         raise Unfit(f"expected text, got {as_written(value)}")
     if unprintable(value):
-        raise Unfit(f"{as_written(value)} holds control characters")
+        raise Unfit(f"{as_written(value)} contains control characters")
     if parameter.choices and value not in parameter.choices:
         raise Unfit(f"{value!r} is not allowed{nearest(value, parameter.choices)}")
     if value and (parameter.file or (parameter.table and is_table_file(value))):
@@ -177,9 +175,9 @@ def _several(value: Any, parameter: Parameter) -> Sequence[Any]:
 
 
 def axis_values(entry: Any, parameter: Parameter, kind: Any, folder: Path) -> tuple[Any, ...]:
-    """The values of a sweep axis: a list, or ``{ from, to, steps, spacing }``.
+    """Return the values of a sweep axis: a list, or ``{ from, to, steps, spacing }``.
 
-    Generated values are rounded to 12 significant digits, so that the same axis written twice is the same axis.
+    Generated values are rounded to 12 significant digits, so that equal axes written differently have equal values.
     """
     if isinstance(entry, dict):
         written: Sequence[Any] = _spaced(entry, parameter, folder)
@@ -194,21 +192,21 @@ def axis_values(entry: Any, parameter: Parameter, kind: Any, folder: Path) -> tu
         value = resolve(one, parameter, kind, folder)
         if value in values:
             raise Unfit(
-                f"expected every value once, but {as_written(value if isinstance(entry, dict) else one)} stands twice"
+                f"expected distinct values, but {as_written(value if isinstance(entry, dict) else one)} appears twice"
             )
         values[value] = None
     return tuple(values)
 
 
 def _spaced(entry: dict[str, Any], parameter: Parameter, folder: Path) -> list[Decimal]:
-    """The values of ``{ from, to, steps, spacing }``, to 12 significant digits."""
+    """Return the values of ``{ from, to, steps, spacing }``, to 12 significant digits."""
     known = ("from", "to", "steps", "spacing")
     for name in entry:
         if name not in known:
             raise Unfit(f"unknown key {name!r}{nearest(name, known)}")
     lacking = [name for name in known[:3] if name not in entry]
     if lacking:
-        raise Unfit(f"expected {{ from, to, steps, spacing = 'linear' or 'log' }}; {' and '.join(lacking)} lacking")
+        raise Unfit(f"expected {{ from, to, steps, spacing = 'linear' or 'log' }}; missing: {', '.join(lacking)}")
     first, last = (float(resolve(entry[k], parameter, float, folder)) for k in ("from", "to"))
     steps, spacing = entry["steps"], entry.get("spacing", "linear")
     if isinstance(steps, bool) or not isinstance(steps, int) or not 1 <= steps <= MOST_STEPS:
@@ -216,7 +214,7 @@ def _spaced(entry: dict[str, Any], parameter: Parameter, folder: Path) -> list[D
     if spacing not in ("linear", "log"):
         raise Unfit(f"spacing: {as_written(spacing)} is not allowed{nearest(str(spacing), ('linear', 'log'))}")
     if spacing == "log" and (first <= 0 or last <= 0):
-        raise Unfit(f"spacing 'log' needs both ends above 0, got from {first:g} to {last:g}; use 'linear'")
+        raise Unfit(f"spacing 'log' requires both ends above 0, got {first:g} to {last:g}; use 'linear'")
     share = [i / max(steps - 1, 1) for i in range(steps)]
     if spacing == "log":
         raw = [first * (last / first) ** t for t in share]

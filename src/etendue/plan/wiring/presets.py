@@ -2,7 +2,7 @@
 
 In:  ``[sweep] PRESET = ["NAME", { PRESET = "NAME", label = "TEXT", QUANTITY = "4 um" }]``, the shared quantities of the
      stages.
-Out: the axis, with what each of its presets gives every quantity that presets speak of.
+Out: the axis, with the values that each of its presets gives to every quantity that presets cover.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
 
 def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | None:
-    """The axis; None where no preset is swept, or a fault comes of it.
+    """Return the axis of presets; None if no preset is swept, or a fault is reported.
 
-    What a value's own table gives goes before the pipeline's, which goes before what its name stands for; a quantity
-    with an axis of its own is left to that. Whatever some installed preset says is taken along the axis, also where
-    those that are named agree: so an archive grows by further presets.
+    A value's own table overrides the pipeline's shared quantities, which override the named preset. A quantity with an
+    axis of its own is left to that axis. The axis covers every quantity that any installed preset gives, even if the
+    presets named here agree on it: so an archive can later take further presets without changing what the axis sets.
     """
     whose = request.pipeline.table
     word = whose.preset
-    place, words = f"sweep.{word}", (word, "label")  # of a value, beside quantities
+    place, words = f"sweep.{word}", (word, "label")  # keys of a value's table that are not quantities
     written = request.pipeline.sweep.get(word) if word else None
     if written is None:
         return None
@@ -52,12 +52,12 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
     taken = [name for name in taken if name not in request.pipeline.sweep]
     gives = {name: _column(request, name, declared[name], tables) for name in taken}
     for name in sorted(named & declared.keys() & request.pipeline.shared.keys() - own):
-        request.warnings.append(f"{whose.place(name)} holds for every {word} of the sweep")
+        request.warnings.append(f"{whose.place(name)} overrides every {word} of the sweep")
     return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
 
 
 def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, Any]]:
-    """The table of each value of the axis, by its label."""
+    """Return the table of each value of the axis, by its label."""
     word = request.pipeline.table.preset
     place, tables = f"sweep.{word}", dict[str, Mapping[str, Any]]()
     for one in written:
@@ -66,7 +66,7 @@ def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, 
             isinstance(table.get(word), str) or isinstance(table.get("label"), str)
         ):
             request.fault(
-                place, f"expected a {word}'s name, or a table with '{word}', 'label' or both, got {as_written(one)}"
+                place, f"expected a {word} name, or a table with '{word}', 'label' or both, got {as_written(one)}"
             )
             continue
         label = str(table.get("label", table.get(word)))
@@ -76,7 +76,7 @@ def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, 
 
 
 def _stated(name: str, whose: Table) -> Mapping[str, Any]:
-    """What an installed preset gives; nothing where it cannot be read: whoever names it is told."""
+    """Return what an installed preset gives; empty if it cannot be read, which is reported where it is named."""
     try:
         return preset(name, whose).values()
     except RequestError:
@@ -84,7 +84,7 @@ def _stated(name: str, whose: Table) -> Mapping[str, Any]:
 
 
 def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Mapping[str, Any]]) -> tuple[Any, ...]:
-    """A quantity of all values of the axis, in order."""
+    """Return the values of one quantity along the axis."""
     whose = request.pipeline.table
     word, place = whose.preset, f"sweep.{whose.preset}"
     found = []
@@ -109,8 +109,7 @@ def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Map
         if value is MISSING:
             request.fault(
                 place,
-                f"{label} does not say its {name}, which {one.use} needs: give it in its table, or under "
-                f"[{whose.name}]",
+                f"{label} gives no {name}, which {one.use} needs; give it in its table or under [{whose.name}]",
             )
         found.append(value)
     return tuple(found)

@@ -1,7 +1,7 @@
-"""What the stages of a pipeline share, given in one table of its file or by the preset that it names.
+"""Resolve the quantities that the stages of a pipeline share, given in a table of the file or by the preset it names.
 
 In:  the alternatives at every stage, the pipeline's shared quantities and preset.
-Out: ``Quantities``: declared by whom, with which value, written by a stage or not.
+Out: ``Quantities``: who declares them, their values, and whether a stage writes them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from etendue.plan.wiring.presets import preset_axis
 
 
 class Declared(NamedTuple):
-    """A shared quantity as the first stage that takes it declares it."""
+    """A shared quantity as declared by the first stage that takes it."""
 
     parameter: Parameter
     kind: Any
@@ -35,16 +35,16 @@ class Declared(NamedTuple):
 
 @dataclass(frozen=True)
 class Quantities:
-    """All that the stages of a pipeline share."""
+    """All quantities that the stages of a pipeline share."""
 
     declared: Mapping[str, Declared]
-    values: dict[str, Any]  # None where a required one is lacking, or swept
+    values: dict[str, Any]  # None if a required one is missing or swept
     written: frozenset[str]  # those that a stage of the pipeline writes
-    presets: Axis | None = None  # where the preset is swept
+    presets: Axis | None = None  # if the preset is swept
 
 
 def resolve_quantities(request: Request, entries: Entries) -> Quantities:
-    """The values of shared quantities, for all stages at once."""
+    """Return the values of shared quantities, for all stages at once."""
     declared = _declared_by(request, entries)
     written = frozenset(d.variable for made in entries.values() for one in made for d in writes_of(one.kind).values())
     axis = preset_axis(request, declared)
@@ -53,8 +53,8 @@ def resolve_quantities(request: Request, entries: Entries) -> Quantities:
 
 
 def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> LateValue:
-    """What stands for a quantity that an earlier stage writes, while planning: between the ends that the writer or
-    its range gives.
+    """Return the stand-in, while planning, for a quantity that an earlier stage writes: its range is the intersection
+    of the writer's and the parameter's own.
     """
     held = parameter.held or (-math.inf, math.inf)
     lowest = max(x for x in (ends[0], parameter.at_least, parameter.above, held[0]) if x is not None)
@@ -89,7 +89,7 @@ def _values_of(
     for name, value in given.items():
         if name not in declared:
             if name not in pipeline.shared:
-                continue  # a preset has more sides than a pipeline may ask for
+                continue  # a preset may give more than this pipeline uses
             if name in quantities.names():
                 request.warnings.append(f"{place(name)} is not used by any stage of this pipeline")
             else:
@@ -104,9 +104,9 @@ def _values_of(
         other = quantities.declared(name).scales if name in quantities.names() else ""
         if other in declared.keys() & pipeline.shared.keys() and named not in swept:
             request.warnings.append(
-                f"{place(name)} = {as_written(pipeline.preset[name])} is that of the {named} {pipeline.preset_name}, "
-                f"while {other} is "
-                f"given: every column of it is scaled to that; give {name} too"
+                f"{place(name)} = {as_written(pipeline.preset[name])} comes from the {named} {pipeline.preset_name}, "
+                f"but {other} is "
+                f"given here: every column of the former is scaled to the latter; give {name} too"
             )
     for name, one in declared.items():
         if name not in given:

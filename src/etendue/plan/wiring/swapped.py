@@ -1,7 +1,7 @@
-"""A stage that an override has put in the place of another: what the file says of the other alone is left out.
+"""Fit the table of a stage that an override has swapped: parameters that only the replaced stage takes are left out.
 
 In:  a pipeline with its overrides, the registry.
-Out: the pipeline whose entries hold what their stages take, and a note for each that lost something.
+Out: the pipeline whose entries contain only what their stages take, and a note for each that lost something.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from etendue.pipeline.file import PipelineFile, StageEntry
 
 
 def fitted_to_overrides(pipeline: PipelineFile, registry: Registry) -> tuple[PipelineFile, list[str]]:
-    """As the sweep of a ``.use``, in which a stage's own table belongs to it alone; here what both stages take is kept.
+    """Return the pipeline with swapped stages fitted, and the notes. As in the sweep of a ``.use``, a stage's own table
+    belongs to that stage; but here parameters that both stages take are kept.
 
-    What not even the stage of the file takes stays, to be refused.
+    A parameter that not even the file's own stage takes is kept, so that it is reported as a fault.
     """
     notes: list[str] = []
     swapped = {key.removesuffix(".use") for key, _ in pipeline.overrides if key.endswith(".use")}
@@ -34,13 +35,13 @@ def fitted_to_overrides(pipeline: PipelineFile, registry: Registry) -> tuple[Pip
 
 
 def _written(text: str) -> Mapping[str, str]:
-    """What the file itself has each of its names ``use``."""
+    """Return what the file itself gives as ``use`` for each stage name."""
     stages = tomllib.loads(text).get("stages", [])
     return {str(one.get("name", one.get("use"))): str(one.get("use")) for one in stages if isinstance(one, dict)}
 
 
 def _declared(use: str, registry: Registry) -> frozenset[str] | None:
-    """Parameters of a stage; None where it is not to be had."""
+    """Return the parameters of a stage; None if it cannot be loaded."""
     if use not in registry:
         return None
     try:
@@ -64,7 +65,7 @@ def _fitted(entry: StageEntry, before: str, pipeline: PipelineFile, registry: Re
     left = {name: value for name, value in entry.values.items() if name not in gone}
     kept = [name for name in left if f"{entry.name}.{name}" not in given]
     notes.append(
-        f"{entry.name}: {entry.use} has no {', '.join(gone)}, which the file gives to the stage in its place: left out"
+        f"{entry.name}: {entry.use} has no {', '.join(gone)}, which the file gives to the stage it replaces: left out"
         + (f"; kept, as both have them: {', '.join(kept)}" if kept else "")
     )
     return replace(entry, values=left)

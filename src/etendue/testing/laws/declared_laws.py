@@ -1,5 +1,5 @@
-"""What a stage promises of its values beside their size: their order, their sum, the noise that it adds, what its
-matrix costs.
+"""What a stage declares about its values beyond their size: order, sum, added noise, and the digits that its matrix
+costs.
 
 In:  a ``Bench``.
 Out: nothing, or ``LawBroken``.
@@ -20,15 +20,15 @@ from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
 
 BRIGHTER = (1 + 1e-6, 1.01, 2.0, 1e3)
-SIGMAS = 5.0  # by which a measured variance may be off: once in two million, and the draws are the same in every run
-SEEDS = 8  # of noise that lines share, of which a frame has few
-LEVELS = (1e-6, 1e-3, 0.1, 0.5)  # of full scale
+SIGMAS = 5.0  # tolerance of a measured variance: exceeded once in two million draws, and every run makes the same draws
+SEEDS = 8  # for noise shared by lines, of which a frame has few
+LEVELS = (1e-6, 1e-3, 0.1, 0.5)  # shares of full scale
 LINEAR = 1e-9
-STEP = 0.3  # of a channel, from which a matrix is told
+STEP = 0.3  # step of a channel, from which a matrix is derived
 
 
 def order_kept(bench: Bench) -> None:
-    """No value falls where what is read rises, at one place or everywhere; rounding apart."""
+    """No value falls if the input rises, at one position or everywhere, apart from rounding."""
     port = frame_read(bench)
     if "order" not in bench.kind.keeps or port is None or not bench.steady:
         return
@@ -54,7 +54,7 @@ def order_kept(bench: Bench) -> None:
 
 
 def frame_read(bench: Bench) -> str | None:
-    """The port of the one frame that a stage reads, beside what has no place."""
+    """Return the port of the only frame that a stage reads, apart from inputs without positions."""
     frames = [port for port, declaration in bench.reads.items() if {"y", "x"} <= set(declaration.dims)]
     return frames[0] if len(frames) == 1 and not bench.looks else None
 
@@ -74,12 +74,12 @@ def check_order(bench: Bench, base: Any, brighter: Any, what: str) -> None:
         within(
             fall,
             1e-14,
-            f"{bench.name} keeps the order, but {variable} falls by {fall:.2g} of its largest value where {what}",
+            f"{bench.name} declares keeps = 'order', but {variable} falls by {fall:.2g} of its maximum when {what}",
         )
 
 
 def sum_kept(bench: Bench) -> None:
-    """What leaves one place arrives at another: the sum over the frame, of a light that is far from its borders."""
+    """What leaves one position arrives at another: the sum over the frame is kept for light far from its borders."""
     port = frame_read(bench)
     if "sum" not in bench.kind.keeps or port is None or not bench.steady:
         return
@@ -93,15 +93,18 @@ def sum_kept(bench: Bench) -> None:
     off = ratio_of(abs(after - before), before)
     allowed = bound_of(bench, inputs, "float64", 1e-12) * inputs[port].size
     within(
-        off, allowed, f"{bench.name} keeps the sum, but {off:.2g} of a point in the middle of the frame is made or lost"
+        off,
+        allowed,
+        f"{bench.name} declares that it keeps the sum, but changes that of a point in the middle of the frame by "
+        f"{off:.2g}",
     )
 
 
 def variance_told(bench: Bench) -> None:
-    """``Noisy.variance`` is what ``run`` adds: of values that scatter a little about several levels, the spread about a
+    """``Noisy.variance`` is what ``run`` adds: for values that vary a little around several levels, the spread around a
     straight line.
 
-    Tolerance: five standard errors of a variance, found from the fourth moment of what is drawn.
+    Tolerance: five standard errors of a variance, from the fourth moment of the drawn values.
     """
     port = bench.one_array
     stage: Any = bench.stage
@@ -131,7 +134,7 @@ def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: boo
         or not math.isfinite(slope)
         or (bench.writes[next(iter(bench.writes))].dtype != "float" and np.unique(found).size < 16)
     ):
-        return  # clipped, or a step wider than what varies: rounding is no noise there
+        return  # clipped, or a step wider than the variation, for which rounding is not noise
     apart = found - slope * given
     counted = unit in wording.units() and wording.units()[unit].noise
     charge = float((found if counted else given).mean())
@@ -147,17 +150,17 @@ def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: boo
     within(
         off,
         allowed,
-        f"{bench.name}.variance says {told:.4g} {name}2 at {charge:.4g} {said}, but what it draws has {measured:.4g}; "
-        f"allowed is {100 * allowed:.2g} % apart",
+        f"{bench.name}.variance states {told:.4g} {name}2 at {charge:.4g} {said}, but its draws have {measured:.4g}; "
+        f"the tolerance is {100 * allowed:.2g} %",
     )
 
 
 def matrix_told(bench: Bench) -> None:
-    """The condition number of what a stage solves: of a matrix that it writes, or of the colours that it makes of
-    colours.
+    """Measure the condition number of what a stage solves: of a matrix that it writes, or of its mapping from colours
+    to colours.
 
-    A table that may hold undefined values is no matrix. A linear stage on channels is solved back: what its matrix has
-    done to three colours can be undone as well as its condition says.
+    A table that may contain undefined values is not a matrix. A linear stage on channels is inverted: its effect on
+    three colours can be undone as accurately as its condition number allows.
     """
     trial = bench.run(bench.arrays("ordinary"))
     for variable, d in bench.writes.items() if trial.done else ():
@@ -186,7 +189,7 @@ def _solved_back(bench: Bench) -> None:
     matrix = np.stack([(own - found[0]) / STEP for own in found[2:]], axis=1)
     scale = np.abs(found[0]).max()
     if not scale or np.abs(found[1] - 0.9 * found[0]).max() > LINEAR * scale or np.linalg.matrix_rank(matrix) < size:
-        return  # no matrix
+        return  # not linear, or singular: no matrix to invert
     condition = float(np.linalg.cond(matrix))
     magnified(condition)
     back = np.linalg.solve(matrix, found[0])
@@ -195,6 +198,6 @@ def _solved_back(bench: Bench) -> None:
     within(
         off,
         allowed,
-        f"{bench.name}: its colours cannot be solved back: {off:.2g} off, where a condition of {condition:.3g} costs "
-        f"less",
+        f"{bench.name}: its colours cannot be recovered: an error of {off:.2g}, more than a condition number of "
+        f"{condition:.3g} explains",
     )

@@ -1,4 +1,4 @@
-"""The laws of numerical stability, one test method each: what ``StageConformance`` has beside declarations and claims.
+"""The laws of numerical stability, one test method each; ``StageConformance`` adds them to those on declarations.
 
 In:  the bench of a stage.
 Out: nothing, or a broken law that says what goes wrong: cancellation, overflow, digits lost in float32, a jump, a
@@ -13,38 +13,38 @@ from etendue.testing.laws import declared_laws
 
 
 class ExtremeLaws:
-    """Mixed into ``StageConformance``."""
+    """Mix-in of ``StageConformance``."""
 
     bench: Bench
 
     def test_digits_are_kept_in_every_precision(self) -> None:
-        """Single against double against long double, from a millionth of full scale to a thousand times it."""
+        """Single, double and long double precision, from a millionth to a thousand times full scale."""
         digits.digits_kept(self.bench)
 
     def test_a_small_change_of_what_is_read_changes_little(self) -> None:
-        """By one unit in the last place, and by 1e-6."""
+        """A change by one unit in the last place, and by 1e-6."""
         small_changes.input_changes(self.bench)
 
     def test_a_small_change_of_a_parameter_changes_little(self) -> None:
-        """By one unit in the last place, and by 1e-6."""
+        """A change by one unit in the last place, and by 1e-6."""
         small_changes.parameter_changes(self.bench)
 
     def test_the_unit_of_light_does_not_matter(self) -> None:
-        """Light in a unit a million times as large: a hidden constant shows."""
+        """Light in a unit a million times as large; this reveals a hidden constant."""
         small_changes.unit_changes(self.bench)
 
     def test_the_order_that_it_keeps_is_kept(self) -> None:
-        """``keeps = ("order",)``: no value falls where what is read rises."""
+        """``keeps = ("order",)``: no value falls if the input rises."""
         declared_laws.order_kept(self.bench)
 
     def test_the_sum_that_it_keeps_is_kept(self) -> None:
-        """``keeps = ("sum",)``: what leaves one place arrives at another."""
+        """``keeps = ("sum",)``: what leaves one position arrives at another."""
         declared_laws.sum_kept(self.bench)
 
     def test_the_noise_has_the_variance_that_it_says(self) -> None:
-        """``Noisy.variance`` against what ``run`` draws."""
+        """``Noisy.variance`` against the draws of ``run``."""
         declared_laws.variance_told(self.bench)
 
     def test_what_it_solves_costs_no_more_digits_than_its_condition(self) -> None:
-        """Matrices written, and colours made of colours."""
+        """Matrices that are written, and mappings from colours to colours."""
         declared_laws.matrix_told(self.bench)

@@ -1,6 +1,6 @@
-"""The laws of what a plan relies on to trade error for time: means of draws, settings of knobs.
+"""The laws on what a plan relies on to trade error for time: means of draws, settings of knobs.
 
-In:  the bench of a stage, the grids and scales on which it was tried.
+In:  the bench of a stage, with the grids and scales used for testing.
 Out: nothing, or a broken law.
 """
 
@@ -24,12 +24,12 @@ from etendue.testing.checks import along_ladder
 from etendue.testing.measured import hold
 
 DRAWS = 24
-ERRORS = 6.0  # standard errors of the mean of so many draws
-LEVEL = 0.3  # of full scale: far from clipping
+ERRORS = 6.0  # standard errors of the mean over these draws
+LEVEL = 0.3  # of full scale; far from clipping
 
 
 class KnobLaws:
-    """Mixed into ``StageConformance``."""
+    """Mix-in of ``StageConformance``."""
 
     bench: Bench
     stage: Stage
@@ -38,8 +38,8 @@ class KnobLaws:
     coordinates: ClassVar[Mapping[str, Coordinate]]
 
     def test_its_mean_is_that_of_its_draws(self) -> None:
-        """A stage that draws or rounds and says its mean: on average it gives that, within what so many draws know
-        of it.
+        """A stage that draws or rounds and states its mean has this mean on average, within the uncertainty of the
+        draws.
         """
         if issubclass(self.bench.kind, Sampled):
             check_mean(self.bench)
@@ -59,9 +59,9 @@ class KnobLaws:
                         bench.arrays("ordinary"), "float64"
                     )
                 except ValueError:
-                    continue  # a setting that the stage refuses on this grid
+                    continue  # the stage refuses this setting on this grid
                 if bound is None:
-                    raise LawBroken(f"{stage!r} states no error, but may with another {name}")
+                    raise LawBroken(f"{stage!r} states no error, although it may for another {name}")
                 hold(
                     bound <= last,
                     f"{bench.name} states {bound:.3g} with {name} = {value}, but {last:.3g} with the cheaper {before}",
@@ -70,8 +70,8 @@ class KnobLaws:
 
 
 def check_mean(bench: Bench) -> None:
-    """The same variables; on a flat input the mean over draws and pixels within six standard errors, and half a code
-    where it rounds.
+    """Check that ``mean`` gives the same variables and, on a flat input, the mean over draws and pixels within six
+    standard errors, plus half a code if the stage rounds.
     """
     kind = bench.kind
     assert issubclass(kind, Sampled)
@@ -87,19 +87,19 @@ def check_mean(bench: Bench) -> None:
             drawn.setdefault(name, []).append(float(np.mean(array, dtype=np.float64)))
     for name, declaration in bench.writes.items():
         if declaration.dtype != "float" and declaration.unit == "1":
-            continue  # a map of what was drawn has no mean
+            continue  # a map of drawn events has no mean
         values, said = np.array(drawn[name]), float(np.mean(expected[name], dtype=np.float64))
         if is_random(kind) and not values.std():
-            continue  # what is drawn is too rare to be seen in so few pixels
+            continue  # the drawn events are too rare to occur in so few pixels
         room = ERRORS * values.std(ddof=1) / np.sqrt(DRAWS) + 1e-6 * abs(said) + (0.5 if rounds(kind) else 0.0)
         hold(
             abs(values.mean() - said) <= room,
-            f"{bench.name} gives {name} = {values.mean():.6g} on average over {DRAWS} draws, but mean says {said:.6g}",
+            f"{bench.name} gives {name} = {values.mean():.6g} on average over {DRAWS} draws, but mean() is {said:.6g}",
         )
 
 
 def mean_of(bench: Bench, inputs: Any) -> dict[str, Any]:
-    """What ``mean`` gives, through the engine; every input as floats."""
+    """Return what ``mean`` returns when the engine calls it, with every input as floats."""
     job = dataclasses.replace(bench.job(), expected=True)
     floats = {port: np.asarray(array, dtype=np.float64) for port, array in inputs.items()}
     results: dict[CellRef, Result] = {}
@@ -108,5 +108,5 @@ def mean_of(bench: Bench, inputs: Any) -> dict[str, Any]:
         results[port, ()] = Result({variable: array}, {variable: float(array.min())})
     result, report = compute(job, results)
     if report.status != "done":
-        raise LawBroken(f"{bench.name}.mean breaks off: {report.message}")
+        raise LawBroken(f"{bench.name}.mean failed: {report.message}")
     return result.arrays

@@ -1,4 +1,4 @@
-"""The law of stages that may be given some rows of a frame.
+"""The law for stages that can be given some rows of a frame.
 
 In:  an instance of a stage.
 Out: nothing, or a broken law.
@@ -18,12 +18,12 @@ from etendue.testing.measured import hold
 
 
 class RowLaws:
-    """Mixed into ``StageConformance``."""
+    """Mix-in of ``StageConformance``."""
 
     bench: Bench
 
     def test_rows_alone_are_the_rows_of_the_whole(self) -> None:
-        """A stage with a ``halo``, or an ``elementwise`` one, gives the same bits strip by strip, of any height."""
+        """A stage with a ``halo``, or an ``elementwise`` one, gives the same bits in strips of any height."""
         bench = self.bench
         try:
             halo = halo_of(bench.stage)
@@ -40,23 +40,23 @@ class RowLaws:
                     try:
                         cut = bench.run(inputs, precision, frame, rows=rows)
                     except Exception as error:
-                        raise LawBroken(
-                            f"{bench.name} cannot be given {rows} rows of {frame[0]} at a time: {error}"
-                        ) from None
+                        raise LawBroken(f"{bench.name} fails on {rows} rows of {frame[0]} at a time: {error}") from None
                     one, other = digests(whole.arrays), digests(cut.arrays)
                     apart = sorted(name for name in one if other.get(name) != one[name])
                     hold(
                         not apart,
-                        f"{bench.name} gives other bits of {', '.join(apart)} {rows} rows at a time than all at once, "
+                        f"{bench.name} gives different bits of {', '.join(apart)} {rows} rows at a time than at once, "
                         f"with a halo of "
-                        f"{halo}{_differing(whole.arrays, cut.arrays, apart)}: say how far it reaches (def halo(self): "
-                        f"return "
-                        f"{halo + 1}), or return None where rounding alone differs",
+                        f"{halo}{_differing(whole.arrays, cut.arrays, apart)}: state the halo that it needs "
+                        f"(def halo(self): return "
+                        f"{halo + 1}), or return None if only rounding differs",
                     )
 
 
 def _differing(whole: Mapping[str, Any], cut: Mapping[str, Any], names: list[str]) -> str:
-    """By how much, of the largest value, the worst of these arrays differs; nothing where that is no number."""
+    """Describe the largest difference between these arrays, relative to the largest value; '' if they are not
+    numeric.
+    """
     shares = []
     for name in names:
         one, other = np.asarray(whole[name]), np.asarray(cut.get(name))

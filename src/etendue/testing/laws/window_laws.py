@@ -1,8 +1,8 @@
-"""The law of windows: what a stage gives of a window is the window of what it gives of the whole.
+"""The law of windows: the result for a window is the window of the result for the whole frame.
 
 In:  an instance of a stage.
-Out: nothing, or a broken law: a mask, a pattern or a shading that begins where the window does, and not where the whole
-     does.
+Out: nothing, or a broken law: a mask, a pattern or a shading that begins where the window does, instead of where the
+     whole frame does.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from etendue.plugins import discovery
 from etendue.testing.bench import Bench, Frame, full_scale
 from etendue.testing.measured import hold, ratio_of, within
 
-FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # pixels at which windows begin
-AT_LEAST = 12  # pixels of a window, down and across
+FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # first pixels of the windows
+AT_LEAST = 12  # pixels of a window in each direction
 PLAIN = Pattern(
     ("ab", "bc"), {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)}
-)  # where nobody says any
-COLOURS = (0.8, 0.35, 0.1, 0.6, 0.2, 0.5)  # of the channels of a mask
-EVEN = 0.02  # of full scale: of even colours a method invents nothing, and another channel is ten times as far
+)  # used if no distribution declares any
+COLOURS = (0.8, 0.35, 0.1, 0.6, 0.2, 0.5)  # values of the channels of a mask
+EVEN = 0.02  # of full scale: a method must not change uniform colours, and another channel differs by ten times as much
 SAME = 1e-9  # of full scale: the same arithmetic on the same values
 
 
 class WindowLaws:
-    """Mixed into ``StageConformance``."""
+    """Mix-in of ``StageConformance``."""
 
     bench: Bench
 
     def test_a_window_of_the_whole_is_read_where_it_stands(self) -> None:
-        """From odd rows and columns on: of even colours, and of any picture where the stage says how far it reaches."""
+        """Windows from odd rows and columns: of uniform colours, and of any picture if the stage states its reach."""
         bench = self.bench
         if bench.given_grids or is_transfer(bench.kind) or draws_anew(bench.kind) or not _pixel_by_pixel(bench):
             return
@@ -54,7 +54,7 @@ class WindowLaws:
                 cut = {port: _cut(array, bench.reads[port], first, frame) for port, array in inputs.items()}
                 found = _Window(bench, first, whole).run(cut, frame=frame)
                 where = f"a window from row {first[0]}, column {first[1]} on"
-                hold(found.done or found.refused_in_words, f"{bench.name} breaks off on {where}: {found.last_line}")
+                hold(found.done or found.refused_in_words, f"{bench.name} failed on {where}: {found.last_line}")
                 for variable, declaration in bench.writes.items() if found.done else ():
                     if has_rows(declaration.dims):
                         expected = _cut(full.arrays[variable], declaration, first, frame)
@@ -62,21 +62,21 @@ class WindowLaws:
                         within(
                             off,
                             EVEN if what == "even colours" else SAME,
-                            f"{bench.name}: {variable} of {where}, of {what}, is {off:.2g} of full scale off that of "
-                            f"the whole; "
-                            "masks and patterns begin where the whole does: ask for y and x in run, y[0] and x[0] are "
-                            "the window's first "
+                            f"{bench.name}: {variable} of {where}, of {what}, is {off:.2g} of full scale from that "
+                            f"of the whole; "
+                            "masks and patterns must begin where the whole does: ask for y and x in run, y[0] and x[0] "
+                            "are the window's first "
                             "row and column",
                         )
 
 
 def _off(found: Any, expected: Any, halo: int | None) -> float:
-    """How far a window is from the same place of the whole, of full scale: at worst inside its border, or else at
-    most pixels.
+    """Return the difference between a window and the same place of the whole, in full scale: the maximum inside its
+    border, else the median.
     """
     undefined = (found != found) & (expected != expected)
     apart = np.where(undefined, 0.0, np.abs(np.subtract(found, expected, dtype=float)))
-    if halo is None:  # borders are filled in by each method's own rule, as far as it reaches
+    if halo is None:  # each method fills borders by its own rule, as far as it reaches
         off = float(np.median(apart, axis=(-2, -1)).max(initial=0.0))
     else:
         off = float(np.max(apart[..., halo : apart.shape[-2] - halo, halo : apart.shape[-1] - halo], initial=0.0))
@@ -101,7 +101,7 @@ class _Window(Bench):
 
 
 def _pixel_by_pixel(bench: Bench) -> bool:
-    """Whether a stage writes frames of the pixels that it reads: what has bands is never cut as rows are."""
+    """Return whether a stage writes frames of the pixels that it reads; light by band is never cut by rows."""
     if any(dims.banded(declaration.dims) for declaration in bench.reads.values()):
         return False
     read = [bench.input_grids()[port] for port, d in bench.reads.items() if has_rows(d.dims)]
@@ -112,9 +112,7 @@ def _pixel_by_pixel(bench: Bench) -> bool:
 
 
 def _pattern(bench: Bench) -> Pattern:
-    """That of the stage, by the quantity of which its variables say that it is theirs; else by that of any variable;
-    else a plain one.
-    """
+    """Return the pattern that a variable of the stage declares, else that of any variable, else a plain one."""
     own = (d.variable for d in (*bench.reads.values(), *bench.writes.values()))
     every = itertools.chain(own, discovery.installed().names("variables"))
     name = next((found for one in every if (found := variables.variable(one).pattern)), "")
@@ -122,8 +120,8 @@ def _pattern(bench: Bench) -> Pattern:
 
 
 def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Any:
-    """An input of the whole; of even colours a frame has that of its mask at every pixel, and a plane of several one
-    of its own.
+    """Return an input for the whole frame. For uniform colours, a single frame has the colour of its mask at every
+    pixel, and each of several planes has a colour of its own.
     """
     declaration = bench.reads[port]
     if what == "a picture" or not has_rows(declaration.dims):

@@ -1,4 +1,4 @@
-"""The laws of what a stage says of itself, before anything is computed.
+"""The laws on what a stage declares about itself, before anything is computed.
 
 In:  an instance of a stage.
 Out: nothing, or a broken law.
@@ -28,13 +28,13 @@ from etendue.testing.measured import hold
 
 
 class WordLaws:
-    """Mixed into ``StageConformance``."""
+    """Mix-in of ``StageConformance``."""
 
     bench: Bench
     stage: Stage
 
     def test_the_declaration_is_well_formed(self) -> None:
-        """Ports, dims and units are readable, arguments are named, policies are words the engine knows."""
+        """Ports, dims and units can be parsed, arguments are named, and policies are known to the engine."""
         kind, name, _ = type(self.stage), type(self.stage).__name__, self.bench
         try:
             reads, writes = reads_of(kind), writes_of(kind)
@@ -48,9 +48,9 @@ class WordLaws:
             )
             hold(
                 same_unit(usual, d.unit),
-                f"{name} writes {d.variable} in {d.unit}, which is in {usual} wherever else it is written",
+                f"{name} writes {d.variable} in {d.unit}, but the vocabulary has it in {usual}",
             )
-        hold((kind.run is not None) != is_transfer(kind), f"{name} needs either run or transfer")
+        hold((kind.run is not None) != is_transfer(kind), f"{name} must have either run or transfer")
         hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed are 'error' and 'keep'")
         hold(
             kind.negative in ("error", "clip", "keep"),
@@ -58,14 +58,14 @@ class WordLaws:
         )
         hold(
             kind.gain is None or 0 <= kind.gain < math.inf,
-            f"{name}.gain is {kind.gain}; allowed are None and finite numbers from 0",
+            f"{name}.gain is {kind.gain}; allowed are None and finite numbers of at least 0",
         )
         seen = [d.variable for d in reads.values() if looks(d) and not looks_at_stages(looks(d))]
         hold(
             not seen or issubclass(kind, Probe),
             f"{name} looks at all stages ({', '.join(seen)}), which only a Probe may",
         )
-        hold(not is_source(kind) or not reads, f"{name} has describe, as a source has, but reads {', '.join(reads)}")
+        hold(not is_source(kind) or not reads, f"{name} defines describe, like a source, but reads {', '.join(reads)}")
         if kind.grid is Stage.grid and not is_source(kind):
             known = {dim for d in reads.values() for dim in d.dims} | set(kind.creates) | {"stage"}
             for declaration in writes.values():
@@ -73,23 +73,23 @@ class WordLaws:
                     hold(dim in known, lacking(kind, dim, declaration.variable))
         hold(
             not is_transfer(kind) or len(reads) == 1 == len(writes),
-            f"{name} has transfer: it reads and writes one variable each",
+            f"{name} has transfer, so it must read and write exactly one variable each",
         )
         for library in kind.libraries:
             try:
                 importlib.metadata.version(library)
             except importlib.metadata.PackageNotFoundError:
-                raise LawBroken(f"{name}.libraries names {library!r}, which is no installed distribution") from None
+                raise LawBroken(f"{name}.libraries names {library!r}, which is not an installed distribution") from None
 
     def test_it_is_a_value(self) -> None:
-        """Frozen, hashable, equal to its copy, and its repr and its pickle give it back."""
+        """Frozen, hashable, equal to its copy, and restored by its repr and its pickle."""
         stage, kind = self.stage, type(self.stage)
         for field in dataclasses.fields(stage):
             try:
                 setattr(stage, field.name, getattr(stage, field.name))
             except dataclasses.FrozenInstanceError:
                 continue
-            raise LawBroken(f"{kind.__name__}.{field.name} can be changed: write @dataclass(frozen=True, kw_only=True)")
+            raise LawBroken(f"{kind.__name__}.{field.name} can be changed; use @dataclass(frozen=True, kw_only=True)")
         try:
             hash(stage)
         except TypeError as error:
@@ -98,24 +98,27 @@ class WordLaws:
         try:
             same = pickle.loads(pickle.dumps(stage)) == stage
         except Exception as error:
-            raise LawBroken(f"{stage!r} cannot travel to another process: {error}") from None
-        hold(same, f"pickle gives {stage!r} back as another value: other processes would compute something else")
+            raise LawBroken(f"{stage!r} cannot be sent to another process: {error}") from None
+        hold(same, f"pickle restores {stage!r} as another value, so other processes would compute something else")
         text = repr(stage)
         try:
             again = eval(text.replace(kind.__qualname__, kind.__name__, 1), {"inf": math.inf, kind.__name__: kind})
         except Exception as error:
             raise LawBroken(f"the repr {text} cannot be read back: {error}") from None
-        hold(again == stage, f"the repr {text} gives back another value")
+        hold(again == stage, f"the repr {text} evaluates to another value")
 
     def test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range(self) -> None:
         for name, (parameter, kind, default) in parameters_of(type(self.stage)).items():
             check_parameter(f"{type(self.stage).__name__}.{name}", name, parameter, kind, default, self.stage)
 
     def test_the_grid_is_a_pure_function(self) -> None:
-        """Asked twice it says the same, of grids it leaves alone, for any size of frame or with a clear refusal."""
+        """Called twice it returns the same, leaves its inputs unchanged, and accepts or clearly refuses any frame
+        size.
+        """
         stage = self.stage
         if is_source(type(stage)):
-            hold(stage.describe() == stage.describe(), f"{stage!r} describes itself differently when asked twice")  # type: ignore[attr-defined]
+            # type: ignore[attr-defined]
+            hold(stage.describe() == stage.describe(), f"{stage!r} returns another description when called twice")
             return
         if type(stage).grid is Stage.grid:
             return
@@ -128,27 +131,27 @@ class WordLaws:
                 hold(frame != FRAME, f"{stage!r}.grid refuses an ordinary grid: {error}")
                 continue
             hold(given == kept, f"{stage!r}.grid changes the mapping it is given")
-            hold(first == second, f"{stage!r}.grid gives another grid when asked again")
+            hold(first == second, f"{stage!r}.grid returns another grid when called again")
             unknown = sorted(set(first) - set(self.bench.writes))
-            hold(not unknown, f"{stage!r}.grid speaks of {', '.join(unknown)}, which it does not write")
-            hold(all(isinstance(g, Grid) for g in first.values()), f"{stage!r}.grid gives something that is no Grid")
+            hold(not unknown, f"{stage!r}.grid returned {', '.join(unknown)}, which it does not write")
+            hold(all(isinstance(g, Grid) for g in first.values()), f"{stage!r}.grid returned values that are no Grid")
 
     def test_noise_about_black_is_met_with_a_word_of_its_own(self) -> None:
-        """Where noise takes values below 0 they are ordinary: who refuses them says so, and does not by having said
-        nothing.
+        """If noise makes values negative, they are ordinary: a stage that refuses them must declare that explicitly,
+        not by default.
         """
         kind = type(self.stage)
         own = next(base for base in kind.__mro__ if "negative" in vars(base))
         for port, declaration in reads_of(kind).items() if own is Stage else ():
             hold(
                 not variables.variable(declaration.variable).below_zero,
-                f"{kind.__name__} says nothing of negative values, and refuses those of {port}, which noise takes "
-                f"there: a run "
-                "and compare fail on them; declare negative = 'keep' or 'clip', or negative = 'error' if that is meant",
+                f"{kind.__name__} declares nothing about negative values and therefore refuses those of {port}, which "
+                f"noise makes negative, so that runs "
+                "and compare fail; declare negative = 'keep' or 'clip', or negative = 'error' if that is intended",
             )
 
     def test_its_notes_are_of_their_form(self) -> None:
-        """``warn`` is given what is known of what the stage writes, and the grids of what it reads."""
+        """``warn`` gets the facts of what the stage writes and the grids of what it reads, and returns texts."""
         stage, kind, bench = self.stage, type(self.stage), self.bench
         facts: Any = UNKNOWN
         if is_source(kind):
@@ -159,5 +162,5 @@ class WordLaws:
             stage_calls.texts(stage, "warn", facts, bench.input_grids())
             stage_calls.texts(stage, "warn_among", {"it": kind})
         except PluginError as error:
-            if not isinstance(error.__cause__, ValueError):  # which is how a stage refuses
+            if not isinstance(error.__cause__, ValueError):  # by which a stage refuses
                 raise LawBroken(f"{bench.name}: {error}") from None
