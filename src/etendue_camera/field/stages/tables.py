@@ -77,8 +77,8 @@ def field_table(path: str, axes: tuple[str, ...]) -> FieldTable:
     Raises
     ------
     ValueError
-            If the file is invalid, naming file and line: wrong first column, rows that do not ascend, values that are
-            not finite or negative, no value on the axis.
+        If the file is invalid, naming file and line: wrong first column, rows that do not ascend, values that are
+        not finite or negative, no value on the axis.
     """
     return _read(path, axes, file_state(path))
 

@@ -43,21 +43,21 @@ def of_the_light(
     weights : (channel, wavelength), with a sum of 1 for each channel
     before : stages between the segment's input and the pixel
     light : Grid
-            Grid of the light.
+        Grid of the light.
     content : Content or None
-            Content of the segment's input; None: equally strong in every band, a quarter of full scale at the worst
-            frequency.
+        Content of the segment's input; None: equally strong in every band, a quarter of full scale at the worst
+        frequency.
     width : float
-            Width of the light-sensitive square, um.
+        Width of the light-sensitive square, um.
     terms : int
-            Number of expansion terms; 0: every band is read separately.
+        Number of expansion terms; 0: every band is read separately.
     kept : float
-            Fraction of the grid's Nyquist frequency that is kept.
+        Fraction of the grid's Nyquist frequency that is kept.
 
     Returns
     -------
     float
-            Root mean square over the frame, with the errors of the bands added in phase.
+        Root mean square over the frame, with the errors of the bands added in phase.
     """
     edges = light.bands().edges
     steps = (light.line("y").step, light.line("x").step)
