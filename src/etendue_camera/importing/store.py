@@ -48,7 +48,6 @@ def size_told(cube: Cube, spacing: float | None) -> str:
         )
     return (
         "on the sensor: size unknown without --spacing; set spacing in the stage: "
-        ""
         f"2 um give {2 * columns:g} x {2 * rows:g} um (width x height)"
     )
 
