@@ -125,7 +125,7 @@ def test_what_changes_nothing_is_left_out():
         Facts(uniform=False),
         Grid.of({"wavelength": Bands((500.0, 600.0)), "y": Line(9, -4.0, 1.0), "x": Line(9, -4.0, 1.0)}),
     )
-    assert Distortion().negligible(facts, grid) == (0.0, "it moves nothing")
+    assert Distortion().negligible(facts, grid) == (0.0, "nothing is displaced")
     assert Distortion(k1=0.1).negligible(facts, grid) is None
     assert Distortion(k1=0.1).negligible(Facts(uniform=True), grid)[0] == 0
     assert Distortion().error({"irradiance": facts}, {"irradiance": grid}, "float32")[0] == 0
@@ -144,7 +144,7 @@ def test_the_plan_says_where_light_tables_and_pictures_end(bank_file, tmp_path):
     scene = Facts(uniform=False)
     assert LensPsfField(file=bank_file, weights="image").warn(scene, grids()) == []
     far = LensPsfField(file=bank_file, weights="image").warn(scene, grids(200.0, (350.0, 450.0)))
-    assert any("ends 120 um from the axis, the light reaches 282.8" in note for note in far)
+    assert any("ends 120 um from the axis, but the light extends to 282.8" in note for note in far)
     assert any("450 to 650 nm" in note for note in far)
     assert any("weights = 'image'" in note for note in LensPsfField(file=bank_file).warn(scene, grids()))
     assert Distortion(k1=0.02, reference_radius=0.1).warn(scene, grids()) == []  # pincushion looks inwards

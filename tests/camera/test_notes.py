@@ -39,7 +39,7 @@ def notes(*stages, **camera):
 
 def test_charge_that_was_to_diffuse_behind_the_filters_and_does_not_is_noted():
     lacking = notes("diffraction", "diffusion", "pixel", "mosaic", crosstalk="through_filter")
-    assert any("no stage crosstalk stands after the mosaic" in text for text in lacking)
+    assert any("there is no stage crosstalk after the mosaic" in text for text in lacking)
     assert not any(
         "no stage crosstalk" in text
         for text in notes("diffraction", "pixel", "mosaic", "crosstalk", crosstalk="through_filter")

@@ -169,9 +169,9 @@ def test_a_light_that_no_eye_sees_has_a_radiance_and_no_luminance():
     )
     photons = math.pi * 0.5 / (4 * 4**2) * 25e-12 * 850e-9 / (PLANCK * SPEED_OF_LIGHT)
     assert_allclose(rate.values, photons, rtol=1e-12)
-    with pytest.raises(RequestError, match="one of them gives the level"):
+    with pytest.raises(RequestError, match="give one of them for the level"):
         notes(400, 700, scene={"radiance": 1.0})
-    with pytest.raises(RequestError, match="one of them gives the level"):
+    with pytest.raises(RequestError, match="give one of them for the level"):
         notes(400, 700, scene={"white_luminance": 0.0})
 
 
@@ -288,7 +288,7 @@ def test_columns_by_wavelength_that_do_not_cover_the_light_are_noted(tmp_path):
     path = table(tmp_path, "falloff.csv", "height_mm,450,550,650", [(0, 1, 1, 1), (4, 0.5, 0.6, 0.7)])
     stages, falloff = ("irradiance", "falloff"), {"model": "table", "table": path}
     assert any(
-        "has 450 to 650 nm; beyond them the nearest column" in text
+        "has 450 to 650 nm; outside this range the nearest column" in text
         for text in notes(400, 780, *stages, falloff=falloff)
     )
     assert not notes(440, 660, *stages, falloff=falloff)

@@ -548,7 +548,7 @@ def test_a_wrong_request_is_one_line_and_exit_code_2(picture, words, said):
     ("name", "content", "said"),
     [
         ("none.png", None, "there is no such file"),
-        ("text.png", b"hello", "cannot be read as a picture; allowed are PNG, JPEG or TIFF"),
+        ("text.png", b"hello", "could not be read as a picture; it must be PNG, JPEG or TIFF"),
         ("flat.dng", b"hello", "cannot be read as a raw file"),
     ],
 )

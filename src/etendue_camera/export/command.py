@@ -124,8 +124,8 @@ def _chosen(shelf: Shelf, asked: ExportRequest, wanted: Picks) -> list[tuple[str
     if len(found) > MANY and not asked.everything:
         dim, value = next(iter(first[0].labels.items()))
         raise RequestError(
-            f"{len(found)} files would be written; select cells with --at, such as --at {dim}={plain(value)}, or "
-            f"write all with --all"
+            f"{len(found)} files would be written; choose cells with --at, such as --at {dim}={plain(value)}, or "
+            f"write them with --all"
         )
     return found
 
@@ -143,7 +143,7 @@ def _refuse_overwriting(paths: list[Path], force: bool) -> None:
     there = [path for path in paths if path.exists()]
     if there and not force:
         more = f" and {len(there) - 1} more" if len(there) > 1 else ""
-        raise RequestError(f"{there[0]}{more} exists; overwrite with --force, or choose another --output")
+        raise RequestError(f"{there[0]}{more} exists; write over it with --force, or elsewhere with --output")
 
 
 def _is_file(asked: ExportRequest, pictures: list[tuple[str, ArchivedFrame]]) -> bool:

@@ -32,7 +32,7 @@ from etendue.present.plots.strip import white_of
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")
-MEND = "repair it: etendue verify --repair"
+MEND = "repair it with: etendue verify --repair"
 
 
 @dataclass(frozen=True)
