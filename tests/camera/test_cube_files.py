@@ -102,7 +102,7 @@ WRONG = {
     "in this order; its dims are y, x, wavelength": lambda cube: cube.transpose("y", "x", "wavelength"),
     "'W m-2 sr-1 um-1'": lambda cube: cube.assign(radiance=cube.radiance.assign_attrs(units="W m-2 sr-1 um-1")),
     "wavelength in .* is in 'um'": changed(wavelength=("wavelength", [0.45, 0.5, 0.55, 0.6], {"units": "um"})),
-    "wavelength holds 1 values that are NaN": changed(wavelength=[450.0, 500.0, np.nan, 600.0]),
+    "wavelength has 1 values that are NaN": changed(wavelength=[450.0, 500.0, np.nan, 600.0]),
     "y in .* is not evenly spaced": changed(y=np.arange(8.0) ** 2),
     "complex128": lambda cube: cube.assign(radiance=cube.radiance + 0j),
     "no points along y": lambda cube: cube.isel(y=slice(0)),

@@ -227,7 +227,7 @@ def test_the_error_of_a_white_is_its_angle_to_the_true_one_whatever_the_exposure
 
 @pytest.mark.parametrize("level", [0.0, 1.0])
 def test_a_frame_that_is_black_or_clipped_shows_no_white_and_says_so(level):
-    with pytest.raises(ValueError, match="none of 16 cells"):
+    with pytest.raises(ValueError, match="none of the 16 cells"):
         estimate(np.array([0.3, 0.5, 0.2]), np.full((16, 16), level))
     assert estimate(np.array([0.3, 0.5, 0.2]), np.full((16, 16), level), method="illuminant")["white_error"] == 0
 
