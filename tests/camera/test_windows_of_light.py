@@ -177,11 +177,11 @@ def test_a_light_that_no_eye_sees_has_a_radiance_and_no_luminance():
 
 def test_a_light_whose_luminance_nobody_measured_is_refused_and_a_little_of_it_is_noted():
     with pytest.raises(
-        RequestError, match=r"tabulated from 350 to 560 nm; with its end values held 55 % of its luminance"
+        RequestError, match=r"tabulated from 350 to 560 nm; with its end values extended 55 % of its luminance"
     ):
         notes(400, 500, camera={"illuminant": "ISO 7589 Sensitometric Printer"})
     said = notes(400, 690, camera={"illuminant": "ISO 7589 Studio Tungsten"})
-    assert any("end values hold, which makes up 0.19 % of its luminance" in text for text in said)
+    assert any("its end values are used, which make up 0.19 % of its luminance" in text for text in said)
 
 
 # ----------------------------------------------------------------------------------------------- table ends
@@ -270,7 +270,7 @@ def test_reflectances_hold_their_end_values_and_are_noted(tmp_path):
     ]
     assert_allclose(*matrices, rtol=1e-12)
     assert any(
-        "end values hold" in text
+        "end values are used" in text
         for text in notes(380, 780, "irradiance", "colour_fit", colour_fit={"reflectances": short})
     )
     assert not notes(380, 780, "irradiance", "colour_fit", colour_fit={"reflectances": long})
@@ -280,7 +280,7 @@ def test_a_scale_that_does_not_cover_the_light_is_refused(tmp_path):
     path = table(tmp_path, "quartz.csv", "wavelength_nm,scale", [(w, 1.0) for w in range(450, 651, 10)])
     split = {"separation_x": 2.0, "dispersion": path}
     edge = {"use": "slanted_edge"}
-    with pytest.raises(RequestError, match="rows from 450 to 650 nm, but the light reaches from 400 to 700 nm"):
+    with pytest.raises(RequestError, match="rows from 450 to 650 nm, but the light extends from 400 to 700 nm"):
         notes(400, 700, "irradiance", "birefringent", birefringent=split, scene=edge)
 
 

@@ -62,7 +62,7 @@ class SensorFigures:
 
     @property
     def hidden(self) -> bool:
-        """Whether rounding hides the dark noise: means of dark frames are then nearer to integers than they should be."""
+        """Whether rounding hides the dark noise: means of dark frames are then nearer to integers than expected."""
         return bool(self.dark_variance.min() < LEAST_DARK_VARIANCE)
 
 
