@@ -465,7 +465,7 @@ def test_one_stage_is_shown_in_full(inside):
         "radiance: wavelength y x [W m-2 sr-1 nm-1]",
         "white_luminance",
         "required",
-        "quarter of a um",
+        "0.25 um",
     ):
         assert text in out
     (document,) = strict(inside("stages", "uniform", "--json")[1])
