@@ -87,7 +87,7 @@ def test_the_normal_form_keeps_the_skewness_of_poisson(mean):
     assert_allclose(weight.sum(), 1.0, rtol=1e-14)
     # the expansion is of third order: what is left falls as 1/mean; a rounded normal has 0 here
     assert_allclose(third / variance**1.5 * math.sqrt(mean), 1.0, rtol=0.2 / mean + 1e-5)
-    with pytest.raises(ValueError, match="allowed"):
+    with pytest.raises(ValueError, match="it must be"):
         distributions.normal_form_pmf(9.0)
 
 

@@ -102,7 +102,7 @@ def test_what_lies_outside_the_rings_is_said_to():
         ({"contrast": 1.5}, "contrast is 1.5"),
         ({"highest": 2.0}, "highest is 2"),
         ({"picture": np.zeros(4)}, "picture must be"),
-        ({"picture": np.random.default_rng(0).normal(1, 0.1, (300, 311))}, "no star"),
+        ({"picture": np.random.default_rng(0).normal(1, 0.1, (300, 311))}, "no measurable star"),
     ],
 )
 def test_nonsense_is_refused_with_its_name_and_what_is_allowed(arguments, match):
