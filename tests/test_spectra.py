@@ -482,7 +482,7 @@ def test_a_table_that_holds_has_its_end_values_everywhere(tmp_path):
 def test_a_table_that_must_cover_the_light_is_refused_beyond_half_a_step(tmp_path):
     path = csv(tmp_path, "wavelength_nm,a\n400,1\n410,1\n")
     spectra.require_rows(path, [395.0, 415.0])
-    with pytest.raises(ValueError, match="rows from 400 to 410 nm, but the light reaches from 394 to 415 nm"):
+    with pytest.raises(ValueError, match="rows from 400 to 410 nm, but the light extends from 394 to 415 nm"):
         spectra.require_rows(path, [394.0, 415.0])
 
 
@@ -504,7 +504,7 @@ def test_csv_columns_come_in_the_order_asked_for(tmp_path):
         ("wavelength_nm,a\n400,1\n\n500,1,2\n", "line 4: 3 cells, but the header has 2"),
         ("wavelength_nm,a\n400,1\n500,x\n", "line 3: 'x' in column 'a'"),
         ("wavelength_nm,a\n400,1\n500,nan\n", "line 3: 'nan' in column 'a'"),
-        ("wavelength_nm,a\n400,1\n# c\n400,2\n", "line 4: wavelength 400 nm does not ascend"),
+        ("wavelength_nm,a\n400,1\n# c\n400,2\n", "line 4: wavelength 400 nm must be greater than"),
     ],
 )
 def test_a_broken_csv_file_is_named_with_its_line(tmp_path, text, message):
@@ -586,11 +586,11 @@ def test_an_spdx_file_of_the_library_is_read_as_it_was_written(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("wavelength_nm,a", "is no SPDX file"),
-        ('<?xml version="1.0" encoding="of-no-kind"?><a/>', r"a\.spdx is no SPDX file"),
-        ('<?xml version="1.0" encoding="shift_jis"?><a/>', r"a\.spdx is no SPDX file"),
+        ("wavelength_nm,a", "is not an SPDX file"),
+        ('<?xml version="1.0" encoding="of-no-kind"?><a/>', r"a\.spdx is not an SPDX file"),
+        ('<?xml version="1.0" encoding="shift_jis"?><a/>', r"a\.spdx is not an SPDX file"),
         ("<a/>", "has 0 elements SpectralData"),
-        (spdx([(400, 1), (400, 2)]), "400 nm does not ascend from 400 nm"),
+        (spdx([(400, 1), (400, 2)]), "400 nm must be greater than 400 nm"),
         (spdx([(400, 1), (500, "much")]), "'much' in SpectralData at 500 nm is not a finite number"),
     ],
 )

@@ -1,5 +1,5 @@
 """A digital camera, from scene light to display colour: a plugin of etendue like any other.
 
-A package for each subject, along the light: kernels are plain functions on arrays, ``stages`` beside them declare what
-they read and write.
+One package per subject, in the order of the light path: kernels are plain functions on arrays, and their ``stages``
+declare what they read and write.
 """

@@ -1,7 +1,7 @@
-"""The door for plugins that know a camera: roles of its stages and their typed bases, beside what ``etendue.api``
-gives.
+"""API for plugins that know a camera: stage roles and their typed base classes, in addition to what ``etendue.api``
+provides.
 
-``spectra`` (lights, eyes, cameras, tables as bin means) is imported by who asks for it.
+Import ``spectra`` (illuminants, observers, cameras, tables as bin means) separately if needed.
 """
 
 import importlib

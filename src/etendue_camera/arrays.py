@@ -1,4 +1,4 @@
-"""What kernels take and give: arrays of floating-point numbers of any precision."""
+"""Array types of kernels: floating-point arrays of any precision."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating]
-Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+Floats = Any  # a float or a FloatArray; the output has the shape of the input

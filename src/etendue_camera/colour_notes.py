@@ -1,7 +1,7 @@
-"""What a picture file says of its colours that is not done: all are read as sRGB.
+"""Notes on colour information in a picture file that is not applied: all files are read as sRGB.
 
-In:  what Pillow knows of a file; chunks of PNG; EXIF.
-Out: a sentence, or nothing where the file is sRGB or says nothing.
+In:  Pillow's information on a file; PNG chunks; EXIF.
+Out: a sentence, or nothing where the file is sRGB or gives no colour information.
 Sources: ICC.1; ISO/IEC 15948 (PNG: gAMA, cHRM, cICP); ITU-T H.273 (code points of cICP); DCF 2.0 (Adobe RGB by its
 interoperability index).
 """
@@ -21,7 +21,7 @@ SPACES = {
     "Adobe RGB": "Adobe RGB (1998)",
     "ProPhoto": "ProPhoto RGB",
     "Rec. 2020": "ITU-R BT.2020",
-}  # named otherwise in the library
+}  # named differently in the library
 EXIF_IFD, INTEROPERABILITY, COLOUR_SPACE, ADOBE = 0x8769, 0xA005, 0xA001, 2
 
 
@@ -30,8 +30,8 @@ def not_applied(what: str) -> str:
 
 
 def is_named(note: str, space: str, encoding: str) -> bool:
-    """Whether what a file says of its colours is the very space, and the curve if it names one, that its values are
-    read as.
+    """Return whether the colour information of a file is the very space, and the curve if it names one, that its
+    values are read as.
     """
     said = re.search(r"\((.*)\) is not applied", note)
     if said is None:
@@ -42,7 +42,7 @@ def is_named(note: str, space: str, encoding: str) -> bool:
 
 
 def colour_note(info: Any) -> str:
-    """Of an embedded profile, a gamma, primaries."""
+    """Return a note on an embedded profile, a gamma or primaries."""
     profile = info.get("icc_profile")
     if profile:
         text = profile.decode("latin-1")
@@ -54,12 +54,12 @@ def colour_note(info: Any) -> str:
     if gamma and abs(gamma - 1 / 2.2) > 0.01:
         return not_applied(f"its gamma ({gamma:g})")
     if xy and len(xy) == len(SRGB_XY) and np.abs(np.subtract(xy, SRGB_XY)).max() > 0.005:
-        return not_applied(f"what it says of its primaries (red at {xy[2]:.3g}, {xy[3]:.3g})")
+        return not_applied(f"its primaries (red at {xy[2]:.3g}, {xy[3]:.3g})")
     return ""
 
 
 def exif_note(exif: Any, info: Any) -> str:
-    """Of Adobe RGB without a profile, as cameras write it."""
+    """Return a note on Adobe RGB without a profile, as cameras write it."""
     if info.get("icc_profile"):
         return ""
     own = exif.get_ifd(EXIF_IFD)
@@ -67,14 +67,14 @@ def exif_note(exif: Any, info: Any) -> str:
     if not isinstance(index, dict):
         try:
             index = exif.get_ifd(INTEROPERABILITY)
-        except KeyError:  # where a file has none, until Pillow 12
+        except KeyError:  # raised for files without, before Pillow 12
             index = {}
     adobe = own.get(COLOUR_SPACE) == ADOBE or str(index.get(1, "")).startswith("R03")
     return not_applied("its colour space (Adobe RGB)") if adobe else ""
 
 
 def png_note(path: str) -> str | None:
-    """Of code points, which go before a profile; None where the file has none."""
+    """Return a note on cICP code points, which override a profile; None where the file has none."""
     with open(path, "rb") as file:
         file.seek(8)
         while len(head := file.read(8)) == 8:

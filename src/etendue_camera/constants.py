@@ -1,4 +1,4 @@
-"""Physical constants, exact by the SI of 2019, and the few conversions that follow from them."""
+"""Physical constants, exact in the SI of 2019, and the conversions that follow from them."""
 
 ELEMENTARY_CHARGE = 1.602176634e-19  # C
 PLANCK = 6.62607015e-34  # J s

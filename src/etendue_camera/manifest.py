@@ -1,8 +1,7 @@
-"""What etendue itself brings, by the same hooks as any distribution.
+"""What etendue_camera provides, through the same hooks as any distribution.
 
 In:  the tables in ``data/``.
-Out: stages, variables, camera quantities, sensors, roles and spectra by name; what is shown first, and how it is
-     called.
+Out: stages, variables, camera quantities, sensors, roles and spectra by name; display order and display names.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import Any
 from etendue.api import hookimpl
 
 DATA = Path(__file__).parent / "data"
-LIBRARY = "colour-science"  # in place of a path: a table of this library
+LIBRARY = "colour-science"  # instead of a path: a table of this library
 
 
 def _table(name: str) -> dict[str, Any]:
@@ -78,7 +77,7 @@ def etendue_vocabularies() -> dict[str, Any]:
             "word": "spectrum",
             "endings": (".csv", ".spdx"),
             "library": LIBRARY,
-        },  # usable wherever the path of a table is
+        },  # accepted wherever the path of a table is
     }
 
 
@@ -111,17 +110,17 @@ def etendue_commands() -> dict[str, Any]:
         "sensors": {
             "place": "etendue_camera.cli.catalogue:sensors",
             "usage": "[NAME]",
-            "doc": "sensors whose parameters are published",
+            "doc": "list sensors with published parameters",
         },
         "export": {
             "place": "etendue_camera.cli.exports:export",
             "usage": "DIR --dng",
-            "doc": "raw files that other converters open; pictures",
+            "doc": "write DNG raw files and pictures",
         },
         "import": {
             "place": "etendue_camera.cli.imports:take",
             "usage": "CUBE",
-            "doc": "a spectral cube of another program as a scene",
+            "doc": "import a spectral cube as a scene",
         },
     }
 
@@ -145,8 +144,8 @@ def etendue_tables() -> dict[str, Any]:
 def etendue_templates() -> dict[str, Any]:
     keep = {
         "all": "everything",
-        "looks": "pictures and figures, not the bands of light",
-        "rgb_display": "the picture alone",
+        "looks": "pictures and metrics, without spectral bands",
+        "rgb_display": "the picture only",
     }
     return {"camera": {"path": DATA / "beginning.toml", "preset": "sony-imx363", "keep": keep}}
 

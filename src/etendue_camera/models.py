@@ -1,8 +1,7 @@
-"""Built-in stages as classes, for stages that build upon them: ``from etendue_camera.models import DemosaicBilinear``.
+"""Built-in stages as base classes for other stages: ``from etendue_camera.models import DemosaicBilinear``.
 
 In:  the name of a class.
-Out: the class; its module is imported when it is asked for. Names stand as long as those of stages do, modules may
-     move.
+Out: the class; its module is imported on access. Class names are as stable as stage names; modules may move.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ OWN = "etendue"  # the distribution of the package
 
 
 def _places() -> dict[str, str]:
-    """``module:Class`` by the name of the class."""
+    """Return ``module:Class`` by class name."""
     found = discovery.installed()
     brought = (found.all("stages", name)[0] for name in found.names("stages"))
     return {
@@ -28,7 +27,7 @@ def _places() -> dict[str, str]:
 
 
 def __getattr__(name: str) -> Any:
-    """Straight from its place: the registry may be waiting for the very plugin that asks."""
+    """Resolve directly, not through the registry, which may be loading the very plugin that asks."""
     if name.startswith("__"):
         raise AttributeError(name)
     places = _places()

@@ -1,7 +1,7 @@
-"""Pictures of files as they are: every bit of them, or a refusal that says what the file holds.
+"""Read picture files at full bit depth, or raise an error that states what the file contains.
 
 In:  a PNG, JPEG or TIFF file: grey or colour, 1 to 32 bits or floats, sRGB-encoded.
-Out: its size before it is decoded; its values, 0 to 1, (rows, columns, 1 or 3), still in the file's own numbers.
+Out: its size before decoding; its values, 0 to 1, (rows, columns, 1 or 3), in the file's own encoding.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from etendue.contract.values.bounds import beyond
 from etendue.process import unwarned
 from etendue_camera.colour_notes import colour_note, exif_note, png_note
 
-MOST_DIRECTORIES = 10_000  # of a TIFF file
-MOST_PIXELS = 50_000_000  # a gigabyte while it is read
-MOST_PARTS = 2000  # of a PNG, beside its picture
-UNCHECKED = 32 << 20  # bytes that any file may unfold to
-FOLD = 4000  # times that a larger picture may be larger than its file
-_UNFOLDS, _LZMA = (8, 32946, 34925), 34925  # codings of TIFF: deflate twice, LZMA
+MOST_DIRECTORIES = 10_000  # in a TIFF file
+MOST_PIXELS = 50_000_000  # takes 1 GB while it is read
+MOST_PARTS = 2000  # chunks of a PNG besides its image data
+UNCHECKED = 32 << 20  # bytes that any file may decompress to
+FOLD = 4000  # largest ratio of a larger picture to its file
+_UNFOLDS, _LZMA = (8, 32946, 34925), 34925  # TIFF compression codes: deflate (two), LZMA
 ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
 DNG = 50706  # tag of its version
 GREY_ALPHA = 4  # colour type of PNG
@@ -43,7 +43,7 @@ _ELSE = {
 }
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MODES = ("1", "L", "P", "RGB", "I;16", "I;16B", "I;16L", "I", "RGBA", "LA", "PA", "YCbCr")
-_TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture upright
+_TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: the operation that turns the picture upright
     1: lambda a: a,
     2: lambda a: a[:, ::-1],
     3: lambda a: a[::-1, ::-1],
@@ -57,22 +57,22 @@ _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture u
 
 @dataclass(frozen=True)
 class FilePicture:
-    """Values in the file's own numbers, and by what they are divided; what is not done to them."""
+    """Values in the file's own encoding, their divisor, and notes on what is not applied."""
 
     values: Any  # (rows, columns, 1 or 3), unsigned integers or floats
     full: float
     note: str = ""
-    table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness, y first
+    table: Any = None  # (8, 8): luma quantisation steps of a JPEG, y first
 
 
 def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
-    """The picture of a file of at most so many pixels, the way up that the file says.
+    """Read the picture of a file with at most ``most`` pixels, in the orientation stated by the file.
 
     Raises
     ------
     ValueError
-        No picture, a damaged one, one that is too large, more than one, transparent pixels, signed numbers, NaN or
-        floats outside 0 to 1, colours that are neither grey nor RGB: with the file, what it holds and what is allowed.
+        If the file is no picture, damaged, too large, has several pictures, transparent pixels, signed values, NaN
+        or floats outside 0 to 1, or is neither grey nor RGB; the message states file, content and what is allowed.
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -85,50 +85,48 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> FilePicture:
         if start[:4] == b"\x89PNG":
             _check_parts(path)
         if start[4:8] == b"ftyp" and start[8:] in _ELSE:
-            raise ValueError(f"{path} is {_ELSE[start[8:]]}; allowed are {ALLOWED}: save it as one of them")
-        with unwarned():  # of pictures that are large: the limit here is lower; of damaged EXIF: what is left is read
+            raise ValueError(f"{path} is {_ELSE[start[8:]]}; convert it to {ALLOWED}")
+        with unwarned():  # for large pictures: the limit here is lower; for damaged EXIF: the rest is read
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
-            require.that(
-                kind in ("PNG", "JPEG", "MPO"), f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them"
-            )
+            require.that(kind in ("PNG", "JPEG", "MPO"), f"{path} is {kind}; convert it to {ALLOWED}")
             _check_size(path, size[0] * size[1], most)
             many, stored = size[0] * size[1], os.path.getsize(path)
-            # deflate makes nothing more than 1032 times smaller, JPEG hardly more
+            # deflate compresses by at most 1032, JPEG hardly more
             require.that(
                 not 3 * many > UNCHECKED or not 3 * many > FOLD * stored,
-                f"{path} says that it has {many} pixels, in {stored} bytes: it is cut off, or no picture",
+                f"{path} declares {many} pixels in {stored} bytes: it is truncated, or not a picture",
             )
             return _plain(path)
     except UnidentifiedImageError:
-        raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
+        raise ValueError(f"{path} could not be read as a picture; it must be {ALLOWED}") from None
     except Image.DecompressionBombError as error:
         pixels = re.search(r"\((\d+) pixels\)", str(error))
         _check_size(path, int(pixels[1]) if pixels else 10 * most, most)
-        raise ValueError(f"{path} cannot be read: {error}") from None
+        raise ValueError(f"{path} could not be read: {error}") from None
     except ValueError as error:
-        text = str(error) if str(error).startswith(path) else f"{path} cannot be read as a picture: {error}"
+        text = str(error) if str(error).startswith(path) else f"{path} could not be read as a picture: {error}"
         raise ValueError(text) from None
     except (OSError, EOFError, SyntaxError, LookupError, TypeError, ArithmeticError) as error:
         raise ValueError(
-            f"{path} cannot be read as a picture ({ALLOWED}): {' '.join(str(error).split())[:150]}"
+            f"{path} could not be read as a picture ({ALLOWED}): {' '.join(str(error).split())[:150]}"
         ) from None
-    except Exception as error:  # of a decoder: zlib.error, struct.error
+    except Exception as error:  # raised by decoders: zlib.error, struct.error
         raise ValueError(f"{path} is damaged: {type(error).__name__}: {' '.join(str(error).split())[:150]}") from None
 
 
 def _check_size(path: str, pixels: int, most: int) -> None:
     way_out = (
-        "reduce the picture first: a scene is drawn on a grid of its own"
+        "downscale the picture first: a scene is resampled anyway"
         if most == MOST_PIXELS
-        else "cut out what is to be seen"
+        else "crop it to the region of interest"
     )
     too_many = beyond(pixels, "pixels", most, way_out)
     require.that(not too_many, f"{path} has {too_many}")
 
 
 def _check_parts(path: str) -> None:
-    """Refuse a PNG of very many parts that are no picture."""
+    """Raise ValueError for a PNG with very many chunks that are not image data."""
     with open(path, "rb") as file:
         file.seek(8)
         found = 0
@@ -136,18 +134,18 @@ def _check_parts(path: str) -> None:
             found += head[4:] != b"IDAT"
             if found > MOST_PARTS:
                 raise ValueError(
-                    f"{path} has more than {MOST_PARTS} parts beside its picture; save it again without them"
+                    f"{path} has more than {MOST_PARTS} chunks besides its image data; save it again without them"
                 )
             file.seek(int.from_bytes(head[:4], "big") + 4, 1)
 
 
 def check_segments(path: str | Path, page: Any) -> None:
-    """Refuse a page of a TIFF file whose strips or tiles are, or unfold to, far more than their part of the picture.
+    """Reject a TIFF page with strips or tiles that are, or decompress to, far more than their part of the picture.
 
     Raises
     ------
     ValueError
-        One does.
+        If there is one.
     """
     if page.dtype is None:
         return
@@ -160,12 +158,12 @@ def check_segments(path: str | Path, page: Any) -> None:
         )
         if size > most:
             raise ValueError(
-                f"{path}: a strip of {most // 2} bytes is stored as more than {most}; no picture is written so"
+                f"{path}: a strip of {most // 2} bytes is stored as more than {most} bytes; this is not a valid picture"
             )
 
 
 def _unfolded(path: str | Path, offset: int, count: int, page: Any, most: int) -> int:
-    """Bytes that a strip unfolds to, counted up to so many; 0 where so few cannot become many."""
+    """Return the bytes that a strip decompresses to, counted up to a limit; 0 where it is too small to exceed it."""
     if count * 8 * FOLD < UNCHECKED:
         return 0
     reader: Any = lzma.LZMADecompressor() if int(page.compression) == _LZMA else zlib.decompressobj()
@@ -183,28 +181,28 @@ def _unfolded(path: str | Path, offset: int, count: int, page: Any, most: int) -
 
 
 def _plain(path: str) -> FilePicture:
-    """PNG and JPEG."""
+    """Read PNG and JPEG."""
     from PIL import Image
 
     with Image.open(path) as picture:
         frames = getattr(picture, "n_frames", 1)
-        if frames > 1 and picture.format != "MPO":  # a telephone's JPEG may hold a preview
-            raise ValueError(f"{path} holds {frames} pictures; save the one that is meant")
+        if frames > 1 and picture.format != "MPO":  # a phone's JPEG may contain a preview
+            raise ValueError(f"{path} contains {frames} pictures; save the one to use separately")
         mode, turn = picture.mode, picture.getexif().get(0x0112, 1)
         note = colour_note(picture.info) or exif_note(picture.getexif(), picture.info)
         if picture.format == "PNG":
             points = png_note(path)
             note = note if points is None else points
         table = _steps(getattr(picture, "quantization", None), turn)
-        require.that(mode in _MODES, f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
+        require.that(mode in _MODES, f"{path} is a picture of mode {mode}; convert it to {ALLOWED}")
         deep = False
         if picture.format == "PNG":
             with open(path, "rb") as file:
-                depth, colour = file.read(26)[24:]  # of the header: bits of a sample, colour type
+                depth, colour = file.read(26)[24:]  # from the header: bits per sample, colour type
             deep = depth == 16
             require.that(
                 not deep or colour != GREY_ALPHA,
-                f"{path} is 16-bit grey with an alpha channel; save it without the channel",
+                f"{path} is 16-bit grey with an alpha channel; save it without the alpha channel",
             )
         _refuse_clear(path, _transparent(picture))
     if deep and mode in ("RGB", "RGBA"):
@@ -221,7 +219,7 @@ def _plain(path: str) -> FilePicture:
 
 
 def _steps(tables: Any, turn: int) -> Any:
-    """The first quantisation table of a JPEG, as the picture stands when it is upright."""
+    """Return the first quantisation table of a JPEG, oriented as the upright picture."""
     if not tables or len(tables.get(0, ())) != 64:
         return None
     table = np.asarray(tables[0], float).reshape(8, 8)
@@ -229,13 +227,11 @@ def _steps(tables: Any, turn: int) -> Any:
 
 
 def _refuse_clear(path: str, clear: int) -> None:
-    require.that(
-        not clear, f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first"
-    )
+    require.that(not clear, f"{path} has {clear} transparent pixels, whose background is unknown; flatten it first")
 
 
 def _transparent(picture: Any) -> int:
-    """How many pixels are not opaque."""
+    """Return the number of pixels that are not opaque."""
     if "A" not in picture.mode and "transparency" not in picture.info:
         return 0
     alpha = np.asarray(picture.convert("RGBA").getchannel("A"))
@@ -243,7 +239,7 @@ def _transparent(picture: Any) -> int:
 
 
 def _deep_png(path: str, mode: str) -> Any:
-    """All 16 bits of a colour PNG, of which Pillow hands on the upper eight: taken as little-endian, the same bytes
+    """Return all 16 bits of a colour PNG, of which Pillow gives the upper eight: read as little-endian, the same bytes
     give the lower.
     """
     from PIL import Image
@@ -260,12 +256,12 @@ def _deep_png(path: str, mode: str) -> Any:
 
 
 def check_directories(path: str | Path) -> None:
-    """Refuse a TIFF file whose directories stand one behind the other without end: readers would go round in it.
+    """Reject a TIFF file with a cycle of directories, in which readers would loop forever.
 
     Raises
     ------
     ValueError
-        A directory points to itself, to one before it, or there are more than any picture has.
+        If a directory points to itself or to an earlier one, or there are too many.
     """
     with open(path, "rb") as file:
         start = file.read(16)
@@ -278,8 +274,8 @@ def check_directories(path: str | Path) -> None:
         while at:
             if at in seen or len(seen) >= MOST_DIRECTORIES:
                 raise ValueError(
-                    f"{path}: its directories go round in a ring, or are more than {MOST_DIRECTORIES}; no picture is "
-                    f"written so"
+                    f"{path}: its directories form a cycle, or are more than {MOST_DIRECTORIES}; this is not a valid "
+                    f"picture"
                 )
             seen.add(at)
             file.seek(at)
@@ -311,11 +307,11 @@ def _tiff(path: str, most: int) -> FilePicture:
         check_segments(path, page)
         try:
             values = page.asarray()
-        except (ValueError, ImportError) as error:  # a codec that is not installed
+        except (ValueError, ImportError) as error:  # a missing codec
             if page.dtype.itemsize == 1:
                 return FilePicture(_by_pillow(path), 255.0, note)
             raise ValueError(
-                f"{path} cannot be decoded: {error}; save it without compression, or with deflate"
+                f"{path} could not be decoded: {error}; save it without compression, or with deflate"
             ) from None
         if page.planarconfig == 2 and values.ndim == 3:
             values = values.transpose(1, 2, 0)
@@ -327,30 +323,30 @@ def _tiff(path: str, most: int) -> FilePicture:
 
 
 def _only_page(path: str, file: Any) -> Any:
-    """The one picture of a TIFF file, beside smaller copies of it."""
+    """Return the only picture of a TIFF file, apart from smaller copies of it."""
     pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
     if file.pages[0].aspage().tags.valueof(DNG) is not None:
-        raise ValueError(f"{path} is a raw file (DNG); allowed are {ALLOWED}: develop it first")
-    require.that(len(pages) == 1, f"{path} holds {len(pages)} pictures; save the one that is meant")
+        raise ValueError(f"{path} is a raw file (DNG); convert it to {ALLOWED}")
+    require.that(len(pages) == 1, f"{path} contains {len(pages)} pictures; save the one to use separately")
     return pages[0].aspage()
 
 
 def _check_kind(path: str, page: Any, colours: str) -> None:
-    """Refuse numbers and colours that are no picture's."""
+    """Reject sample formats and colours that are not those of a picture."""
     kind, bits = page.dtype, page.bitspersample
     known = kind is not None and (bits == 1 or (kind.kind in "uf" and bits in (8, 16, 32, 64)))
-    require.that(known, f"{path} holds {kind or bits} numbers; allowed are unsigned integers and floats from 0 to 1")
+    require.that(known, f"{path} has {kind or bits} samples; they must be unsigned integers, or floats from 0 to 1")
     require.that(
         colours in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"),
-        f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first",
+        f"{path} is a picture in {colours}; convert it to {ALLOWED}",
     )
 
 
 def _opaque(path: str, values: Any, full: float) -> Any:
-    """(rows, columns, 1 or 3): samples without a channel that says where they are transparent, as none may be."""
+    """Return (rows, columns, 1 or 3) samples without the alpha channel, which must be opaque."""
     values = values[..., None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
-        raise ValueError(f"{path} has {values.shape[2:] or values.shape} samples a pixel; allowed are {ALLOWED}")
+        raise ValueError(f"{path} has {values.shape[2:] or values.shape} samples per pixel; it must be {ALLOWED}")
     if values.shape[2] in (2, 4):
         _refuse_clear(path, int(np.count_nonzero(values[..., -1] < full)))
         values = values[..., :-1]
@@ -360,13 +356,13 @@ def _opaque(path: str, values: Any, full: float) -> Any:
 
 
 def _by_pillow(path: str) -> Any:
-    """8-bit values of a TIFF file whose coding only Pillow knows; it turns them upright itself."""
+    """Return 8-bit values of a TIFF file whose compression only Pillow supports; Pillow turns them upright itself."""
     from PIL import Image
 
     with Image.open(path) as picture:
         require.that(
             not _transparent(picture),
-            f"{path} has transparent pixels, and nobody knows what is behind them: flatten it first",
+            f"{path} has transparent pixels, whose background is unknown; flatten it first",
         )
         return (
             np.asarray(picture.convert("L"))[..., None]
@@ -376,12 +372,12 @@ def _by_pillow(path: str) -> Any:
 
 
 def _check_floats(path: str, values: Any) -> None:
-    """Floats are reflectances behind the sRGB curve: from 0 to 1."""
+    """Check floats, which are sRGB-encoded reflectances from 0 to 1."""
     bad = ~((values >= 0) & (values <= 1))
     if bad.any():
         row, column, _ = np.unravel_index(int(np.argmax(bad)), bad.shape)
         raise ValueError(
-            f"{path} holds {float(values[row, column].flat[int(np.argmax(bad[row, column]))]):g} at row {row}, column "
+            f"{path} has {float(values[row, column].flat[int(np.argmax(bad[row, column]))]):g} at row {row}, column "
             f"{column} "
-            f"({int(bad.any(axis=2).sum())} such pixels); allowed are floats from 0 to 1"
+            f"({int(bad.any(axis=2).sum())} such pixels); floats must be from 0 to 1"
         )

@@ -1,8 +1,7 @@
-"""What studies ask of stages: the roles that they look for, and typed bases for what a stage can say of itself.
+"""Roles that studies look for in stages, and typed base classes for what a stage can tell about itself.
 
 In:  stage classes, those of plugins like those of this package.
-Out: bases to derive a stage from; names of roles. Whether a stage is one of them is asked of its class or role, never
-     of its name.
+Out: base classes for stages; names of roles. Studies check the class or role of a stage, never its name.
 """
 
 from __future__ import annotations
@@ -13,29 +12,29 @@ from typing import Any
 
 from etendue.contract.stage import Stage
 
-LENS = ("lens", "distortion", "glare", "low-pass filter")  # what spreads or moves light in front of the sensor
+LENS = ("lens", "distortion", "glare", "low-pass filter")  # spreads or moves light before the sensor
 DISTORTION = "distortion"
-RESTORING = ("", "sharpening", "denoising", "defect correction")  # what betters a picture; "" says nothing
+RESTORING = ("", "sharpening", "denoising", "defect correction")  # improves a picture; "": no role
 SHADING = "shading correction"
-BALANCE = "white balance"  # behind it white is equal in all channels
+BALANCE = "white balance"  # after it, white is equal in all channels
 CROSSTALK = "crosstalk"
 READ_NOISE = "read noise"
-PROCESSING = ("demosaicing", "denoising", "sharpening")  # what changes detail and noise behind the read-out
+PROCESSING = ("demosaicing", "denoising", "sharpening")  # changes detail and noise after the read-out
 DEFECTIVE = ("sensor defects", "stuck pixels")
 FULL_WELL = "full well"
-REFERENCE = "reference"  # stages that only stand where a study puts them: never an alternative to others
+REFERENCE = "reference"  # stages that only studies insert: never an alternative to others
 
 
 class Scaled(Stage):
-    """A stage that makes the linear mosaic, and knows its scale."""
+    """A stage that writes the linear mosaic, and knows its scale."""
 
     @abstractmethod
     def electrons(self) -> float:
-        """Charge of a pixel that reads 1."""
+        """Return the charge of a pixel that reads 1."""
 
 
-# What a datasheet says, by name: units, and of several stages noises and patterns add in squares, of wells the smallest
-# counts.
+# Datasheet entries by name, with units. Over several stages, noises and patterns add in squares, and the smallest full
+# well applies.
 FIGURES: Mapping[str, str] = {
     "gain": "DN/electron",
     "read_noise": "electron",
@@ -48,24 +47,22 @@ FIGURES: Mapping[str, str] = {
 
 
 class InSilicon(Stage):
-    """A stage on the light that belongs to the sensor, not to the lens: an ideal lens leaves it as it is."""
+    """A stage on the light that belongs to the sensor, not to the lens: an ideal lens leaves it unchanged."""
 
 
 class FlatScene(Stage):
-    """A scene that is the same everywhere. Studies give it ``reflectance``, and of size and light the parameters
-    that it has.
-    """
+    """A uniform scene. Studies set ``reflectance``, and those size and light parameters that it has."""
 
 
 class EdgeScene(Stage):
-    """A scene of one slanted edge. Studies give it ``angle``, ``low``, ``high``, ``softness``, and of size and light
-    what it has.
+    """A scene of one slanted edge. Studies set ``angle``, ``low``, ``high``, ``softness``, and those size and light
+    parameters that it has.
     """
 
 
 class Displaying(Stage):
-    """A stage that writes linear values for a display, and knows its primaries."""
+    """A stage that writes linear display values, and knows the display primaries."""
 
     @abstractmethod
     def to_xyz(self) -> Any:
-        """(3, 3): linear RGB to XYZ, Y = 1 for the display's white."""
+        """Return the matrix (3, 3) from linear RGB to XYZ, Y = 1 for the display's white."""

@@ -1,5 +1,5 @@
-"""How a camera's arrays are seen: light through the CIE 1931 observer, channels by name, a mosaic through its own
-filters.
+"""Rendering of camera arrays for viewing: light through the CIE 1931 observer, channels by name, a mosaic through its
+own filters.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ TO_RGB = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
 
 
 def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
-    """(3, wavelength): bands as an eye sees them, whose edges are in nm; numbers as their mean."""
+    """Return weights (3, wavelength) that show bands, with edges in nm, as an eye sees them; for numbers, their
+    mean."""
     return (
         TO_RGB @ (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T if drawn.linear else _mean(len(edges) - 1)
     )
 
 
 def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
-    """(3, channel): tristimulus values as a viewer sees them who is adapted to their white; red, green and blue as
-    they are.
+    """Return weights (3, channel): tristimulus values as seen by a viewer adapted to their white; red, green and blue
+    unchanged.
     """
     names = list(names)
     if names[:3] == ["R", "G", "B"]:
@@ -35,16 +36,14 @@ def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
         return _mean(len(names))
     if not drawn.viewer:
         return TO_RGB
-    white = np.asarray(
-        drawn.viewer, float
-    )  # as its viewer sees it, not as it would look beside the white of the display
+    white = np.asarray(drawn.viewer, float)  # as its viewer sees it, not relative to the white of the display
     return TO_RGB @ matrices.von_kries_matrix(
         white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"]
     )
 
 
 def of_pattern(text: str) -> tuple[tuple[str, ...], dict[str, tuple[float, float, float]]]:
-    """Rows of letters of a colour filter array, and the colour of each letter."""
+    """Return the rows of letters of a colour filter array, and the colour of each letter."""
     mask = cfa.read(text)
     return mask.rows, {channel: cfa.tint(channel) for channel in mask.channels}
 

@@ -253,7 +253,7 @@ def test_a_scene_that_is_a_folder_is_copied_and_runs_again(cube, tmp_path):
 def test_a_folder_with_a_link_out_of_it_is_refused(cube, tmp_path):
     (tmp_path / "secret").write_text("words")
     (tmp_path / "light.zarr/secret").symlink_to(tmp_path / "secret")
-    with pytest.raises(RequestError, match="holds a link, secret"):
+    with pytest.raises(RequestError, match="contains a link, secret"):
         make_plan(read_pipeline(cube), installed_stages())
 
 

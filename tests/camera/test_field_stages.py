@@ -116,7 +116,7 @@ def test_a_table_and_its_coefficients_give_the_same_picture(tmp_path):
     by_terms = light_of(pipeline({"use": "distortion", "k1": -0.04, "reference_radius": 0.1}, **chart))
     # the spline through 45 heights of a cubic is the cubic but for its end conditions
     np.testing.assert_allclose(by_table, by_terms, rtol=1e-6)
-    with pytest.raises(ValueError, match="one or the other"):
+    with pytest.raises(ValueError, match="give only one of them"):
         Distortion(table=str(path), k1=0.1)
 
 
@@ -125,7 +125,7 @@ def test_what_changes_nothing_is_left_out():
         Facts(uniform=False),
         Grid.of({"wavelength": Bands((500.0, 600.0)), "y": Line(9, -4.0, 1.0), "x": Line(9, -4.0, 1.0)}),
     )
-    assert Distortion().negligible(facts, grid) == (0.0, "it moves nothing")
+    assert Distortion().negligible(facts, grid) == (0.0, "nothing is displaced")
     assert Distortion(k1=0.1).negligible(facts, grid) is None
     assert Distortion(k1=0.1).negligible(Facts(uniform=True), grid)[0] == 0
     assert Distortion().error({"irradiance": facts}, {"irradiance": grid}, "float32")[0] == 0
@@ -144,14 +144,14 @@ def test_the_plan_says_where_light_tables_and_pictures_end(bank_file, tmp_path):
     scene = Facts(uniform=False)
     assert LensPsfField(file=bank_file, weights="image").warn(scene, grids()) == []
     far = LensPsfField(file=bank_file, weights="image").warn(scene, grids(200.0, (350.0, 450.0)))
-    assert any("ends 120 um from the axis, the light reaches 282.8" in note for note in far)
+    assert any("ends 120 um from the axis, but the light extends to 282.8" in note for note in far)
     assert any("450 to 650 nm" in note for note in far)
     assert any("weights = 'image'" in note for note in LensPsfField(file=bank_file).warn(scene, grids()))
     assert Distortion(k1=0.02, reference_radius=0.1).warn(scene, grids()) == []  # pincushion looks inwards
     (note,) = Distortion(k1=-0.02, reference_radius=0.1).warn(scene, grids())
     assert "beyond the rendered light" in note
     ideal = float(Distortion(k1=-0.02, reference_radius=0.1).map().undistort(math.hypot(60, 60), 0.5)) / math.sqrt(2)
-    assert f"looks {ideal - 60:.3g} um" in note
+    assert f"extends {ideal - 60:.3g} um" in note
     assert any("order = 1" in n for n in Distortion(k1=0.02, reference_radius=0.1).warn(scene, grids(cells=True)))
     path = tmp_path / "short.csv"
     path.write_text("ideal_um,500,520\n10,10.1,10.1\n20,20.4,20.4\n")

@@ -106,7 +106,7 @@ def test_percents_are_refused_and_what_fluoresces_is_not(tmp_path, overrides, to
     pipeline = read_pipeline(Path(__file__).parents[2] / "pipelines" / "smallest.toml", asked)
     if refused:
         with pytest.raises(
-            RequestError, match=rf"p1 of .* reaches {top:g}: a reflectance is a share; divide percents by 100"
+            RequestError, match=rf"p1 of .* reaches {top:g}: a reflectance is a fraction; divide per cent values by 100"
         ):
             make_plan(pipeline, installed_stages())
     else:

@@ -153,7 +153,7 @@ def wrong(folder):
     (folder / "cut.png").write_bytes((folder / "alpha.png").read_bytes()[:60])
     made["cut off"] = "cut.png", "cut.png"
     (folder / "text.png").write_text("no picture")
-    made["no picture"] = "text.png", "cannot be read as a picture"
+    made["no picture"] = "text.png", "could not be read as a picture"
     return made
 
 
@@ -231,7 +231,7 @@ def test_a_damaged_exif_table_is_read_without_a_word(tmp_path, recwarn, cut):
 @pytest.mark.parametrize(("brand", "name"), [(b"heic", "HEIC"), (b"mif1", "HEIC"), (b"avif", "AVIF")])
 def test_what_telephones_write_instead_of_jpeg_is_named(tmp_path, brand, name):
     (tmp_path / "a.jpg").write_bytes(b"\0\0\0\x18ftyp" + brand + bytes(100))
-    with pytest.raises(ValueError, match=f"is {name}; allowed are PNG, JPEG or TIFF"):
+    with pytest.raises(ValueError, match=f"is {name}; convert it to PNG, JPEG or TIFF"):
         read_picture(str(tmp_path / "a.jpg"))
 
 

@@ -105,11 +105,11 @@ def test_a_microlens_multiplies_the_light_of_pixel_and_white_alike():
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"microlens_gain": 2.0}, r"collects no more .* 1\.821 at most"),
-        ({"aperture_offset_x": 0.2}, r"out of its pixel.*may move by 0\.1295"),
-        ({"aperture_offset_y": -0.1, "aperture_fraction": 1.0}, "may move by 0 pitches"),
+        ({"microlens_gain": 2.0}, r"cannot collect more .* the maximum is 1\.821"),
+        ({"aperture_offset_x": 0.2}, r"out of its pixel.*may be at most 0\.1295"),
+        ({"aperture_offset_y": -0.1, "aperture_fraction": 1.0}, "may be at most 0 pitches"),
         ({"peak_qe": (0.4, 0.5)}, "2 values, but the pattern 'RGGB' has 3 channels: R, G, B"),
-        ({"pattern": "RCCC", "peak_qe": (0.4,)}, "channel C.*CSV table with a column C, or take sensitivity_kind"),
+        ({"pattern": "RCCC", "peak_qe": (0.4,)}, "channel C.*CSV table with a column C, or use sensitivity_kind"),
         ({"pattern": "RGBE/", "peak_qe": (0.4,)}, "CSV table with a column E$"),
     ],
 )
@@ -124,7 +124,7 @@ def test_a_pixel_that_loses_charge_to_other_colours_says_so_unless_crosstalk_doe
         return [
             text
             for text in make_plan(from_document(document), installed_stages()).warnings
-            if "wandering charge" in text
+            if "charge diffuses into pixels of other colours" in text
         ]
 
     assert said(pixel_pitch=1.5)

@@ -227,7 +227,7 @@ def test_the_error_of_a_white_is_its_angle_to_the_true_one_whatever_the_exposure
 
 @pytest.mark.parametrize("level", [0.0, 1.0])
 def test_a_frame_that_is_black_or_clipped_shows_no_white_and_says_so(level):
-    with pytest.raises(ValueError, match="none of 16 cells"):
+    with pytest.raises(ValueError, match="none of the 16 cells"):
         estimate(np.array([0.3, 0.5, 0.2]), np.full((16, 16), level))
     assert estimate(np.array([0.3, 0.5, 0.2]), np.full((16, 16), level), method="illuminant")["white_error"] == 0
 
@@ -244,8 +244,8 @@ def test_a_dead_channel_is_refused_or_floored_and_counted():
 
 def test_gains_and_method_go_together():
     for wrong, text in (
-        ({"method": "preset"}, "gains go with"),
-        ({"gains": (1.0, 1.0, 1.0)}, "gains go with"),
+        ({"method": "preset"}, "give gains with"),
+        ({"gains": (1.0, 1.0, 1.0)}, "give gains with"),
         ({"method": "preset", "gains": (1.0, 2.0)}, "3 channels"),
     ):
         with pytest.raises(ValueError, match=text):
@@ -333,8 +333,8 @@ def test_the_plan_says_what_the_correction_costs_and_where_it_ends():
             n for n in make_plan(from_document(document), installed_stages()).warnings if n.startswith("lens_shading")
         ]
 
-    assert any("noise there grows as much" in n for n in notes())
-    assert any("gains end at largest_gain = 1.5" in n for n in notes(largest_gain=1.5))
+    assert any("noise grows by the same factor" in n for n in notes())
+    assert any("gains are limited to largest_gain = 1.5" in n for n in notes(largest_gain=1.5))
     assert notes(strength=0.0) == []
 
 
@@ -344,9 +344,9 @@ def test_black_is_left_alone_and_a_table_needs_the_patterns_channels(tmp_path):
     black = stage("lens_shading", focal_length=3.0).run(np.zeros((8, 8)), 1.0, line, line, um, um)["mosaic_linear"]
     assert_array_equal(black, np.zeros((8, 8)))
     (tmp_path / "g.csv").write_text("height_mm,R,G,W\n0,1,1,1\n3,2,2,2\n")
-    with pytest.raises(ValueError, match="one column for each"):
+    with pytest.raises(ValueError, match="one column per channel"):
         stage("lens_shading", map="table", table=str(tmp_path / "g.csv")).run(np.zeros((8, 8)), 1.0, line, line, um, um)
-    with pytest.raises(ValueError, match="a table goes with"):
+    with pytest.raises(ValueError, match="give a table with"):
         stage("lens_shading", map="table")
 
 

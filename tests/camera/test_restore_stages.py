@@ -402,8 +402,8 @@ def test_a_plan_says_that_a_blur_is_unknown_to_the_restoration(use):
         ]
 
     (text,) = warnings("aberrations")
-    assert "what aberrations does to light is no transfer function" in text
-    assert "its figures are NaN" in text
+    assert "aberrations has no transfer function" in text
+    assert "its metrics are NaN" in text
     assert warnings("diffraction") == warnings("wavefront") == []
 
 

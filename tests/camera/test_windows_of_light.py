@@ -169,19 +169,19 @@ def test_a_light_that_no_eye_sees_has_a_radiance_and_no_luminance():
     )
     photons = math.pi * 0.5 / (4 * 4**2) * 25e-12 * 850e-9 / (PLANCK * SPEED_OF_LIGHT)
     assert_allclose(rate.values, photons, rtol=1e-12)
-    with pytest.raises(RequestError, match="one of them gives the level"):
+    with pytest.raises(RequestError, match="give one of them for the level"):
         notes(400, 700, scene={"radiance": 1.0})
-    with pytest.raises(RequestError, match="one of them gives the level"):
+    with pytest.raises(RequestError, match="give one of them for the level"):
         notes(400, 700, scene={"white_luminance": 0.0})
 
 
 def test_a_light_whose_luminance_nobody_measured_is_refused_and_a_little_of_it_is_noted():
     with pytest.raises(
-        RequestError, match=r"tabulated from 350 to 560 nm; with its end values held 55 % of its luminance"
+        RequestError, match=r"tabulated from 350 to 560 nm; with its end values extended 55 % of its luminance"
     ):
         notes(400, 500, camera={"illuminant": "ISO 7589 Sensitometric Printer"})
     said = notes(400, 690, camera={"illuminant": "ISO 7589 Studio Tungsten"})
-    assert any("end values hold, which makes up 0.19 % of its luminance" in text for text in said)
+    assert any("its end values are used, which make up 0.19 % of its luminance" in text for text in said)
 
 
 # ----------------------------------------------------------------------------------------------- table ends
@@ -270,7 +270,7 @@ def test_reflectances_hold_their_end_values_and_are_noted(tmp_path):
     ]
     assert_allclose(*matrices, rtol=1e-12)
     assert any(
-        "end values hold" in text
+        "end values are used" in text
         for text in notes(380, 780, "irradiance", "colour_fit", colour_fit={"reflectances": short})
     )
     assert not notes(380, 780, "irradiance", "colour_fit", colour_fit={"reflectances": long})
@@ -280,7 +280,7 @@ def test_a_scale_that_does_not_cover_the_light_is_refused(tmp_path):
     path = table(tmp_path, "quartz.csv", "wavelength_nm,scale", [(w, 1.0) for w in range(450, 651, 10)])
     split = {"separation_x": 2.0, "dispersion": path}
     edge = {"use": "slanted_edge"}
-    with pytest.raises(RequestError, match="rows from 450 to 650 nm, but the light reaches from 400 to 700 nm"):
+    with pytest.raises(RequestError, match="rows from 450 to 650 nm, but the light extends from 400 to 700 nm"):
         notes(400, 700, "irradiance", "birefringent", birefringent=split, scene=edge)
 
 
@@ -288,7 +288,7 @@ def test_columns_by_wavelength_that_do_not_cover_the_light_are_noted(tmp_path):
     path = table(tmp_path, "falloff.csv", "height_mm,450,550,650", [(0, 1, 1, 1), (4, 0.5, 0.6, 0.7)])
     stages, falloff = ("irradiance", "falloff"), {"model": "table", "table": path}
     assert any(
-        "has 450 to 650 nm; beyond them the nearest column" in text
+        "has 450 to 650 nm; outside this range the nearest column" in text
         for text in notes(400, 780, *stages, falloff=falloff)
     )
     assert not notes(440, 660, *stages, falloff=falloff)

@@ -461,11 +461,11 @@ def test_one_stage_is_shown_in_full(inside):
     code, out, _ = inside("stages", "uniform")
     assert code == 0
     for text in (
-        "The same light everywhere.",
+        "Give the same light everywhere.",
         "radiance: wavelength y x [W m-2 sr-1 nm-1]",
         "white_luminance",
         "required",
-        "quarter of a um",
+        "0.25 um",
     ):
         assert text in out
     (document,) = strict(inside("stages", "uniform", "--json")[1])

@@ -227,9 +227,9 @@ def test_tiff_holds_raw_numbers_and_pictures(archive, run, tmp_path):
         (["--dng", "--stage", "mosaic"], "wrote no 'raw'"),
         (["--dng", "--variable", "rgb_display"], "--variable is for --tiff"),
         (["--tiff", "--variable", "rgb_dislpay"], "did you mean 'rgb_display'"),
-        (["--tiff", "--variable", "radiance"], "it is no picture"),
+        (["--tiff", "--variable", "radiance"], "it is not a picture"),
         (["--dng", "--output", "one.dng"], "4 would be written"),
-        (["--dng", "--at", "f_number=4", "--at", "pixel_pitch=4", "--output", "one.tif"], "ends in .dng"),
+        (["--dng", "--at", "f_number=4", "--at", "pixel_pitch=4", "--output", "one.tif"], "must end in .dng"),
     ],
 )
 def test_a_request_that_cannot_be_met_writes_nothing_and_says_what_to_do(words, says, archive, run, tmp_path):

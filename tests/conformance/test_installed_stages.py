@@ -300,7 +300,7 @@ def test_every_built_in_stage_says_how_wrong_it_is_and_what_its_parameters_mean(
 )
 def test_a_chart_that_cannot_be_drawn_is_refused_before_anything_is_computed(name, values):
     source = installed_stages().load(name)(white_luminance=100.0, **values)
-    with pytest.raises(ValueError, match=r"low and high|six softened|does not divide"):
+    with pytest.raises(ValueError, match=r"low and high|six softened|must divide"):
         source.describe()
 
 

@@ -54,7 +54,7 @@ def test_cycles_of_a_star_are_counted(cycles):
 
 
 def test_noise_alone_is_no_star():
-    with pytest.raises(ValueError, match="no number of cycles stands out"):
+    with pytest.raises(ValueError, match="no dominant number of cycles"):
         count_cycles(np.random.default_rng(2).normal(0.5, 0.1, (220, 224)), (110.0, 112.0), 105.0)
 
 

@@ -97,12 +97,12 @@ def test_what_lies_outside_the_rings_is_said_to():
         ({"cycles": 5}, "cycles is 5"),
         ({"cycles": 36.5}, "cycles is 36.5"),
         ({"radius": 0.0}, "radius is 0"),
-        ({"radius": 9.0}, "less than four rings"),
+        ({"radius": 9.0}, "fewer than four rings"),
         ({"radius": 200.0}, "inside the picture"),
         ({"contrast": 1.5}, "contrast is 1.5"),
         ({"highest": 2.0}, "highest is 2"),
         ({"picture": np.zeros(4)}, "picture must be"),
-        ({"picture": np.random.default_rng(0).normal(1, 0.1, (300, 311))}, "no star"),
+        ({"picture": np.random.default_rng(0).normal(1, 0.1, (300, 311))}, "no measurable star"),
     ],
 )
 def test_nonsense_is_refused_with_its_name_and_what_is_allowed(arguments, match):

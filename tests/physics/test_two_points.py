@@ -121,9 +121,9 @@ def test_the_dip_begins_at_sparrows_separation_and_deepens(share):
         (lambda: sparrow_separation(airy, 0.0), "highest is"),
         (lambda: sparrow_separation(airy, 1.0, kind="plane"), "kind is"),
         (lambda: sparrow_separation(airy, 1.0, nodes=4), "nodes is"),
-        (lambda: sparrow_separation(lambda f: f[:3], 1.0), "otf gives shape"),
+        (lambda: sparrow_separation(lambda f: f[:3], 1.0), "otf returns shape"),
         (lambda: sparrow_separation(lambda f: np.stack([f, f]), 1.0, [1.0]), "weights has shape"),
-        (lambda: sparrow_separation(lambda f: np.nan * f, 1.0), "no numbers"),
+        (lambda: sparrow_separation(lambda f: np.nan * f, 1.0), "not finite"),
     ],
 )
 def test_nonsense_is_refused_with_its_name_and_what_is_allowed(call, match):

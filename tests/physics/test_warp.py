@@ -205,5 +205,5 @@ def test_orders_and_oversampling_out_of_range_are_refused():
         warp.radial(plane, np.arange(4.0), np.arange(4.0), np.ones_like, 6)
     with pytest.raises(ValueError, match="oversampling"):
         warp.radial(plane, np.arange(4.0), np.arange(4.0), np.ones_like, 3, 0)
-    with pytest.raises(ValueError, match="turns the image over"):
+    with pytest.raises(ValueError, match="inverts the image"):
         DistortionCurve(lateral_colour=-2.0).distort(1.0, 0.65)

@@ -237,12 +237,12 @@ def test_one_peak_efficiency_serves_all_channels():
 
 def test_a_surface_that_the_efficiency_holds_already_is_noted():
     assert any(
-        "surface_transmission = 0.9 changes nothing" in text
+        "surface_transmission = 0.9 has no effect" in text
         for text in notes("pixel", camera={"surface_transmission": 0.9})
     )
     told = notes("pixel", camera={"surface_transmission": 0.9, "sensitivity_kind": "filter_transmittance"})
-    assert not any("changes nothing" in text for text in told)
+    assert not any("has no effect" in text for text in told)
     assert any(
-        "sensitivity_per = 'energy' changes" in text
+        "sensitivity_per = 'energy' has" in text
         for text in notes("pixel", camera={"sensitivity": "flat", "sensitivity_per": "energy"})
     )

@@ -31,7 +31,7 @@ def warnings(folder, camera, columns, **overrides):
 @pytest.mark.parametrize(
     ("camera", "columns", "said"),
     [
-        ("peak_qe = [0.36, 0.44, 0.40]", PEAKS, "take them as they stand: peak_qe = [0.46, 0.55, 0.47]"),
+        ("peak_qe = [0.36, 0.44, 0.40]", PEAKS, "use them unscaled, set peak_qe = [0.46, 0.55, 0.47]"),
         ("peak_qe = 0.5", PEAKS, "scaled to peak_qe = [0.5, 0.5, 0.5]"),
         ("peak_qe = [0.46, 0.55, 0.47]", PEAKS, ""),
         ("peak_qe = [0.36, 0.44, 0.40]", (1.0, 1.0, 1.0), ""),  # relative

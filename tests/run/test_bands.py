@@ -138,7 +138,7 @@ def test_an_expansion_leaves_uniform_light_exact():
 
 
 def test_fewer_terms_than_channels_are_refused():
-    with pytest.raises(RequestError, match="has 3 channels; give as many or more, or 0"):
+    with pytest.raises(RequestError, match="has 3 channels; use at least as many terms, or 0"):
         etendue.simulate(camera(wavelength_terms=2))
 
 
@@ -193,5 +193,5 @@ def test_a_stored_scene_serves_as_the_light_of_another_camera(tmp_path):
     ):
         assert np.array_equal(again[stage][name].values, kept[stage][name].values), name
     document["stages"][0] |= {"variable": "scene/brightness"}
-    with pytest.raises(RequestError, match="holds no variable 'scene/brightness'"):
+    with pytest.raises(RequestError, match="has no variable 'scene/brightness'"):
         etendue.simulate(document)

@@ -195,14 +195,14 @@ def test_the_region_of_an_edge_that_was_found_gives_it_again(tmp_path, angle, ha
     [
         (lambda: 0.3 + 0.4 * box(35, 0), "edges is along rows or columns"),
         (lambda: 0.3 + 0.4 * box(60, 43.5), "edges is nearly along a diagonal"),
-        (lambda: np.full((1, 1), 0.3), "it has 1 x 1 pixels, and the least are 3 x 3"),
+        (lambda: np.full((1, 1), 0.3), "it has 1 x 1 pixels; at least 3 x 3 are required"),
         (lambda: np.linspace(0, 1, 200)[None], "it has 1 x 200 pixels"),
         (lambda: 0.3 + 0.4 * box(9, 5), "edges is shorter than 24 pixels"),
         (
             lambda: 0.3 + np.random.default_rng(0).normal(0, 0.05, (120, 130)),
             "edges is no stronger than noise or texture",
         ),
-        (lambda: np.full((120, 130), 0.3), "it is even all over"),
+        (lambda: np.full((120, 130), 0.3), "it is uniform"),
     ],
 )
 def test_why_no_edge_is_found_by_itself_is_told_as_it_is(tmp_path, picture, said):
@@ -225,7 +225,7 @@ def test_an_edge_that_distortion_bends_is_followed(tmp_path):
         (lambda: slanted(44.8), "the edge is not slanted: it stands 44.8 degrees from the columns"),
         (lambda: slanted(5.0, bend=12.0), "pixels from a line 5."),
         (lambda: slanted(5.0, low=0.5, high=0.5), "no edge can be measured: its step is lost in noise"),
-        (lambda: np.full(SHAPE, 0.5), "no edge can be measured: it is even all over"),
+        (lambda: np.full(SHAPE, 0.5), "no edge can be measured: it is uniform"),
         (lambda: np.minimum(slanted(5.0), slanted(95.0)), "the edge is not straight, or not alone"),
     ],
 )
@@ -258,7 +258,7 @@ def test_a_star_comes_back_with_its_cycles_and_its_middle(tmp_path):
     inside(found, "mtf50", FIFTY, 1e-3 * FIFTY)
     assert_allclose([float(one) for one in found["star"].split(",")], [123.8, 118.3, 110], atol=0.05)
     assert "36 cycles; 72 are counted" in refused(path, stars=("124,118,110",), cycles=36)
-    assert "no number of cycles stands out" in refused(saved(tmp_path / "b.tif", slanted(5.0)), stars=("70,80,60",))
+    assert "no dominant number of cycles" in refused(saved(tmp_path / "b.tif", slanted(5.0)), stars=("70,80,60",))
 
 
 # ------------------------------------------------------------------------------------------------------------ noise
@@ -559,7 +559,7 @@ def test_a_wrong_request_is_one_line_and_exit_code_2(picture, words, said):
     ("name", "content", "said"),
     [
         ("none.png", None, "there is no such file"),
-        ("text.png", b"hello", "cannot be read as a picture; allowed are PNG, JPEG or TIFF"),
+        ("text.png", b"hello", "could not be read as a picture; it must be PNG, JPEG or TIFF"),
         ("flat.dng", b"hello", "cannot be read as a raw file"),
     ],
 )

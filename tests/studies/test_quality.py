@@ -503,7 +503,7 @@ def test_channels_that_were_lifted_to_a_floor_are_a_note():
     lifting = 'method = "preset"\ngains = [1, 1, 1e4]\nfloor = 0.01\n'
     found = quality(read([*WHITE, *BEHIND], scene="uniform", white_estimate=lifting), installed_stages())
     assert any(
-        "white_estimate has channels of the white which were lifted to the floor" in note for note in found.notes
+        "white_estimate has channels of the white raised to the floor" in note for note in found.notes
     )
 
 

@@ -118,9 +118,9 @@ def test_turning_the_line_around_mirrors_the_beam():
 
 
 def test_what_cannot_be_is_refused():
-    with pytest.raises(ValueError, match="needs more than 20000 samples a second"):
+    with pytest.raises(ValueError, match="needs more than 20000 samples per second"):
         PlaneWave(tone=10000.0)
-    with pytest.raises(RequestError, match="there is no frequency from 501 to 502 Hz"):
+    with pytest.raises(RequestError, match="no frequency bin from 501 to 502 Hz"):
         etendue.simulate(PIPELINES / "beam.toml", phasors__lowest=501.0, phasors__highest=502.0)
 
 

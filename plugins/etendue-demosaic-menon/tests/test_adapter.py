@@ -131,7 +131,7 @@ def test_unknown_patterns_and_shapes_are_refused():
         menon(np.zeros((3, 8, 8)), "RGGB")
     with pytest.raises(ValueError, match="mosaic has shape"):
         menon(np.zeros((0, 4)), "RGGB")
-    with pytest.raises(ValueError, match="demosaic_menon knows"):
+    with pytest.raises(ValueError, match="demosaic_menon supports"):
         DemosaicMenon(pattern="X-Trans")
 
 

@@ -156,7 +156,7 @@ def test_unknown_words_and_fields_are_refused():
     with pytest.raises(ValueError, match="design, paraxial, best"):
         open_lens(focus="somewhere")
     for fields in ([10.0, 5.0], [-1.0, 3.0], [0.0, 89.5], []):
-        with pytest.raises(ValueError, match="must grow"):
+        with pytest.raises(ValueError, match="must ascend"):
             banks.tangents_of(fields)
     with pytest.raises(ValueError, match="use a larger f_number"):
         open_lens(f_number=0.6)

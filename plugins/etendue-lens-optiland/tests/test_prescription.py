@@ -132,7 +132,7 @@ def test_unknown_lenses_and_files_are_refused_with_what_there_is(tmp_path):
         load("", str(tmp_path / "lens.seq"))
     broken = tmp_path / "broken.zmx"
     broken.write_text("SURF 0\n")
-    with pytest.raises(ValueError, match="cannot read it as a Zemax file"):
+    with pytest.raises(ValueError, match="could not read it as a Zemax file"):
         load("", str(broken))
     with pytest.raises(ValueError, match="mirror"):
         load("HubbleTelescope")

@@ -87,7 +87,7 @@ def test_a_frame_beyond_the_traced_fields_is_noted():
     lines = {"y": Line(9, 3000.0, 2.0), "x": Line(9, -8.0, 2.0)}
     grid = {"irradiance": Grid.of({"wavelength": Bands(EDGES), **lines})}
     facts = Facts(uniform=False)
-    assert any("the last picture holds" in note for note in Blur(f_number=8.0, fields=(0.0, 10.0)).warn(facts, grid))
+    assert any("the last PSF is used" in note for note in Blur(f_number=8.0, fields=(0.0, 10.0)).warn(facts, grid))
     assert not Blur(f_number=8.0).warn(facts, grid)
 
 

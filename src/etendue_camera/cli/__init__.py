@@ -1,1 +1,1 @@
-"""Commands that a camera brings: sensors, raw exports, spectral cubes."""
+"""Camera commands: sensors, raw exports, spectral cubes."""

@@ -1,4 +1,4 @@
-"""What a camera has installed: ``sensors``."""
+"""The command ``sensors``, which lists installed sensors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from etendue.cli.saying import command
 @NAME
 @JSON
 def sensors(name: str | None, as_json: bool) -> None:
-    """Sensors that a pipeline may name: [camera] sensor = "NAME". With a name: each value and where it comes from."""
+    """List sensors for [camera] sensor = "NAME" in a pipeline. With a name: each value with its source."""
     from etendue.pipeline.presets import preset_names
     from etendue_camera.cli.sensors import print_sensor, print_sensors, sensor_document
 

@@ -1,4 +1,4 @@
-"""Commands that write an archive's pictures for other programs: ``export``."""
+"""The command ``export``, which writes pictures of an archive for other programs."""
 
 from __future__ import annotations
 
@@ -15,42 +15,44 @@ from etendue.cli.saying import command, say
 
 @command("export")
 @click.argument("place", type=PLACE, metavar="ARCHIVE")
-@click.option("--dng", is_flag=True, help="Raw frames as Digital Negatives.")
-@click.option("--tiff", is_flag=True, help="16-bit TIFF: of the raw digital numbers, or of --variable.")
+@click.option("--dng", is_flag=True, help="Write raw frames as Digital Negatives (DNG).")
+@click.option("--tiff", is_flag=True, help="Write 16-bit TIFF of the raw digital numbers, or of --variable.")
 @click.option(
-    "--png", is_flag=True, help="8-bit PNG as an eye sees it: of the display values, or of any --variable over y and x."
+    "--png",
+    is_flag=True,
+    help="Write 8-bit PNG as an eye sees it, of the display values, or of any --variable over y and x.",
 )
 @click.option(
     "--variable",
     "variables",
     multiple=True,
     metavar="NAME",
-    help="What TIFF and PNG files show, such as rgb_display; may be repeated.",
+    help="Variable for TIFF and PNG files, such as rgb_display; may be repeated.",
 )
 @click.option(
     "--at",
     multiple=True,
     metavar="AXIS=VALUE",
-    help="f_number=2.8; may be repeated. An axis not named: all its values.",
+    help="Axis value, such as f_number=2.8; may be repeated. Axes not given: all values.",
 )
 @click.option(
-    "--stage", default="", metavar="NAME", help="Take it from this stage; default the last one that wrote it."
+    "--stage", default="", metavar="NAME", help="Stage to read from; default: the last that wrote the variable."
 )
 @click.option(
     "-o",
     "--output",
     type=FOLDER,
     metavar="PATH",
-    help="A folder, or the file for one picture; default ./ARCHIVE-export.",
+    help="A folder, or a file for a single picture; default: ./ARCHIVE-export.",
 )
-@click.option("--all", "everything", is_flag=True, help="Also more than 64 files.")
-@click.option("--force", is_flag=True, help="Write over files that exist.")
+@click.option("--all", "everything", is_flag=True, help="Allow more than 64 files.")
+@click.option("--force", is_flag=True, help="Overwrite existing files.")
 @JSON
 def export(place: Path | str, as_json: bool, **words: Any) -> None:
-    """Pictures of an archive as files for other programs: DNG raw files, 16-bit TIFF, 8-bit PNG.
+    """Export pictures of an archive for other programs: DNG raw files, 16-bit TIFF, 8-bit PNG.
 
-    Exit codes: 0 all written, 2 the request is wrong, 3 some cells have no picture: they failed, or a run has not
-    come to them.
+    Exit codes: 0 all written, 2 invalid request, 3 some cells have no picture, because they failed or were not
+    computed yet.
     """
     from etendue.archive import places
     from etendue_camera.export.command import ExportRequest

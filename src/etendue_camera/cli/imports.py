@@ -1,4 +1,4 @@
-"""Commands that take files of other programs in: ``import``."""
+"""The command ``import``, which reads files of other programs."""
 
 from __future__ import annotations
 
@@ -10,51 +10,51 @@ import click
 from etendue.cli.saying import command
 from etendue_camera.importing.formats import NAMES
 
-HELP = f"""A spectral cube of another program as a scene: {NAMES}.
+HELP = f"""Import a spectral cube of another program as a scene: {NAMES}.
 
-Writes the Zarr store that the stage radiance_cube reads: spectral radiance in W m-2 sr-1 nm-1, or reflectance
-(1 = white), which the pipeline's illuminant lights at white_luminance. Prints what the values are, the size on the
-sensor, and the lines of a pipeline.
+Write the Zarr store that the stage radiance_cube reads: spectral radiance in W m-2 sr-1 nm-1, or reflectance
+(1 = white) for the pipeline's illuminant at white_luminance. Print the type of the values, the size on the sensor,
+and lines for a pipeline.
 """
 
 
 @command("import", help=HELP)
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="STORE", help="Default: FILE.zarr, here.")
-@click.option("--variable", default="", metavar="NAME", help="The array in the file, where there are several.")
 @click.option(
-    "--axes", default="", metavar="ORDER", help="Of the file, where it is not known: w, y and x, such as yxw."
+    "-o", "--output", type=click.Path(path_type=Path), metavar="STORE", help="Default: FILE.zarr in the current folder."
 )
+@click.option("--variable", default="", metavar="NAME", help="Array in the file, if there are several.")
 @click.option(
-    "--wavelengths", metavar="NM", help="Centres of bands: 400:700:10, 450,550,650, or a file with one a line."
+    "--axes", default="", metavar="ORDER", help="Axis order of the file, if unknown: w, y and x, such as yxw."
 )
+@click.option("--wavelengths", metavar="NM", help="Band centres: 400:700:10, 450,550,650, or a file with one per line.")
 @click.option(
     "--level",
     default="",
     metavar="WORD",
-    help="What the values are: radiance, photons, relative (reflectance: 1 = white in every band), or a unit of "
+    help="Type of the values: radiance, photons, relative (reflectance: 1 = white in every band), or a unit of "
     "radiance.",
 )
-@click.option("--scale", type=click.FloatRange(0, min_open=True), metavar="FACTOR", help="Of the values.")
+@click.option("--scale", type=click.FloatRange(0, min_open=True), metavar="FACTOR", help="Factor on the values.")
 @click.option(
     "--spacing",
     type=click.FloatRange(0, min_open=True),
     metavar="UM",
-    help="Between samples on the sensor, which gives the size there; a pipeline may say it.",
+    help="Sample spacing on the sensor, which sets the size there; may be given in the pipeline.",
 )
 @click.option(
-    "--white-at", metavar="Y,X[,SIZE]", help="Where a white patch is, in pixels; relative values are divided by it."
+    "--white-at", metavar="Y,X[,SIZE]", help="Position of a white patch, in pixels; values are divided by its spectrum."
 )
 @click.option(
     "--white-reflectance",
     type=click.FloatRange(0, 2, min_open=True),
     default=1.0,
     show_default=True,
-    help="Of that patch.",
+    help="Reflectance of that patch.",
 )
-@click.option("--clip", is_flag=True, help="What is below 0, as noise makes it, is 0.")
+@click.option("--clip", is_flag=True, help="Set negative values, such as from noise, to 0.")
 def take(file: Path, output: Path | None, spacing: float | None, **words: Any) -> None:
-    """The command, whose words are ``HELP``."""
+    """Run the command; its help is ``HELP``."""
     from etendue_camera.importing.cube import RADIANCE
     from etendue_camera.importing.light import TOO_WHITE, Said, light_of
     from etendue_camera.importing.store import level_told, size_told, write_store
@@ -63,7 +63,7 @@ def take(file: Path, output: Path | None, spacing: float | None, **words: Any) -
     highest = float(cube.values.max())
     if unit != RADIANCE and highest > TOO_WHITE:
         click.echo(
-            f"note: 1 is white, and values go up to {highest:.4g}: --scale, or --white-at a white patch, makes a "
+            f"note: 1 is white, but values reach {highest:.4g}: use --scale, or --white-at on a white patch, to get a "
             f"reflectance",
             err=True,
         )
@@ -82,7 +82,7 @@ def take(file: Path, output: Path | None, spacing: float | None, **words: Any) -
         lines.append('white_luminance = "1000 cd m-2"')
     elif cube.white is None:
         lines.append(
-            '# white_luminance = "1000 cd m-2"   # would take the values for reflectance: import with --white-at '
+            '# white_luminance = "1000 cd m-2"   # would treat the values as reflectance: import with --white-at '
             "instead"
         )
     if spacing is None:

@@ -1,4 +1,4 @@
-"""The sensors that a pipeline may name, in tables.
+"""Tables of the sensors that a pipeline can use.
 
 In:  a preset.
 Out: its values with their sources, on the terminal or as JSON.
@@ -16,7 +16,7 @@ from etendue.present.terminal.terminal import _out, _table, escape
 
 
 def sensor_document(name: str) -> dict[str, Any]:
-    """One sensor as JSON holds it."""
+    """Return the JSON document of one sensor."""
     try:
         found = preset(name)
     except RequestError as error:
@@ -46,9 +46,9 @@ def _plain(value: Any) -> Any:
 
 
 def print_sensors(documents: list[dict[str, Any]]) -> None:
-    """Every sensor in a line."""
-    columns = (("sensor", "left"), ("pitch", "right"), ("full well", "right"), ("what it is", "left"))
-    table = _table("sensors", *columns, wrap=("what it is",))
+    """Print one line per sensor."""
+    columns = (("sensor", "left"), ("pitch", "right"), ("full well", "right"), ("description", "left"))
+    table = _table("sensors", *columns, wrap=("description",))
     for d in documents:
         if "broken" in d:
             continue
@@ -65,7 +65,8 @@ def print_sensors(documents: list[dict[str, Any]]) -> None:
 
 
 def print_sensor(document: dict[str, Any]) -> None:
-    """Every value of a sensor with its source; addresses stand below, whole."""
+    """Print every value of a sensor with its source; addresses are listed below in full."""
+
     console = _out()
     if "broken" in document:
         console.print(f"broken: {escape(document['broken'])}")

@@ -1,6 +1,6 @@
-"""What the electronics of a sensor do with charge: dark current by temperature, gain, noise by gain, saturation.
+"""Sensor electronics: dark current by temperature, gain, noise by gain, saturation.
 
-In:  temperatures (K), analogue gain (dimensionless, 1 at base), noise (electrons), well (electrons), codes (DN).
+In:  temperatures (K), analogue gain (dimensionless, 1 at base), noise (electrons), full well (electrons), codes (DN).
 Out: factor on the dark current, read noise (electrons), gain (DN/electron), charge at saturation (electrons), white
      level and the lowest code of a clipped pixel (DN).
 Sources: Janesick 2001, "Scientific Charge-Coupled Devices" (dark current); EMVA 1288 release 4 linear (doubling
@@ -20,7 +20,7 @@ COLDEST, HOTTEST = 150.0, 450.0  # K, where the law of `dark_current_factor` is 
 
 
 def silicon_band_gap(temperature_K: ArrayLike) -> NDArray:
-    """Band gap of silicon.
+    """Return the band gap of silicon.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ def silicon_band_gap(temperature_K: ArrayLike) -> NDArray:
 
 
 def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: float = 0.0) -> float:
-    """By how much dark current grows from a reference temperature to another.
+    """Return the growth factor of dark current from a reference temperature to another.
 
     Parameters
     ----------
     temperature_K, reference_K : float, K
-        150 to 450: colder, what is left does not come from the bulk; hotter, it no longer has this activation energy.
+        150 to 450: below, the remaining dark current is not from the bulk; above, the activation energy is different.
     doubling_K : float, K
-        Warming by which dark current doubles, as a data sheet states it. 0: the law of thermal generation in the
+        Temperature rise that doubles the dark current, as in a data sheet. 0: the law of thermal generation in the
         depletion region.
 
     Returns
@@ -85,14 +85,14 @@ def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: fl
 
 
 def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_gain: ArrayLike) -> NDArray:
-    """Read noise referred to the pixel, of an amplifier between two sources of noise.
+    """Return the input-referred read noise of an amplifier between two noise sources.
 
     Parameters
     ----------
     before_gain : (...) array, electrons
-        Standard deviation of what arises in front of the amplifier (source follower), at or above 0.
+        Standard deviation of the noise before the amplifier (source follower), at or above 0.
     after_gain : (...) array, electrons
-        Standard deviation of what arises behind it (converter), as electrons at gain 1; at or above 0.
+        Standard deviation of the noise after it (ADC), as electrons at gain 1; at or above 0.
     analogue_gain : (...) array, dimensionless
         Above 0.
 
@@ -116,7 +116,7 @@ def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_g
 
 
 def full_well(pitch: float, fraction: float, density: float) -> float:
-    """Charge capacity of a pixel: density times light-sensitive area.
+    """Return the full well capacity of a pixel: density times light-sensitive area.
 
     Parameters
     ----------
@@ -133,14 +133,14 @@ def full_well(pitch: float, fraction: float, density: float) -> float:
 
 
 def gain_of_speed(analogue_gain: float, iso: float, base_iso: float) -> float:
-    """The gain of the amplifier: as given, or as the ISO speed asks for.
+    """Return the amplifier gain, as given or from the ISO speed.
 
     Parameters
     ----------
     analogue_gain : float, dimensionless
-        Holds where ``iso`` is 0.
+        Applies if ``iso`` is 0.
     iso, base_iso : float
-        Speed, and speed at gain 1; 0: not given.
+        ISO speed, and ISO speed at gain 1; 0: not given.
 
     Returns
     -------
@@ -149,27 +149,25 @@ def gain_of_speed(analogue_gain: float, iso: float, base_iso: float) -> float:
     Raises
     ------
     ValueError
-        A speed without the speed at gain 1, or a speed and a gain.
+        For a speed without the speed at gain 1, or a speed and a gain.
     """
     if iso == 0:
         return float(analogue_gain)
     if base_iso == 0:
         raise ValueError(
-            f"iso = {iso:g} needs base_iso, the speed at analogue gain 1: take it from a data sheet, or leave iso out, "
-            f"put the stage "
-            "exposure_numbers into the pipeline and copy its saturation_iso"
+            f"iso = {iso:g} requires base_iso, the speed at analogue gain 1: take it from a data sheet, or omit iso, "
+            f"add the stage "
+            "exposure_numbers to the pipeline and copy its saturation_iso"
         )
     if analogue_gain != 1:
-        raise ValueError(
-            f"iso = {iso:g} and analogue_gain = {analogue_gain:g} are both given; one follows from the other"
-        )
+        raise ValueError(f"iso = {iso:g} and analogue_gain = {analogue_gain:g} are both given; give only one of them")
     return float(iso / base_iso)
 
 
 def dn_per_electron(
     conversion_gain: float, analogue_gain: float, full_well: float, black_level: float, bits: int
 ) -> float:
-    """Digital numbers per electron at the analogue gain: from the conversion gain, or the full well at the top code.
+    """Return DN per electron at the analogue gain: from the conversion gain, or with the full well at the top code.
 
     Parameters
     ----------
@@ -192,12 +190,12 @@ def dn_per_electron(
     if conversion_gain > 0:
         return float(conversion_gain) * analogue_gain
     top = 2**bits - 1 - black_level
-    require.that(not top <= 0, f"black_level {black_level:g} leaves nothing of {bits} bits")
+    require.that(not top <= 0, f"black_level {black_level:g} leaves no codes of {bits} bits")
     return top / full_well * analogue_gain
 
 
 def white_level(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int) -> float:
-    """Digital numbers between black and saturation: to the top code, or to the full well where that comes first.
+    """Return DN between black and saturation: to the top code, or to the full well if it is reached first.
 
     Parameters
     ----------
@@ -216,7 +214,7 @@ def white_level(full_well: float, gain_dn_per_electron: float, black_level: floa
 
 
 def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int) -> float:
-    """Charge beyond which the output no longer changes: the well or the top code, whichever comes first.
+    """Return the charge above which the output no longer changes: full well or top code, whichever is reached first.
 
     Parameters
     ----------
@@ -245,7 +243,7 @@ def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level
 def lowest_clipped_code(
     full_well: float, gain_dn_per_electron: float, black_level: float, bits: int, sigma: float = 0.0
 ) -> float:
-    """The lowest code that a pixel with a full well, or beyond the converter, comes out with.
+    """Return the lowest code of a pixel that is at full well or beyond the ADC range.
 
     Parameters
     ----------
@@ -256,12 +254,12 @@ def lowest_clipped_code(
         From 0 to below the top code.
     bits : int
     sigma : float, electrons
-        Noise behind the well: a full one reads up to 4 sigma less (1 of 32,000 pixels reads still less).
+        Noise after the full well: a full pixel reads up to 4 sigma lower (1 of 32,000 pixels reads still lower).
 
     Returns
     -------
     float, DN above black
-        That of the top code at most; no less than half of what a noise-free full well gives, however large the noise.
+        At most the top code; at least half of the noise-free full well code, however large the noise.
 
     Raises
     ------
@@ -270,8 +268,9 @@ def lowest_clipped_code(
 
     Notes
     -----
-    A full well is rounded to a whole code as any charge is; where it lies within 2**-8 DN below a step, the code under
-    the step counts, as single precision may take it for that.
+    A full well is rounded to a code like any charge; where it lies within 2**-8 DN below a step, the code below the
+    step
+    is returned, since single precision may give it.
     """
     filled = gain_dn_per_electron * saturation_charge(full_well, gain_dn_per_electron, black_level, bits)
     noisy = gain_dn_per_electron * max(full_well - 4 * sigma, 0.0)

@@ -1,4 +1,4 @@
-"""The analogue-to-digital converter, and the way back to a linear scale.
+"""The analogue-to-digital converter, and conversion back to a linear scale.
 
 In:  charge (electrons), gain (DN/electron), black level (DN), bits.
 Out: raw codes (DN, unsigned integers); their fraction of the range above black (dimensionless).
@@ -12,7 +12,7 @@ from etendue import require
 
 
 def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float, bits: int) -> NDArray:
-    """Raw codes of a linear converter: pedestal, rounding, and both ends clipped.
+    """Return raw codes of a linear ADC: pedestal, rounding, clipping at both ends.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     Raises
     ------
     ValueError
-        If a number is outside the range named above, or a charge is NaN, for which there is no code.
+        If a number is outside the range above, or a charge is NaN, for which there is no code.
 
     Notes
     -----
     Source: floor(K e + offset + 1/2), clipped; halves round up, so that steps are equally wide.
-    float32 charge is worked on in float32 up to 16 bits (codes off by one within 2**-8 DN of a step at worst)
+    float32 charge is processed in float32 up to 16 bits (codes off by one only within 2**-8 DN of a step)
     and in float64 beyond.
 
     Examples
@@ -59,13 +59,14 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     codes += float(black_level) + 0.5
     codes = np.clip(np.floor(codes), 0, top)
     require.that(
-        not np.isnan(codes).any(), "charge holds NaN, for which there is no raw code; allowed are numbers in electrons"
+        not np.isnan(codes).any(),
+        "charge contains NaN, for which there is no raw code; it must be numbers in electrons",
     )
     return codes.astype(np.uint16 if bits <= 16 else np.uint32)
 
 
 def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float, bits: int) -> NDArray:
-    """What a linear converter gives before it rounds: pedestal, both ends clipped.
+    """Return the output of a linear ADC before rounding: pedestal, clipping at both ends.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float
 def linearise(
     raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np.float32, white: float | None = None
 ) -> NDArray:
-    """Raw codes as a fraction of the range above black; 1 is clipping, negative values are kept.
+    """Return raw codes as a fraction of the range above black; 1 is clipping, negative values are kept.
 
     Parameters
     ----------
@@ -114,13 +115,13 @@ def linearise(
     dtype : float32 or float64
         Of the result.
     white : float, DN above black
-        Where pixels saturate: above 0, at most the top code 2**bits - 1 less black, which it is where none is given.
+        Level at which pixels saturate: above 0, at most and by default the top code 2**bits - 1 minus black.
 
     Returns
     -------
     (...) array, dimensionless
         Exactly 0 at black and exactly 1 at white. Clipping the negative half of the dark noise here would
-        lift the mean of a black frame by 0.4 sigma.
+        raise the mean of a black frame by 0.4 sigma.
 
     Raises
     ------
@@ -138,9 +139,7 @@ def linearise(
     values -= float(black_level)
     white = float(top - black_level) if white is None else float(white)
     if not 0 < white <= top - black_level:
-        raise ValueError(
-            f"white is {white!r} above black; allowed are numbers above 0 and at most {top - black_level:g}"
-        )
+        raise ValueError(f"white is {white!r} above black; it must be above 0 and at most {top - black_level:g}")
     values /= white
     return values.astype(dtype, copy=False)
 
@@ -148,5 +147,7 @@ def linearise(
 def top_code(bits: int, black_level: float) -> int:
     require.allowed(int(bits) == bits and 1 <= bits <= 32, "bits", bits, "whole numbers from 1 to 32")
     top = 2 ** int(bits) - 1
-    require.that(0 <= black_level < top, f"black_level is {black_level!r} DN; allowed is 0 to below the top code {top}")
+    require.that(
+        0 <= black_level < top, f"black_level is {black_level!r} DN; it must be from 0 to below the top code {top}"
+    )
     return top

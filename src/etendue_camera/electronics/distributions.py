@@ -1,6 +1,6 @@
-"""Exact laws of counts and codes, with which samplers and converters are judged.
+"""Exact distributions of counts and codes, the reference for samplers and converters.
 
-In:  counts and means (electrons); mean and noise of a signal before a converter (LSB).
+In:  counts and means (electrons); mean and noise of a signal before an ADC (LSB).
 Out: probabilities, total variation, moments.
 Sources: Loader 2000, "Fast and accurate computation of binomial probabilities"; Fourier series of the
 rounding error.
@@ -22,7 +22,7 @@ _FACTORIAL_ERROR = np.array(
 
 
 def poisson_logpmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
-    """Logarithm of the probability of a count.
+    """Return the logarithm of the Poisson probability of a count.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def poisson_logpmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: Loader's saddle point form. k log m - m - lgamma(k + 1) loses all digits it has in common: 4.7e-7
+    Source: Loader's saddle point form. k log m - m - lgamma(k + 1) cancels digits: 4.7e-7
     of -11.28 at k = m = 1e9. Error: below 2e-16 x condition (reference group poisson_logpmf).
     """
     count, mean = np.broadcast_arrays(np.asarray(count, np.float64), np.asarray(mean, np.float64))
     if not np.all((count >= 0) & (count == np.floor(count)) & (count < np.inf)):
-        raise ValueError(f"count goes from {count.min()} to {count.max()}; allowed are whole numbers from 0 on")
+        raise ValueError(f"count ranges from {count.min()} to {count.max()}; it must be integers at or above 0")
     if not np.all((mean >= 0) & (mean < np.inf)):
-        raise ValueError(f"mean goes from {mean.min()} to {mean.max()}; allowed are finite numbers from 0 on")
+        raise ValueError(f"mean ranges from {mean.min()} to {mean.max()}; it must be finite and at or above 0")
     some = np.maximum(count, 1)
     with np.errstate(divide="ignore"):
         saddle = -_stirling_error(some) - _deviance(some, mean) - 0.5 * np.log(math.tau * some)
@@ -58,7 +58,7 @@ def poisson_logpmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
 
 
 def poisson_pmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
-    """Probability of a count; arguments, errors and source as `poisson_logpmf`.
+    """Return the Poisson probability of a count; arguments, errors and source as `poisson_logpmf`.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def poisson_pmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
 
 
 def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
-    """Largest error in the probability of any event that `noise.poisson` makes at one mean.
+    """Return the largest error in the probability of any event that `noise.poisson` makes at one mean.
 
     Parameters
     ----------
@@ -97,10 +97,10 @@ def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
     the value there, 5.1e-10, is returned as a bound, since the sum could no longer resolve it. Draws in
     float32 add its rounding: of the normal (6e-8) and of counts above 1.7e7.
     """
-    require.that(0 <= mean < math.inf, f"mean is {mean!r} electrons; allowed are finite numbers from 0 on")
+    require.that(0 <= mean < math.inf, f"mean is {mean!r} electrons; it must be finite and at or above 0")
     require.that(
         exact_below >= SMALLEST_NORMAL_MEAN,
-        f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf",
+        f"exact_below is {exact_below!r} electrons; it must be {SMALLEST_NORMAL_MEAN} or more, or inf",
     )
     if mean < exact_below:
         return 0.0
@@ -109,7 +109,7 @@ def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
 
 
 def normal_form_pmf(mean: float) -> tuple[NDArray, NDArray]:
-    """The law of `noise.cornish_fisher` of a standard normal: counts and their probabilities.
+    """Return the distribution of `noise.cornish_fisher` for a standard normal: counts and their probabilities.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def normal_form_pmf(mean: float) -> tuple[NDArray, NDArray]:
     The normal CDF at the roots of the cubic. Error: 1e-15 absolute.
     """
     require.that(
-        SMALLEST_NORMAL_MEAN <= mean <= 1e6, f"mean is {mean!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to 1e6"
+        SMALLEST_NORMAL_MEAN <= mean <= 1e6, f"mean is {mean!r} electrons; it must be {SMALLEST_NORMAL_MEAN} to 1e6"
     )
     width = 12 * math.sqrt(mean) + 30
     counts = np.arange(max(math.floor(mean - width), 0), math.ceil(mean + width))
@@ -145,7 +145,7 @@ def normal_form_pmf(mean: float) -> tuple[NDArray, NDArray]:
 
 
 def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, NDArray]:
-    """Mean error and variance of a Gaussian signal after rounding to whole codes.
+    """Return mean error and variance of a Gaussian signal after rounding to integer codes.
 
     Parameters
     ----------
@@ -174,9 +174,9 @@ def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, N
     """
     mu, sigma = np.broadcast_arrays(np.asarray(mu, np.float64), np.asarray(sigma, np.float64))
     if not np.isfinite(mu).all():
-        raise ValueError(f"mu goes from {mu.min()} to {mu.max()} LSB; allowed are finite numbers")
+        raise ValueError(f"mu ranges from {mu.min()} to {mu.max()} LSB; it must be finite")
     if not np.all((sigma >= 0) & (sigma < np.inf)):
-        raise ValueError(f"sigma goes from {sigma.min()} to {sigma.max()} LSB; allowed are finite numbers from 0 on")
+        raise ValueError(f"sigma ranges from {sigma.min()} to {sigma.max()} LSB; it must be finite and at or above 0")
     offset = mu - np.floor(mu + 0.5)  # -1/2 to below 1/2
     narrow, wide = np.minimum(sigma, 0.35), np.maximum(sigma, 0.35)
     direct, series = _by_tails(offset, narrow), _by_series(offset, wide)
@@ -185,7 +185,7 @@ def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, N
 
 
 def cut_normal_moments(rms: float) -> tuple[float, float]:
-    """Mean and variance of max(0, 1 + rms Z), Z standard normal: factors from pixel to pixel, none of them negative.
+    """Return mean and variance of max(0, 1 + rms Z), Z standard normal: pixel-to-pixel factors, none negative.
 
     Parameters
     ----------
@@ -204,8 +204,8 @@ def cut_normal_moments(rms: float) -> tuple[float, float]:
 
     Notes
     -----
-    Source: integrals of z^k over the part of the normal density above -1/rms. Below rms = 0.1 less than 1e-23 is cut,
-    and what is left of the difference would be rounding. Error: 3e-14 relative against quadrature for rms in 0.1 to 1.
+    Source: integrals of z^k over the part of the normal density above -1/rms. Below rms = 0.1 less than 1e-23 is
+    clipped, and the rest would be rounding. Error: 3e-14 relative against quadrature for rms in 0.1 to 1.
     """
     require.amount("rms", rms)
     if rms < 0.1:
@@ -216,7 +216,7 @@ def cut_normal_moments(rms: float) -> tuple[float, float]:
 
 
 def _by_tails(offset: NDArray, sigma: NDArray) -> tuple[NDArray, NDArray]:
-    """Sums over the thresholds, each tail from its own side of the mean."""
+    """Sum over the thresholds, each tail from its own side of the mean."""
 
     def beyond(distance: NDArray) -> NDArray:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -253,7 +253,7 @@ def _by_series(offset: NDArray, sigma: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _stirling_error(count: NDArray) -> NDArray:
-    """log(k!) minus Stirling's formula, for k >= 1."""
+    """Return log(k!) minus Stirling's formula, for k >= 1."""
     inverse = 1 / np.maximum(count, 16) ** 2
     series = 1 / 1188 - inverse * (691 / 360360 - inverse / 156)
     series = 1 / 12 - inverse * (1 / 360 - inverse * (1 / 1260 - inverse * (1 / 1680 - inverse * series)))
@@ -261,7 +261,7 @@ def _stirling_error(count: NDArray) -> NDArray:
 
 
 def _deviance(count: NDArray, mean: NDArray) -> NDArray:
-    """k log(k/m) + m - k, by series where its terms cancel."""
+    """Return k log(k/m) + m - k, by series where its terms cancel."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratio = (count - mean) / (count + mean)
         direct = count * np.log(count / mean) + mean - count
@@ -273,7 +273,7 @@ def _deviance(count: NDArray, mean: NDArray) -> NDArray:
 
 
 def _cubic_root(mean: float, target: NDArray) -> NDArray:
-    """The z at which the unrounded `noise.cornish_fisher` reaches a target, by Newton."""
+    """Return the z at which the unrounded `noise.cornish_fisher` reaches a target, by Newton."""
     root = math.sqrt(mean)
     thin = 1 / (72 * root)
     z = 2 * (np.sqrt(np.maximum(target, 0.25)) - root)  # square-root transform: within 0.4 everywhere

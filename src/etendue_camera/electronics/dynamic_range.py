@@ -1,11 +1,11 @@
-"""Which light a sensor can tell apart: from the smallest signal over its noise to the full well.
+"""Dynamic range of a sensor: from the smallest signal above its noise to the full well.
 
 In:  dark current (A or A/cm2), time (s), full well, read noise and DSNU (electrons), gain (DN/electron).
 Out: dark electrons, limiting photocurrents (A), signal-to-noise ratio and dynamic range (dB).
 Sources: seed paper eqs. 12-13 in electrons (printed, eq. 13 adds A s to A2 s2); EMVA 1288 release 4 linear.
 
-Everything is counted in electrons: in SI units q^2 is 2.6e-38, at the edge of float32. Results are float32
-where all arguments are.
+All quantities are in electrons: in SI units q^2 is 2.6e-38, at the edge of float32. Results are float32
+if all arguments are.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ UM2_IN_CM2 = 1e-8
 
 
 def dark_electrons(dark_current_density_A_per_cm2: ArrayLike, area_um2: ArrayLike, time_s: ArrayLike) -> NDArray:
-    """Mean number of electrons that dark current leaves in a pixel.
+    """Return the mean number of dark electrons in a pixel.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def dark_electrons(dark_current_density_A_per_cm2: ArrayLike, area_um2: ArrayLik
 
 
 def saturation_current(full_well: ArrayLike, time: ArrayLike, dark_current: ArrayLike) -> NDArray:
-    """Largest photocurrent that does not saturate the pixel.
+    """Return the largest photocurrent that does not saturate the pixel.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def saturation_current(full_well: ArrayLike, time: ArrayLike, dark_current: Arra
     Returns
     -------
     (...) array, A
-        Negative where dark current alone fills the well.
+        Negative if dark current alone fills the well.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def saturation_current(full_well: ArrayLike, time: ArrayLike, dark_current: Arra
 
 
 def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike) -> NDArray:
-    """Photocurrent whose charge equals the standard deviation of the dark signal.
+    """Return the photocurrent whose charge equals the standard deviation of the dark signal.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: Array
 def dynamic_range_elgamal(
     full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike
 ) -> NDArray:
-    """Largest photosignal over the noise of the dark signal, the seed paper's dynamic range.
+    """Return the largest photosignal over the noise of the dark signal, the seed paper's dynamic range.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def dynamic_range_elgamal(
     Returns
     -------
     (...) array, dB
-        -inf where the dark charge fills the well, +inf where there is room and no noise at all.
+        -inf if the dark charge fills the well, +inf if there is room and no noise at all.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def dynamic_range_elgamal(
     Notes
     -----
     Source: seed paper eq. 13 with q^2 before the variances; as printed it is wrong by up to sqrt(1/q) (-119
-    dB for a sensor of 68 dB). The smallest signal is the dark noise alone; `dynamic_range_emva` asks for SNR
+    dB for a sensor of 68 dB). The smallest signal is the dark noise alone; `dynamic_range_emva` requires SNR
     = 1. Error: below 3e-16 x condition (reference group dr_db, 68.05 dB to -111.6 dB).
     """
     well = require.at_least_zero("full_well", full_well)
@@ -146,7 +146,7 @@ def dynamic_range_elgamal(
 def snr_db(
     electrons: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike, prnu: ArrayLike
 ) -> NDArray:
-    """Signal over all noise of one pixel, fixed patterns counted as noise.
+    """Return the signal-to-noise ratio of one pixel, with fixed patterns counted as noise.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def snr_db(
 def emva_snr(
     photons: ArrayLike, quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
 ) -> NDArray:
-    """Signal-to-noise ratio of a linear camera, quantisation included.
+    """Return the signal-to-noise ratio of a linear camera, including quantisation.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def emva_snr(
     quantum_efficiency : (...) array, electrons/photon
         Above 0.
     gain_dn_per_electron : (...) array, DN/electron
-        Above 0; infinity leaves quantisation out.
+        Above 0; infinity excludes quantisation.
     dark_noise : (...) array, electrons
         Temporal standard deviation in the dark: read noise and the shot noise of dark current.
 
@@ -218,12 +218,12 @@ def emva_snr(
 def emva_smallest_photons(
     quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
 ) -> NDArray:
-    """Photons at which `emva_snr` is exactly 1; arguments as there.
+    """Return the photons at which `emva_snr` is exactly 1; arguments as there.
 
     Returns
     -------
     (...) array, photons per pixel and exposure
-        1 / quantum_efficiency for a camera without any noise of its own.
+        1 / quantum_efficiency for a noiseless camera.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def emva_smallest_photons(
 def emva_smallest_photons_approx(
     quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
 ) -> NDArray:
-    """`emva_smallest_photons` as the EMVA reference implementation has it, for comparing data sheets.
+    """Return `emva_smallest_photons` as in the EMVA reference implementation, to compare data sheets.
 
     Returns
     -------
@@ -266,23 +266,23 @@ def emva_smallest_photons_approx(
 def dynamic_range_emva(
     full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, gain_dn_per_electron: ArrayLike
 ) -> NDArray:
-    """Largest photosignal over the photosignal of SNR = 1, the EMVA 1288 dynamic range.
+    """Return the largest photosignal over the photosignal at SNR = 1, the EMVA 1288 dynamic range.
 
     Parameters
     ----------
     full_well : (...) array, electrons
-        Charge at which the output saturates: the smaller of well and converter, (top code - black) / gain.
+        Charge at which the output saturates: the smaller of full well and ADC limit, (top code - black) / gain.
     dark_electrons : (...) array, electrons
         Mean dark charge: fills the well and adds its shot noise.
     read_noise : (...) array, electrons
-        Temporal standard deviation. DSNU is a fixed pattern, which this standard keeps out of the SNR.
+        Temporal standard deviation. DSNU is a fixed pattern, which this standard excludes from the SNR.
     gain_dn_per_electron : (...) array, DN/electron
-        Above 0; infinity leaves quantisation out.
+        Above 0; infinity excludes quantisation.
 
     Returns
     -------
     (...) array, dB
-        -inf where the dark charge fills the well; finite otherwise, since one electron has its own shot
+        -inf if the dark charge fills the well; otherwise finite, since one electron has its own shot
         noise.
 
     Raises
@@ -300,18 +300,18 @@ def dynamic_range_emva(
 
 
 def _dark_noise(shot_variance: NDArray, read_noise: ArrayLike, dsnu: ArrayLike) -> NDArray:
-    """sqrt(n + s_r^2 + s_D^2) without squaring, which would overflow float32 at 2e19."""
+    """Return sqrt(n + s_r^2 + s_D^2) without squaring, which would overflow float32 at 2e19."""
     read, fixed = require.at_least_zero("read_noise", read_noise), require.at_least_zero("dsnu", dsnu)
     return np.hypot(np.hypot(np.sqrt(shot_variance), read), fixed)
 
 
 def _emva_floor(gain: ArrayLike, dark_noise: ArrayLike) -> NDArray:
-    """sqrt(s_d^2 + 1/(12 K^2)), electrons."""
+    """Return sqrt(s_d^2 + 1/(12 K^2)), electrons."""
     quantisation = 1 / (require.above_zero("gain_dn_per_electron", gain) * 12**0.5)
     return np.hypot(require.at_least_zero("dark_noise", dark_noise), quantisation)
 
 
 def _decibel(signal: NDArray, noise: NDArray) -> NDArray:
-    """20 log10(signal / noise): -inf without signal, whatever the noise; +inf with signal and no noise."""
+    """Return 20 log10(signal / noise): -inf without signal, whatever the noise; +inf with signal and no noise."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.where(signal > 0, 20 * np.log10(signal / noise), -np.inf)[()]

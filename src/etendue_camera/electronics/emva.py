@@ -1,10 +1,10 @@
-"""A sensor measured from its raw frames, as EMVA 1288 release 4 (linear) measures a camera.
+"""Sensor characterisation from raw frames according to EMVA 1288 release 4 (linear).
 
-In:  stacks of raw frames (DN) of a uniform light and of the dark, at rising exposure times (s).
+In:  stacks of raw frames (DN) under uniform light and in the dark, at ascending exposure times (s).
 Out: gain (DN/electron), read noise, full well, DSNU (electrons), PRNU, dark current (electron/s), linearity,
      thresholds, each with a confidence interval.
 Sources: EMVA 1288 release 4 linear, for the model and the quantities; Efron and Tibshirani 1993 (delete-a-group
-jackknife) for the intervals. Departures are named where they happen.
+jackknife) for the intervals. Departures are documented where they occur.
 """
 
 from collections.abc import Sequence
@@ -23,14 +23,14 @@ LEAST_DARK_VARIANCE = 0.24  # DN^2: below, quantisation hides the read noise (EM
 
 @dataclass(frozen=True)
 class SensorFigures:
-    """What `measure` finds.
+    """The results of `measure`.
 
     Attributes
     ----------
     gain : DN/electron, slope of the photon transfer curve
-    read_noise : electrons, temporal noise in the dark at no time, quantisation removed
+    read_noise : electrons, temporal dark noise at zero exposure time, quantisation removed
     dark_current : electron/s, from the mean of dark frames against time
-    full_well : electrons, mean charge of frames beyond saturation (of well or converter)
+    full_well : electrons, mean charge of frames beyond saturation (of full well or ADC)
     saturation_capacity : electrons, photocharge where the temporal variance is largest: EMVA's saturation
     dsnu, prnu : electrons and relative: DSNU1288, PRNU1288, at ``pattern_level``
     linearity_error : mean relative deviation from a line between 5 and 95 % of saturation
@@ -62,19 +62,17 @@ class SensorFigures:
 
     @property
     def hidden(self) -> bool:
-        """Whether rounding hides the noise of the dark: means of dark frames then stand nearer to whole numbers than
-        they should.
-        """
+        """Whether rounding hides the dark noise: means of dark frames are then nearer to integers than expected."""
         return bool(self.dark_variance.min() < LEAST_DARK_VARIANCE)
 
 
 @dataclass(frozen=True)
 class _Levels:
-    """Moments by replicate (0: all pixels; then each group of pixels left out) and level."""
+    """Moments by replicate (0: all pixels; then with each group of pixels left out) and level."""
 
     mean: NDArray
     variance: NDArray  # temporal
-    spatial: NDArray  # of the mean frame, what is left of temporal noise in it removed
+    spatial: NDArray  # of the mean frame, corrected for residual temporal noise
     frames: NDArray
 
 
@@ -85,21 +83,22 @@ def measure(
     photons: ArrayLike | None = None,
     confidence: float = 0.95,
 ) -> SensorFigures:
-    """Gain, noise, saturation and patterns of a sensor, with confidence intervals.
+    """Measure gain, noise, saturation and fixed patterns of a sensor, with confidence intervals.
 
     Parameters
     ----------
     times : (level,) array, s
-        Exposure times, rising, above 0; four or more.
+        Exposure times, ascending, above 0; at least four.
     light : sequence of (frame, y, x) arrays, DN
-        Raw frames of a uniform light, one stack a level, two frames or more each, 8 x 8 pixels or more. The
-        longest times should saturate: else full well, saturation and what follows from them are NaN.
+        Raw frames under uniform light, one stack per level, at least two frames each, at least 8 x 8 pixels. The
+        longest
+        times should saturate: otherwise full well, saturation and derived metrics are NaN.
     dark : sequence of (frame, y, x) arrays, DN
-        Raw frames without light at the same times, black level not subtracted nor reached.
+        Raw frames without light at the same times, black level neither subtracted nor reached.
     photons : (level,) array, photons per pixel, optional
-        What each level of light brings to a pixel.
+        Photons per pixel at each light level.
     confidence : float
-        Of the intervals, above 0 and below 1.
+        Confidence level of the intervals, above 0 and below 1.
 
     Returns
     -------
@@ -108,8 +107,8 @@ def measure(
     Raises
     ------
     ValueError
-        If the stacks do not fit the times or each other, have too few frames or pixels, or hold no photon transfer
-        curve.
+        If the stacks do not match the times or each other, have too few frames or pixels, or contain no photon
+        transfer curve.
 
     Notes
     -----
@@ -119,13 +118,15 @@ def measure(
     K; PRNU^2 = (difference of the spatial variances) / (mu_y - mu_d)^2, at half saturation. Offsets common to a whole
     frame (a lamp that drifts) are taken out of the temporal variance.
 
-    Departures. The photon transfer curve is fitted with the weights of a normal variance (the standard gives every
-    level the same, which widens the interval of K by a quarter). Dark noise is averaged over all times, the shot noise
-    of the dark current subtracted. `full_well` is the mean beyond saturation, without the share of a step between
-    levels which `saturation_capacity` lacks.
+    Departures. The photon transfer curve is fitted with the weights of a normal variance (the standard weights all
+    levels
+    equally, which widens the interval of K by a quarter). Dark noise is averaged over all times, with the shot noise of
+    the dark current subtracted. `full_well` is the mean beyond saturation, without the fraction of a level step by
+    which
+    `saturation_capacity` is low.
 
     Intervals are those of a delete-a-group jackknife over 8 x 8 blocks of pixels with Student's t: pixels are the
-    independent sample, of temporal noise and of patterns alike. Patterns that whole rows or columns share are counted
+    independent sample, of temporal noise and of patterns alike. Row and column patterns are counted
     in DSNU, but their interval is then too narrow. Coverage of 95 % intervals: `python benchmarks/emva.py`.
     """
     time = np.asarray(times, dtype=float)
@@ -138,13 +139,13 @@ def measure(
     quiet = y.variance[0] < 1.1 * d.variance[0] + 0.005 * y.variance[0].max()
     beyond = np.flatnonzero(quiet & (np.arange(time.size) > peak) & (signal[0] > 0.9 * signal[0, peak]))
     saturates = beyond.size > 0
-    top = signal[0, peak]  # where nothing saturates: of the brightest level
+    top = signal[0, peak]  # without saturation: of the brightest level
     used = (signal[0] > 0) & (signal[0] <= 0.7 * top)
     if np.count_nonzero(used) < 3 or not np.any(excess[0][used] > 0):
         raise ValueError(
-            f"{np.count_nonzero(used)} levels are above the dark and under 70 % of saturation; a photon transfer curve "
-            f"needs three or "
-            "more, with more noise in the light than in the dark"
+            f"{np.count_nonzero(used)} levels are above dark and below 70 % of saturation; a photon transfer curve "
+            f"requires at least "
+            "three, with more noise in light than in the dark"
         )
     gain = _slope(signal, excess, used, y, d)
 
@@ -193,13 +194,14 @@ def measure(
 
 
 def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
-    """Mean charge at which the temporal variance of a pixel is largest: EMVA's saturation capacity, below the full
-    well.
+    """Return the mean charge at which the temporal variance of a pixel is largest: EMVA's saturation capacity, below
+    the
+    full well.
 
     Parameters
     ----------
     full_well : float, electrons
-        Where charge is clipped, above 0.
+        Charge at which pixels clip, above 0.
     prnu : float
         Relative rms of the response between pixels, over which the variance is averaged, 0 to 0.5.
 
@@ -215,13 +217,13 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
     Notes
     -----
     Shot noise as a normal z of variance x, clipped at the well: moments of min(z, a), a = (w - x)/sqrt(x), averaged
-    over responses by 41 nodes of Gauss-Hermite, the largest of 4001 charges from 0.5 to 1.2 w. Read noise behind the
-    well changes nothing.
+    over responses by 41 nodes of Gauss-Hermite, the largest of 4001 charges from 0.5 to 1.2 w. Read noise after the
+    full well has no effect.
     Error: 5e-4 relative where w is above 500 electrons (a normal for Poisson counts).
     """
     require.that(
         full_well > 0 and 0 <= prnu <= 0.5,
-        f"full_well is {full_well!r} and prnu {prnu!r}; allowed are a charge above 0 and 0 to 0.5",
+        f"full_well is {full_well!r} and prnu {prnu!r}; they must be above 0, and 0 to 0.5",
     )
     nodes, weights = np.polynomial.hermite_e.hermegauss(41)
     factor = np.maximum(1 + prnu * nodes, 1e-6)[:, None]
@@ -239,27 +241,27 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
 
 def _check(time: NDArray, light: Sequence[ArrayLike], dark: Sequence[ArrayLike], confidence: float) -> None:
     if time.ndim != 1 or time.size < 4 or not np.all(time > 0) or not np.all(np.diff(time) > 0):
-        raise ValueError(f"times are {time!r} s; allowed are four or more, above 0 and rising")
-    require.that(0 < confidence < 1, f"confidence is {confidence!r}; allowed is above 0 and below 1")
+        raise ValueError(f"times are {time!r} s; at least four are required, above 0 and ascending")
+    require.that(0 < confidence < 1, f"confidence is {confidence!r}; it must be above 0 and below 1")
     shapes = {np.shape(stack)[1:] for stacks in (light, dark) for stack in stacks}
     require.that(
         len(light) == time.size and len(dark) == time.size,
-        f"light has {len(light)} stacks and dark {len(dark)}; allowed is one for each of the {time.size} times",
+        f"light has {len(light)} stacks and dark {len(dark)}; one stack per time is required, {time.size}",
     )
     require.that(
         len(shapes) == 1 and not any(np.ndim(stack) != 3 for stacks in (light, dark) for stack in stacks),
-        f"the frames are {sorted(shapes)} pixels; allowed are stacks (frame, y, x) of one size",
+        f"the frames are {sorted(shapes)} pixels; stacks (frame, y, x) of one size are required",
     )
     size = shapes.pop()
     require.that(
         min(size) >= BLOCKS and not any(np.shape(stack)[0] < 2 for stacks in (light, dark) for stack in stacks),
-        f"the stacks hold frames of {size} pixels; allowed are {BLOCKS} x {BLOCKS} or more, and two frames or more "
-        f"a level",
+        f"the stacks have frames of {size} pixels; at least {BLOCKS} x {BLOCKS} pixels and two frames "
+        f"per level are required",
     )
 
 
 def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
-    """Mean, temporal and spatial variance of every level, of all pixels and with each block left out."""
+    """Return mean, temporal and spatial variance of every level, for all pixels and with each block left out."""
     means, variances, spatials, frames = [], [], [], []
     for stack in stacks:
         values = np.asarray(stack, dtype=float)
@@ -272,7 +274,7 @@ def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
         moving = left_out(values.var(axis=0, ddof=1))
         drift = np.stack([left_out(frame) for frame in values], axis=1) / n[:, None]
         mean = total / n
-        # offsets of whole frames are no noise of pixels; taking their variance out takes 1/n of the noise with it
+        # offsets of whole frames are not pixel noise; removing their variance removes 1/n of the noise too
         variance = (moving / n - drift.var(axis=1, ddof=1)) * n / (n - 1)
         means.append(mean + centre)
         variances.append(variance)
@@ -282,8 +284,8 @@ def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
 
 
 def _slope(signal: NDArray, excess: NDArray, used: NDArray, y: _Levels, d: _Levels) -> NDArray:
-    """K by replicate. Weights are those of the model at all pixels: weights from single variances would favour small
-    ones.
+    """Return K by replicate. Weights are those of the model at all pixels: weights from single variances would favour
+    small ones.
     """
     first = float((signal[0, used] * excess[0, used]).sum() / (signal[0, used] ** 2).sum())
     dark = np.median(d.variance[0]) + first * (d.mean[0, used] - np.median(d.mean[0]))
@@ -295,7 +297,7 @@ def _slope(signal: NDArray, excess: NDArray, used: NDArray, y: _Levels, d: _Leve
 
 
 def _dark_noise(d: _Levels, gain: NDArray, origin: NDArray) -> NDArray:
-    """Temporal variance in the dark without that of the dark charge, DN^2, by replicate."""
+    """Return the temporal dark variance without that of the dark charge, DN^2, by replicate."""
     charge = gain[:, None] * (d.mean - origin[:, None])
     least = d.variance[0] - charge[0]
     expected = np.maximum(np.median(least) + charge[0], 0.1 * np.median(d.variance[0]))
@@ -304,21 +306,23 @@ def _dark_noise(d: _Levels, gain: NDArray, origin: NDArray) -> NDArray:
 
 
 def _half(signal: NDArray, top: float, frames: NDArray) -> int:
-    """The level for patterns: between 30 and 70 % of saturation that with most frames, then the one nearest to half."""
+    """Return the level for patterns: of those from 30 to 70 % of saturation, that with most frames, then nearest to
+    half."""
     near = np.abs(signal / top - 0.5)
     many = np.where(near <= 0.2, frames, 0)
     return int(np.lexsort((near, -many))[0])
 
 
 def _line(x: NDArray, values: NDArray) -> tuple[NDArray, NDArray]:
-    """Slope and value at x = 0 of straight lines through (replicate, level) values."""
+    """Return slope and value at x = 0 of straight lines through (replicate, level) values."""
     centred = x - x.mean()
     slope = (values * centred).sum(axis=1) / (centred**2).sum()
     return slope, values.mean(axis=1) - slope * x.mean()
 
 
 def _linearity(exposure: NDArray, signal: NDArray, top: float) -> NDArray:
-    """Mean relative deviation from the line that makes relative deviations smallest, 5 to 95 % of saturation."""
+    """Return the mean relative deviation from the line that minimises relative deviations, 5 to 95 % of saturation."""
+
     inside = (signal[0] >= 0.05 * top) & (signal[0] <= 0.95 * top)
     if np.count_nonzero(inside) < 3:
         return np.full(signal.shape[0], np.nan)

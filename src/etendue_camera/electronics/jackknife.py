@@ -1,4 +1,4 @@
-"""Intervals of what is measured on an area of pixels: the delete-a-group jackknife over 8 x 8 blocks.
+"""Confidence intervals for measurements on an area of pixels: the delete-a-group jackknife over 8 x 8 blocks.
 
 In:  planes (y, x); an estimate of all pixels and with each block left out.
 Out: the estimate with its confidence interval.
@@ -16,7 +16,7 @@ BLOCKS = 8  # along y and along x: 64 groups of pixels
 
 @dataclass(frozen=True)
 class Estimate:
-    """A measured value and its confidence interval; NaN where the frames do not hold it."""
+    """A measured value and its confidence interval; NaN if the frames do not determine it."""
 
     value: float
     low: float
@@ -42,14 +42,14 @@ class Jackknife:
         return Estimate(value, value - wide, value + wide, unit)
 
     def root(self, squares: NDArray, unit: str) -> Estimate:
-        """Of the root of a variance, which may have come out negative."""
+        """Return the estimate of the root of a variance, which may be negative."""
         square, wide = float(squares[0]), self.t * self.error(squares)
         low, value, high = np.sqrt(np.maximum([square - wide, square, square + wide], 0.0))
         return Estimate(float(value), float(low), float(high), unit)
 
 
 def left_out(plane: NDArray) -> NDArray:
-    """Sum over all pixels, then over all but each block: (1 + 64,)."""
+    """Return the sum over all pixels, then over all except each block: (1 + 64,)."""
     edges = [np.linspace(0, size, BLOCKS + 1).astype(int)[:-1] for size in plane.shape]
     blocks = np.add.reduceat(np.add.reduceat(plane, edges[0], axis=0), edges[1], axis=1).ravel()
     total = blocks.sum()

@@ -1,4 +1,4 @@
-"""How long to expose, and what an exposure is worth: exposure value, metering, ISO speed, SNR of a grey card.
+"""Exposure: exposure value, metering, ISO speed, SNR of a grey card.
 
 In:  f-number, time (s), photocurrents (electron/s), charge at saturation and noise (electrons), illuminance (lx).
 Out: exposure value, time (s), ISO speed, charge (electrons).
@@ -17,7 +17,7 @@ GREY = 0.18  # reflectance of a grey card
 
 
 def exposure_value(f_number: ArrayLike, time_s: ArrayLike) -> NDArray:
-    """log2(N^2 / t): the exposure value of an f-number and a time.
+    """Return log2(N^2 / t): the exposure value of an f-number and a time.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def exposure_value(f_number: ArrayLike, time_s: ArrayLike) -> NDArray:
     Returns
     -------
     (...) array, stops
-        0 at f/1 and 1 s; one more for half the light.
+        0 at f/1 and 1 s; 1 more for half the light.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def exposure_value(f_number: ArrayLike, time_s: ArrayLike) -> NDArray:
 
 
 def saturation_iso(saturation_exposure_lx_s: ArrayLike) -> NDArray:
-    """Saturation-based ISO speed, 78 / H_sat.
+    """Return the saturation-based ISO speed, 78 / H_sat.
 
     Parameters
     ----------
@@ -70,12 +70,12 @@ def saturation_iso(saturation_exposure_lx_s: ArrayLike) -> NDArray:
 
 
 def metered_level(rate: NDArray, method: str, quantile: float = 0.99) -> float:
-    """One photocurrent that stands for a frame.
+    """Return one photocurrent that represents a frame.
 
     Parameters
     ----------
     rate : (..., y, x) array, electron/s
-        Noise-free, at or above 0 (what undershoots counts as 0).
+        Noise-free, at or above 0 (undershoot counts as 0).
     method : str
         "mean"; "centre": mean under a Gaussian of a quarter of each side about the middle; "highlight": the quantile.
     quantile : float
@@ -101,11 +101,11 @@ def metered_level(rate: NDArray, method: str, quantile: float = 0.99) -> float:
     if method == "highlight":
         require.only(0 < quantile <= 1, "quantile", repr(quantile), "above 0 to 1")
         return float(np.quantile(light, quantile))
-    raise ValueError(f"method is {method!r}; allowed are 'mean', 'centre' and 'highlight'")
+    raise ValueError(f"method is {method!r}; it must be 'mean', 'centre' or 'highlight'")
 
 
 def metered_time(level: float, target_electrons: float, ev_bias: float, shortest: float, longest: float) -> float:
-    """The time that brings a photocurrent to a charge.
+    """Return the exposure time that brings a photocurrent to a charge.
 
     Parameters
     ----------
@@ -129,17 +129,18 @@ def metered_time(level: float, target_electrons: float, ev_bias: float, shortest
     """
     require.that(
         0 < shortest <= longest,
-        f"shortest and longest are {shortest!r} and {longest!r} s; allowed is 0 < shortest <= longest",
+        f"shortest and longest are {shortest!r} and {longest!r} s; 0 < shortest <= longest is required",
     )
     require.that(
         level >= 0 and target_electrons > 0,
-        f"level and target_electrons are {level!r} and {target_electrons!r}; allowed are level >= 0, target above 0",
+        f"level and target_electrons are {level!r} and {target_electrons!r}; level >= 0 and target above 0 are "
+        "required",
     )
     return longest if level == 0 else min(max(target_electrons / level * 2.0**ev_bias, shortest), longest)
 
 
 def charge_at_snr(snr: ArrayLike, dark_variance: ArrayLike) -> NDArray:
-    """Photocharge at which the temporal signal-to-noise ratio has a value.
+    """Return the photocharge at which the temporal signal-to-noise ratio has a given value.
 
     Parameters
     ----------
@@ -167,7 +168,7 @@ def charge_at_snr(snr: ArrayLike, dark_variance: ArrayLike) -> NDArray:
 
 
 def grey_card_snr(white_electrons: float, dark_variance: float) -> float:
-    """Temporal signal-to-noise ratio of an 18 % grey card, dB; -inf without light.
+    """Return the temporal signal-to-noise ratio of an 18 % grey card, dB; -inf without light.
 
     Parameters
     ----------
@@ -187,8 +188,7 @@ def grey_card_snr(white_electrons: float, dark_variance: float) -> float:
     """
     require.that(
         white_electrons >= 0 and dark_variance >= 0,
-        f"white_electrons and dark_variance are {white_electrons!r} and {dark_variance!r}; allowed are numbers "
-        f"from 0 on",
+        f"white_electrons and dark_variance are {white_electrons!r} and {dark_variance!r}; they must be at or above 0",
     )
     signal = GREY * white_electrons
     return 20 * math.log10(signal) - 10 * math.log10(signal + dark_variance) if signal > 0 else -math.inf

@@ -1,10 +1,10 @@
-"""Draws: counts of electrons about a mean.
+"""Random draws of electron counts about a mean.
 
 In:  expected charge (electrons); a generator, or a uniform per pixel.
 Out: whole numbers of electrons in the dtype of the mean.
 Source: Cornish and Fisher 1938 (normal form of a Poisson quantile).
 
-The exact laws, with which these draws are judged, are in `distributions.py`.
+The exact distributions, the reference for these draws, are in `distributions.py`.
 """
 
 import math
@@ -16,29 +16,29 @@ from numpy.typing import ArrayLike, NDArray
 from etendue import require
 
 LARGEST_EXACT = 9.2e18  # numpy's exact sampler counts in int64
-LARGEST_MEAN = 1e36  # a normal about it is a number of 32 bits
+LARGEST_MEAN = 1e36  # a normal about it still fits into 32 bits
 LARGEST_INVERTED = 200.0  # electrons, up to which `poisson_by_inversion` searches
 SMALLEST_NORMAL_MEAN = 10.0  # below, the cubic of `cornish_fisher` folds inside the range of normals
-BLOCK = 1 << 16  # pixels whose temporaries stay in the cache
+BLOCK = 1 << 16  # number of pixels whose temporaries fit into the cache
 
 
 def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0) -> NDArray:
-    """Poisson counts: exact where they are few, a corrected normal where they are many.
+    """Draw Poisson counts: exact for small means, a corrected normal for large ones.
 
     Parameters
     ----------
     mean : (...) array, electrons
         0 to 1e36; to 9.2e18 where exact_below is larger than that.
     rng : numpy Generator
-        Advances by what the frame needs: one normal per pixel, then the exact draws; where most pixels are exact,
-        the exact draws, then one normal for each of the others.
+        Advances by one normal per pixel, then the exact draws; if most pixels are exact, by the exact draws, then one
+        normal for each of the others.
     exact_below : float, electrons
         10 or more; infinity makes every draw exact.
 
     Returns
     -------
     (...) array, electrons, dtype of mean (integers become float64)
-        Whole numbers. float32 holds every whole number up to 1.7e7 and rounds beyond, by 6e-8 of the count.
+        Integers. float32 is exact for integers up to 1.7e7 and rounds beyond, by 6e-8 of the count.
 
     Raises
     ------
@@ -55,13 +55,13 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     mean = _means(mean, LARGEST_EXACT if exact_below > LARGEST_EXACT else LARGEST_MEAN)
     require.that(
         exact_below >= SMALLEST_NORMAL_MEAN,
-        f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf",
+        f"exact_below is {exact_below!r} electrons; it must be {SMALLEST_NORMAL_MEAN} or more, or inf",
     )
     flat = np.ascontiguousarray(mean).reshape(-1)
-    blocks = [slice(start, start + BLOCK) for start in range(0, flat.size, BLOCK)]  # draws go on from block to block
+    blocks = [slice(start, start + BLOCK) for start in range(0, flat.size, BLOCK)]  # draws continue from block to block
     exact = sum(int(np.count_nonzero(flat[block] < exact_below)) for block in blocks)
     counts = np.empty_like(flat)
-    if 2 * exact < flat.size:  # a normal is drawn sooner than a pixel is picked out
+    if 2 * exact < flat.size:  # drawing a normal is faster than selecting a pixel
         for block in blocks:
             many = np.maximum(flat[block], flat.dtype.type(SMALLEST_NORMAL_MEAN)) if exact else flat[block]
             counts[block] = cornish_fisher(many, _normals(rng, many.shape, many.dtype))
@@ -78,8 +78,8 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
 
 
 def _drawn(counts: NDArray, mean: NDArray, exact_below: float, rng: np.random.Generator) -> None:
-    """Put exact draws in the place of the counts of small means."""
-    some = np.flatnonzero(mean < exact_below)  # by index, a fifth faster than by mask where few and many are mixed
+    """Replace the counts of small means by exact draws."""
+    some = np.flatnonzero(mean < exact_below)  # by index, a fifth faster than by mask for mixed means
     if some.size == mean.size:
         counts[...] = rng.poisson(mean)
     else:
@@ -87,7 +87,7 @@ def _drawn(counts: NDArray, mean: NDArray, exact_below: float, rng: np.random.Ge
 
 
 def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float = 30.0) -> NDArray:
-    """Poisson counts from given uniforms: for a fixed uniform the count never falls when the mean grows.
+    """Draw Poisson counts from given uniforms: for a fixed uniform the count never falls as the mean grows.
 
     Parameters
     ----------
@@ -117,10 +117,10 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     """
     mean, uniform = np.broadcast_arrays(_means(mean), np.asarray(uniform, np.float64))
     if not np.all((uniform >= 0) & (uniform < 1)):
-        raise ValueError(f"uniform goes from {uniform.min()} to {uniform.max()}; allowed is 0 <= u < 1")
+        raise ValueError(f"uniform ranges from {uniform.min()} to {uniform.max()}; 0 <= u < 1 is required")
     require.that(
         SMALLEST_NORMAL_MEAN <= exact_below <= LARGEST_INVERTED,
-        f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to {LARGEST_INVERTED}",
+        f"exact_below is {exact_below!r} electrons; it must be {SMALLEST_NORMAL_MEAN} to {LARGEST_INVERTED}",
     )
     work = mean.astype(np.float64).reshape(-1)
     uniform = uniform.reshape(-1)
@@ -136,7 +136,7 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
 
 
 def cornish_fisher(mean: NDArray, normal: NDArray) -> NDArray:
-    """Poisson quantile at a normal quantile, nearly.
+    """Return the approximate Poisson quantile at a normal quantile.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def cornish_fisher(mean: NDArray, normal: NDArray) -> NDArray:
 
 
 def mean_factor(spread: float) -> float:
-    """Mean of 1 + spread z over standard normals z, where what would be negative is 0.
+    """Return the mean of 1 + spread z over standard normals z, with negative values set to 0.
 
     Parameters
     ----------
@@ -183,16 +183,16 @@ def mean_factor(spread: float) -> float:
 
     Notes
     -----
-    Source: Phi(1 / s) + s phi(1 / s), the mean of a normal distribution that is cut off at 0. Error: below 1e-15.
+    Source: Phi(1 / s) + s phi(1 / s), the mean of a normal distribution clipped at 0. Error: below 1e-15.
     """
-    if spread < 0.02:  # less than 1e-500 lies below 0
+    if spread < 0.02:  # less than 1e-500 is below 0
         return 1.0
     away = 1 / spread
     return 0.5 * (1 + math.erf(away / math.sqrt(2))) + spread * math.exp(-0.5 * away**2) / math.sqrt(2 * math.pi)
 
 
 def _inverse(mean: NDArray, uniform: NDArray, normal: NDArray) -> NDArray:
-    """Smallest k with uniform < F(k; mean): a guess at the normal quantile, then one step at a time."""
+    """Return the smallest k with uniform < F(k; mean): start at the normal quantile, then step by one."""
     guess = mean + np.sqrt(mean) * normal + 1 / 3 + normal**2 / 6
     counts = np.maximum(np.floor(guess), 0)
 
@@ -207,7 +207,7 @@ def _inverse(mean: NDArray, uniform: NDArray, normal: NDArray) -> NDArray:
 
 
 def _normals(rng: np.random.Generator, shape: tuple[int, ...], dtype: np.dtype) -> NDArray:
-    """One normal each, drawn in float32 for float32 means: half the time."""
+    """Draw one normal each, in float32 for float32 means, which takes half the time."""
     if dtype == np.float32:
         return rng.standard_normal(shape, dtype=np.float32)
     return rng.standard_normal(shape).astype(dtype, copy=False)
@@ -219,7 +219,7 @@ def _means(mean: ArrayLike, largest: float = LARGEST_MEAN) -> NDArray:
         mean = mean.astype(np.float64)
     if mean.size and not (mean.min() >= 0 and mean.max() <= largest):
         raise ValueError(
-            f"mean goes from {mean.min()} to {mean.max()} electrons; allowed are 0 to {largest:g} and "
-            "no NaN (negative means come from an undershooting blur: clip them, and count what was clipped)"
+            f"mean ranges from {mean.min()} to {mean.max()} electrons; it must be from 0 to {largest:g} with "
+            "no NaN (negative means come from an undershooting blur: clip them, and count the clipped values)"
         )
     return mean

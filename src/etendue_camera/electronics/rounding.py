@@ -1,8 +1,8 @@
-"""What rounding to whole numbers leaves of an error where noise does not spread it over the numbers.
+"""The error of rounding to integers that remains where noise does not spread it.
 
-In:  the step between neighbouring numbers, the rms of Gaussian noise in front of the rounding, both in one unit; or a
-     variance behind it.
-Out: the largest mean error of a rounded value, in that unit; the rms that may have stood in front of it.
+In:  the step between neighbouring codes, the rms of Gaussian noise before rounding, both in one unit; or a
+     variance after it.
+Out: the largest mean error of a rounded value, in that unit; the possible rms before rounding.
 Sources: the mean error is a sawtooth of the value, convolved with the density of the noise (Widrow and Kollar 2008);
 Sheppard 1898.
 """
@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import scipy
 
-PHASES = np.linspace(0.0, 0.5, 65)  # of a step, above the number that stands nearest: the error is odd about it
-SPREAD = 1.5  # steps of noise, beyond which a mean is wrong by less than 1e-19 of a step
+PHASES = np.linspace(0.0, 0.5, 65)  # of a step, above the nearest integer: the error is odd about it
+SPREAD = 1.5  # steps of noise, above which the error of a mean is below 1e-19 of a step
 
 
 def lasting_error(step: float, sigma: float) -> float:
-    """Largest mean error of rounding over all values: half a step without noise, 0.0023 of one with noise of half a
-    step.
+    """Return the largest mean error of rounding over all values: half a step without noise, 0.0023 steps with noise of
+    half a step.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ def lasting_error(step: float, sigma: float) -> float:
 
     Notes
     -----
-    Above 0.3 steps of noise it is step / pi exp(-2 pi^2 (sigma / step)^2) within 1e-3 of itself: the first wave of the
-    sawtooth.
+    Above 0.3 steps of noise it is step / pi exp(-2 pi^2 (sigma / step)^2) within 1e-3 of itself: the first harmonic of
+    the sawtooth.
     """
     if not step > 0:
         return 0.0
@@ -42,25 +42,25 @@ def lasting_error(step: float, sigma: float) -> float:
     if noise > 0.3:
         return step / math.pi * math.exp(-2 * (math.pi * noise) ** 2)
     edges = np.arange(-3, 4) + 0.5
-    above = scipy.special.ndtr((PHASES[:, None] - edges) / noise)  # that the sum lies above each edge
+    above = scipy.special.ndtr((PHASES[:, None] - edges) / noise)  # probability that the sum lies above each edge
     mean = above.sum(axis=1) - 3.0  # edges -2.5, -1.5, -0.5 lie below the number 0
     return float(np.abs(mean - PHASES).max()) * step
 
 
 def both(first: float, second: float, confidence: float) -> float:
-    """What the sum of two independent errors stays below with a probability, each being anywhere between its largest
-    and minus that.
+    """Return the bound that the sum of two independent errors stays below with a probability, each uniform between plus
+    and minus its largest.
 
     Parameters
     ----------
     first, second : float
-        The largest, in one unit, at least 0.
+        The largest errors, in one unit, at least 0.
     confidence : float
         Between 0 and 1.
 
     Notes
     -----
-    The density of the sum is a trapezium. Of 200,000 drawn sums the share below is right within 1e-3.
+    The density of the sum is a trapezium. For 200,000 drawn sums the fraction below is correct within 1e-3.
     """
     large, small = max(first, second), min(first, second)
     if confidence * large <= large - small:
@@ -68,18 +68,19 @@ def both(first: float, second: float, confidence: float) -> float:
     return large + small - 2 * math.sqrt((1 - confidence) * large * small)
 
 
-SHEPPARD = 1 / 12  # of a step, squared: what rounding adds to a variance that is spread over the numbers
-SHOWN = 0.6  # steps of noise, from which on it does so wherever the mean lies, within 3e-3 of a step, squared
+SHEPPARD = 1 / 12  # of a squared step: added by rounding to a variance that is spread over several codes
+SHOWN = 0.6  # steps of noise above which this holds for any mean, within 3e-3 of a squared step
 
 
 def in_front(low: float, high: float) -> tuple[float, float]:
-    """The rms (steps) that noise had before it was rounded, at least and at most, where the variance behind lies
-    between two (steps^2).
+    """Return the smallest and largest rms (steps) of noise before rounding, if the variance after it lies between two
+    values (steps^2).
+
 
     Notes
     -----
-    The mean may lie anywhere between two numbers: near one of them rounding hides noise, half way between two it makes
-    a variance of 1/4 out of none. From 0.6 steps on both ends are Sheppard's: the variance less 1/12.
+    The mean may lie anywhere between two codes: near one of them rounding hides noise, half way between two it makes a
+    variance of 1/4 out of none. Above 0.6 steps both ends are Sheppard's: the variance minus 1/12.
     """
     sigma, least, most = _behind()
     if high >= least[-1]:
@@ -93,7 +94,8 @@ def in_front(low: float, high: float) -> tuple[float, float]:
 
 @cache
 def _behind() -> tuple[Any, Any, Any]:
-    """rms in front of rounding (steps), least and largest variance behind it."""
+    """Return rms before rounding (steps), and smallest and largest variance after it."""
+
     sigma = np.linspace(1e-6, SPREAD, 1501)
     edges = np.arange(-9, 10) + 0.5
     below = scipy.special.ndtr((edges - PHASES[::4, None, None]) / sigma[:, None])  # (phase, sigma, edge)

@@ -1,1 +1,1 @@
-"""Out of an archive into files that other programs open: DNG raw files and 16-bit TIFF."""
+"""Export from an archive to files that other programs open: DNG raw files, 16-bit TIFF."""

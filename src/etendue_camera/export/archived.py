@@ -1,4 +1,4 @@
-"""``Archive.export``: pictures of an archive as files for other programs, from Python."""
+"""``Archive.export``: export pictures of an archive from Python."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ def export(
     force: bool = False,
     **at: Any,
 ) -> list[Path]:
-    """Pictures as files for other programs.
+    """Export pictures as files for other programs.
 
     Parameters
     ----------
     kind : "png", "tiff" or "dng"
-    output : a folder, or the file for one picture; ./ARCHIVE-export where none is given
-    variables : what PNG and TIFF files show; display values and raw numbers where none is given
-    stage : take them from this one
-    everything : also more than 64 files
-    force : write over files that exist
-    at : values of axes; of an axis that is not named all
+    output : a folder, or a file for a single picture; default ./ARCHIVE-export
+    variables : variables for PNG and TIFF files; default display values and raw digital numbers
+    stage : stage to read from
+    everything : allow more than 64 files
+    force : overwrite existing files
+    at : values of axes; all values of an axis that is not given
 
     Returns
     -------
     list of Path
-        The files; cells that failed have none.
+        The files; failed cells have none.
 
     Raises
     ------
     RequestError
-        A kind, variable or value that there is not.
+        If a kind, variable or value does not exist.
     """
     from etendue.errors import RequestError, nearest
     from etendue_camera.export.command import SUFFIXES, ExportRequest, export
 
     if kind not in SUFFIXES:
-        raise RequestError(f"{kind!r} is no kind of file{nearest(kind, SUFFIXES)}")
+        raise RequestError(f"unknown kind of file {kind!r}{nearest(kind, SUFFIXES)}")
     names = (variables,) if isinstance(variables, str) else tuple(variables)
     where = tuple(f"{axis}={value}" for axis, value in at.items())
     to = Path(output) if output is not None else None

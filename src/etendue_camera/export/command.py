@@ -1,6 +1,6 @@
-"""What ``etendue export`` does: which cells, which files, and nothing half written.
+"""Implementation of ``etendue export``: select cells and files, and write each file completely or not at all.
 
-In:  the folder of an archive, what was asked for.
+In:  the folder of an archive, the request.
 Out: files; what was written and what could not be.
 """
 
@@ -32,13 +32,13 @@ SUFFIXES = {"dng": (".dng",), "tiff": (".tif", ".tiff"), "png": (".png",)}
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """The words of the command line."""
+    """The options of the command line."""
 
     archive: Path
     dng: bool = False
     tiff: bool = False
     png: bool = False
-    variables: tuple[str, ...] = ()  # of the TIFF and PNG files; none: raw, and the display values as PNG
+    variables: tuple[str, ...] = ()  # for TIFF and PNG files; empty: raw, and display values as PNG
     at: tuple[str, ...] = ()
     stage: str = ""
     output: Path | None = None
@@ -48,23 +48,24 @@ class ExportRequest:
 
 @dataclass
 class Exported:
-    """What became of a asked."""
+    """The result of an export."""
 
     folder: Path
     files: list[Path] = field(default_factory=list)
-    skipped: list[tuple[str, str]] = field(default_factory=list)  # which picture, and why
+    skipped: list[tuple[str, str]] = field(default_factory=list)  # picture, reason
     notes: list[str] = field(default_factory=list)
 
 
 def export(asked: ExportRequest) -> Exported:
-    """Write every picture that was asked for.
+    """Write every requested picture.
 
     Raises
     ------
     RequestError
-        Nothing asked for, no such axis, value, stage or variable; a mask that DNG cannot say; a file that is there.
+        If nothing is requested, an axis, value, stage or variable does not exist, DNG cannot express the mask, or a
+        file exists.
     ArchiveError
-        Not an archive, or damaged.
+        If the folder is not an archive, or damaged.
     """
     wanted = _wanted(asked)
     shelf = Shelf(asked.archive)
@@ -87,11 +88,11 @@ def export(asked: ExportRequest) -> Exported:
     return outcome
 
 
-# -- which ------------------------------------------------------------------------------------------------------
+# -- selection --------------------------------------------------------------------------------------------------
 
 
 def _wanted(asked: ExportRequest) -> Picks:
-    """Kinds of files and what they show."""
+    """Return the kinds of files and their variables."""
     kinds = (
         ("dng", asked.dng, ("raw",)),
         ("tiff", asked.tiff, asked.variables or ("raw",)),
@@ -99,17 +100,17 @@ def _wanted(asked: ExportRequest) -> Picks:
     )
     wanted = [(kind, variable) for kind, on, shown in kinds if on for variable in dict.fromkeys(shown)]
     if not wanted:
-        raise RequestError("say what to write: --dng, --tiff, --png or several of them")
+        raise RequestError("nothing to write; give --dng, --tiff, --png or several of them")
     if asked.variables and not asked.tiff and not asked.png:
-        raise RequestError("--variable is for --tiff and --png; a DNG file is always of raw")
+        raise RequestError("--variable is for --tiff and --png; a DNG file always contains raw")
     return wanted
 
 
 def _chosen(shelf: Shelf, asked: ExportRequest, wanted: Picks) -> list[tuple[str, ArchivedFrame]]:
-    """The pictures of every kind at the axis values that are asked for."""
+    """Return the pictures of every kind at the requested axis values."""
     at = read_at(asked.at)
     stages = {variable: asked.stage if len(wanted) == 1 or variable == "raw" else "" for _, variable in wanted}
-    light = {variable for kind, variable in wanted if kind == "png"}  # bands of light are one picture in a PNG alone
+    light = {variable for kind, variable in wanted if kind == "png"}  # bands of light form one picture only in a PNG
     frames = {
         variable: shelf.frames(variable, stages[variable], variable in light and not asked.tiff)
         for _, variable in wanted
@@ -118,12 +119,12 @@ def _chosen(shelf: Shelf, asked: ExportRequest, wanted: Picks) -> list[tuple[str
     unused = {k: v for k, v in at.items() if not any(k in taken for taken in own.values())}
     first = frames[wanted[0][1]]
     if unused:
-        chosen(first, unused)  # says which axes there are
+        chosen(first, unused)  # raises, listing the axes
     found = [(kind, frame) for kind, variable in wanted for frame in chosen(frames[variable], own[variable])]
     if len(found) > MANY and not asked.everything:
         dim, value = next(iter(first[0].labels.items()))
         raise RequestError(
-            f"that is {len(found)} files; choose cells with --at, such as --at {dim}={plain(value)}, or "
+            f"{len(found)} files would be written; choose cells with --at, such as --at {dim}={plain(value)}, or "
             f"write them with --all"
         )
     return found
@@ -133,12 +134,12 @@ def _has(frames: list[ArchivedFrame], name: str) -> bool:
     return any(is_called(name, dim, f.group.parameters.get(dim, dim)) for f in frames for dim in f.labels)
 
 
-# -- where to ---------------------------------------------------------------------------------------------------
+# -- targets ----------------------------------------------------------------------------------------------------
 
 
 def _refuse_overwriting(paths: list[Path], force: bool) -> None:
     if len(set(paths)) < len(paths):
-        raise RequestError("two pictures would have the same file name; export them one by one with --at and --output")
+        raise RequestError("two pictures have the same file name; export them one at a time with --at and --output")
     there = [path for path in paths if path.exists()]
     if there and not force:
         more = f" and {len(there) - 1} more" if len(there) > 1 else ""
@@ -151,11 +152,13 @@ def _is_file(asked: ExportRequest, pictures: list[tuple[str, ArchivedFrame]]) ->
     if known and asked.output is not None and not asked.output.is_dir():
         if len(pictures) != 1:
             raise RequestError(
-                f"--output {asked.output} is one file, but {len(pictures)} would be written; name a folder"
+                f"--output {asked.output} is a single file, but {len(pictures)} would be written; give a folder"
             )
         if suffix not in SUFFIXES[pictures[0][0]]:
             kind = pictures[0][0]
-            raise RequestError(f"--output {asked.output}: a {kind.upper()} file ends in {' or '.join(SUFFIXES[kind])}")
+            raise RequestError(
+                f"--output {asked.output}: a {kind.upper()} file must end in {' or '.join(SUFFIXES[kind])}"
+            )
         return True
     return False
 
@@ -177,7 +180,7 @@ def _path(asked: ExportRequest, folder: Path, kind: str, frame: ArchivedFrame, c
 
 
 def _write(path: Path, write: Callable[[Path], None]) -> None:
-    """Whole or not at all: beside its place first, then renamed."""
+    """Write completely or not at all: to a temporary file first, then rename it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
@@ -187,11 +190,11 @@ def _write(path: Path, write: Callable[[Path], None]) -> None:
         partial.unlink(missing_ok=True)
 
 
-# -- what stands in it --------------------------------------------------------------------------------------------
+# -- file content ------------------------------------------------------------------------------------------------
 
 
 def _refuse_unsaid(shelf: Shelf, frame: ArchivedFrame) -> None:
-    """What a DNG needs and the archive does not say."""
+    """Raise RequestError if the archive lacks something that a DNG needs."""
     faults = []
     mask = mask_of(shelf, frame)
     why = dng.refusal(mask)
@@ -204,24 +207,24 @@ def _refuse_unsaid(shelf: Shelf, frame: ArchivedFrame) -> None:
                 faults.append(
                     Fault(
                         "--dng",
-                        f"the archive holds no {variable!r}: put the stage {stage!r} into the pipeline and keep it, or "
+                        f"the archive has no {variable!r}: add the stage {stage!r} to the pipeline and keep it, or "
                         f"use --tiff",
                     )
                 )
     for name in ("bits", "black_level"):
         if shelf.parameter(frame, name) is None:
             faults.append(
-                Fault("--dng", f"no stage of the archive says {name!r}; write the digital numbers with --tiff")
+                Fault("--dng", f"no stage of the archive gives {name!r}; write the digital numbers with --tiff")
             )
     if faults:
         raise RequestError(faults)
 
 
 def raw_frame(shelf: Shelf, frame: ArchivedFrame) -> dng.RawFrame:
-    """Everything a DNG says of a cell."""
-    speed = shelf.parameter(frame, "iso", 0.0)  # that was set, or else that of the gain
+    """Return all that a DNG states about a cell."""
+    speed = shelf.parameter(frame, "iso", 0.0)  # the ISO that was set, or else that of the gain
     speed = speed or shelf.parameter(frame, "base_iso", 0.0) * shelf.parameter(frame, "analogue_gain", 1.0)
-    time = shelf.beside(frame, "integration_time")  # found by the camera itself where it meters; 0.008 in any precision
+    time = shelf.beside(frame, "integration_time")  # from metering if there is any; 0.008 in any precision
     return dng.RawFrame(
         raw=frame.picture(),
         mask=mask_of(shelf, frame),
@@ -245,8 +248,8 @@ def raw_frame(shelf: Shelf, frame: ArchivedFrame) -> dng.RawFrame:
 
 
 def white_level(shelf: Shelf, frame: ArchivedFrame) -> int:
-    """The code at which pixels saturate: the top code, or the full well where that comes first and a stage clips
-    there.
+    """Return the code at which pixels saturate: the top code, or the full well if it is reached first and a stage
+    clips there.
     """
     top: int = 2 ** int(shelf.parameter(frame, "bits")) - 1
     if not any(FULL_WELL in shelf.roles(stage) for stage in shelf.record["nodes"]):
@@ -254,7 +257,7 @@ def white_level(shelf: Shelf, frame: ArchivedFrame) -> int:
     well, gain, chain = (
         [shelf.parameter(frame, name) for name in names] for names in (WELL, GAIN, ("conversion_gain", "black_level"))
     )
-    if None in (*well, *gain, *chain):  # no stage says how charge becomes numbers
+    if None in (*well, *gain, *chain):  # no stage gives the conversion of charge to codes
         return top
     filled, (conversion, black), bits = amplifier.full_well(*well), chain, int(shelf.parameter(frame, "bits"))
     step = amplifier.dn_per_electron(conversion, amplifier.gain_of_speed(*gain), filled, black, bits)
@@ -282,7 +285,7 @@ def _software() -> str:
 
 
 def _when(shelf: Shelf) -> str:
-    """When the run began, as TIFF writes it: two exports of an archive are the same file. '' where its record says
+    """Return the start of the run in TIFF form, so that two exports of an archive are identical; '' if its record has
     no time.
     """
     written = str(shelf.record["began"]).replace("-", ":").replace("T", " ").rstrip("Z")

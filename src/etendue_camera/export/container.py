@@ -1,9 +1,9 @@
-"""A TIFF file of one uncompressed picture with whatever tags it needs, and a second directory for EXIF.
+"""A TIFF writer for one uncompressed picture with arbitrary tags, and a second directory for EXIF.
 
 In:  tags as (code, type, values), the samples of one strip.
 Out: the bytes of a classic little-endian TIFF file.
-Sources: TIFF revision 6.0; EXIF 2.32 (JEITA CP-3451) for the second directory. Written here because DNG wants a
-photometric interpretation and a directory that TIFF libraries do not write.
+Sources: TIFF revision 6.0; EXIF 2.32 (JEITA CP-3451) for the second directory. TIFF libraries do not write the
+photometric interpretation and the directory that DNG requires.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ FORMS = {BYTE: "B", UNDEFINED: "B", SHORT: "H", LONG: "I", RATIONAL: "I", SRATIO
 STRIP_OFFSET, STRIP_BYTES, EXIF = 273, 279, 34665
 LARGEST = 2**32 - 1
 
-Tag = tuple[int, int, Any]  # code, type, and values: text, or numbers (numerator and denominator in turn)
+Tag = tuple[int, int, Any]  # code, type, and values: text, or numbers (numerators and denominators alternate)
 
 
 def _packed(kind: int, values: Any) -> tuple[int, bytes]:
-    """How many values, and their bytes."""
+    """Return the number of values, and their bytes."""
     if kind == ASCII:
         data = values.encode("ascii", "replace") + b"\0"
         return len(data), data
@@ -31,7 +31,7 @@ def _packed(kind: int, values: Any) -> tuple[int, bytes]:
 
 
 def _directory(tags: Sequence[Tag], at: int) -> bytes:
-    """One directory that stands at a byte of the file, the values that do not fit into it behind it."""
+    """Return one directory at a byte offset of the file, followed by the values that do not fit into it."""
     entries, beside = [], b""
     behind = at + 2 + 12 * len(tags) + 4
     for code, kind, values in sorted(tags, key=lambda tag: tag[0]):
@@ -45,12 +45,12 @@ def _directory(tags: Sequence[Tag], at: int) -> bytes:
 
 
 def write_picture(file: BinaryIO, samples: bytes, tags: Sequence[Tag], exif: Sequence[Tag] = ()) -> None:
-    """Header, directory, EXIF directory, then the samples in one strip.
+    """Write header, directory, EXIF directory, then the samples in one strip.
 
     Raises
     ------
     ValueError
-        A tag given twice, or a file above 4 GiB: classic TIFF cannot address it.
+        If a tag is given twice, or the file exceeds 4 GiB, the limit of classic TIFF.
     """
     own: list[Tag] = [*tags, (STRIP_OFFSET, LONG, 0), (STRIP_BYTES, LONG, len(samples))]
     own += [(EXIF, LONG, 0)] if exif else []
@@ -62,7 +62,7 @@ def write_picture(file: BinaryIO, samples: bytes, tags: Sequence[Tag], exif: Seq
     strip = second + len(_directory(exif, second)) if exif else second
     strip += -strip % 16
     if strip + len(samples) > LARGEST:
-        raise ValueError(f"{len(samples)} bytes of samples do not fit into a TIFF file of 4 GiB")
+        raise ValueError(f"{len(samples)} bytes of samples exceed the 4 GiB of a TIFF file")
     places = {STRIP_OFFSET: strip, EXIF: second}
     own = [(code, kind, places.get(code, values)) for code, kind, values in own]
     head = struct.pack("<2sHI", b"II", 42, first) + _directory(own, first) + (_directory(exif, second) if exif else b"")

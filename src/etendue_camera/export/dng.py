@@ -1,7 +1,7 @@
-"""Digital Negative: one raw frame as a file that raw converters open.
+"""Digital Negative: write one raw frame as a file that raw converters open.
 
 In:  digital numbers, mask of the filters, levels, white, colour matrices, exposure.
-Out: an uncompressed DNG 1.4 file: the digital numbers bit for bit.
+Out: an uncompressed DNG 1.4 file with bit-exact digital numbers.
 Sources: Adobe, Digital Negative Specification 1.4.0.0; EXIF 2.32 for exposure time, f-number, focal length, ISO.
 """
 
@@ -35,14 +35,14 @@ TOP = 2**31 - 1
 
 @dataclass(frozen=True)
 class RawFrame:
-    """What a DNG says of one frame. ``mask`` is one period of the filters, rows of R, G, B; None: no filters."""
+    """The content of a DNG for one frame. ``mask`` is one period of the filters, rows of R, G, B; None: no filters."""
 
     raw: NDArray[np.uint16]
     mask: tuple[str, ...] | None
     black: float
     white_level: int
-    camera_white: NDArray[np.floating] | None = None  # camera signal of the scene's white
-    balanced_to_xyz: NDArray[np.floating] | None = None  # camera over its white, to XYZ with white Y = 1
+    camera_white: NDArray[np.floating] | None = None  # camera signal of the scene white
+    balanced_to_xyz: NDArray[np.floating] | None = None  # white-balanced camera RGB to XYZ, white Y = 1
     illuminant: str = ""
     exposure: float | None = None  # s
     f_number: float | None = None
@@ -56,45 +56,45 @@ class RawFrame:
 
 
 def refusal(mask: tuple[str, ...] | None) -> str:
-    """Why a mask cannot stand in a DNG; '' where it can."""
+    """Return why a DNG cannot express a mask; '' if it can."""
     if mask is None:
         return ""
     others = sorted(set("".join(mask)) - set(COLOURS))
     if others:
-        return f"filters {', '.join(others)} beside R, G, B have no meaning to raw converters"
+        return f"raw converters support R, G, B only, not the filters {', '.join(others)}"
     if max(len(mask), len(mask[0])) > LARGEST_PERIOD:
-        return f"the mask repeats after {len(mask)} x {len(mask[0])} pixels; at most {LARGEST_PERIOD} are allowed here"
+        return f"the mask has a period of {len(mask)} x {len(mask[0])} pixels; the maximum is {LARGEST_PERIOD}"
     if set("".join(mask)) != set(COLOURS):
         return "the mask lacks one of R, G, B"
     return ""
 
 
 def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[Any, Any]:
-    """``ColorMatrix1`` and ``ForwardMatrix1`` of the specification.
+    """Return ``ColorMatrix1`` and ``ForwardMatrix1`` of the specification.
 
     Parameters
     ----------
     camera_white : (3,) array
-        Camera signal of the scene's white, any scale, above 0.
+        Camera signal of the scene white, in any scale, above 0.
     balanced_to_xyz : (3, 3) array
-        Camera over that white, to XYZ; the row sums are the white's XYZ.
+        White-balanced camera RGB to XYZ; the row sums are the white's XYZ.
 
     Returns
     -------
     (3, 3) array
-        XYZ to camera, scaled so that the scene's white fills the camera's largest channel: diag(w / max w) M^-1.
+        XYZ to camera, scaled so that the largest channel of the scene white is 1: diag(w / max w) M^-1.
     (3, 3) array
-        Balanced camera to XYZ of D50 (Bradford from the scene's white): the row sums are D50's.
+        White-balanced camera RGB to XYZ of D50 (Bradford from the scene white): the row sums are D50's.
 
     Raises
     ------
     ValueError
-        A dead channel in the white, or a singular matrix.
+        If the white has a dead channel, or the matrix is singular.
 
     Notes
     -----
     DNG 1.4, "Mapping camera color space to CIE XYZ space". ColorMatrix1 times the white's XYZ is AsShotNeutral by
-    construction, so that a reader that derives the white from either finds the same.
+    construction, so that readers get the same white from either.
     """
     white, matrix = np.asarray(camera_white, float), np.asarray(balanced_to_xyz, float)
     require.allowed(
@@ -114,7 +114,7 @@ def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[Any, Any]:
 
 
 def _ratios(values: Any, limit: int = 10**8) -> tuple[int, ...]:
-    """Numerators and denominators in turn, each in 32 bits; error below 1e-8 for values up to 20."""
+    """Return alternating numerators and denominators, each in 32 bits; error below 1e-8 for values up to 20."""
     pairs = []
     for value in np.ravel(np.asarray(values, float)):
         ratio = Fraction(float(value)).limit_denominator(max(1, min(limit, int(TOP / max(abs(value), 1)))))
@@ -123,7 +123,7 @@ def _ratios(values: Any, limit: int = 10**8) -> tuple[int, ...]:
 
 
 def tags(frame: RawFrame) -> list[Tag]:
-    """The main directory, where the samples are aside."""
+    """Return the tags of the main directory, except those of the samples."""
     rows, columns = frame.raw.shape
     found: list[Tag] = [
         (254, LONG, 0),  # the picture itself, no preview
@@ -141,7 +141,7 @@ def tags(frame: RawFrame) -> list[Tag]:
         (305, ASCII, frame.software),
         (37398, BYTE, (1, 0, 0, 0)),  # TIFF/EP
         (50706, BYTE, (1, 4, 0, 0)),
-        (50707, BYTE, (1, 4, 0, 0) if frame.mask is None else (1, 1, 0, 0)),  # the oldest reader that understands it
+        (50707, BYTE, (1, 4, 0, 0) if frame.mask is None else (1, 1, 0, 0)),  # the oldest version that reads it
         (50708, ASCII, f"etendue {frame.model}"),
         (50713, SHORT, (1, 1)),
         (50714, RATIONAL, _ratios(frame.black)),
@@ -171,7 +171,7 @@ def tags(frame: RawFrame) -> list[Tag]:
 
 
 def exif(frame: RawFrame) -> list[Tag]:
-    """How it was taken, as far as that is known."""
+    """Return the EXIF tags of the exposure, as far as known."""
     found: list[Tag] = [(36864, UNDEFINED, (48, 50, 51, 50))]  # EXIF 2.32
     for code, value in ((33434, frame.exposure), (33437, frame.f_number), (37386, frame.focal_length)):
         if value is not None and 1 / TOP < value < TOP:
@@ -189,21 +189,22 @@ def write(path: Path, frame: RawFrame) -> None:
     Raises
     ------
     ValueError
-        Not (y, x) of uint16, a mask that no reader understands, colour filters without white and matrix, or levels
-        that are none.
+        If raw is not (y, x) of uint16, the mask is not supported, colour filters lack white or matrix, or the
+        levels
+        are invalid.
     """
     require.that(
         frame.raw.ndim == 2 and frame.raw.dtype == np.uint16 and frame.raw.size,
-        f"raw is {frame.raw.dtype} with shape {frame.raw.shape}; allowed is (y, x) of uint16",
+        f"raw is {frame.raw.dtype} with shape {frame.raw.shape}; it must be (y, x) of uint16",
     )
     require.that(
         0 <= frame.black < frame.white_level <= 65535,
-        f"black is {frame.black:g} and white_level {frame.white_level}; allowed is 0 <= black < white_level <= 65535",
+        f"black is {frame.black:g} and white_level {frame.white_level}; 0 <= black < white_level <= 65535 is required",
     )
     why = refusal(frame.mask)
     if why:
         raise ValueError(why)
     if frame.mask is not None and (frame.camera_white is None or frame.balanced_to_xyz is None):
-        raise ValueError("colour filters need a white and a colour matrix")
+        raise ValueError("colour filters require a white and a colour matrix")
     with open(path, "wb") as file:
         write_picture(file, np.ascontiguousarray(frame.raw, "<u2").tobytes(), tags(frame), exif(frame))

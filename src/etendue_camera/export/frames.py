@@ -1,7 +1,7 @@
-"""The pictures of an archive, one at a time, with what is known about each: camera values, white, colour matrix, key.
+"""The pictures of an archive, one at a time, with their metadata: camera values, white, colour matrix, key.
 
 In:  the folder of an archive.
-Out: a ``Shelf`` for a variable, its pictures by axis values; arrays are read when one of them is asked for.
+Out: a ``Shelf`` for an archive, with its pictures by axis values; arrays are read on demand.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from etendue.present.plots.places import is_called, is_value
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")
-MEND = "mend it: etendue verify --repair"
+MEND = "repair it with: etendue verify --repair"
 
 
 @dataclass(frozen=True)
 class StageGroup:
-    """One group of the store that holds a variable: a stage, or one shape of a stage."""
+    """One group of the store with a variable: a stage, or one shape of a stage."""
 
     stage: str
     path: str
@@ -45,7 +45,7 @@ class StageGroup:
 
     @property
     def parameters(self) -> dict[str, str]:
-        """Which parameter each axis sets: ``{"f_number": "f_number", "pixel_rows": "pixel.rows"}``."""
+        """Return the parameter that each axis sets: ``{"f_number": "f_number", "pixel_rows": "pixel.rows"}``."""
         return {
             str(dim): str(self.data[dim].attrs.get("parameter", dim))
             for dim in self.data.coords
@@ -55,7 +55,7 @@ class StageGroup:
 
 @dataclass(frozen=True)
 class ArchivedFrame:
-    """One picture of one cell: where it stands, and whether it is there."""
+    """One picture of one cell: where it is stored, and whether it is there."""
 
     group: StageGroup
     variable: str
@@ -64,12 +64,12 @@ class ArchivedFrame:
     stored: Stored
 
     def picture(self) -> Any:
-        """The array: (y, x) or (channel, y, x).
+        """Return the array: (y, x) or (channel, y, x).
 
         Raises
         ------
         ArchiveError
-            It is missing, or not as it was written: nothing is filled in.
+            If it is missing, or differs from what was written: nothing is filled in.
         """
         return stored_array(self.stored, self.group.stage, self.group.data, self.variable, self.labels)
 
@@ -78,12 +78,12 @@ class ArchivedFrame:
 
 
 def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Mapping[str, Any]) -> Any:
-    """A variable of one cell as the journal vouches for it, at the labels of its other dims."""
+    """Return a verified variable of one cell, at the labels of its other dims."""
     axes = _cell_axes(data)
     name = cell_label(stage, {dim: labels[dim] for dim in axes})
     if name not in stored.finished:
         raise ArchiveError(
-            f"{stored.folder}: the journal does not say that {name} is finished, though its status does; {MEND} "
+            f"{stored.folder}: the journal does not list {name} as finished, although its status does; {MEND} "
             f"{stored.folder}"
         )
     try:
@@ -98,18 +98,18 @@ def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str
 
 
 def plain(value: Any) -> str:
-    """A value of an axis as short text."""
+    """Return a value of an axis as short text."""
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 class Shelf:
-    """An archive opened for reading. Nothing of it is changed."""
+    """An archive opened for reading. Nothing in it is changed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
         described = describe_archive(self.folder)
         record = latest_record(self.folder)
-        assert record is not None  # describe_archive has refused such a folder
+        assert record is not None  # describe_archive has rejected such a folder
         self.record: dict[str, Any] = record
         self.stages: list[str] = [stage["name"] for stage in described["stages"]]
         self.variables: dict[str, list[tuple[str, str]]] = {}
@@ -133,12 +133,12 @@ class Shelf:
     # -- pictures -------------------------------------------------------------------------------------
 
     def groups(self, variable: str, stage: str = "") -> list[StageGroup]:
-        """The groups of the last stage that wrote a variable, or of the one that is named."""
+        """Return the groups of the last stage that wrote a variable, or of the given one."""
         written = self.variables.get(variable)
         if not written:
             pictures = [name for name, places in self.variables.items() if self._is_picture(places[0][1], name)]
             raise RequestError(
-                f"{self.folder} holds no {variable!r}{nearest(variable, pictures)}; it may have been left out by 'keep'"
+                f"{self.folder} has no {variable!r}{nearest(variable, pictures)}; it may have been left out by 'keep'"
             )
         stages = list(dict.fromkeys(name for name, _ in written))
         if stage and stage not in stages:
@@ -147,21 +147,19 @@ class Shelf:
         return [StageGroup(chosen, path, self._open(path)) for name, path in written if name == chosen]
 
     def frames(self, variable: str, stage: str = "", light: bool = False) -> list[ArchivedFrame]:
-        """Every picture of a variable, in the order of the axes as stored; ``light``: bands of light are one picture
-        too.
-        """
+        """Return every picture of a variable, in stored axis order; ``light``: bands of light form one picture too."""
         found = [frame for group in self.groups(variable, stage) for frame in self._frames_of(group, variable, light)]
         there = [frame.labels for frame in found if frame.status != "not_computed"]
         return [
             f for f in found if f.status != "not_computed" or f.labels not in there
-        ]  # another shape of the stage has it
+        ]  # it belongs to another shape of the stage
 
     def _frames_of(self, group: StageGroup, variable: str, light: bool) -> Iterator[ArchivedFrame]:
         array = group.data[variable]
         flat = array.dims[-2:] == ("y", "x")
         if not flat or not (light or self._is_picture(group.path, variable)):
-            way = "; --png shows it as an eye sees it" if flat else "; as a plot: etendue plot"
-            raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture{way}")
+            way = "; use --png to render it" if flat else "; plot it with etendue plot"
+            raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is not a picture{way}")
         axes = [str(dim) for dim in array.dims if dim not in PLANE and not (light and dim == "wavelength")]
         values = [_values(array, dim) for dim in axes]
         status = group.data["status"].to_numpy() if "status" in group.data else None
@@ -187,14 +185,14 @@ class Shelf:
         return Holdings(opened(self.folder))
 
     def white(self, frame: ArchivedFrame) -> float:
-        """The linear value that is shown as white in a picture, as plots have it."""
+        """Return the linear value shown as white in a picture, as in plots."""
         held = self.holdings.find(f"{frame.group.stage}.{frame.variable}", "picture")
         return white_of(self.holdings, held, {dim: frame.labels[dim] for dim in held.axes})
 
-    # -- what is known of one -------------------------------------------------------------------------
+    # -- metadata of a picture -----------------------------------------------------------------------
 
     def parameter(self, frame: ArchivedFrame, name: str, default: Any = None) -> Any:
-        """The value of a parameter in the cell of a frame: its axis, its stage, the camera, any other stage."""
+        """Return a parameter in the cell of a frame: from its axis, its stage, the camera, or any other stage."""
         for dim, key in frame.group.parameters.items():
             if dim in frame.labels and key.rpartition(".")[2] == name:
                 return frame.labels[dim]
@@ -206,24 +204,24 @@ class Shelf:
         return default
 
     def roles(self, stage: str) -> list[str]:
-        """What a stage of the archive is for.
+        """Return the roles of a stage of the archive.
 
         Raises
         ------
         ArchiveError
-            The archive was written before roles were recorded.
+            If the archive was written before roles were recorded.
         """
         node = self.record["nodes"].get(stage, {"role": []})
         if "role" not in node:
             raise ArchiveError(
-                f"{self.folder} does not say what its stages are for: run its pipeline again with this version"
+                f"{self.folder} does not record the roles of its stages: rerun its pipeline with this version"
             )
         return list(node["role"])
 
     def beside(self, frame: ArchivedFrame, variable: str, other_than: str = "") -> Any:
-        """Another variable of the same cell, or None where the archive has none: ``white`` for a ``raw``.
+        """Return another variable of the same cell, such as ``white`` for a ``raw``, or None if the archive has none.
 
-        The last that was written, but not by a stage of the role ``other_than``.
+        The last one written counts, except by stages of the role ``other_than``.
         """
         for stage, path in reversed(self.variables.get(variable, [])):
             if other_than and other_than in self.roles(stage):
@@ -236,7 +234,7 @@ class Shelf:
         return None
 
     def key(self, frame: ArchivedFrame) -> str:
-        """The key of the cell: what it was computed from, to the last bit."""
+        """Return the key of the cell, which identifies exactly what it was computed from."""
         axes = _cell_axes(frame.group.data)
         labels = {dim: value for dim, value in frame.labels.items() if dim in axes}
         entry = self.journal.get(cell_label(frame.group.stage, labels))
@@ -244,12 +242,13 @@ class Shelf:
 
 
 def _cell_axes(data: xarray.Dataset) -> list[str]:
-    """The axes along which a stage was computed cell by cell."""
+    """Return the axes along which a stage was computed cell by cell."""
     return [str(dim) for dim in data["status"].dims] if "status" in data else []
 
 
 def _finished_cell(data: xarray.Dataset, known: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The labels of the one cell at known labels; None where there are several, none, or an unfinished one."""
+    """Return the labels of the only finished cell at known labels; None if there are several, none, or it is
+    unfinished."""
     axes = _cell_axes(data)
     labels = {dim: known[dim] for dim in axes if dim in known}
     open_ = [dim for dim in axes if dim not in labels and data.sizes[dim] > 1]
@@ -266,16 +265,16 @@ def _values(data: Any, dim: str) -> list[Any]:
     return [value.item() if hasattr(value, "item") else value for value in data[dim].to_numpy()]
 
 
-# -- choosing -------------------------------------------------------------------------------------------------
+# -- selection ------------------------------------------------------------------------------------------------
 
 
 def chosen(frames: list[ArchivedFrame], at: Mapping[str, str]) -> list[ArchivedFrame]:
-    """The frames at the given axis values; an axis that is not named stays whole.
+    """Return the frames at the given axis values; an axis that is not given is kept whole.
 
     Raises
     ------
     RequestError
-        No such axis, or no such value on it.
+        If an axis, or a value on it, does not exist.
     """
     left, faults = frames, []
     for name, text in at.items():
@@ -289,31 +288,31 @@ def chosen(frames: list[ArchivedFrame], at: Mapping[str, str]) -> list[ArchivedF
         raise RequestError(faults)
     if not left:
         raise RequestError(
-            f"--at {' '.join(f'{k}={v}' for k, v in at.items())}: no cell of {frames[0].variable} has these values "
-            f"together"
+            f"--at {' '.join(f'{k}={v}' for k, v in at.items())}: no cell of {frames[0].variable} has this combination "
+            f"of values"
         )
     return left
 
 
 def _place(frames: list[ArchivedFrame], name: str, text: str) -> tuple[str, list[Any]] | Fault:
-    """The axis that is called so, and its values that a text means."""
+    """Return the axis with this name, and its values that match a text."""
     axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
     axes |= {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
     dim = next((dim for dim, key in axes.items() if is_called(name, dim, key)), "")
     if not dim:
         why = nearest(name, axes) if axes else "; nothing was swept"
-        return Fault(f"--at {name}", f"it is no axis of {frames[0].variable}{why}")
+        return Fault(f"--at {name}", f"{frames[0].variable} has no such axis{why}")
     values = list(dict.fromkeys(frame.labels[dim] for frame in frames if dim in frame.labels))
     unit = next((str(f.group.data[dim].attrs.get("units", "1")) for f in frames if dim in f.group.data.coords), "1")
     match = [value for value in values if is_value(value, text, unit)]
     if match:
         return dim, match
     shown = ", ".join(map(plain, values[:12])) + (", ..." if len(values) > 12 else "")
-    return Fault(f"--at {name}={text}", f"that was not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}")
+    return Fault(f"--at {name}={text}", f"not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}")
 
 
 def described(shelf: Shelf, frame: ArchivedFrame) -> str:
-    """One line of provenance for a file: pipeline, stage, axis values, key of the cell."""
+    """Return one line of provenance for a file: pipeline, stage, axis values, key of the cell."""
     facts = {
         "pipeline": shelf.record["pipeline"],
         "stage": frame.group.stage,

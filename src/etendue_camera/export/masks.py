@@ -1,7 +1,7 @@
-"""The colour filters of a raw frame, from what the archive says of the pattern.
+"""The colour filters of a raw frame, from the pattern in the archive.
 
 In:  a frame of an archive.
-Out: one period of the mask as the frame's first pixel sees it, rows of letters.
+Out: one period of the mask from the frame's first pixel, as rows of letters.
 """
 
 from __future__ import annotations
@@ -10,18 +10,18 @@ from etendue.errors import ArchiveError
 from etendue_camera.export.frames import ArchivedFrame, Shelf
 from etendue_camera.sensor import cfa
 
-WELL_KNOWN = ((2, 2), (6, 6))  # periods that LibRaw, and what is built on it, understands
+WELL_KNOWN = ((2, 2), (6, 6))  # periods that LibRaw and programs based on it support
 
 
 def mask_of(shelf: Shelf, frame: ArchivedFrame) -> tuple[str, ...] | None:
-    """One period of the mask; None where all pixels see the same, or no stage speaks of a pattern.
+    """Return one period of the mask; None if all pixels have the same filter, or no stage has a pattern.
 
-    A mask belongs to the sensor: a window that begins at an odd row has the rows of a Bayer mask the other way about.
+    A mask belongs to the sensor: in a window that starts at an odd row, the rows of a Bayer mask are exchanged.
 
     Raises
     ------
     ArchiveError
-        The pattern came from a file of which the archive holds no copy.
+        If the pattern came from a file of which the archive has no copy.
     """
     pattern = shelf.parameter(frame, "pattern")
     if pattern is None:
@@ -38,18 +38,18 @@ def mask_of(shelf: Shelf, frame: ArchivedFrame) -> tuple[str, ...] | None:
 
 
 def note(mask: tuple[str, ...] | None) -> str:
-    """What a reader may make of a mask that few cameras have; '' of the usual ones."""
+    """Return a note on reader support for an unusual mask; '' for common ones."""
     if mask is None or (len(mask), len(mask[0])) in WELL_KNOWN:
         return ""
     return (
-        f"the mask of {len(mask)} x {len(mask[0])} pixels is in the file as the DNG specification says, but LibRaw and "
-        f"what is built on it "
-        "read the colours of 2 x 2 and 6 x 6 masks only; the digital numbers are right for all"
+        f"the mask of {len(mask)} x {len(mask[0])} pixels is stored as the DNG specification requires, but LibRaw and "
+        f"programs based on it "
+        "support colours of 2 x 2 and 6 x 6 masks only; the digital numbers are correct for all"
     )
 
 
 def _first(shelf: Shelf, frame: ArchivedFrame, dim: str, name: str) -> int:
-    """The sensor's row or column at which the frame begins."""
+    """Return the sensor row or column at which the frame starts."""
     coordinate = frame.group.data.coords.get(dim)
     if (
         coordinate is not None
@@ -63,5 +63,5 @@ def _first(shelf: Shelf, frame: ArchivedFrame, dim: str, name: str) -> int:
 def _letters(shelf: Shelf, stored: str) -> str:
     path = next(iter((shelf.folder / "inputs").glob(f"{stored.removeprefix('sha256:')}*")), None)
     if path is None:
-        raise ArchiveError(f"{shelf.folder}: the file of the pattern ({stored[:19]}...) is not in inputs/")
+        raise ArchiveError(f"{shelf.folder}: the pattern file ({stored[:19]}...) is missing from inputs/")
     return path.read_text(encoding="utf-8-sig")

@@ -1,7 +1,7 @@
-"""8-bit PNG: a variable as an eye sees it, light through the CIE 1931 observer, a mosaic through its own filters.
+"""8-bit PNG: a variable as an eye sees it, with light through the CIE 1931 observer, a mosaic through its own filters.
 
 In:  a frame of an archive.
-Out: a true-colour PNG, the first row of the array on top; encoded sRGB, with provenance as text.
+Out: an RGB PNG, first row of the array on top; encoded sRGB, with provenance as text.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from etendue_camera.export.frames import ArchivedFrame
 
 
 def array_of(frame: ArchivedFrame) -> xarray.DataArray:
-    """The picture of a frame with what its archive says of it.
+    """Return the picture of a frame with its metadata.
 
     Raises
     ------
     ArchiveError
-        It is missing, or not as it was written.
+        If it is missing, or differs from what was written.
     """
     values, known = frame.picture(), frame.group.data[frame.variable]
     dims = [str(dim) for dim in known.dims[known.ndim - np.ndim(values) :]]
@@ -32,7 +32,7 @@ def array_of(frame: ArchivedFrame) -> xarray.DataArray:
 
 
 def write(path: Path, array: xarray.DataArray, white: float, description: str = "") -> None:
-    """Write one picture; ``white``: the linear value that is shown as white."""
+    """Write one picture; ``white``: the linear value shown as white."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 

@@ -1,4 +1,4 @@
-"""16-bit TIFF: raw digital numbers as they are, pictures of 0 to 1 scaled to 65535.
+"""16-bit TIFF: raw digital numbers unchanged, pictures of 0 to 1 scaled to 65535.
 
 In:  (y, x) or (channel, y, x) array.
 Out: an uncompressed TIFF file; encoded sRGB carries its profile.
@@ -17,29 +17,28 @@ TOP = 65535
 
 
 def codes(picture: Any) -> Any:
-    """uint16 (y, x) or (y, x, 3): integers as they are; 0 to 1 scaled to 0 to 65535, rounded, clipped at both ends.
+    """Return uint16 (y, x) or (y, x, 3): integers unchanged; 0 to 1 scaled to 0 to 65535, rounded, clipped at both
+    ends.
 
     Raises
     ------
     ValueError
-        Other dims, another number of channels than 1 or 3, integers of more than 16 bits, values that are not numbers.
+        For other dims, channel counts other than 1 or 3, integers of more than 16 bits, or NaN.
     """
     picture = np.asarray(picture)
     if picture.ndim == 3 and picture.shape[0] in (1, 3):
         picture = np.moveaxis(picture, 0, -1) if picture.shape[0] == 3 else picture[0]
     elif picture.ndim != 2:
-        raise ValueError(f"the picture has shape {picture.shape}; allowed are (y, x), (1, y, x) and (3, y, x)")
+        raise ValueError(f"the picture has shape {picture.shape}; it must be (y, x), (1, y, x) or (3, y, x)")
     if picture.dtype.kind == "u":
-        require.that(
-            picture.dtype.itemsize <= 2, f"the picture is {picture.dtype}; allowed are integers of at most 16 bits"
-        )
+        require.that(picture.dtype.itemsize <= 2, f"the picture is {picture.dtype}; integers must have at most 16 bits")
         return np.ascontiguousarray(picture, np.uint16)
-    require.that(not np.isnan(picture).any(), "the picture holds values that are not numbers")
+    require.that(not np.isnan(picture).any(), "the picture contains NaN")
     return np.rint(np.clip(picture, 0, 1) * TOP).astype(np.uint16)
 
 
 def srgb_profile() -> bytes:
-    """An ICC profile of sRGB, the same bytes every time: its date of making is set."""
+    """Return an ICC profile of sRGB, identical every time: its creation date is fixed."""
     from PIL import ImageCms
 
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
@@ -50,7 +49,8 @@ def srgb_profile() -> bytes:
 def write(
     path: Path, picture: Any, description: str = "", software: str = "etendue", when: str = "", srgb: bool = False
 ) -> None:
-    """Write one picture; ``srgb`` says that its values are encoded so."""
+    """Write one picture; ``srgb`` marks its values as sRGB-encoded."""
+
     import tifffile
 
     values = codes(picture)

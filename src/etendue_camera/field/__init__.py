@@ -1,5 +1,5 @@
-"""What changes over the frame: fall-off, vignetting, distortion, point spread functions by field.
+"""Field-dependent effects: falloff, vignetting, distortion, point spread functions.
 
 In:  planes of light, positions on the image plane.
-Out: the same planes moved, darkened or blurred by place.
+Out: the same planes displaced, attenuated or blurred by position.
 """

@@ -1,4 +1,4 @@
-"""Blur that changes over the field: every point of the image spreads by the point spread function of its own place.
+"""Field-dependent blur: every point of the image is blurred by the point spread function at its own position.
 
 In:  planes on the image grid (um), a ``PsfBank``.
 Out: blurred planes; how they were computed and how wrong that is at most.
@@ -101,7 +101,7 @@ def blur(
     tolerance: float = 1e-3,
     **how: Any,
 ) -> FloatArray:
-    """Spread every point by the point spread function of its place and wavelength.
+    """Blur every point with the point spread function at its position and wavelength.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def choose(
     tolerance: float = 1e-3,
     **how: Any,
 ) -> BlurChoice:
-    """The decision ``blur`` would take, before anything is convolved (arguments of ``blur`` and ``prepare``)."""
+    """Return the choice that ``blur`` would make, before any convolution (arguments of ``blur`` and ``prepare``)."""
     return prepare(bank, y_um, x_um, wavelengths_um, method, tolerance, **how).choice
 
 
@@ -156,7 +156,7 @@ def prepare(
     centre: Centre = "reference",
     lost: float | None = None,
 ) -> Prepared:
-    """Kernels, their grid, the method and the number of terms for one window.
+    """Compute kernels, their grid, the method and the number of terms for one window.
 
     Parameters
     ----------
@@ -301,7 +301,8 @@ def apply(planes: FloatArray, prepared: Prepared) -> FloatArray:
 
 
 def unevenness(bank: PsfBank) -> float:
-    """How much ``weights = "source"`` makes a uniform plane uneven: the largest divergence of the mean displacement."""
+    """Return the non-uniformity of a uniform plane with ``weights = "source"``: the largest divergence of mean
+    displacement."""
     heights, radial = bank.heights_um, bank.centroids()[:, :, 0]
     slope = np.gradient(radial, heights, axis=0) if heights.size > 1 else np.zeros_like(radial)
     held = heights > 0

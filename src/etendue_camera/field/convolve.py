@@ -1,4 +1,4 @@
-"""Convolution with kernels that change over the field: an expansion in a few kernels, or tiles mixed bilinearly.
+"""Convolution with field-dependent kernels: an expansion in a few kernels, or tiles blended bilinearly.
 
 In:  a plane, kernels, weights of the nodes of a grid.
 Out: the blurred plane. Beyond the border stands the mirror image of the plane and of the weights.

@@ -1,4 +1,4 @@
-"""How evenly the field is lit: pupils cut by a rim, angles of the chief ray, and what tables say.
+"""Illumination over the field: vignetting at a rim, chief-ray angles, and tables.
 
 In:  image heights (mm), radii and distances of rims (mm), angles (degrees or their tangents).
 Out: relative illumination (1) and chief-ray angles (degrees).
@@ -16,7 +16,7 @@ from etendue_camera.arrays import FloatArray, Floats
 
 
 def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
-    """Share of a disc that another disc covers.
+    """Return the fraction of a disc that another disc covers.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def vignetting(
     rim_distance: float,
     object_distance: float = float("inf"),
 ) -> Floats:
-    """Share of the entrance pupil that a round rim in front of it leaves open.
+    """Return the fraction of the entrance pupil that a round rim in front of it leaves open.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def vignetting(
 
 
 def chief_ray_angle(height_mm: Floats, exit_pupil_distance_mm: float) -> Floats:
-    """Angle (degrees) at which the ray through the centre of the exit pupil meets the sensor.
+    """Return the angle (degrees) at which the ray through the centre of the exit pupil meets the sensor.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Grids of nodes over a frame, fine enough for kernels to be mixed bilinearly in between.
+"""Grids of nodes over a frame, fine enough for bilinear interpolation of kernels.
 
 In:  positions on the image grid (um), kernels of any image point, the error that is allowed.
 Out: nodes, their kernels and the error of mixing them.
@@ -36,7 +36,7 @@ def spacing_of(y: FloatArray, x: FloatArray, alone: float) -> float:
             step = (line[-1] - line[0]) / (line.size - 1)
             require.that(
                 step > 0 and not np.abs(np.diff(line) - step).max() > 1e-6 * step + 1e-9 * np.abs(line).max(),
-                f"{name} must grow in even steps",
+                f"{name} must ascend in even steps",
             )
             steps.append(float(step))
     if len(steps) == 2 and abs(steps[0] - steps[1]) > 1e-6 * steps[0]:
@@ -102,7 +102,7 @@ def refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_go
             return [Level(grid, kernels, _FAIR * _mixing_error(kernels[::2, ::2], kernels))]
         if too_many:
             raise ValueError(
-                f"an error of {last_goal:.2g} of full scale asks for more than {grid[0]} x {grid[1]} kernels of "
+                f"an error of {last_goal:.2g} of full scale requires more than {grid[0]} x {grid[1]} kernels of "
                 f"{sampler.size} x "
                 f"{sampler.size} samples, which are {before * _FAIR:.2g} from what lies between them; allow a larger "
                 f"error, or take a "

@@ -1,4 +1,4 @@
-"""Point spread functions by image height and wavelength: kept, interpolated, turned and resampled onto an image grid.
+"""Point spread functions by image height and wavelength: stored, interpolated, rotated and resampled to an image grid.
 
 In:  pictures of a point at several heights and wavelengths, from a design program, a wavefront or a measurement.
 Out: kernels on the image grid for any image point, each with a sum of exactly 1; files of the format below.
@@ -88,14 +88,13 @@ class PsfBank:
             self.spacing_um,
             "one length above 0 um, or one for each of the wavelengths",
         )
-        require.that(np.isfinite(psf).all(), "psf holds values that are not finite")
+        require.that(np.isfinite(psf).all(), "psf contains values that are not finite")
         below = -np.minimum(psf, 0.0).sum(axis=(2, 3))
         psf = np.maximum(psf, 0.0)
         total = psf.sum(axis=(2, 3))
         if not np.all(total > 0):
             raise ValueError(
-                f"psf holds no light at (height, wavelength) number "
-                f"{tuple(int(i) for i in np.argwhere(~(total > 0))[0])}"
+                f"psf has no light at (height, wavelength) number {tuple(int(i) for i in np.argwhere(~(total > 0))[0])}"
             )
         share = float((below / total).max())
         require.that(

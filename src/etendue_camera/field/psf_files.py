@@ -31,7 +31,7 @@ Blocks = dict[tuple[float, float], tuple[float, list[list[float]]]]  # by height
 def write(
     path: Path, heights: FloatArray, wavelengths: FloatArray, psf: FloatArray, spacing: FloatArray, source: str
 ) -> None:
-    """A file of the form that its ending says."""
+    """Write a file in the format given by its extension."""
     if path.suffix == ".npz":
         np.savez_compressed(
             path, heights_um=heights, wavelengths_um=wavelengths, psf=psf, spacing_um=spacing, source=np.array(source)
@@ -50,7 +50,7 @@ def write(
 
 
 def read(path: Path) -> Pictures:
-    """What a file holds; ``ValueError`` where it is none of these forms."""
+    """Read a file; raise ``ValueError`` if it has none of these formats."""
     if path.suffix == ".csv":
         return _stacked(path, *_blocks(path))
     if path.suffix != ".npz":
@@ -60,7 +60,7 @@ def read(path: Path) -> Pictures:
         missing = [name for name in ARRAYS if name not in found]
         require.that(
             not missing,
-            f"{path} has no array {', '.join(missing)}; it must hold heights_um, wavelengths_um, psf and spacing_um",
+            f"{path} has no array {', '.join(missing)}; it must contain heights_um, wavelengths_um, psf and spacing_um",
         )
         heights, wavelengths, psf, spacing = (found[name] for name in ARRAYS)
         return heights, wavelengths, psf, spacing, str(found["source"]) if "source" in found else ""
@@ -85,7 +85,7 @@ def _blocks(path: Path) -> tuple[Blocks, str]:
                     raise ValueError(f"expected {HEAD}")
                 height, wavelength, spacing = (float(cell) for cell in cells[1::2])
                 if (height, wavelength) in blocks:
-                    raise ValueError(f"height {height:g} um, wavelength {wavelength:g} um stands there twice")
+                    raise ValueError(f"height {height:g} um, wavelength {wavelength:g} um occurs twice")
                 rows = []
                 blocks[height, wavelength] = (spacing, rows)
             elif rows is None:

@@ -1,4 +1,4 @@
-"""Geometric distortion and lateral colour: where the lens really puts each image point, and planes moved accordingly.
+"""Geometric distortion and lateral colour: real image positions of each point, and planes resampled accordingly.
 
 In:  ideal image heights (um), coefficients or a table of real heights by wavelength; planes on the image grid.
 Out: real heights, their inverse, distortion in per cent; planes in which every point stands where the lens puts it.
@@ -72,9 +72,7 @@ class DistortionCurve:
         require.must(math.isfinite(self.lateral_colour), "lateral_colour", self.lateral_colour, "finite")
         if self.table is None:
             return
-        require.that(
-            not any(self.coefficients), "coefficients and a table are both given; distortion is one or the other"
-        )
+        require.that(not any(self.coefficients), "coefficients and a table are both given; give only one of them")
         ideal, wavelengths, real = _checked_table(self.table)
         curve = scipy.interpolate.CubicSpline(np.r_[-ideal[:0:-1], ideal], np.r_[-real[:0:-1], real], axis=0)
         object.__setattr__(self, "table", (ideal, wavelengths, real))
@@ -86,7 +84,7 @@ class DistortionCurve:
     def scale(self, wavelength_um: float) -> float:
         """Lateral colour: exactly 1 at the reference wavelength."""
         scale = 1.0 + self.lateral_colour * (wavelength_um - self.reference_wavelength_um) / 0.1
-        require.that(scale > 0, f"lateral_colour {self.lateral_colour:g} turns the image over at {wavelength_um:g} um")
+        require.that(scale > 0, f"lateral_colour {self.lateral_colour:g} inverts the image at {wavelength_um:g} um")
         return scale
 
     def distort(self, radius_um: Any, wavelength_um: float) -> Any:
@@ -211,7 +209,7 @@ def _checked_table(table: Table) -> Table:
     require.that(
         all(np.isfinite(a).all() for a in (ideal, wavelengths, real))
         and (np.all(np.diff(wavelengths) > 0) and wavelengths[0] > 0),
-        "table must be finite, its wavelengths above 0 and growing",
+        "table must be finite, its wavelengths above 0 and ascending",
     )
     if ideal[0] > 0:
         ideal, real = np.insert(ideal, 0, 0.0), np.insert(real, 0, 0.0, axis=0)
@@ -219,7 +217,7 @@ def _checked_table(table: Table) -> Table:
         ideal[0] == 0
         and not np.any(real[0] != 0)
         and (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0)),
-        "table must have ideal and real heights that grow from 0 on the axis: other images fold over",
+        "ideal and real heights in table must ascend from 0 on the axis: otherwise the image folds over",
     )
     return ideal, wavelengths, real
 

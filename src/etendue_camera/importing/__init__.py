@@ -1,8 +1,8 @@
-"""Own spectral cubes in: files of other programs become the Zarr store that the stage ``radiance_cube`` reads.
+"""Import of spectral cubes: files of other programs become the Zarr store that the stage ``radiance_cube`` reads.
 
-cube     what a file holds, whatever its format, and what a person says of it
-formats  endings of files and their readers
-arrays   readers of files of arrays
-rasters  readers of files of pictures
+cube     the content of a file, whatever its format, and what the user states about it
+formats  file extensions and their readers
+arrays   readers of array files
+rasters  readers of picture files
 store    the Zarr store
 """

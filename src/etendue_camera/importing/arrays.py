@@ -1,6 +1,6 @@
-"""Cubes in files of arrays: NumPy's, MATLAB's (those of ISETCam by their own names), HDF5.
+"""Cubes in array files: NumPy, MATLAB (including ISETCam's by their names), HDF5.
 
-In:  a path, the name of the array where there are several.
+In:  a path, the name of the array if there are several.
 Out: a ``Cube``; axes as in the file, wavelength last or first by its size.
 """
 
@@ -17,40 +17,40 @@ from etendue import plain_files
 from etendue.errors import RequestError, nearest
 from etendue_camera.importing.cube import Cube, needed
 
-DEEPEST = 32  # groups of HDF5 in each other
+DEEPEST = 32  # nesting depth of HDF5 groups
 WAVELENGTHS = ("wavelength", "wavelengths", "wave", "wl", "lambda", "bands")
 
 
 def numpy_array(path: Path, variable: str) -> Cube:
-    """``.npy``: one array, no names."""
+    """Read ``.npy``: one array, no names."""
     return Cube(
         np.array(np.load(path, mmap_mode="r", allow_pickle=False))
-    )  # a file that is shorter than it says is refused at once
+    )  # a file shorter than declared is rejected at once
 
 
 def numpy_arrays(path: Path, variable: str) -> Cube:
-    """``.npz``: the one array of three axes, and wavelengths by their name."""
+    """Read ``.npz``: the only three-axis array, and wavelengths by name."""
     plain_files.check_entries(path)
     with np.load(path, allow_pickle=False) as file:
         return chosen({name: file[name] for name in file.files}, variable, str(path))
 
 
 def hdf5(path: Path, variable: str) -> Cube:
-    """HDF5: the one data set of three axes, wherever it lies, and wavelengths by their name."""
+    """Read HDF5: the only three-axis data set, in any group, and wavelengths by name."""
     h5py = needed("h5py", f"{path} (HDF5)")
     with h5py.File(path, "r") as file:
         return chosen(_datasets(file, h5py), variable, str(path))
 
 
 def matlab(path: Path, variable: str) -> Cube:
-    """``.mat`` of any version; what ISETCam calls a scene or a multispectral picture is known by its names."""
+    """Read ``.mat`` of any version; an ISETCam scene or multispectral picture is recognised by its names."""
     import scipy
 
     try:
         size = sum(math.prod(shape) * 8 for _, shape, _ in scipy.io.whosmat(path))
         plain_files.refuse_unfolding(size, path.stat().st_size, "it")
         held: Mapping[str, Any] = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
-    except NotImplementedError:  # version 7.3 is HDF5, whose axes MATLAB writes in reverse
+    except NotImplementedError:  # version 7.3 is HDF5, with axes reversed by MATLAB
         h5py = needed("h5py", f"{path} (MATLAB 7.3)")
         with h5py.File(path, "r") as file:
             held = {name: array.T for name, array in _datasets(file, h5py).items()}
@@ -66,23 +66,23 @@ def matlab(path: Path, variable: str) -> Cube:
 
 
 def chosen(arrays: Mapping[str, Any], variable: str, path: str) -> Cube:
-    """The array that is asked for, or the one with three axes.
+    """Return the named array, or the one with three axes.
 
     Raises
     ------
     RequestError
-        There is none, or more than one.
+        If there is none, or more than one.
     """
     cubes = [name for name, array in arrays.items() if array.ndim == 3]
     if variable and variable not in arrays:
-        raise RequestError(f"{path} holds no {variable!r}{nearest(variable, arrays)}")
+        raise RequestError(f"{path} has no array {variable!r}{nearest(variable, arrays)}")
     if not variable and len(cubes) != 1:
         what = (
-            f"several arrays of three axes, {', '.join(cubes)}"
+            f"several three-axis arrays, {', '.join(cubes)}"
             if cubes
-            else f"no array of three axes, only {', '.join(arrays) or 'nothing'}"
+            else f"no three-axis array, only {', '.join(arrays) or 'nothing'}"
         )
-        raise RequestError(f"{path} holds {what}; name one: --variable NAME")
+        raise RequestError(f"{path} has {what}; choose one with --variable NAME")
     values = arrays[variable or cubes[0]]
     return spectral(
         values, next((a.ravel() for n, a in arrays.items() if n.rpartition("/")[2].lower() in WAVELENGTHS), None)
@@ -90,7 +90,7 @@ def chosen(arrays: Mapping[str, Any], variable: str, path: str) -> Cube:
 
 
 def spectral(values: Any, wavelength: Any) -> Cube:
-    """With the axis of wavelengths in front: the one of their number, the last where two have it."""
+    """Move the wavelength axis to the front: the one whose length matches, the last if two match."""
     if wavelength is None or values.ndim != 3:
         return Cube(values, wavelength)
     axes = [axis for axis in (2, 0, 1) if values.shape[axis] == len(wavelength)]
@@ -98,7 +98,7 @@ def spectral(values: Any, wavelength: Any) -> Cube:
 
 
 def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
-    """All numbers of a file itself; what it names in other files is refused."""
+    """Return all numeric data of a file itself; references to other files are rejected."""
     found: dict[str, Any] = {}
     size = stored = 0
 
@@ -106,7 +106,7 @@ def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
         if one.dtype.kind in "fiu":
             if one.is_virtual or one.external:
                 raise RequestError(
-                    f"{file.filename}: the numbers of {name} lie in other files; copy them into this one: h5repack, or "
+                    f"{file.filename}: the data of {name} are in other files; copy them into this one with h5repack or "
                     f"h5py"
                 )
             size, stored = size + one.size * one.dtype.itemsize, stored + one.id.get_storage_size()
@@ -116,7 +116,7 @@ def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
 
 
 def _members(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
-    """Every data set by its path, each once; links to other places, and to other files, are not followed."""
+    """Yield every data set by its path, each once; links are not followed."""
     open_, seen = [("", file, 0)], set[Any]()
     while open_:
         path, group, depth = open_.pop()
@@ -131,17 +131,15 @@ def _members(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
             if isinstance(one, h5py.Dataset):
                 yield own, one
             elif isinstance(one, h5py.Group) and depth == DEEPEST:
-                raise RequestError(
-                    f"{file.filename}: groups lie more than {DEEPEST} deep in each other; no cube is kept so"
-                )
+                raise RequestError(f"{file.filename}: groups are nested more than {DEEPEST} deep; this is not a cube")
             elif isinstance(one, h5py.Group):
                 open_.append((f"{own}/", one, depth + 1))
 
 
 def _isetcam(named: Mapping[str, Any]) -> Cube | None:
-    """A scene of ISETCam, or a multispectral file of it: photons s-1 sr-1 m-2 nm-1, (y, x, wavelength).
+    """Read an ISETCam scene or multispectral file: photons s-1 sr-1 m-2 nm-1, (y, x, wavelength).
 
-    Such files hold the photons themselves, or coefficients of a basis (and perhaps a mean) whose product they are.
+    Such files contain the photons themselves, or coefficients of a basis (and perhaps a mean).
     """
     scene: Any = named.get("scene")
     if hasattr(scene, "data") and hasattr(scene.data, "photons"):

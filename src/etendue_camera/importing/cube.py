@@ -1,7 +1,7 @@
-"""A spectral cube as it was read: values, wavelengths, level; and what is said of it where a file does not.
+"""A spectral cube as read: values, wavelengths, level; the user states what the file does not.
 
-In:  a file, its format by its name; words of the command line.
-Out: a ``Cube`` that is light: wavelengths ascend, values are finite, nowhere below 0.
+In:  a file, its format by extension; command-line options.
+Out: a ``Cube`` that is valid light: wavelengths ascend, values are finite and not negative.
 """
 
 from __future__ import annotations
@@ -39,74 +39,79 @@ class Cube:
     Attributes
     ----------
     values : (wavelength, y, x)
-    wavelength : centres of the bands in nm; None where the file does not say
-    level : a word of ``LEVELS``; '' where the file does not say
-    white : of a perfect diffuser by band, in the unit of the values; None where nobody knows
+    wavelength : band centres in nm; None if the file does not give them
+    level : a key of ``LEVELS``; '' if the file does not give it
+    white : spectrum of a perfect diffuser by band, in the unit of the values; None if unknown
     """
 
     values: Any
     wavelength: Any = None
     level: str = ""
     white: Any = None
-    told: tuple[str, ...] = ()  # where what is known comes from
+    told: tuple[str, ...] = ()  # sources of what is known
 
 
 def read_cube(path: Path, variable: str = "") -> Cube:
-    """What a file holds; ``variable``: the array in it, where there are several.
+    """Read the content of a file; ``variable``: the array in it, if there are several.
 
     Raises
     ------
     RequestError
-        There is no such file, its format is unknown or needs a reader that is not installed, or it holds no cube.
+        If the file does not exist, its format is unknown or needs a missing reader, or it has no cube.
     """
     if not path.exists():
         names = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise RequestError(f"there is no file {path}{nearest(path.name, names)}")
+        raise RequestError(f"no such file: {path}{nearest(path.name, names)}")
     reader = _reader(path)
     try:
         plain_files.check_plain(path)
         cube = reader(path, variable)
     except RequestError:
         raise
-    except Exception as error:  # of a reader of somebody else, which knows many ways to break off
+    except Exception as error:  # third-party readers raise many kinds of errors
         raise RequestError(
-            f"{path} cannot be read as {path.suffix}: {' '.join(str(error).split())[:200] or type(error).__name__}"
+            f"{path} could not be read as {path.suffix}: {' '.join(str(error).split())[:200] or type(error).__name__}"
         ) from None
     if cube.values.ndim != 3 or 0 in cube.values.shape or cube.values.dtype.kind not in "fiu":
-        raise RequestError(f"{path} holds {cube.values.dtype} {cube.values.shape}; expected numbers by three axes")
+        raise RequestError(
+            f"{path} has {cube.values.dtype} data of shape {cube.values.shape}; expected a numeric array with three "
+            "axes"
+        )
     return cube
 
 
 def _reader(path: Path) -> Callable[[Path, str], Cube]:
     suffix = path.suffix.lower()
     if suffix in (".img", ".dat", ".raw", ".bil", ".bip", ".bsq") and path.with_suffix(".hdr").exists():
-        raise RequestError(f"{path} is described by its header: import {path.with_suffix('.hdr')}")
+        raise RequestError(f"{path} is the data file of a header: import {path.with_suffix('.hdr')}")
     if suffix in PICTURES:
         raise RequestError(
-            f"{path} is a picture, of colours, not of spectra: the stage photograph takes it as a scene, etendue "
-            f"measure measures it"
+            f"{path} is a colour picture without spectra: use it as a scene with the stage photograph, or measure it "
+            "with etendue measure"
         )
     if suffix not in FORMATS:
-        raise RequestError(f"{path}: files {suffix or 'without an ending'} are unknown; known are {', '.join(FORMATS)}")
+        raise RequestError(
+            f"{path}: unknown file format {suffix or 'without extension'}; known are {', '.join(FORMATS)}"
+        )
     found: Callable[[Path, str], Cube] = FORMATS[suffix].reader()
     return found
 
 
 def needed(module: str, what: str) -> Any:
-    """A reader from an extra of the distribution."""
+    """Return a reader from an extra of the distribution."""
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise RequestError(f"{what} needs a reader that is not installed: pip install 'etendue[cubes]'") from None
+        raise RequestError(f"{what} requires a reader that is not installed: pip install 'etendue[cubes]'") from None
 
 
 def wavelengths_of(text: str) -> Any:
-    """Centres in nm: ``400:700:10``, ``450,550,650``, or a file with a number a line.
+    """Parse band centres in nm: ``400:700:10``, ``450,550,650``, or a file with one number per line.
 
     Raises
     ------
     RequestError
-        It is none of these.
+        If the text is none of these.
     """
     try:
         if ":" in text:
@@ -120,45 +125,46 @@ def wavelengths_of(text: str) -> Any:
         return np.array([float(part) for part in text.split(",")])
     except ValueError:
         raise RequestError(
-            f"--wavelengths {text}: expected FIRST:LAST:STEP, a list of numbers, or a file with one a line, in nm"
+            f"--wavelengths {text}: expected FIRST:LAST:STEP, a list of numbers, or a file with one number per line, "
+            "in nm"
         ) from None
 
 
 def in_order(cube: Cube, axes: str) -> Cube:
-    """With its axes as (wavelength, y, x); ``axes``: what they are in the file, such as ``yxw``, or '' where the reader
-    knows.
+    """Return the cube with axes (wavelength, y, x); ``axes``: their order in the file, such as ``yxw``, or '' if the
+    reader knows it.
 
     Raises
     ------
     RequestError
-        The axes are not these three.
+        If the axes are not these three.
     """
     if not axes:
         return cube
     if sorted(axes) != sorted("wyx"):
-        raise RequestError(f"--axes {axes}: expected the letters w, y and x in the order of the file, such as yxw")
+        raise RequestError(f"--axes {axes}: expected the letters w, y and x in file order, such as yxw")
     return replace(cube, values=np.transpose(cube.values, [axes.index(one) for one in "wyx"]))
 
 
 def as_light(cube: Cube, name: str) -> tuple[Cube, str]:
-    """Values in the unit of their level, wavelengths ascending; gives the unit too.
+    """Convert values to the unit of their level and sort wavelengths; return the cube and the unit.
 
     Raises
     ------
     RequestError
-        Wavelengths or level are not known or do not fit, or a value is no light.
+        If wavelengths or level are unknown or do not fit, or a value is not valid light.
     """
     if cube.wavelength is None:
-        raise RequestError(f"{name} does not say its wavelengths: --wavelengths FIRST:LAST:STEP, in nm")
+        raise RequestError(f"{name} does not give its wavelengths: use --wavelengths FIRST:LAST:STEP, in nm")
     wavelength = np.asarray(cube.wavelength, dtype=float)
     if wavelength.shape != cube.values.shape[:1]:
         axes = f"its axes are {cube.values.shape} as wavelength, y, x"
         raise RequestError(
-            f"{name}: {wavelength.size} wavelengths for {cube.values.shape[0]} bands; {axes} (others: --axes)"
+            f"{name}: {wavelength.size} wavelengths for {cube.values.shape[0]} bands; {axes} (change with --axes)"
         )
     if not cube.level:
         raise RequestError(
-            f"{name} does not say its level: --level radiance ({RADIANCE}), relative (1 = white), or "
+            f"{name} does not give its level: use --level radiance ({RADIANCE}), relative (1 = white), or "
             f"{', '.join(LEVELS)}"
         )
     if cube.level not in LEVELS:
@@ -170,7 +176,7 @@ def as_light(cube: Cube, name: str) -> tuple[Cube, str]:
     )
     if not (np.diff(wavelength) > 0).all() or not wavelength[0] > 100:
         raise RequestError(
-            f"{name}: wavelengths must differ and be above 100 nm; they begin with {wavelength[:3].tolist()}"
+            f"{name}: wavelengths must differ and be above 100 nm; they start with {wavelength[:3].tolist()}"
         )
     unit, factor = LEVELS[cube.level]
     scale = np.full(wavelength.size, factor)
@@ -182,10 +188,10 @@ def as_light(cube: Cube, name: str) -> tuple[Cube, str]:
         band, y, x = (int(i) for i in np.argwhere(bad)[0])
         what = f"{values[band, y, x]:g} in band {band}, row {y}, column {x}"
         way_out = (
-            "--clip takes what is below 0 as 0"
+            "use --clip to set negative values to 0"
             if np.isfinite(values).all()
-            else "mend what is not finite in the file first"
+            else "correct the non-finite values in the file first"
         )
-        raise RequestError(f"{name} holds {int(bad.sum())} values that are no light, the first {what}; {way_out}")
+        raise RequestError(f"{name} has {int(bad.sum())} invalid radiance values, the first {what}; {way_out}")
     white = None if cube.white is None else np.asarray(cube.white, dtype=float)[order] * scale
     return replace(cube, values=values, wavelength=wavelength, white=white), unit

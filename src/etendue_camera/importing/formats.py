@@ -1,7 +1,7 @@
-"""The formats of spectral cubes: endings of files, what they are called, and which function reads them.
+"""The formats of spectral cubes: file extensions, names and reader functions.
 
-In:  the ending of a file.
-Out: a reader, imported when it is asked for. One more is a row here, its function, and a row of the table in
+In:  a file extension.
+Out: a reader, imported on demand. To add a format, add a row here, its function, and a row of the table in
      ``docs/python.md``.
 """
 
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 
 class Format(NamedTuple):
-    """``place``: ``module:function`` of (path, name of the array in it) that gives a ``Cube``."""
+    """``place``: ``module:function`` of (path, name of the array in it) that returns a ``Cube``."""
 
     name: str
     place: str
@@ -25,12 +25,12 @@ class Format(NamedTuple):
 FORMATS = {
     ".npy": Format("NumPy", "arrays:numpy_array"),
     ".npz": Format("NumPy", "arrays:numpy_arrays"),
-    ".mat": Format("MATLAB (ISETCam's too)", "arrays:matlab"),
+    ".mat": Format("MATLAB (including ISETCam)", "arrays:matlab"),
     ".h5": Format("HDF5", "arrays:hdf5"),
     ".hdf5": Format("HDF5", "arrays:hdf5"),
     ".hdr": Format("ENVI", "rasters:envi"),
     ".exr": Format("spectral OpenEXR", "rasters:openexr"),
-    ".tif": Format("TIFF of several pages", "rasters:tiff"),
-    ".tiff": Format("TIFF of several pages", "rasters:tiff"),
+    ".tif": Format("multi-page TIFF", "rasters:tiff"),
+    ".tiff": Format("multi-page TIFF", "rasters:tiff"),
 }
 NAMES = ", ".join(dict.fromkeys(one.name for one in FORMATS.values()))

@@ -1,6 +1,6 @@
-"""A cube of another program as light: what is said of it beside its file, and what is white in it.
+"""A cube of another program as light: options that complete its file, and its white.
 
-In:  a file, and the words of the command.
+In:  a file, and the options of the command.
 Out: a ``Cube`` of spectral radiance or of reflectance, and its unit.
 """
 
@@ -15,13 +15,13 @@ import numpy as np
 from etendue.errors import RequestError
 from etendue_camera.importing.cube import RADIANCE, Cube, as_light, in_order, read_cube, wavelengths_of
 
-TOO_WHITE = 1.5  # of what is relative to white: beyond, it is hardly a reflectance
-PATCH = 5  # pixels along a side of the white patch, where none are said
+TOO_WHITE = 1.5  # relative to white; larger values are hardly reflectances
+PATCH = 5  # default side of the white patch, pixels
 
 
 @dataclass(frozen=True)
 class Said:
-    """The words of the command on what a file holds."""
+    """The command's options on the content of a file."""
 
     variable: str
     axes: str
@@ -34,12 +34,12 @@ class Said:
 
 
 def light_of(file: Path, said: Said) -> tuple[Cube, str]:
-    """What a file holds as light, and its unit: ``RADIANCE``, or that of a reflectance.
+    """Return the content of a file as light, and its unit: ``RADIANCE``, or that of a reflectance.
 
     Raises
     ------
     RequestError
-        As the reading of cubes; a white patch that is no place, or lies outside.
+        As for reading cubes; if the white patch is invalid or lies outside.
     """
     cube = in_order(read_cube(file, said.variable), said.axes)
     if said.wavelengths is not None:
@@ -55,7 +55,7 @@ def light_of(file: Path, said: Said) -> tuple[Cube, str]:
             y, x, *size = (int(one) for one in said.white_at.split(","))
         except ValueError:
             raise RequestError(
-                f"--white-at {said.white_at}: expected a row, a column and, if you like, a size, in pixels"
+                f"--white-at {said.white_at}: expected a row, a column and optionally a size, in pixels"
             ) from None
         white = white_at(cube, y, x, size[0] if size else PATCH, said.white_reflectance)
         cube = replace(cube, white=white) if unit == RADIANCE else relative_to(cube, white, str(file))
@@ -63,33 +63,33 @@ def light_of(file: Path, said: Said) -> tuple[Cube, str]:
 
 
 def white_at(cube: Cube, y: int, x: int, size: int, reflectance: float) -> Any:
-    """The spectrum of white, from a patch of known reflectance: the mean over ``size`` x ``size`` pixels about (y, x).
+    """Return the spectrum of white from a patch of known reflectance: the mean of ``size`` x ``size`` pixels at (y, x).
 
     Raises
     ------
     RequestError
-        The patch lies outside of the picture.
+        If the patch lies outside the picture.
     """
     half = size // 2
     top, left = y - half, x - half
     if top < 0 or left < 0 or top + size > cube.values.shape[1] or left + size > cube.values.shape[2]:
         raise RequestError(
-            f"--white-at {y},{x}: a patch of {size} pixels there lies outside of {cube.values.shape[1:]} (y, x)"
+            f"--white-at {y},{x}: the patch of {size} pixels lies outside the picture of {cube.values.shape[1:]} (y, x)"
         )
     return cube.values[:, top : top + size, left : left + size].mean(axis=(1, 2), dtype=float) / reflectance
 
 
 def relative_to(cube: Cube, white: Any, name: str) -> Cube:
-    """A reflectance: values over those of white, band by band.
+    """Return a reflectance: values divided by white, band by band.
 
     Raises
     ------
     RequestError
-        White is dark in a band.
+        If white is dark in a band.
     """
     if not (white > 0).all():
         raise RequestError(
-            f"{name}: the patch of --white-at is dark at {cube.wavelength[int(np.argmin(white))]:g} nm: no white to "
-            f"divide by"
+            f"{name}: the patch of --white-at is dark at {cube.wavelength[int(np.argmin(white))]:g} nm, so values "
+            "cannot be divided by it"
         )
     return replace(cube, values=(cube.values / white[:, None, None]).astype(cube.values.dtype), white=None)

@@ -1,7 +1,7 @@
-"""Cubes in files of pictures: planes, one for each band.
+"""Cubes in picture files: one plane per band.
 
 In:  a path.
-Out: a ``Cube``, wavelength in front.
+Out: a ``Cube``, wavelength axis first.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LAYER = re.compile(r"(?:S0|S|T)?\.?(\d+(?:[.,]\d+)?)\s*nm", re.IGNORECASE)
 
 
 def envi(path: Path, variable: str) -> Cube:
-    """ENVI: the header, which names the file of numbers; wavelengths where it has them, a scale factor applied."""
+    """Read ENVI from its header, which names the data file; apply wavelengths and scale factor if given."""
     _refuse_leading_out(path)
     reader = needed("spectral.io.envi", f"{path} (ENVI)")
     image = reader.open(str(path))
@@ -39,24 +39,24 @@ def envi(path: Path, variable: str) -> Cube:
         centres = np.array([float(one) for one in wavelength])
         if unit not in TO_NM:
             unit = "micrometers" if centres.max() < 100 else "nanometers"
-            told = (f"wavelengths taken as {unit}, of which the header does not say the unit",)
+            told = (f"wavelengths are taken as {unit}; the header does not give their unit",)
         wavelength = centres * TO_NM[unit]
     factor = float(header.get("reflectance scale factor", 0) or 0)
     return Cube(values / np.float32(factor) if factor else values, wavelength, "relative" if factor else "", None, told)
 
 
 def _refuse_leading_out(header: Path) -> None:
-    """Nobody has named the file of numbers but its header: where it is a link, it stays in the header's folder."""
+    """Require that the data file, which only the header names, is no link out of the header's folder."""
     folder = header.parent.resolve()
     for beside in header.parent.glob(f"{glob.escape(header.stem)}*"):
         if beside != header and beside.is_symlink() and beside.resolve().parent != folder:
             raise RequestError(
-                f"{beside} is a link that leads out of the folder of its header; copy what it stands for there"
+                f"{beside} is a link out of the folder of its header; replace it by a copy of its target"
             )
 
 
 def openexr(path: Path, variable: str) -> Cube:
-    """OpenEXR with a layer for each wavelength: names such as ``S0.550,5nm`` (ART's form), ``w550nm``."""
+    """Read OpenEXR with one layer per wavelength: names such as ``S0.550,5nm`` (ART's form), ``w550nm``."""
     reader = needed("OpenEXR", f"{path} (OpenEXR)")
     with reader.File(str(path), header_only=True) as file:
         header = file.header()
@@ -68,13 +68,11 @@ def openexr(path: Path, variable: str) -> Cube:
     found: dict[float, Any] = {}
     for name, pixels in layers.items():
         match = _LAYER.search(name)
-        if match and not name.upper().startswith(
-            ("S1", "S2", "S3")
-        ):  # Stokes components beyond the first: polarisation
+        if match and not name.upper().startswith(("S1", "S2", "S3")):  # Stokes components after the first: polarisation
             found[float(match[1].replace(",", "."))] = pixels
     if not found:
         raise RequestError(
-            f"{path} holds {', '.join(sorted(layers)[:6])}: no layers named by wavelengths, such as S0.550,0nm"
+            f"{path} has the layers {', '.join(sorted(layers)[:6])}, but none named by wavelength, such as S0.550,0nm"
         )
     emissive = any(name.upper().startswith("S0") for name in layers)
     centres = sorted(found)
@@ -82,7 +80,7 @@ def openexr(path: Path, variable: str) -> Cube:
 
 
 def tiff(path: Path, variable: str) -> Cube:
-    """A TIFF file with a page for each band; whole numbers are taken as shares of their largest."""
+    """Read a TIFF file with one page per band; integers are divided by their full scale."""
     import tifffile
 
     check_directories(path)
@@ -97,9 +95,11 @@ def tiff(path: Path, variable: str) -> Cube:
     if values.ndim == 2:
         values = values[None]
     if values.ndim == 3 and values.shape[2] <= 4 < values.shape[0]:
-        raise RequestError(f"{path} holds colours ({values.shape}), no spectra; the stage photograph takes pictures")
+        raise RequestError(
+            f"{path} is a colour picture ({values.shape}) without spectra; use the stage photograph for pictures"
+        )
     told: tuple[str, ...] = ()
     if values.dtype.kind == "u":
         top = float(np.iinfo(values.dtype).max)
-        values, told = values / np.float32(top), (f"whole numbers divided by {top:.0f}",)
+        values, told = values / np.float32(top), (f"integers divided by {top:.0f}",)
     return Cube(values, None, "", None, told)

@@ -1,7 +1,7 @@
 """The Zarr store that ``radiance_cube`` reads.
 
-In:  a ``Cube`` that is light, its unit, the distance between samples.
-Out: a folder, whole or not there.
+In:  a ``Cube`` that is valid light, its unit, the sample spacing.
+Out: a folder, complete or absent.
 """
 
 from __future__ import annotations
@@ -22,47 +22,48 @@ CHUNK = 512  # pixels along y and x
 
 
 def level_told(cube: Cube, unit: str) -> str:
-    """What the values are, with their range, and what lights them."""
+    """Return a line on the values: their type, range and illuminant."""
     low, high = float(cube.values.min()), float(cube.values.max())
     between = f"{low:.4g} to {high:.4g}"
     if unit == RADIANCE:
         white = (
             ""
             if cube.white is not None
-            else "; white is not known (--white-at): give white_luminance, and it counts as relative to white"
+            else "; white is unknown (see --white-at): with white_luminance, values count as relative to white"
         )
         return f"values: spectral radiance, {between} {RADIANCE}{white}"
     return (
-        f"values: reflectance, {between}; 1 = white, a perfect diffuser, in every band. Its light is the pipeline's: "
+        f"values: reflectance, {between}; 1 = white, a perfect diffuser, in every band. The light is the pipeline's: "
         f"illuminant under "
         "[camera], white_luminance in the stage"
     )
 
 
 def size_told(cube: Cube, spacing: float | None) -> str:
-    """The size of the picture on the sensor, or why it is not known."""
+    """Return a line on the size of the picture on the sensor, or why it is unknown."""
     rows, columns = cube.values.shape[1:]
     if spacing is not None:
-        return f"on the sensor: {columns * spacing:g} x {rows * spacing:g} um (width x height), {spacing:g} um a sample"
+        return (
+            f"on the sensor: {columns * spacing:g} x {rows * spacing:g} um (width x height), {spacing:g} um per sample"
+        )
     return (
-        "on the sensor: size not known, as no --spacing was given: spacing in the stage says how far apart samples lie "
-        "there; "
-        f"2 um make it {2 * columns:g} x {2 * rows:g} um (width x height)"
+        "on the sensor: size unknown without --spacing; set spacing in the stage: "
+        f"2 um give {2 * columns:g} x {2 * rows:g} um (width x height)"
     )
 
 
 def write_store(cube: Cube, unit: str, place: Path, spacing: float | None, source: str) -> None:
-    """One variable ``radiance`` with its coordinates; ``white_radiance`` where it is known.
+    """Write the variable ``radiance`` with its coordinates, and ``white_radiance`` if known.
 
     Raises
     ------
     RequestError
-        Something stands there already.
+        If the target exists.
     """
     import xarray
 
     if place.exists() or place.is_symlink():
-        raise RequestError(f"{place} is there already; nothing is written over: give another name, -o")
+        raise RequestError(f"{place} exists and is not overwritten: give another name with -o")
     bands, rows, columns = cube.values.shape
     low, high = float(cube.values.min()), float(cube.values.max())
     attrs: dict[str, Any] = {"units": unit, "long_name": "spectral radiance", "source": source}
@@ -70,7 +71,7 @@ def write_store(cube: Cube, unit: str, place: Path, spacing: float | None, sourc
         attrs["actual_range"] = [low, high]
     coordinates: dict[str, Any] = {"wavelength": ("wavelength", cube.wavelength, {"units": "nm"})}
     if bands == 1:
-        raise RequestError("one band has no width: a cube has two at least")
+        raise RequestError("a single band has no width: a cube must have at least two")
     if spacing is not None:
         for dim, size in (("y", rows), ("x", columns)):
             coordinates[dim] = (dim, spacing * (np.arange(size) - 0.5 * (size - 1)), {"units": "um"})

@@ -1,4 +1,4 @@
-"""What light is before it meets glass: spectra, radiometry, and the grids it is sampled on.
+"""Light before the lens: spectra, radiometry, and sampling grids.
 
 In:  spectra, temperatures, shapes.
 Out: radiance and irradiance factors, means over cells, transforms and their padding.

@@ -1,4 +1,4 @@
-"""Light of black bodies, as photons and as a relative spectrum.
+"""Black-body radiation, as photons and as a relative spectrum.
 
 In:  wavelengths (um), temperatures (K).
 Out: photon radiance, and energy radiance relative to a reference wavelength.
@@ -16,7 +16,7 @@ SECOND_RADIATION_UM = 1e6 * PLANCK * SPEED_OF_LIGHT / BOLTZMANN
 
 
 def planck_photon_radiance(wavelength_um: Floats, temperature: Floats) -> Floats:
-    """Spectral photon radiance of a black body, 2 c / (lambda^4 (exp(hc / (lambda k T)) - 1)).
+    """Return the spectral photon radiance of a black body, 2 c / (lambda^4 (exp(hc / (lambda k T)) - 1)).
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def planck_photon_radiance(wavelength_um: Floats, temperature: Floats) -> Floats
 
 
 def planck_ratio(wavelength_um: Floats, temperature: Floats, reference_um: float) -> Floats:
-    """Black-body spectral energy radiance relative to that at a reference wavelength.
+    """Return the black-body spectral energy radiance relative to that at a reference wavelength.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ def planck_ratio(wavelength_um: Floats, temperature: Floats, reference_um: float
 
     Notes
     -----
-    Source: Planck's law as a ratio, with the two exponentials joined into one that overflows only if the
-    ratio does. Error: 6e-16 max(1, hc/(lambda k T)) relative, the sensitivity to the inputs.
+    Source: Planck's law as a ratio, with the two exponentials combined into one that overflows only if the ratio
+    does. Error: 6e-16 max(1, hc/(lambda k T)) relative, the sensitivity to the inputs.
     """
     require.positive("wavelength_um", wavelength_um)
     require.positive("temperature", temperature)

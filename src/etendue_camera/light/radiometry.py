@@ -1,12 +1,12 @@
-"""How much light reaches the image plane, and how many photons that is.
+"""Radiometry of the image plane: irradiance and photon numbers.
 
 In:  f-number, magnification, tangent of the field angle; wavelengths (um), energies (J).
-Out: irradiance per radiance E/L (sr), fall-off (1), photon numbers, plate scale and field.
+Out: irradiance per radiance E/L (sr), falloff (1), photon numbers, plate scale and field.
 Sources: seed paper eqs. 5, 9 and 10; Foote's disc formula (Bulletin of the Bureau of Standards 12, 1915);
 ISO 517 for the T-number.
 
 The sign convention is the optical one: a real, inverted image has magnification m < 0, an object at infinity
-has m = 0. The seed paper's own M = +1 would make eq. 5 independent of the f-number, so m > 0 is refused.
+has m = 0. The seed paper's own M = +1 would make eq. 5 independent of the f-number, so m > 0 raises an error.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ PHOTONS_PER_JOULE_UM = 1e-6 / (PLANCK * SPEED_OF_LIGHT)
 
 
 def working_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
-    """The f-number of the cone that arrives at the image, N_w = N (1 - m/m_p).
+    """Return the f-number of the cone that arrives at the image, N_w = N (1 - m/m_p).
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def working_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
 
 
 def aplanatic_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
-    """E/L on the axis of a lens that keeps Abbe's sine condition, pi / (4 N_w^2).
+    """Return E/L on axis for a lens that obeys Abbe's sine condition, pi / (4 N_w^2).
 
     Parameters
     ----------
@@ -79,19 +79,19 @@ def aplanatic_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
     working = working_f_number(f_number, magnification, pupil_magnification)
     if not np.all(np.asarray(working) >= 0.5):
         raise ValueError(
-            f"working f-number is {working} (f_number {f_number}, magnification {magnification}); an aplanatic lens in "
-            f"air has at least 0.5"
+            f"working f-number is {working} (f_number {f_number}, magnification {magnification}); for an aplanatic "
+            "lens in air it must be at least 0.5"
         )
     return np.pi / (4.0 * working**2)
 
 
 def t_number_factor(t_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
-    """E/L on the axis of a lens of a photometric f-number, pi / (4 T_w^2), its losses included.
+    """Return E/L on axis for a lens with a T-number, pi / (4 T_w^2), including its losses.
 
     Parameters
     ----------
     t_number : float, 1
-        f-number of the lossless aplanatic lens that gives as much light; above 0.
+        f-number of the lossless aplanatic lens with the same transmitted light; above 0.
     magnification, pupil_magnification : float, 1
         As in `working_f_number`: T_w = T (1 - m/m_p).
 
@@ -114,7 +114,7 @@ def t_number_factor(t_number: Floats, magnification: Floats = 0.0, pupil_magnifi
 
 
 def t_number_of(f_number: Floats, transmittance: Floats) -> Floats:
-    """T-number of a lens, N / sqrt(transmittance).
+    """Return the T-number of a lens, N / sqrt(transmittance).
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def t_number_of(f_number: Floats, transmittance: Floats) -> Floats:
 def exit_pupil_distance(
     focal_length_mm: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0
 ) -> Floats:
-    """Distance (mm) of the exit pupil in front of the image plane, f (m_p - m).
+    """Return the distance (mm) of the exit pupil before the image plane, f (m_p - m).
 
     Parameters
     ----------
@@ -159,12 +159,12 @@ def exit_pupil_distance(
     Source: conjugates of the pupils. It makes N_w the distance over the diameter m_p f/N of the exit pupil.
     """
     require.positive("focal_length_mm", focal_length_mm)
-    working_f_number(1.0, magnification, pupil_magnification)  # refuses what makes no sense
+    working_f_number(1.0, magnification, pupil_magnification)  # raises on invalid values
     return focal_length_mm * (pupil_magnification - magnification)
 
 
 def etendue(area: Floats, factor: Floats) -> Floats:
-    """What a pixel can take in: its area times the projected solid angle of the light that reaches it.
+    """Return the etendue of a pixel: its area times the projected solid angle of the light that reaches it.
 
     Parameters
     ----------
@@ -179,13 +179,13 @@ def etendue(area: Floats, factor: Floats) -> Floats:
 
     Notes
     -----
-    Source: G = A pi sin^2 theta in air; a lens keeps it, A/m^2 on the object's side times pi (m sin theta)^2.
+    Source: G = A pi sin^2 theta in air; a lens conserves it, A/m^2 on the object side times pi (m sin theta)^2.
     """
     return area * factor
 
 
 def flat_disc_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
-    """E/L on the axis of a flat, uniformly bright exit pupil, pi / (1 + 4 N_w^2).
+    """Return E/L on axis for a flat, uniformly bright exit pupil, pi / (1 + 4 N_w^2).
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def flat_disc_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
 
 
 def cos4(tan_angle: Floats) -> Floats:
-    """Fourth power of the cosine of the field angle, from its tangent: (1 + t^2)^-2.
+    """Return the fourth power of the cosine of the field angle, from its tangent: (1 + t^2)^-2.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def cos4(tan_angle: Floats) -> Floats:
     Notes
     -----
     Source: seed paper eq. 5. A multiplication, not the convolution of eq. 1. For fast lenses it falls too
-    steeply (f/1.4 at 30 degrees: 0.911 of the truth); `disc_falloff` is exact.
+    steeply (f/1.4 at 30 degrees: 0.911 of the exact value); `disc_falloff` is exact.
     Error: below 5e-16 relative for any tangent.
     """
     tangent = np.asarray(tan_angle)
@@ -231,7 +231,7 @@ def cos4(tan_angle: Floats) -> Floats:
 def disc_factor(
     f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
 ) -> Floats:
-    """E/L of a flat, uniformly bright exit pupil of any size, at any field angle.
+    """Return E/L for a flat, uniformly bright exit pupil of any size, at any field angle.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def disc_factor(
 def disc_falloff(
     f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
 ) -> Floats:
-    """`disc_factor` relative to its value on the axis.
+    """Return `disc_factor` relative to its on-axis value.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def disc_falloff(
 
 
 def photons_from_energy(energy_joule: Floats, wavelength_um: Floats) -> Floats:
-    """Number of photons that carry an energy, E lambda / (h c).
+    """Return the number of photons that carry an energy, E lambda / (h c).
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def photons_from_energy(energy_joule: Floats, wavelength_um: Floats) -> Floats:
 
 
 def plate_scale(pixel_pitch_um: Floats, focal_length_mm: Floats) -> Floats:
-    """Angle on the sky or in the scene that one pixel sees, arcsec/pixel.
+    """Return the angle in the scene that one pixel subtends, arcsec/pixel.
 
     Parameters
     ----------
@@ -341,7 +341,7 @@ def plate_scale(pixel_pitch_um: Floats, focal_length_mm: Floats) -> Floats:
 
 
 def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) -> Floats:
-    """Focal length (mm) that spreads a half field over a half diagonal, y / tan(omega).
+    """Return the focal length (mm) for a half field over a half diagonal, y / tan(omega).
 
     Parameters
     ----------
@@ -370,7 +370,8 @@ def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) ->
 
 
 def field_from_focal_length(half_diagonal_mm: Floats, focal_length_mm: Floats) -> Floats:
-    """Half field of view (rad), the inverse of `focal_length_from_field`.
+    """Return the half field of view (rad), the inverse of `focal_length_from_field`.
+
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Raw pictures: shading, defects, white balance, and planes out of a mosaic.
+"""Raw processing: shading, defects, white balance, demosaicing.
 
 In:  a mosaic and the colour of its pixels.
 Out: the mosaic corrected, or full planes.

@@ -1,4 +1,4 @@
-"""All channels at every pixel from one channel per pixel, for any periodic colour filter array.
+"""Demosaicing for any periodic colour filter array.
 
 In:  a mosaic (y, x), linear, in any unit; its mask; its first pixel on the sensor.
 Out: planes (channel, y, x) in the same unit; measured samples untouched.
@@ -114,7 +114,7 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
     """
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or mosaic.size == 0:
-        raise ValueError(f"mosaic has shape {mosaic.shape}; allowed is (y, x), at least 1 x 1")
+        raise ValueError(f"mosaic has shape {mosaic.shape}; it must be (y, x), at least 1 x 1")
     if not np.issubdtype(mosaic.dtype, np.floating):
         mosaic = mosaic.astype(np.float64)
     rows, columns = mosaic.shape

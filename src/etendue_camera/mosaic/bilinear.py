@@ -1,4 +1,4 @@
-"""Three colours at every pixel from one colour per pixel.
+"""Bilinear, nearest and colour-difference demosaicing of Bayer mosaics.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.

@@ -1,7 +1,7 @@
-"""Defective pixels found and replaced, from neighbours behind the same filter.
+"""Detection and correction of defective pixels, from neighbours behind the same filter.
 
 In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; how noisy it is, or a map of defects.
-Out: which pixels stand out; the mosaic with others in their place.
+Out: a map of outliers; the mosaic with defects replaced.
 Sources: an order statistic of the neighbours as the range of what is plausible, interpolation along the line of least
 change; both are what raw converters and sensors do, in a form of our own for any colour filter array.
 """
@@ -25,7 +25,7 @@ Lines = tuple[tuple[int, int, int, int], ...]
 
 
 class PixelNoise(NamedTuple):
-    """What is known of the noise of a pixel."""
+    """Noise parameters of a pixel."""
 
     dark_sigma: float  # in the dark, unit of the mosaic, at or above 0
     electrons: float  # at 1 of the mosaic, above 0; inf: no shot noise
@@ -41,7 +41,7 @@ def outliers(
     first_row: int = 0,
     first_column: int = 0,
 ) -> NDArray[np.bool_]:
-    """Pixels outside the range of their neighbours of the same colour, by more than noise explains.
+    """Return pixels outside the range of their neighbours of the same colour by more than noise explains.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def outliers(
 def _plausible(
     mosaic: FloatArray, offsets: Offsets, first: tuple[int, int], period: tuple[int, int], contrast: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Range that the neighbours leave for the pixels of one phase, in double precision; NaN where there are too few."""
+    """Return the plausible range of the pixels of one phase, from their neighbours; NaN where there are too few."""
     rows, columns = (
         np.arange(start, size, step) for start, size, step in zip(first, mosaic.shape, period, strict=True)
     )
@@ -150,7 +150,7 @@ def _plausible(
 def replaced(
     mosaic: FloatArray, defective: NDArray, mask: cfa.Mask, first_row: int = 0, first_column: int = 0
 ) -> tuple[FloatArray, int]:
-    """The mosaic with its defective pixels interpolated from sound ones of the same colour.
+    """Replace defective pixels of a mosaic by interpolation from good ones of the same colour.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def replaced(
     mosaic : (y, x) array, dtype of mosaic
         Sound pixels are copied bit for bit.
     left : int
-        Defective pixels that stay as they are, as no sound pixel of their colour is near.
+        Defective pixels left unchanged, without a good pixel of their colour nearby.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def replaced(
     mosaic, defective = _frame(mosaic), np.asarray(defective)
     require.that(
         defective.shape == mosaic.shape and defective.dtype == bool,
-        f"defective has shape {defective.shape} and dtype {defective.dtype}; allowed is bool of shape {mosaic.shape}",
+        f"defective has shape {defective.shape} and dtype {defective.dtype}; it must be bool of shape {mosaic.shape}",
     )
     result, left = mosaic.copy(), 0
     every_row, every_column = np.nonzero(defective)
@@ -244,7 +244,7 @@ def _frame(mosaic: FloatArray) -> FloatArray:
     mosaic = np.asarray(mosaic)
     require.that(
         mosaic.ndim == 2 and np.issubdtype(mosaic.dtype, np.floating) and np.isfinite(mosaic).all(),
-        f"mosaic has shape {mosaic.shape} and dtype {mosaic.dtype}; allowed is a finite (y, x) array of floats",
+        f"mosaic has shape {mosaic.shape} and dtype {mosaic.dtype}; it must be a finite (y, x) array of floats",
     )
     return mosaic
 
@@ -253,7 +253,7 @@ def _frame(mosaic: FloatArray) -> FloatArray:
 
 
 def neighbours(mask: cfa.Mask, row: int, column: int, shape: tuple[int, int], count: int = NEIGHBOURS) -> Offsets:
-    """The nearest pixels with the letter of a place in the mask, as (rows, columns) from it, nearest first.
+    """Return the nearest pixels with the letter of a place in the mask, as (rows, columns) from it, nearest first.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Colour differences estimated along rows and along columns, mixed by how alike they stay along either.
+"""Directional demosaicing: colour differences along rows and columns, weighted by their smoothness along each.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.

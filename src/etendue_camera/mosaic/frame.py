@@ -1,4 +1,4 @@
-"""What demosaicing methods share: a frame beyond its border, its tiles, its quarter planes, and frames of one line.
+"""Common parts of demosaicing methods: borders, tiles, quarter planes, and frames of one line.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x), filled tile by tile by the method that is given.

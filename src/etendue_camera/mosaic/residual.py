@@ -1,5 +1,5 @@
-"""Green from two estimators, one for fine grey detail and one for saturated edges; red and blue from green by local
-slopes.
+"""Demosaicing with two estimators of green, for fine grey detail and for saturated edges; red and blue follow by local
+slopes on green.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
 Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.

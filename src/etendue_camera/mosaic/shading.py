@@ -1,4 +1,4 @@
-"""Lens shading undone: gains that make a frame of even light even again, from a known fall-off or from a flat field.
+"""Lens shading correction: gains that flatten a frame of uniform light, from known falloff or from a flat field.
 
 In:  relative illumination; tables of gains by image height; a flat field seen through a mask.
 Out: gains; tables.
@@ -29,32 +29,32 @@ class GainTable(NamedTuple):
 
 
 def gain_of(relative: ArrayLike, strength: float, largest: float) -> FloatArray:
-    """Gains that undo a relative illumination, wholly or in part.
+    """Return gains that correct a relative illumination, fully or in part.
 
-    Parameters
-    ----------
-    relative : (...) array, 1
-        At or above 0; 1 on the axis.
-    strength : float
-        Share of the correction, 0 to 1: the gain is 1 + strength (1/relative - 1).
-    largest : float
-        Where gains end, at least 1.
+        Parameters
+        ----------
+        relative : (...) array, 1
+            At or above 0; 1 on the axis.
+        strength : float
+            Share of the correction, 0 to 1: the gain is 1 + strength (1/relative - 1).
+        largest : float
+            Where gains end, at least 1.
+    Upper limit of the gains, at least 1.
+        Returns
+        -------
+        (...) array, dtype of relative
+            At most ``largest``; exactly 1 where the relative illumination is 1, or the strength 0.
 
-    Returns
-    -------
-    (...) array, dtype of relative
-        At most ``largest``; exactly 1 where the relative illumination is 1, or the strength 0.
-
-    Raises
-    ------
-    ValueError
-        For arguments out of range.
+        Raises
+        ------
+        ValueError
+            If arguments are out of range.
     """
     relative = np.asarray(relative)
     require.allowed(0 <= strength <= 1, "strength", strength, "numbers from 0 to 1")
     require.allowed(1 <= largest < np.inf, "largest", largest, "finite numbers from 1: noise grows by as much")
     if not np.all(relative >= 0):
-        raise ValueError(f"relative goes down to {np.nanmin(relative):g} or is NaN; allowed are numbers from 0")
+        raise ValueError(f"relative goes down to {np.nanmin(relative):g} or is NaN; it must be at or above 0")
     kind = relative.dtype.type
     held = np.maximum(relative, kind(1e-30))  # an unlit corner has the largest gain, not an infinite one
     return np.asarray(np.minimum(1 + kind(strength) * (1 / held - 1), kind(largest)))
@@ -95,10 +95,10 @@ def read_gains(file: str | Path) -> GainTable:
         except ValueError:
             raise ValueError(f"{file}, row {number + 1}: {','.join(row)}; expected {table.shape[1]} numbers") from None
         if not (np.isfinite(table[number]).all() and table[number, 1:].min() > 0):
-            raise ValueError(f"{file}, row {number + 1}: {','.join(row)}; allowed are finite numbers, gains above 0")
+            raise ValueError(f"{file}, row {number + 1}: {','.join(row)}; numbers must be finite and gains above 0")
     require.that(
         len(table) and table[0, 0] == 0 and not np.any(np.diff(table[:, 0]) <= 0),
-        f"{file}: heights start at 0, the axis, and ascend from row to row",
+        f"{file}: heights must start at 0, the axis, and ascend",
     )
     return GainTable(table[:, 0], table[:, 1:], tuple(rows[0][1:]))
 
@@ -166,7 +166,7 @@ def calibrated(
     require.allowed(rows >= 2, "rows", rows, "whole numbers from 2")
     require.that(
         not min(y_mm) * max(y_mm) > 0 and not min(x_mm) * max(x_mm) > 0,
-        "the axis stands outside of the frame; gains are relative to it: calibrate with a frame that holds it",
+        "the axis is outside the frame; gains are relative to it: calibrate with a frame that contains it",
     )
     radius = np.hypot(np.asarray(y_mm, float)[:, None], np.asarray(x_mm, float)[None, :])
     nodes = np.linspace(0.0, radius.max(), rows)
@@ -177,12 +177,12 @@ def calibrated(
         squared = (radius[here] / nodes[-1]) ** 2
         if np.unique(squared).size < 8:
             raise ValueError(
-                f"channel {channel} has pixels at {np.unique(squared).size} heights; a curve needs 8 at least"
+                f"channel {channel} has pixels at {np.unique(squared).size} heights; at least 8 are required"
             )
         curve = _curve(squared, flat[here].astype(float), (nodes / nodes[-1]) ** 2)
         if not curve.min() > 0:
             raise ValueError(
-                f"channel {channel} falls to {curve.min():g} of the flat field; a gain needs light everywhere"
+                f"channel {channel} falls to {curve.min():g} of the flat field; gains require light everywhere"
             )
         gains[:, number] = curve[0] / curve
     return GainTable(nodes, gains, mask.channels)

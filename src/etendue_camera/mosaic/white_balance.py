@@ -1,4 +1,4 @@
-"""White balance in front of the demosaicer: which white the mosaic shows, and how its channels are made equal.
+"""White balance before demosaicing: estimate the white of a mosaic, and equalise its channels.
 
 In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; whites by channel.
 Out: whites, gains, balanced mosaics, the level shown as white, the angle between two whites.
@@ -26,7 +26,7 @@ def cell_means(
     first_row: int = 0,
     first_column: int = 0,
 ) -> tuple[FloatArray, int]:
-    """Mean of each channel over small cells of a mosaic, of those cells alone that are neither clipped nor dark.
+    """Return the mean of each channel over small cells of a mosaic, for cells that are neither clipped nor dark.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def cell_means(
 
 
 def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
-    """The white of a scene that is grey on average: the power mean over cells, by channel.
+    """Return the white of a scene that is grey on average: the power mean over cells, by channel.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
 
 
 def white_patch(means: FloatArray, quantile: float = 0.99) -> FloatArray:
-    """The white of a scene in which something white is the brightest: a quantile over cells, by channel.
+    """Return the white of a scene whose brightest area is white: a quantile over cells, by channel.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def _some(means: FloatArray) -> FloatArray:
 
 
 def angle_between(one: ArrayLike, other: ArrayLike) -> float:
-    """Angle between two whites, whatever their level.
+    """Return the angle between two whites, whatever their level.
 
     Parameters
     ----------
@@ -181,16 +181,16 @@ def angle_between(one: ArrayLike, other: ArrayLike) -> float:
     for vector in (np.asarray(one, np.float64), np.asarray(other, np.float64)):
         largest = np.abs(vector).max(initial=0.0)
         if vector.ndim != 1 or not 0 < largest < np.inf:
-            raise ValueError(f"a white is {vector.tolist()}; allowed are finite numbers, not all of them 0")
+            raise ValueError(f"a white is {vector.tolist()}; it must be finite and not all 0")
         scaled = vector / largest
         units.append(scaled / np.linalg.norm(scaled))
     if units[0].shape != units[1].shape:
-        raise ValueError(f"whites have {units[0].size} and {units[1].size} channels; allowed are equal numbers")
+        raise ValueError(f"whites have {units[0].size} and {units[1].size} channels; they must have equal numbers")
     return float(np.degrees(2 * np.arctan2(np.linalg.norm(units[0] - units[1]), np.linalg.norm(units[0] + units[1]))))
 
 
 def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
-    """Responses to a white with none that vanishes.
+    """Return responses to a white with vanishing ones raised to a floor.
 
     Parameters
     ----------
@@ -215,12 +215,12 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
     require.allowed(0 <= floor < 1, "floor", floor, "numbers from 0 and below 1")
     largest = found.max(initial=0.0)
     if found.ndim != 1 or not np.isfinite(found).all() or not largest > 0:
-        raise ValueError(f"the white is {found.tolist()}; allowed are finite numbers, one of them above 0")
+        raise ValueError(f"the white is {found.tolist()}; it must be finite with at least one value above 0")
     if floor == 0:
         if not found.min() >= VANISHING * largest:
             raise ValueError(
                 f"the white has a vanishing channel ({found.tolist()}), whose gain would be infinite or noise; "
-                "a floor above 0 lifts it, or look at the filter, the illuminant and peak_qe"
+                "set a floor above 0, or check the filter, the illuminant and peak_qe"
             )
         return found.copy(), 0
     weak = found < floor * largest
@@ -228,8 +228,9 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
 
 
 def gains_of(white: ArrayLike) -> FloatArray:
-    """Gains that make all channels of a white equal to its largest: at least 1, so that what is clipped stays where it
-    was or above.
+    """Return gains that make all channels of a white equal to its largest: at least 1, so that clipped values do not
+    fall
+    below their level.
 
     Parameters
     ----------
@@ -251,7 +252,7 @@ def gains_of(white: ArrayLike) -> FloatArray:
 
 
 def display_white(white: float, clipped: float, fixed: bool = False) -> float:
-    """The level of a balanced picture that is shown as the display's white.
+    """Return the level of a balanced picture that is rendered as display white.
 
     Parameters
     ----------
@@ -287,7 +288,7 @@ def balanced(
     first_column: int = 0,
     ceiling: float = np.inf,
 ) -> FloatArray:
-    """Each pixel times the gain of its channel.
+    """Multiply each pixel by the gain of its channel.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Sums and extremes over a pixel's neighbours, on arrays that lose what has no full neighbourhood.
+"""Sums and extremes over a pixel's neighbours, on arrays reduced to pixels with a full neighbourhood.
 
 In:  arrays (y, x), any unit.
 Out: sums over windows, in the same unit.

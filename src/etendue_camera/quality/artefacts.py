@@ -1,4 +1,4 @@
-"""What demosaicing adds that was not there: zipper edges and false colour.
+"""Demosaicing artefacts: zipper edges and false colour.
 
 In:  L*a*b* (3, y, x) of a picture and its reference on the same pixels (`difference.lab`), or L* alone (y, x).
 Out: share of pixels; mean chroma error where there is detail.
@@ -16,7 +16,7 @@ NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != 
 
 
 def zipper(picture: ArrayLike, reference: ArrayLike, threshold: float = NOTICEABLE, falls: bool = True) -> float:
-    """Share of pixels whose difference to their most similar neighbour changed noticeably.
+    """Return the fraction of pixels whose difference to their most similar neighbour changed noticeably.
 
     Parameters
     ----------
@@ -108,6 +108,6 @@ def _planes(picture: ArrayLike, reference: ArrayLike) -> tuple[NDArray[np.float6
     require.equal_shapes("picture", picture, "reference", reference)
     require.that(
         picture.size != 0 and (picture.ndim == 2 or (picture.ndim == 3 and len(picture) == 3)),
-        f"picture has shape {picture.shape}; allowed are (3, y, x), L*a*b*, and (y, x), L*",
+        f"picture has shape {picture.shape}; it must be (3, y, x), L*a*b*, or (y, x), L*",
     )
     return (picture, reference) if picture.ndim == 3 else (picture[None], reference[None])

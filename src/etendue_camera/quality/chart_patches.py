@@ -1,4 +1,4 @@
-"""Colours of the patches of a chart in a picture, from its four corners; how far they are from what they should be.
+"""Colours of chart patches in a picture, from its four corners, and their colour differences to a reference.
 
 In:  a picture (channel, y, x), the corners of a grid of patches (pixels); measured and reference L*a*b*.
 Out: mean of every patch and its covariance; colour differences with intervals.
@@ -41,7 +41,7 @@ def homography(corners: ArrayLike) -> FloatArray:
     try:
         found = np.linalg.solve(np.array(rows), np.array(right))
     except np.linalg.LinAlgError:
-        raise ValueError("three of the corners lie on a line") from None
+        raise ValueError("three of the corners are on a line") from None
     return np.append(found, 1.0).reshape(3, 3)
 
 

@@ -1,4 +1,4 @@
-"""How far a picture is from a reference: PSNR, SSIM, and how the values of a map of differences are spread.
+"""Fidelity to a reference: PSNR, SSIM, and statistics of a map of differences.
 
 In:  a picture and its reference on the same pixels, (3, y, x) or (y, x), same units.
 Out: decibels, a similarity of at most 1, figures of a map.
@@ -118,7 +118,7 @@ def spread(values: ArrayLike) -> MapSpread:
         If there is no value.
     """
     values = np.asarray(values)
-    require.that(values.size != 0, "values is empty; allowed is a map of at least one pixel")
+    require.that(values.size != 0, "values is empty; a map of at least one pixel is required")
     median, p95 = np.quantile(values.astype(np.float64).ravel(), (0.5, 0.95))
     return MapSpread(float(np.mean(values, dtype=np.float64)), float(median), float(p95))
 

@@ -1,4 +1,4 @@
-"""Noise of one even patch of a picture: mean, standard deviation and their ratio, each with a confidence interval.
+"""Noise of one uniform patch of a picture: mean, standard deviation and their ratio, with confidence intervals.
 
 In:  a plane (y, x) of an even field, any unit, or some of its sites.
 Out: mean, sigma and SNR with intervals; how uneven the patch is.
@@ -21,7 +21,7 @@ UNSEEN = 3.7  # of so many pixels that would stand at another number 97.5 % of p
 
 @dataclass(frozen=True)
 class PatchNoise:
-    """What a patch says."""
+    """Results of a patch."""
 
     mean: Estimate  # unit of the plane
     sigma: Estimate  # the same, about a plane that slopes as the patch does
@@ -76,11 +76,11 @@ def patch_noise(
             f"{SMALLEST}"
         )
     used = np.ones(values.shape, bool) if sites is None else np.asarray(sites, bool)
-    require.that(np.isfinite(values[used]).all(), "the patch holds values that are no numbers")
+    require.that(np.isfinite(values[used]).all(), "the patch contains NaN or infinite values")
     each = left_out(used.astype(float))
     require.that(
         not (each[0] - each[1:]).min() < LEAST,
-        f"the patch holds less than {LEAST} pixels of one colour in some of its 8 x 8 blocks: take a larger one",
+        f"the patch has fewer than {LEAST} pixels of one colour in some of its 8 x 8 blocks: use a larger one",
     )
     y, x = (np.linspace(-0.5, 0.5, n) for n in values.shape)
     design = np.stack(

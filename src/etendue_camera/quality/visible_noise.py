@@ -1,4 +1,4 @@
-"""Visible noise: what an eye at a distance sees of the noise of a flat patch.
+"""Visible noise: the noise of a flat patch as seen by an eye at a distance.
 
 In:  XYZ of a patch (3, y, x), XYZ of white, samples per degree of visual angle.
 Out: one figure, in units of CIELUV lightness; the three spreads it is made of.

@@ -1,4 +1,4 @@
-"""How fine a detail survives: contrast by frequency, edges, stars, textures.
+"""Resolution: contrast by frequency, edges, stars, textures.
 
 In:  transfer functions, or pictures of edges, stars and leaves.
 Out: contrast, MTF50, limits and their intervals.

@@ -1,7 +1,7 @@
-"""Resolution from transfer functions: where contrast falls to a level, where it ends, what folds back.
+"""Resolution metrics from transfer functions: MTF50, MTF10, cut-off and aliased energy.
 
 In:  a transfer function as a callable of frequency (cycles/um), photon weights by wavelength.
-Out: MTF50, MTF10, cut-off (cycles/um), contrast at and energy beyond the Nyquist frequency.
+Out: MTF50, MTF10, cut-off (cycles/um), contrast at Nyquist and energy above it.
 Sources: photon-weighted polychromatic MTF; bracketing; Parseval's theorem for the energy.
 """
 
@@ -22,12 +22,13 @@ from etendue_camera.arrays import FloatArray
 
 Response = Callable[[FloatArray], FloatArray]  # (n,) cycles/um -> (n,), 1 at zero
 FEW, ROUNDS = 32, 3  # parts of a step between nodes
-CUT_OFF = 1e-3  # contrast that is as good as none
+CUT_OFF = 1e-3  # contrast that counts as none
 
 
 def mean_otf(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
-    """Weighted mean over wavelength: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1; negative where
-    contrast is reversed.
+    """Return the weighted mean over wavelength: (wavelength, f) and (wavelength,) to (f,), 1 where the OTF is 1;
+    negative
+    where contrast is reversed.
     """
     share = (
         np.full(otf.shape[0], 1 / otf.shape[0])
@@ -38,23 +39,23 @@ def mean_otf(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
 
 
 def mtf50(otf: Callable[[FloatArray], FloatArray], weights: FloatArray | None, highest: float, nodes: int) -> float:
-    """Lowest frequency at which the polychromatic MTF has fallen to one half.
+    """Return the lowest frequency at which the polychromatic MTF has fallen to one half.
 
     Parameters
     ----------
     otf : callable
         Frequency (n,) in cycles/um to transfer function (wavelength, n).
     weights : (wavelength,) array or None
-        Photons by wavelength; None counts every band the same.
+        Photons by wavelength; None weights every band equally.
     highest : float, cycles/um
-        Where the search ends.
+        Upper end of the search.
     nodes : int
-        Frequencies at which the first crossing is looked for, see `search_nodes`.
+        Number of frequencies at which the first crossing is searched, see `search_nodes`.
 
     Returns
     -------
     float, cycles/um
-        NaN where the MTF stays above one half.
+        NaN if the MTF stays above one half.
 
     Notes
     -----
@@ -70,20 +71,20 @@ def mtf50(otf: Callable[[FloatArray], FloatArray], weights: FloatArray | None, h
 
 
 def search_nodes(highest: float, nodes: int) -> FloatArray:
-    """(nodes + 1,) frequencies from 0 to ``highest``, cycles/um, closer together towards 0: highest (k/nodes)^2."""
+    """Return (nodes + 1,) frequencies from 0 to ``highest``, cycles/um, denser towards 0: highest (k/nodes)^2."""
     require.that(
         0 < highest < math.inf and nodes >= 2,
-        f"highest is {highest} and nodes {nodes}; allowed are a finite frequency above 0 and at least 2 nodes",
+        f"highest is {highest} and nodes {nodes}; a finite frequency above 0 and at least 2 nodes are required",
     )
     return np.asarray(highest * np.linspace(0.0, 1.0, nodes + 1) ** 2)
 
 
 def falls_below(response: Response, level: float, grid: FloatArray, values: FloatArray) -> float:
-    """Lowest frequency at which a response has fallen to a level; NaN where it does not on the grid.
+    """Return the lowest frequency at which a response has fallen to a level; NaN if it does not on the grid.
 
-    The crossing is bracketed on the nodes, guessed on a cubic spline through them, and solved on the response itself at
-    five places about the guess (inverse interpolation, its error the fifth power of their distance). A dip narrower
-    than the step between nodes can be missed; no transfer function of a lens, photodiode or pixel has one.
+    The crossing is bracketed on the nodes, estimated on a cubic spline through them, and solved on the response itself
+    at five places about the estimate (inverse interpolation; the error is the fifth power of their distance). A dip
+    narrower than the node step can be missed; no transfer function of a lens, photodiode or pixel has one.
     """
     return _solved(response, [_bracket(level, grid, values, last=False)], grid, values)[0]
 
@@ -106,7 +107,7 @@ def _solved(
     values: FloatArray,
     spline: scipy.interpolate.PPoly | None = None,
 ) -> list[float]:
-    """The crossings of some levels, with one call of the response where nothing goes wrong; NaN for None."""
+    """Solve for the crossings of some levels, normally with one call of the response; NaN for None."""
     asked = [b for b in brackets if b is not None]
     if not asked:
         return [math.nan] * len(brackets)
@@ -125,14 +126,14 @@ def _solved(
 
 
 def _about(spline: scipy.interpolate.PPoly, level: float, low: float, high: float) -> FloatArray:
-    """Five places about where the spline crosses a level between two nodes."""
+    """Return five places about the crossing of the spline with a level between two nodes."""
     inner = np.linspace(low, high, 2 * FEW + 1)
     guess = float(inner[min(int(np.argmax(spline(inner) < level)), 2 * FEW)])
     return np.clip(guess + (high - low) / FEW * np.arange(-2, 3), 0.5 * low, None)
 
 
 def _on_spline(spline: scipy.interpolate.PPoly, bracket: Bracket, grid: FloatArray) -> float:
-    """Where the spline itself crosses a level: between 65 places of a step, by a straight line; NaN for None."""
+    """Return where the spline itself crosses a level: linear between 65 places of a step; NaN for None."""
     if bracket is None:
         return math.nan
     level, i = bracket
@@ -146,7 +147,7 @@ def _on_spline(spline: scipy.interpolate.PPoly, bracket: Bracket, grid: FloatArr
 
 
 def _inverse(f: FloatArray, v: FloatArray, level: float) -> float:
-    """Frequency as a polynomial of contrast through the places, at a level (Lagrange)."""
+    """Return the frequency at a level, as a polynomial of contrast through the places (Lagrange)."""
     total = 0.0
     for i in range(len(f)):
         others = np.delete(v, i)
@@ -155,7 +156,7 @@ def _inverse(f: FloatArray, v: FloatArray, level: float) -> float:
 
 
 def _narrowed(response: Response, level: float, low: float, high: float) -> float:
-    """The last crossing between two frequencies of which the lower is not below the level, by halving all at once."""
+    """Return the last crossing between two frequencies, of which the lower is not below the level, by bisection."""
     for _ in range(ROUNDS):
         inner = np.linspace(low, high, FEW + 1)
         first = min(int(np.flatnonzero(response(inner) >= level)[-1]) + 1, FEW)
@@ -166,8 +167,8 @@ def _narrowed(response: Response, level: float, low: float, high: float) -> floa
 
 @dataclass(frozen=True)
 class ContrastCurve:
-    """One transfer function along one direction, known at nodes: splines through its contrast, that squared, and its
-    real part.
+    """One transfer function along one direction, known at nodes: splines through its contrast, its squared contrast and
+    its real part.
     """
 
     grid: FloatArray
@@ -193,16 +194,16 @@ class ContrastCurve:
 
     @cached_property
     def energy(self) -> float:
-        """Of a line's picture, up to the last node."""
+        """Energy of the line spread, up to the last node."""
         return float(self._splines[1].integrate(self.grid[0], self.grid[-1]))
 
     def crossings(self, cut_off: float = CUT_OFF, response: Response | None = None) -> tuple[float, float, float]:
-        """MTF50, MTF10 and the highest frequency with a contrast of ``cut_off``, cycles/um; NaN where there is none.
+        """Return MTF50, MTF10 and the highest frequency with contrast ``cut_off``, cycles/um; NaN where there is none.
 
         Parameters
         ----------
         cut_off : float
-            Contrast below which there is as good as none, between 0 and 1.
+            Contrast that counts as none, between 0 and 1.
         response : callable or None
             Contrast at frequencies (n,), on which crossings are solved as in `falls_below`; None: on the spline between
             the nodes, with its error.
@@ -218,7 +219,7 @@ class ContrastCurve:
         return fifty, ten, end
 
     def half(self, response: Response | None = None) -> float:
-        """MTF50 alone."""
+        """Return the MTF50 only."""
         size = np.abs(self.values)
         bracket = _bracket(0.5, self.grid, size, last=False)
         if response is None:
@@ -226,16 +227,16 @@ class ContrastCurve:
         return _solved(response, [bracket], self.grid, size, self.contrast)[0]
 
     def beyond(self, nyquist: float) -> float:
-        """Share of the energy of a line's picture that lies beyond the Nyquist frequency, where sampling folds it back.
+        """Return the fraction of the line spread energy above Nyquist, which sampling folds back.
 
         The integral of the squared contrast from ``nyquist`` to the last node, over that from 0. The spectrum of a line
-        is white, so that this is what of its light's energy sampling turns into false detail; of an edge, whose
-        spectrum falls as 1/f, it is less.
+        is white, so this is the part of its energy that sampling turns into false detail; for an edge, whose
+        spectrum falls as 1/f, it is smaller.
 
         Raises
         ------
         ValueError
-            A Nyquist frequency that is not positive.
+            If the Nyquist frequency is not positive.
 
         Notes
         -----

@@ -1,7 +1,7 @@
-"""Where a transfer function that is known on rings falls to a share.
+"""The frequency at which a transfer function known on rings falls to a level.
 
-In:  rings of frequency (growing), the transfer function on them, and how far it is in doubt.
-Out: the frequency of the crossing, in their unit; NaN where there is none.
+In:  rings of frequency (ascending), the transfer function on them, and its standard error.
+Out: the frequency of the crossing, in their unit; NaN if there is none.
 """
 
 import math
@@ -10,12 +10,13 @@ import numpy as np
 
 from etendue_camera.arrays import FloatArray
 
-NEAR = 0.3  # of a crossing: the frequencies that say where it is
+NEAR = 0.3  # of a crossing: the range of frequencies used to locate it
 
 
 def falls_to(share: float, frequency: FloatArray, sfr: FloatArray, doubt: FloatArray | None = None) -> float:
-    """Lowest crossing: found on the rings, then by a cubic through those about it, each with the weight of its
-    doubt; NaN without.
+    """Return the lowest crossing: located on the rings, then by a cubic through nearby rings, weighted by their
+    standard
+    error; NaN if there is none.
     """
     below = np.flatnonzero(sfr < share)
     if below.size == 0 or below[0] == 0:

@@ -1,13 +1,13 @@
-"""What a picture can tell of fine detail: noise equivalent quanta, information capacity, detection by the ideal
+"""Information in a picture on fine detail: noise-equivalent quanta, information capacity, detection by the ideal
 observer.
 
 In:  signal and noise power at spatial frequencies, in cycles/pixel.
-Out: NEQ (quanta a pixel), bits a pixel, bits a pixel along a line, signal-to-noise ratios.
-Sources: Shannon 1949 (capacity of Gaussian channels side by side); Dainty and Shaw 1974 and ICRU 54 (NEQ); Wagner and
+Out: NEQ (quanta per pixel), bits per pixel, bits per pixel along a line, signal-to-noise ratios.
+Sources: Shannon 1949 (capacity of parallel Gaussian channels); Dainty and Shaw 1974 and ICRU 54 (NEQ); Wagner and
 Brown 1985 (ideal observer); Koren, Electronic Imaging 2024 (signal power of a slanted edge).
 
-All three stand on one function of frequency. Detail is relative: what is seen is the contrast about a mean, so that a
-gain, or a pointwise curve that noise does not leave, changes none of them.
+All three follow from one function of frequency. Detail is relative, a contrast about a mean, so that a gain, or a
+pointwise curve within the noise, changes none of them.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ NYQUIST = 0.5  # cycles/pixel
 
 @dataclass(frozen=True)
 class Square:
-    """Nodes in the upper half of the Nyquist square, and weights that sum to 1, its whole area: power is the same at
-    f and -f.
+    """Nodes in the upper half of the Nyquist square, and weights that sum to 1, its whole area: power is equal at f and
+    -f.
     """
 
     fy: FloatArray  # (m,) cycles/pixel, above 0
@@ -36,18 +36,18 @@ class Square:
     weight: FloatArray  # (m, n)
 
     def mean(self, values: ArrayLike) -> float:
-        """Integral over the Nyquist square, (m, n)."""
+        """Return the integral of (m, n) values over the Nyquist square."""
         values = np.broadcast_to(np.asarray(values, np.float64), self.weight.shape)
         return float(np.sum(self.weight * values))
 
 
 def nyquist_square(nodes: int = 48) -> Square:
-    """Gauss's nodes, ``nodes`` along x and half as many along y.
+    """Return Gauss nodes, ``nodes`` along x and half as many along y.
 
     Raises
     ------
     ValueError
-        Fewer than two nodes.
+        If there are fewer than two nodes.
 
     Notes
     -----
@@ -62,35 +62,36 @@ def nyquist_square(nodes: int = 48) -> Square:
 
 
 def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
-    """Noise equivalent quanta: |signal|^2 / noise power, in quanta a pixel.
+    """Return noise-equivalent quanta: |signal|^2 / noise power, in quanta per pixel.
 
     Parameters
     ----------
     signal : array
         Mean times transfer function, in the picture's unit. Complex where detail is shifted.
     noise : array
-        Noise power spectrum, the picture's unit squared a pixel: its integral over the Nyquist square is the variance.
+        Noise power spectrum, squared unit of the picture per pixel: its integral over the Nyquist square is the
+        variance.
 
     Returns
     -------
     array
-        Of light alone the number of photoelectrons, whatever the gain. 0 where there is no signal, infinite where a
-        signal has no noise.
+        For photon noise alone the number of photoelectrons, whatever the gain. 0 without signal, infinite for a
+        signal without noise.
 
     Raises
     ------
     ValueError
-        Noise power that is negative or not a number.
+        If noise power is negative or NaN.
     """
     power, noise = np.abs(np.asarray(signal)) ** 2, np.asarray(noise, np.float64)
-    require.that(np.all(noise >= 0), "noise power is negative or not a number; allowed are numbers at or above 0")
+    require.that(np.all(noise >= 0), "noise power is negative or NaN; it must be at or above 0")
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.where(power > 0, power / noise, 0.0)
     return np.asarray(found, np.float64)
 
 
 def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10) -> FloatArray:
-    """Of several channels together, looked at by the best weighted sum of them at each frequency (Hotelling's
+    """Return the NEQ of several channels combined, by their best weighted sum at each frequency (Hotelling's
     observer).
 
     Parameters
@@ -100,12 +101,12 @@ def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10
     noise : (channel, channel, ...) array
         Noise power on the diagonal, cross power beside it: Hermitian.
     singular : float
-        Of the largest power, below which a combination of channels is taken for none: what stages made of the others.
+        Relative to the largest power; weaker combinations of channels are ignored as linear dependence from stages.
 
     Returns
     -------
     (...) array, quanta a pixel
-        At least the largest of the channels alone, and their sum where no noise is shared.
+        At least the largest of the single channels; their sum if no noise is shared.
     """
     s = np.moveaxis(np.asarray(signal, np.complex128), 0, -1)
     w = np.moveaxis(np.asarray(noise, np.complex128), (0, 1), (-2, -1))
@@ -118,15 +119,15 @@ def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-10
 
 
 def signal_variance(ratio: float) -> float:
-    """Variance over mean^2 of light that is anything between two levels of this ratio, all equally likely:
+    """Return variance over mean^2 of light uniformly distributed between two levels with this ratio:
     (range/mean)^2 / 12.
 
-    The signal power of Koren: 0.12 for the 4:1 of ISO 12233; 1/3 at most, from black on.
+    The signal power of Koren: 0.12 for the 4:1 of ISO 12233; at most 1/3, for a ratio from black.
 
     Raises
     ------
     ValueError
-        A ratio below 1.
+        If the ratio is below 1.
 
     Examples
     --------
@@ -140,7 +141,8 @@ def signal_variance(ratio: float) -> float:
 
 
 def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
-    """Information capacity, bits a pixel: half the integral over the Nyquist square of log2(1 + variance NEQ).
+    """Return the information capacity, bits per pixel: half the integral over the Nyquist square of log2(1 + variance
+    NEQ).
 
     Parameters
     ----------
@@ -148,30 +150,31 @@ def capacity(quanta: ArrayLike, square: Square, variance: float) -> float:
         NEQ at the nodes of the square.
     square : Square
     variance : float
-        Of the signal over its mean^2, see `signal_variance`: detail whose power is the same at all frequencies of the
+        Variance of the signal over its mean^2, see `signal_variance`: detail with equal power at all frequencies of the
         square, none beyond.
 
     Returns
     -------
     float, bit/pixel
-        Of a perfect pixel 0.5 log2(1 + variance NEQ). Infinite without noise.
+        For a perfect pixel 0.5 log2(1 + variance NEQ). Infinite without noise.
 
     Notes
     -----
-    The half is Shannon's: values are real, so that frequencies f and -f are one. Detail beyond the square, which folds
-    back, is left out of signal and noise.
+    The half is Shannon's: values are real, so that frequencies f and -f are one. Detail beyond the square, which
+    aliases, is excluded from signal and noise.
     """
-    require.that(variance >= 0, f"variance is {variance}; allowed are numbers at or above 0")
+    require.that(variance >= 0, f"variance is {variance}; it must be at or above 0")
     return 0.5 * square.mean(_bits(np.asarray(quanta, np.float64), variance))
 
 
 def capacity_along(quanta: Callable[[FloatArray], ArrayLike], variance: float, nodes: int = 48) -> float:
-    """The same along a line, bits a pixel of the line: the integral of log2(1 + variance NEQ) from 0 to Nyquist.
+    """Return the capacity along a line, bits per pixel of the line: the integral of log2(1 + variance NEQ) from 0 to
+    Nyquist.
 
-    What is read from a slanted edge, where one direction is all that is known (Imatest's C of an edge). ``quanta``
+    This is the measure for a slanted edge, where only one direction is known (Imatest's C of an edge). ``quanta``
     gives NEQ at (n,) frequencies, cycles/pixel.
     """
-    require.that(variance >= 0, f"variance is {variance}; allowed are numbers at or above 0")
+    require.that(variance >= 0, f"variance is {variance}; it must be at or above 0")
     x, w = np.polynomial.legendre.leggauss(nodes)
     return float(np.sum(w * _bits(np.asarray(quanta(0.25 * (1 + x)), np.float64), variance)) / 4)
 
@@ -179,26 +182,26 @@ def capacity_along(quanta: Callable[[FloatArray], ArrayLike], variance: float, n
 def _bits(quanta: FloatArray, variance: float) -> FloatArray:
     require.that(
         not np.isnan(quanta).any() and not (quanta < 0).any(),
-        "NEQ is negative or not a number; allowed are numbers at or above 0",
+        "NEQ is negative or NaN; it must be at or above 0",
     )
     return np.asarray(np.log2(1 + variance * quanta) if variance > 0 else np.zeros_like(quanta))
 
 
 def gaussian_object(fy: ArrayLike, fx: ArrayLike, sigma: float) -> FloatArray:
-    """Spectrum of a Gaussian spot of peak 1 and an rms radius of ``sigma`` pixels in each direction, pixel^2."""
+    """Return the spectrum of a Gaussian spot of peak 1 and rms radius ``sigma`` pixels per axis, pixel^2."""
     squared = np.asarray(fy, np.float64) ** 2 + np.asarray(fx, np.float64) ** 2
     return np.asarray(2 * math.pi * sigma**2 * np.exp(-2 * (math.pi * sigma) ** 2 * squared))
 
 
 def rectangle_object(fy: ArrayLike, fx: ArrayLike, height: float, width: float) -> FloatArray:
-    """Spectrum of a rectangle of 1, pixel^2; sides in pixels."""
+    """Return the spectrum of a rectangle of height 1, pixel^2; sides in pixels."""
     return np.asarray(
         height * width * np.sinc(height * np.asarray(fy, np.float64)) * np.sinc(width * np.asarray(fx, np.float64))
     )
 
 
 def ideal_observer(quanta: ArrayLike, spectrum: ArrayLike, square: Square, contrast: float = 1.0) -> float:
-    """SNRi: how surely the best observer tells that a known object is there, contrast sqrt(integral of |spectrum|^2
+    """Return SNRi, the detectability of a known object by the ideal observer: contrast sqrt(integral of |spectrum|^2
     NEQ).
 
     Parameters
@@ -206,16 +209,16 @@ def ideal_observer(quanta: ArrayLike, spectrum: ArrayLike, square: Square, contr
     quanta : (m, n) array
         NEQ at the nodes of the square.
     spectrum : (m, n) array
-        Of the object, pixel^2, see `gaussian_object`.
+        Spectrum of the object, pixel^2, see `gaussian_object`.
     square : Square
         Nodes must be fine against 1 / size of the object.
     contrast : float
-        Of the object, relative to the mean about it.
+        Contrast of the object relative to the mean about it.
 
     Returns
     -------
     float
-        With 0.5 erfc(-SNRi / 2) the share of right answers where two fields are shown, one with the object. Detail
-        beyond the Nyquist square is not counted.
+        0.5 erfc(-SNRi / 2) is the fraction of correct answers with two fields, one with the object. Detail beyond the
+        Nyquist square is not counted.
     """
     return abs(contrast) * math.sqrt(square.mean(np.abs(np.asarray(spectrum)) ** 2 * np.asarray(quanta, np.float64)))

@@ -1,7 +1,7 @@
-"""Noise power spectra: what stages make of noise that is independent from pixel to pixel, and what periodograms find.
+"""Noise power spectra: propagation of independent pixel noise through stages, and periodograms.
 
-In:  what a chain answers to one pixel at each place of the mosaic's cell, the variance there; or frames of noise.
-Out: cross power of channels at spatial frequencies (cycles/pixel), the picture's unit squared a pixel.
+In:  impulse responses of a chain for each place of the mosaic's cell, with the variance there; or frames of noise.
+Out: cross power of channels at spatial frequencies (cycles/pixel), squared unit of the picture per pixel.
 Sources: linear propagation, power = sum over places of v |H|^2; Bartlett's mean of periodograms.
 """
 
@@ -17,21 +17,22 @@ ComplexArray = NDArray[np.complex128]
 
 
 def spectra(responses: ArrayLike, sites: ArrayLike, fy: ArrayLike, fx: ArrayLike) -> ComplexArray:
-    """Fourier transforms of answers, each about the pixel that was stepped: (place, channel, m, n) at fy (m,), fx (n,).
+    """Return Fourier transforms of impulse responses about the stepped pixel: (place, channel, m, n) at fy (m,), fx
+    (n,).
 
     Parameters
     ----------
     responses : (place, channel, y, x) array
-        The picture's answer to a unit step of one pixel, for each place of the cell.
+        The response of the picture to a unit step of one pixel, for each place of the cell.
     sites : (place, 2) array
-        Where that pixel lies in the window, y and x.
+        Position of that pixel in the window, y and x.
     fy, fx : arrays
         Cycles/pixel.
     """
     h, at = np.asarray(responses, np.float64), np.asarray(sites, np.float64)
     require.that(
         h.ndim == 4 and at.shape == (h.shape[0], 2),
-        f"responses has shape {h.shape} and sites {at.shape}; allowed are (place, channel, y, x) and (place, 2)",
+        f"responses has shape {h.shape} and sites {at.shape}; they must be (place, channel, y, x) and (place, 2)",
     )
     down = np.exp(
         -2j * np.pi * np.asarray(fy, np.float64)[None, :, None] * (np.arange(h.shape[2]) - at[:, :1])[:, None, :]
@@ -43,8 +44,8 @@ def spectra(responses: ArrayLike, sites: ArrayLike, fy: ArrayLike, fx: ArrayLike
 
 
 def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
-    """Cross power (channel, channel, m, n) of noise with these variances (place,), from `spectra`; the mean over the
-    cell's places.
+    """Return the cross power (channel, channel, m, n) of noise with these variances (place,), from `spectra`; the mean
+    over the cell's places.
 
     Its integral over the Nyquist square is the covariance of `noise_propagation.carried_covariance`.
     """
@@ -54,37 +55,38 @@ def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
 
 
 def carried_signal(answers: ArrayLike, signal: ArrayLike) -> ComplexArray:
-    """(channel, m, n): fine detail of relative contrast 1 behind the chain, from `spectra`.
+    """Return the response (channel, m, n) to fine detail of relative contrast 1 after the chain, from `spectra`.
 
-    ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the transfer function in front
-    of them. What the mosaic turns into other frequencies (aliases, colour fringes) is no part of it.
+    ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the preceding transfer function.
+    What the mosaic converts to other frequencies (aliases, colour fringes) is not included.
     """
     return np.asarray(np.einsum("pmn,pcmn->cmn", np.asarray(signal), np.asarray(answers)) / len(np.asarray(answers)))
 
 
 def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
-    """Mean cross power of frames of noise, and of how many periodograms.
+    """Return the mean cross power of frames of noise, and the number of independent periodograms.
 
     Parameters
     ----------
     frames : (frame, channel, y, x) array
-        At least two frames of the same scene: their mean is taken off, which is signal and what all have in common, and
-        the power put right by frames / (frames - 1).
+        At least two frames of the same scene: their mean, which is signal and common noise, is subtracted, and the
+        power
+        is corrected by frames / (frames - 1).
     block : int, pixels
-        Side of the squares of which periodograms are taken, side by side, without a window. At least 2.
+        Side of adjacent squares whose periodograms are taken, without a window. At least 2.
 
     Returns
     -------
     (channel, channel, block, block) array
         At ``numpy.fft.fftfreq(block)`` along y and x. The relative standard error of a power is 1 / sqrt(periodograms).
     int
-        Periodograms behind each value that are independent: of one frame less than there are, which their mean has
-        taken.
+        Independent periodograms behind each value: one frame less than available, for the subtracted mean.
+
 
     Raises
     ------
     ValueError
-        Fewer than two frames, or a block larger than the frame.
+        If there are fewer than two frames, or the block is larger than the frame.
     """
     noise = np.asarray(frames, np.float64)
     require.shape(
@@ -103,9 +105,11 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
 
 
 def expected_periodogram(responses: ArrayLike, variance: ArrayLike, block: int) -> ComplexArray:
-    """What `periodograms` shows on average of carried noise: its power as a square of ``block`` pixels blurs it.
+    """Return the expectation of `periodograms` for propagated noise: its power as blurred by a square of ``block``
+    pixels.
 
-    The covariance at each lag times the share of pixel pairs of that lag in the square (Bartlett's triangle); exact.
+    The covariance at each lag times the fraction of pixel pairs with that lag in the square (Bartlett's triangle);
+    exact.
     ``responses`` and ``variance`` as in `spectra` and `carried_power`. Returns (channel, channel, block, block).
     """
     h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)

@@ -1,8 +1,8 @@
-"""What a restoring filter does to resolution and to noise, from its transfer function.
+"""The effect of a restoration filter on resolution and noise, from its transfer function.
 
-In:  responses at spatial frequencies (cycles/pixel), real or complex; the transfer function of what stands in front.
+In:  responses at spatial frequencies (cycles/pixel), real or complex; the transfer function before the filter.
 Out: gain in MTF50 and in noise, dimensionless.
-Sources: Parseval's theorem for noise behind a linear filter.
+Sources: Parseval's theorem for noise after a linear filter.
 """
 
 import math
@@ -16,7 +16,7 @@ from etendue_camera.resolution import contrast
 
 
 def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) -> float:
-    """Factor by which a linear filter multiplies the standard deviation of noise.
+    """Return the factor by which a linear filter multiplies the standard deviation of noise.
 
     Parameters
     ----------
@@ -46,18 +46,19 @@ def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) 
     spectrum = np.asarray(spectrum, dtype=float)
     require.that(
         spectrum.shape == power.shape,
-        f"spectrum has shape {spectrum.shape}; allowed is that of the response, {power.shape}",
+        f"spectrum has shape {spectrum.shape}; it must be that of the response, {power.shape}",
     )
     require.that(
         np.all(spectrum >= 0) and spectrum.sum() > 0,
-        "spectrum holds negative values or nothing above 0; allowed are powers",
+        "spectrum has negative values or none above 0; it must contain powers",
     )
     return math.sqrt(float((power * spectrum).sum() / spectrum.sum()))
 
 
 def bilinear_noise_spectrum(fy: ArrayLike, fx: ArrayLike, green: bool) -> NDArray:
-    """Power spectrum that white noise of a Bayer mosaic has behind bilinear demosaicing, averaged over the pixels of a
-    tile.
+    """Return the power spectrum of white noise of a Bayer mosaic after bilinear demosaicing, averaged over the pixels
+    of
+    a tile.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def bilinear_noise_spectrum(fy: ArrayLike, fx: ArrayLike, green: bool) -> NDArra
 
     Notes
     -----
-    The interpolation kernel's squared response times the share of pixels that have a sample.
+    The squared response of the interpolation kernel times the fraction of pixels with a sample.
     """
     cy, cx = np.cos(2 * np.pi * np.asarray(fy, dtype=float)), np.cos(2 * np.pi * np.asarray(fx, dtype=float))
     return 0.5 * (1 + 0.5 * (cy + cx)) ** 2 if green else 0.25 * ((1 + cy) * (1 + cx)) ** 2
@@ -81,23 +82,23 @@ def bilinear_noise_spectrum(fy: ArrayLike, fx: ArrayLike, green: bool) -> NDArra
 def mtf50_gain(
     system: Callable[[NDArray], NDArray], response: Callable[[NDArray], NDArray], highest: float = 1.0, nodes: int = 256
 ) -> float:
-    """Ratio of the frequency of half contrast behind a restoring filter to that in front of it.
+    """Return the ratio of MTF50 after a restoration filter to MTF50 before it.
 
     Parameters
     ----------
     system : callable
-        Frequencies (n,) in cycles/pixel to the transfer function (n,) of what the filter is given.
+        Maps frequencies (n,) in cycles/pixel to the transfer function (n,) before the filter.
     response : callable
-        The same of the filter. It works on pixels, so that it repeats itself with each cycle per pixel.
+        The same for the filter. It works on pixels, so that it is periodic with 1 cycle/pixel.
     highest : float, cycles/pixel
-        Where the search ends.
+        Upper end of the search.
     nodes : int
-        Frequencies at which the first crossing is looked for.
+        Number of frequencies at which the first crossing is searched.
 
     Returns
     -------
     float, dimensionless
-        Above 1 where the filter sharpens. NaN where contrast stays above one half up to ``highest``, before or after.
+        Above 1 if the filter sharpens. NaN if contrast stays above one half up to ``highest``, before or after.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""Transfer function from the picture of a sinusoidal Siemens star: a sine fitted to every ring about its centre.
+"""Transfer function from a picture of a sinusoidal Siemens star: a sine is fitted to every ring about its centre.
 
 In:  a linear picture (y, x) of a star, its number of cycles and its radius (pixels).
 Out: frequencies (cycles/pixel), response, MTF50 with flags, the refined centre.
@@ -20,15 +20,15 @@ from etendue_camera.resolution.crossing import falls_to
 from etendue_camera.resolution.edges.edge_line import Sites
 
 NYQUIST = 0.5
-RING = 0.02  # width of a ring, of its radius
+RING = 0.02  # width of a ring relative to its radius
 NARROWEST = 1.0  # width of a ring, pixels
-FEWEST = 12  # pixels in a ring for the three numbers fitted to it
-ROUNDS, STILL = 30, 1e-6  # pixels of movement of the centre
-OUTER = 3.0  # times the lowest frequency: the rings that say what the modulation tends to
+FEWEST = 12  # minimum pixels in a ring for its three fitted parameters
+ROUNDS, STILL = 30, 1e-6  # largest number of iterations, and tolerance of the centre in pixels
+OUTER = 3.0  # times the lowest frequency: the rings used to extrapolate the modulation
 
 
 class Star(NamedTuple):
-    """What is known of a star: periods in one turn, at least 8, and its radius, pixels."""
+    """Parameters of a star: periods per turn, at least 8, and radius, pixels."""
 
     cycles: int
     radius: float
@@ -36,23 +36,23 @@ class Star(NamedTuple):
 
 @dataclass(frozen=True)
 class StarResponse:
-    """What a star says. Frequencies in cycles/pixel, ascending; lengths in pixels."""
+    """Results of a star. Frequencies in cycles/pixel, ascending; lengths in pixels."""
 
     frequency: FloatArray
     sfr: FloatArray
     doubt: FloatArray  # standard error of sfr
     radius: FloatArray  # of the rings
-    mtf50: float  # NaN where it is not reached, or lies below the frequency of the outermost ring
+    mtf50: float  # NaN if not reached, or below the frequency of the outermost ring
     mtf10: float
     above_nyquist: bool
     not_reached: bool
     centre: tuple[float, float]  # y, x from the first pixel
-    contrast: float  # modulation by which the response was divided
-    residual: float  # rms of the picture about the fitted star, of its mean
+    contrast: float  # modulation that the response is relative to
+    residual: float  # rms residual of the picture about the fitted star, relative to its mean
 
     @property
     def mtf50_limited(self) -> float:
-        """MTF50, but at most the Nyquist frequency."""
+        """MTF50, capped at Nyquist."""
         return NYQUIST if self.not_reached else min(self.mtf50, NYQUIST)  # NaN stays
 
 
@@ -66,23 +66,23 @@ def star_response(
     highest: float = 0.7,
     sites: ArrayLike | None = None,
 ) -> StarResponse:
-    """Measure the response of whatever made a picture of a sinusoidal star.
+    """Measure the response of an imaging system from a picture of a sinusoidal star.
 
     Parameters
     ----------
     picture : (y, x) array, any linear unit with 0 for no light
     star : Star
-        The outermost 5 % of its radius are left out.
+        The outermost 5 % of its radius are not used.
     centre : (float, float) or None, pixels
-        y and x of its centre from the first pixel; None: the middle of the picture. Must be right to about a quarter of
-        a cycle at the innermost ring that shows contrast.
+        y and x of its centre from the first pixel; None: the middle of the picture. Must be accurate to about a quarter
+        of a cycle at the innermost ring with contrast.
     refine : bool
-        Whether the centre is searched for from there.
+        Whether the centre is refined from there.
     contrast : float or None
-        Modulation of the star, (light - dark)/(light + dark), above 0 and at most 1. None: what the outer rings tend
-        to towards frequency 0, by a parabola through their logarithms.
+        Modulation of the star, (light - dark)/(light + dark), above 0 and at most 1. None: the limit of the outer rings
+        towards frequency 0, by a parabola through their logarithms.
     highest : float, cycles/pixel
-        Up to 1; the innermost ring has it.
+        Frequency of the innermost ring, up to 1.
     sites : (y, x) array of bool or None
         The pixels to use, such as those of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel of
         the picture.
@@ -94,15 +94,18 @@ def star_response(
     Raises
     ------
     ValueError
-        Arguments out of range, a star that does not fit into the picture or has fewer than four rings, or no star.
+        If arguments are out of range, the star does not fit into the picture or has fewer than four rings, or there is
+        no star.
 
     Notes
     -----
-    A ring of radius r holds f = cycles/(2 pi r). Its pixels are fitted by a + b cos(n phi) + c sin(n phi), whatever
-    their places, so that frequencies above 0.5 cycles/pixel do not fold; noise is taken out of b^2 + c^2. The centre
-    moves by Gauss-Newton until the sines stand still.
+    A ring of radius r has f = cycles/(2 pi r). Its pixels are fitted by a + b cos(n phi) + c sin(n phi), at their
+    actual
+    positions, so that frequencies above 0.5 cycles/pixel do not alias; noise is subtracted from b^2 + c^2. The centre
+    is refined by Gauss-Newton until the phases are constant.
 
-    A ring does not hold one frequency alone: for a round transfer function H it gives n times the integral of
+    A ring does not contain a single frequency: for a rotationally symmetric transfer function H it gives n times the
+    integral of
     H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the closed form
     of a Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
     """
@@ -117,7 +120,7 @@ def star_response(
     edges = _edges(inner, outer)
     require.that(
         len(edges) >= 5,
-        f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings",
+        f"radius is {radius}; with {cycles} cycles and highest = {highest:g} fewer than four rings are left",
     )
     if refine:
         place = _refined(image, mask, place, cycles, edges)
@@ -136,7 +139,7 @@ def star_response(
     frequency, modulation, doubt = frequency[order], modulation[order], doubt[order]
     require.that(
         modulation[: len(order) // 4 + 1].max() > 4 * np.median(doubt),
-        "picture shows no star that can be measured; allowed is a star of that many cycles about that centre",
+        "picture shows no measurable star with this number of cycles about this centre",
     )
     full = contrast if contrast is not None else at_zero(frequency, modulation, doubt)
     sfr = modulation / full
@@ -168,7 +171,7 @@ def _check(image: FloatArray, cycles: int, radius: float, contrast: float | None
 
 
 def _edges(inner: float, outer: float) -> FloatArray:
-    """Borders of the rings: a share of the radius apart, but a pixel at least."""
+    """Return the borders of the rings: a fraction of the radius apart, but at least a pixel."""
     found = [outer]
     while found[-1] > inner:
         found.append(found[-1] - max(RING * found[-1], NARROWEST))
@@ -193,7 +196,7 @@ class _Rings:
 
 
 def _rings(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> _Rings:
-    """Mean, cosine and sine of every ring by least squares."""
+    """Fit mean, cosine and sine of every ring by least squares."""
     y, x = np.arange(image.shape[0])[:, None] - place[0], np.arange(image.shape[1])[None, :] - place[1]
     distance = np.hypot(y, x)
     ring = np.searchsorted(edges, distance) - 1
@@ -227,7 +230,7 @@ def _rings(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges
 
 
 def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> FloatArray:
-    """Move the centre to where the sines of all rings have one phase and leave least."""
+    """Move the centre to where the sines of all rings have one phase and the smallest residual."""
     for _ in range(ROUNDS):
         rings = _rings(image, mask, place, cycles, edges)
         phase = np.angle((rings.b + 1j * rings.c).sum())
@@ -246,12 +249,11 @@ def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edg
 
 
 def at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) -> float:
-    """What the modulation tends to towards frequency 0: exp of a parabola through the logarithms of the outer rings."""
+    """Return the limit of the modulation at frequency 0: exp of a parabola through the logarithms of the outer
+    rings."""
     low = (frequency <= max(OUTER * float(frequency[0]), float(frequency[min(5, len(frequency) - 1)]))) & (
         modulation > 3 * doubt
     )
-    require.that(
-        low.sum() >= 4, "picture shows no star that can be measured without its contrast; allowed is a known contrast"
-    )
+    require.that(low.sum() >= 4, "picture shows no star that can be measured without its contrast; give contrast")
     weight = modulation[low] / np.maximum(doubt[low], 1e-6)
     return float(np.exp(np.polynomial.polynomial.polyfit(frequency[low], np.log(modulation[low]), 2, w=weight)[0]))

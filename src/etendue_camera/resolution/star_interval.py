@@ -1,7 +1,7 @@
-"""Resolution of one Siemens star with what noise leaves uncertain: cycles counted, MTF50 and MTF10 with intervals.
+"""Resolution of one Siemens star with its uncertainty from noise: cycles, MTF50 and MTF10 with intervals.
 
-In:  a linear picture (y, x), about where the star's middle is and how large it is (pixels).
-Out: the star's response; frequencies of half and tenth contrast with intervals; the number of its cycles.
+In:  a linear picture (y, x), approximate centre and radius of the star (pixels).
+Out: the star's response; MTF50 and MTF10 with intervals; the number of cycles.
 Sources: as `siemens`; draws about the response with its own standard error (parametric bootstrap).
 """
 
@@ -22,11 +22,11 @@ from etendue_camera.resolution.siemens import Star, StarResponse, at_zero, star_
 
 RINGS = (0.55, 0.62, 0.69, 0.76, 0.83, 0.9)  # of the radius: where cycles are counted
 FEWEST, MOST = 8, 400
-CLEAR = 3.0  # times the next strongest, which is no multiple, that the cycles must be
+CLEAR = 3.0  # minimum ratio of the cycles' power to the next strongest non-multiple
 
 
 class Bootstrap(NamedTuple):
-    """How many draws an interval is made of, and how much of them it holds."""
+    """Number of draws of an interval, and its confidence level."""
 
     draws: int = 400
     confidence: float = 0.95
@@ -48,12 +48,12 @@ class StarResolution:
 
 
 def count_cycles(picture: ArrayLike, centre: tuple[float, float], radius: float, sites: Sites | None = None) -> int:
-    """Periods of a star in one turn: the strongest wave along rings about its middle.
+    """Count the periods of a star per turn: the strongest wave along rings about its centre.
 
     Raises
     ------
     ValueError
-        Where no wave stands out.
+        If no wave is dominant.
     """
     image = np.asarray(picture, np.float64)
     if sites is not None:
@@ -71,7 +71,7 @@ def count_cycles(picture: ArrayLike, centre: tuple[float, float], radius: float,
     best = int(seen.argmax()) + FEWEST
     others = np.array([own for k, own in enumerate(seen, FEWEST) if k % best and abs(k - best) > 2])
     if not power[best] > CLEAR * others.max(initial=0.0) or not power[best] > power[3:FEWEST].max(initial=0.0):
-        raise ValueError("no number of cycles stands out on rings about that middle")
+        raise ValueError("no dominant number of cycles on rings about this centre")
     return best
 
 
@@ -85,7 +85,7 @@ def star_resolution(
     sites: ArrayLike | None = None,
     bootstrap: Bootstrap = BOOTSTRAP,
 ) -> StarResolution:
-    """Measure a star, and say within what the answer would stay with other noise.
+    """Measure a star with intervals for its uncertainty from noise.
 
     Parameters
     ----------
@@ -93,19 +93,19 @@ def star_resolution(
     centre, radius, contrast, sites
         As in `siemens.star_response`.
     cycles : int or None
-        Periods in one turn; None: counted.
+        Periods per turn; None: counted.
     bootstrap : Bootstrap
 
     Raises
     ------
     ValueError
-        As `siemens.star_response`; where no number of cycles stands out.
+        As `siemens.star_response`; if no number of cycles is dominant.
 
     Notes
     -----
-    The interval holds noise alone, of pixels that are independent: not the 1 % of MTF50 by which a contrast that is not
-    given may be wrong. The harmonics of a star of black and white sectors count as noise, so that its intervals are too
-    wide. Sinusoidal ones held MTF50 in 90 to 93 % of 400 seeds (72 cycles, 125 pixels, noise of 1 and 5 % of the mean):
+    The interval includes only noise of independent pixels: not the 1 % error of MTF50 if the contrast is not given. The
+    harmonics of a star of black and white sectors count as noise, so that its intervals are too wide. For sinusoidal
+    stars the coverage of MTF50 was 90 to 93 % over 400 seeds (72 cycles, 125 pixels, noise of 1 and 5 % of the mean):
     ``python benchmarks/measure.py`` prints it.
     """
     mask = None if sites is None else np.asarray(sites, np.bool_)
@@ -124,7 +124,7 @@ def star_resolution(
 
 
 def _between(values: list[float], confidence: float) -> tuple[float, float]:
-    """The percentiles about the middle; a draw that does not reach the share lies above all others."""
+    """Return the central percentiles; a draw that does not reach the level ranks above all others."""
     ordered: FloatArray = np.sort(np.where(np.isfinite(values), values, np.inf))
     cut = math.floor(0.5 * (1 - confidence) * (len(ordered) - 1))
     return float(ordered[cut]), float(ordered[len(ordered) - 1 - cut])

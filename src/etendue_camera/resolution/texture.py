@@ -1,9 +1,9 @@
-"""Transfer function from the picture of a random texture whose original, or whose spectrum, is known.
+"""Transfer function from a picture of a random texture whose original, or whose spectrum, is known.
 
 In:  a linear picture (y, x) and the original at the same places, such as `dead_leaves` rendered at the pixels' centres.
 Out: frequencies (cycles/pixel), response, coherence, MTF50 with flags.
 Sources: Kirk et al. (2014), cross spectrum with the known chart; Cao, Guichard and Hornung (2009) and Burns (2011),
-power spectrum less that of the noise; Hann windows, means over rings.
+power spectrum minus that of the noise; Hann windows, means over rings.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from etendue_camera.resolution.crossing import falls_to
 METHODS = ("cross", "power")
 NYQUIST = 0.5
 SMALLEST = 64
-SLOW = 0.2  # cycles/pixel up to which phases tell a shift
+SLOW = 0.2  # cycles/pixel up to which phases are used to find a shift
 ROUNDS = 5
 
 
 @dataclass(frozen=True)
 class TextureResponse:
-    """What a texture says. Frequencies in cycles/pixel, means over all directions."""
+    """Results of a texture. Frequencies in cycles/pixel, means over all directions."""
 
     frequency: FloatArray
     sfr: FloatArray
-    coherence: FloatArray  # 0 to 1: what part of the picture's power the original explains
+    coherence: FloatArray  # 0 to 1: fraction of the picture's power explained by the original
     doubt: FloatArray  # standard error of sfr from the coherence
-    mtf50: float  # NaN where it is not reached below 0.5 cycles/pixel
+    mtf50: float  # NaN if not reached below 0.5 cycles/pixel
     mtf10: float
     not_reached: bool
     gain: float  # picture over original at frequency 0
@@ -51,28 +51,29 @@ def texture_response(
     gain: float | None = None,
     rings: int | None = None,
 ) -> TextureResponse:
-    """Measure the response of whatever made a picture of a texture.
+    """Measure the response of an imaging system from a picture of a texture.
 
     Parameters
     ----------
     picture : (y, x) array, any linear unit
         At least 64 x 64.
     original : (y, x) array
-        For ``"cross"`` the texture at the same places, to a few pixels; for ``"power"`` any piece of the same texture
-        of that shape. It must itself be sampled without aliases: rendered with a softness of 0.7 pixels or more.
+        For ``"cross"`` the texture at the same positions, to a few pixels; for ``"power"`` any part of the same texture
+        with that shape. It must itself be free of aliasing: rendered with a softness of at least 0.7 pixels.
     method : {"cross", "power"}
-        ``"cross"``: cross spectrum over the original's power, which noise, aliases and whatever else the original does
-        not explain leave alone. ``"power"``: root of the ratio of powers, where all of these count as contrast.
+        ``"cross"``: cross spectrum over the original's power, unaffected by noise, aliases and anything else that the
+        original does not explain. ``"power"``: root of the ratio of powers, where all of these count as contrast.
     known : callable or None
-        Transfer function in cycles/pixel that the original already contains, such as that of its softness: the response
-        holds it again. None: 1.
+        Transfer function in cycles/pixel that the original already includes, such as that of its softness: the response
+        includes it again. None: 1.
     noise : (y, x) array, number or None
-        For ``"power"``: an evenly lit piece of the same camera's picture, of at least 64 x 64 pixels, or the rms of
-        white noise, whose power is taken off.
+        For ``"power"``: a uniformly lit part of a picture from the same camera, of at least 64 x 64 pixels, or the rms
+        of
+        white noise, whose power is subtracted.
     gain : float or None
-        Picture over original at frequency 0; None: that of their means, for which both must count from no light.
+        Picture over original at frequency 0; None: the ratio of their means, for which 0 must mean no light in both.
     rings : int or None
-        From 0 to 0.5 cycles/pixel, at least 8; None: a quarter of the shorter side, at most 64.
+        Number of rings from 0 to 0.5 cycles/pixel, at least 8; None: a quarter of the shorter side, at most 64.
 
     Returns
     -------
@@ -81,25 +82,25 @@ def texture_response(
     Raises
     ------
     ValueError
-        Arguments out of range or of shapes that do not fit together; an original without texture.
+        If arguments are out of range or have inconsistent shapes, or the original has no texture.
 
     Notes
     -----
-    Both are windowed and transformed, the shift between them is found from the cross spectrum's phase and taken out,
-    and powers are added up over rings. The response of a ring is at its mean frequency, weighted by the original's
-    power. Error for 400 x 400 pixels, leaves of 4 to 60 pixels, Gaussians of 0.45 to 1.5 pixels rms: cross, MTF50
+    Both are windowed and transformed, the shift between them is found from the cross spectrum's phase and removed, and
+    powers are summed over rings. The response of a ring is at its mean frequency, weighted by the original's power.
+    Error for 400 x 400 pixels, leaves of 4 to 60 pixels, Gaussians of 0.45 to 1.5 pixels rms: cross, MTF50
     within 0.5 % noise-free and 1 % with noise of 5 % of the mean. Power, noise known, the same chart: within 1 % for
     MTF50 up to 0.32 cycles/pixel, 6 % at 0.42, where aliases count as contrast; another piece of such a chart: 13 %,
-    because a few large leaves decide its power (``python benchmarks/resolution.py``). Linear processing alone: what
-    denoises or sharpens by content has no transfer function, and
-    the two methods then differ.
+    because a few large leaves dominate its power (``python benchmarks/resolution.py``). For linear processing only:
+    content-dependent denoising or sharpening has no transfer function, and the two methods then differ.
+
     """
     image, ideal = np.asarray(picture, np.float64), np.asarray(original, np.float64)
     _check(image, ideal, method, noise, gain, rings)
     shape = image.shape
     count = rings or min(64, min(shape) // 4)
     scale = gain if gain is not None else float(image.mean() / ideal.mean())
-    require.that(math.isfinite(scale) and scale != 0, "picture and original have no ratio at frequency 0; give a gain")
+    require.that(math.isfinite(scale) and scale != 0, "picture and original have no ratio at frequency 0; give gain")
     seen, ideal_spectrum = _spectrum(image), _spectrum(ideal)
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     radial = np.hypot(fy, fx)
@@ -117,7 +118,7 @@ def texture_response(
     power, own = total(np.abs(seen) ** 2), total(np.abs(ideal_spectrum) ** 2)
     require.that(
         own[1:].min() > 0,
-        "original has rings without power; allowed is a texture of all frequencies up to 0.5 cycles/pixel",
+        "original has rings without power; it must have texture at all frequencies up to 0.5 cycles/pixel",
     )
     frequency = total(np.abs(ideal_spectrum) ** 2 * radial) / own
     together = total(cross.real)
@@ -130,11 +131,11 @@ def texture_response(
     if known is not None:
         sfr = sfr * np.asarray(known(frequency), np.float64)
     number = total(np.ones_like(radial))
-    free = 0.5 * number / 1.94  # a Hann window makes 1.94 frequencies along each axis hang together; half are mirrored
+    free = 0.5 * number / 1.94  # a Hann window correlates 1.94 frequencies along each axis; half are mirrored
     doubt = np.abs(sfr) * np.sqrt((1 - coherence) / np.maximum(2 * coherence * free, 1e-300))
     sfr, frequency, coherence, doubt = (
         part[1:] for part in (sfr, frequency, coherence, doubt)
-    )  # the first holds the mean
+    )  # the first contains the mean
     mtf50, mtf10 = (falls_to(share, frequency, sfr) for share in (0.5, 0.1))
     return TextureResponse(frequency, sfr, coherence, doubt, mtf50, mtf10, math.isnan(mtf50), scale, shift)
 
@@ -170,14 +171,14 @@ def _window(shape: tuple[int, ...]) -> FloatArray:
 
 
 def _spectrum(image: FloatArray) -> np.ndarray:
-    """Transform of the windowed picture about its weighted mean, over the root of the window's energy."""
+    """Return the transform of the windowed picture about its weighted mean, over the root of the window's energy."""
     window = _window(image.shape)
     mean = (window * image).sum() / window.sum()
     return np.fft.rfft2(window * (image - mean)) / math.sqrt((window**2).sum())
 
 
 def _noise_power(noise: ArrayLike | None, shape: tuple[int, ...], count: int) -> FloatArray:
-    """Power of the noise added up over the rings of a picture of a shape."""
+    """Return the noise power summed over the rings of a picture of a shape."""
     if noise is None:
         return np.zeros(count)
     flat = np.asarray(noise, np.float64)
@@ -197,7 +198,7 @@ def _by_ring(values: FloatArray, shape: tuple[int, ...], count: int) -> FloatArr
 
 
 def _shift(cross: np.ndarray, fy: FloatArray, fx: FloatArray, radial: FloatArray) -> tuple[float, float]:
-    """By how many pixels the picture lies below and to the right of the original."""
+    """Return how many pixels the picture lies below and to the right of the original."""
     rows, columns = cross.shape[0], 2 * (cross.shape[1] - 1)
     peak = np.fft.irfft2(cross, (rows, columns))
     y, x = np.unravel_index(int(peak.argmax()), peak.shape)

@@ -1,9 +1,9 @@
-"""Two equal points, or two lines, through any transfer function: how deep the dip between them is, and when it goes.
+"""Two equal points, or two lines, through any transfer function: depth of the dip between them, and its limit.
 
 In:  a real transfer function of radial frequency (cycles/um), photon weights by wavelength, separations (um).
 Out: brightness midway over that of a peak (1), Sparrow's and Rayleigh's separation (um).
-Sources: Sparrow 1916: the second derivative midway vanishes. Rayleigh 1879: one point on the other's first dark ring,
-and where no ring is dark the same dip as two Airy discs then have. `diffraction` holds the closed forms of the Airy
+Sources: Sparrow 1916: the second derivative midway vanishes. Rayleigh 1879: one point on the other's first dark ring;
+without a dark ring, the same dip as that of two Airy discs then. `diffraction` has the closed forms of the Airy
 disc.
 """
 
@@ -26,17 +26,17 @@ Transfer = Callable[[FloatArray], NDArray]  # (n,) cycles/um -> (n,) or (wavelen
 RAYLEIGH_SADDLE = 0.735031662423275
 """Midway over peak of two Airy discs, one on the other's first dark ring."""
 KINDS = ("point", "line")
-DARK = 1e-3  # of the peak, below which a ring counts as dark
+DARK = 1e-3  # relative to the peak; below it a ring counts as dark
 NODES = 400
-STEP = 1 / 16  # of 1/highest, between places at which a sign is looked for: the spread has no finer ripple than 1/2
+STEP = 1 / 16  # of 1/highest, step of the search for a sign change: the spread has no finer ripple than 1/2
 AT_ONCE = 24
-MOST = 400  # places at which a peak is looked for
-RINGS = 33  # distances from a dark ring to twice its radius at which the next bright one is looked for
+MOST = 400  # largest number of places at which a peak is searched
+RINGS = 33  # distances from a dark ring to twice its radius at which the next bright one is searched
 
 
 @dataclass(frozen=True)
 class SpreadFunction:
-    """The picture of one point, or one line, from its transfer function: value and derivatives at distances (n,) in um.
+    """The image of one point, or one line, from its transfer function: value and derivatives at distances (n,) in um.
 
     The first is the integral of 2 pi f H J0(2 pi f r), the other that of 2 H cos(2 pi f r), by Gauss-Legendre nodes.
     """
@@ -59,7 +59,7 @@ class SpreadFunction:
         return np.asarray(-scipy.special.j1(z) @ (turn**2 * self.weight), np.float64)
 
     def bend(self, r: FloatArray) -> FloatArray:
-        """Second derivative along the line through both points."""
+        """Return the second derivative along the line through both points."""
         z = 2 * np.pi * np.multiply.outer(np.asarray(r, np.float64), self.frequency)
         turn = 2 * np.pi * self.frequency
         if self.kind == "line":
@@ -75,25 +75,25 @@ class SpreadFunction:
 def spread_of(
     otf: Transfer, highest: float, weights: ArrayLike | None = None, kind: str = "point", nodes: int = NODES
 ) -> SpreadFunction:
-    """The spread function of a transfer function.
+    """Return the spread function of a transfer function.
 
     Parameters
     ----------
     otf : callable
         Radial frequency (n,) in cycles/um to the transfer function, (n,) or (wavelength, n); the real part is taken.
-        That of a lens with a square pixel along one direction stands for all directions.
+        For a lens with a square pixel, that along one direction is used for all directions.
     highest : float, cycles/um
-        Where it ends: the cut-off, or where it has become negligible. A cut-off inside costs digits (2e-6 left).
+        Its upper end: the cut-off, or where it is negligible. A cut-off below it costs digits (2e-6 left).
     weights : (wavelength,) array or None
-        Photons by wavelength; None: every band the same.
+        Photons by wavelength; None: equal bands.
     kind : {"point", "line"}
     nodes : int
-        Of the integral, at least 16. Distances up to nodes/(2 highest) can be resolved.
+        Number of nodes of the integral, at least 16. Distances up to nodes/(2 highest) are resolved.
 
     Raises
     ------
     ValueError
-        Arguments out of range, a transfer function of another shape or with values that are no numbers.
+        If arguments are out of range, or the transfer function has another shape or values that are not finite.
     """
     require.only(0 < highest < math.inf, "highest", highest, "a finite frequency above 0")
     require.only(kind in KINDS, "kind", repr(kind), f"one of {', '.join(KINDS)}")
@@ -103,7 +103,7 @@ def spread_of(
     found = np.real(np.asarray(otf(frequency)))
     require.that(
         found.shape[-1:] == frequency.shape and found.ndim <= 2,
-        f"otf gives shape {found.shape}; allowed is ({nodes},) or (wavelength, {nodes})",
+        f"otf returns shape {found.shape}; it must be ({nodes},) or (wavelength, {nodes})",
     )
     if found.ndim == 2:
         share = (
@@ -114,14 +114,14 @@ def spread_of(
         require.shape(share.shape == found.shape[:1], "weights", share, f"one for each of {len(found)} wavelengths")
         found = share @ found
     require.that(
-        np.isfinite(found).all(), "otf gives values that are no numbers; allowed is a transfer function up to highest"
+        np.isfinite(found).all(), "otf returns values that are not finite; it must be a transfer function up to highest"
     )
     return SpreadFunction(frequency, 0.5 * highest * width * found, kind)
 
 
 @lru_cache(maxsize=8)
 def _gauss(nodes: int) -> tuple[FloatArray, FloatArray]:
-    """Places and weights of Gauss's rule: a tenth of a second for 400 nodes, hence remembered."""
+    """Return places and weights of Gauss's rule, cached: 0.1 s for 400 nodes."""
     places, width = np.polynomial.legendre.leggauss(nodes)
     places.flags.writeable = width.flags.writeable = False
     return places, width
@@ -136,7 +136,7 @@ def two_point_saddle(
     kind: str = "point",
     nodes: int = NODES,
 ) -> tuple[FloatArray, FloatArray]:
-    """How deep the dip is between the pictures of two equal incoherent points.
+    """Return the depth of the dip between the images of two equal incoherent points.
 
     Parameters
     ----------
@@ -147,14 +147,14 @@ def two_point_saddle(
     Returns
     -------
     ratio : (...) array, 1
-        Brightness midway over that of a peak; 1 where the two have merged.
+        Brightness midway over that of a peak; 1 if the two have merged.
     offset : (...) array, um
-        Distance of a peak from the midpoint; 0 where the two have merged.
+        Distance of a peak from the midpoint; 0 if the two have merged.
 
     Raises
     ------
     ValueError
-        A negative separation; as `spread_of`.
+        If a separation is negative; as `spread_of`.
 
     Notes
     -----
@@ -170,10 +170,10 @@ def two_point_saddle(
 def sparrow_separation(
     otf: Transfer, highest: float, weights: ArrayLike | None = None, *, kind: str = "point", nodes: int = NODES
 ) -> float:
-    """The separation at which the dip between two points disappears, um.
+    """Return the separation at which the dip between two points disappears, um.
 
-    Twice the first distance at which the second derivative of the spread vanishes. NaN where it does not within what
-    ``nodes`` resolve. Error: 1e-12 of the Airy disc's 0.947155 lambda N, and 1e-12 of 2 sigma of a Gaussian.
+    Twice the first distance at which the second derivative of the spread vanishes. NaN if there is none within the
+    resolution of ``nodes``. Error: 1e-12 of the Airy disc's 0.947155 lambda N, and 1e-12 of 2 sigma of a Gaussian.
     Arguments as in `spread_of`.
     """
     return _sparrow(spread_of(otf, highest, weights, kind, nodes))
@@ -188,12 +188,13 @@ def rayleigh_separation(
     nodes: int = NODES,
     dark: float = DARK,
 ) -> float:
-    """The separation at which one point lies on the other's first dark ring, um, or one with as deep a dip.
+    """Return the separation at which one point lies on the other's first dark ring, um, or one with an equal dip.
 
-    A ring is dark where the first minimum of the spread is at most ``dark`` of its peak and a brighter one follows.
-    Where it is not (mixed wavelengths, a pixel, an aberrated lens), the separation whose midpoint has 0.7350 of a
-    peak's brightness: what two Airy discs have at Rayleigh's separation, so that both rules agree where they meet. NaN
-    where there is none.
+    A ring is dark if the first minimum of the spread is at most ``dark`` of its peak and a brighter one follows.
+    Otherwise (mixed wavelengths, a pixel, an aberrated lens) it is the separation whose midpoint has 0.7350 of a peak's
+    brightness, as for two Airy discs at Rayleigh's separation, so that both rules agree where they meet. NaN if there
+    is
+    none.
 
     Arguments as in `spread_of`. Error: 1e-12 of the Airy disc's 1.219670 lambda N.
     """
@@ -204,9 +205,9 @@ def rayleigh_separation(
 def separations(
     otf: Transfer, highest: float, weights: ArrayLike | None = None, *, nodes: int = NODES, within: float = 0.0
 ) -> tuple[float, float]:
-    """Rayleigh's and Sparrow's separation of two points, um, from one spread function.
+    """Return Rayleigh's and Sparrow's separation of two points, um, from one spread function.
 
-    Arguments as in `spread_of`; ``within``: share of a separation by which its root may err, 0 as far as digits go.
+    Arguments as in `spread_of`; ``within``: relative error allowed for a separation's root, 0: full precision.
     """
     spread = spread_of(otf, highest, weights, nodes=nodes)
     sparrow = _sparrow(spread, within)
@@ -219,7 +220,7 @@ def _rayleigh(spread: SpreadFunction, sparrow: float, dark: float, within: float
     if ring is not None:
         depth = spread.value(np.array([ring]))[0]
         behind = spread.value(np.linspace(ring, 2 * ring, RINGS)).max()
-        if abs(depth) <= dark * peak < behind - depth:  # a spread that only fades away has no ring
+        if abs(depth) <= dark * peak < behind - depth:  # a monotonic spread has no ring
             return ring
     near = sparrow
     if math.isnan(near):
@@ -244,7 +245,7 @@ def _sparrow(spread: SpreadFunction, within: float = 0.0) -> float:
 def _first_rise(
     spread: SpreadFunction, derivative: Callable[[FloatArray], FloatArray], within: float = 0.0
 ) -> float | None:
-    """First distance above 0 at which a derivative that begins below 0 rises through it."""
+    """Return the first distance above 0 at which a derivative that starts below 0 rises through it."""
     step, last = STEP / spread.highest, int(0.5 * len(spread.frequency) / STEP)
     for start in range(1, last, AT_ONCE):
         r = step * np.arange(start, min(start + AT_ONCE, last) + 1)
@@ -263,8 +264,8 @@ def _first_rise(
 
 
 def _saddle(spread: SpreadFunction, separation: float, within: float = 0.0) -> tuple[float, float]:
-    """Ratio and offset of a peak; the ratio is stationary there, so that the root of the peak is looked for to the
-    root of ``within``.
+    """Return ratio and offset of a peak; the ratio is stationary there, so that the peak is solved only to the root of
+    ``within``.
     """
     half = 0.5 * separation
 

@@ -1,4 +1,4 @@
-"""What blur and noise took, brought back: sharpening, denoising, deconvolution.
+"""Restoration of what blur and noise removed: sharpening, denoising, deconvolution.
 
 In:  planes, and where it is known the transfer function that blurred them.
 Out: planes of the same kind.

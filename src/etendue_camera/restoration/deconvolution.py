@@ -44,7 +44,7 @@ def frequencies(rows: int, columns: int) -> tuple[NDArray, NDArray]:
 
 
 def wiener_gain(transfer: ArrayLike, noise_to_signal: ArrayLike) -> NDArray:
-    """The linear filter that errs least in the mean square.
+    """Return the gain of the linear filter with the least mean-square error.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def wiener_gain(transfer: ArrayLike, noise_to_signal: ArrayLike) -> NDArray:
     transfer = np.asarray(transfer)
     noise_to_signal = np.asarray(noise_to_signal, dtype=float)
     if not np.all(noise_to_signal >= 0):
-        raise ValueError(f"noise_to_signal is {noise_to_signal.min()!r} somewhere; allowed are numbers at or above 0")
+        raise ValueError(f"noise_to_signal is {noise_to_signal.min()!r} somewhere; it must be at or above 0")
     size = np.maximum(np.abs(transfer.real), np.abs(transfer.imag))
     tiny = np.finfo(float).tiny
     scale = np.maximum(size, tiny)
@@ -83,7 +83,7 @@ def wiener_gain(transfer: ArrayLike, noise_to_signal: ArrayLike) -> NDArray:
 
 
 def signal_spectrum(fy: ArrayLike, fx: ArrayLike, exponent: float = 2.0, outer: float = OUTER_FREQUENCY) -> NDArray:
-    """How the power of a picture is spread over frequency: a power law, flat below an outer scale.
+    """Return the power spectrum of a picture: a power law, flat below an outer scale.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def richardson_lucy_periodic(
     )
     if data.size and not data.min() >= 0:
         raise ValueError(
-            f"data holds {data.min():g}; allowed are numbers at or above 0: add a pedestal, and take it away behind"
+            f"data holds {data.min():g}; it must be at or above 0: add a pedestal, and subtract it afterwards"
         )
     require.allowed(start in ("mean", "data"), "start", start, "'mean' and 'data'")
     require.allowed(iterations >= 1 and iterations == int(iterations), "iterations", iterations, "whole numbers from 1")
@@ -324,7 +324,7 @@ def richardson_lucy(
 
 
 def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str = "mean") -> NDArray:
-    """What `richardson_lucy` does to small contrasts on an even ground, without total variation.
+    """Return the response of `richardson_lucy` to small contrasts on a uniform background, without total variation.
 
     Parameters
     ----------

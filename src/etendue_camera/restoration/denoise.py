@@ -1,4 +1,4 @@
-"""Denoising that keeps edges: what varies no more than the known noise does is replaced by its local mean.
+"""Edge-preserving denoising: areas that vary by no more than the known noise are replaced by their local mean.
 
 In:  planes (..., y, x), the noise model: variance = shot x value + floor.
 Out: planes of the same kind.
@@ -21,7 +21,7 @@ from etendue import require
 
 
 def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strength: float = 1.0) -> NDArray:
-    """Take known noise away where the picture is flat, and leave edges as they are.
+    """Remove known noise where the picture is flat, and preserve edges.
 
     Parameters
     ----------

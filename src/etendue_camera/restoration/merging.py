@@ -1,4 +1,4 @@
-"""Several exposures of one scene to one picture: mean, clipped mean, and the best-weighted one of a bracket.
+"""Merge several exposures of one scene: mean, clipped mean, and the noise-weighted merge of a bracket.
 
 In:  frames of linear values, times, the level at which each saturates, what is known of their noise.
 Out: the light per time, and the variance that is left in it.
@@ -20,7 +20,7 @@ NEAR = 0.95  # of the level of saturation: from here on a value may be cut off
 
 
 def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
-    """Where no channel is cut off, at a pixel and around it, as demosaicing spreads what is.
+    """Return where no channel is clipped, at a pixel and around it, since demosaicing spreads clipped values.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def variance_of(rate: NDArray, times: ArrayLike, noise: Noise) -> NDArray:
     a, b = (np.asarray(x, rate.dtype)[:, None, None] for x in noise)
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise ValueError(
-            f"the noise of a frame has a variance of {np.max(noise[1]):.3g}, beyond {rate.dtype}; take a larger "
+            f"the noise of a frame has a variance of {np.max(noise[1]):.3g}, beyond {rate.dtype}; use a larger "
             f"conversion gain"
         )
     return np.asarray((a * np.maximum(rate, 0) * t + b) / t**2)
@@ -131,7 +131,7 @@ def merged(
     """
     if not np.all(np.asarray(times) > 0):
         raise ValueError(
-            f"the times of the frames are {', '.join(f'{t:g}' for t in np.ravel(times))}; allowed are times above 0"
+            f"the times of the frames are {', '.join(f'{t:g}' for t in np.ravel(times))}; they must be above 0"
         )
     t = np.asarray(times, frames.dtype)[:, None, None, None]
     if method == "mean":

@@ -1,4 +1,5 @@
-"""Sharpening with the Laplacian of the seed paper or an unsharp mask, and what it does to frequencies and noise.
+"""Sharpening with the Laplacian of the seed paper or an unsharp mask, and its effect on frequencies and noise.
+
 
 In:  planes (..., y, x) in any unit, strength or radius; or spatial frequency (cycles/pixel).
 Out: sharpened planes; transfer function and noise gain, dimensionless.

@@ -1,4 +1,5 @@
-"""Colour filter arrays of any period: which pixel sees through which filter.
+"""Colour filter arrays of any period: which pixel is behind which filter.
+
 
 In:  the name of an array, its letters row by row ("RG/GB"), one letter, or a table of them; planes by channel; pixel
      indices.
@@ -35,13 +36,13 @@ NAMES = (*BAYER, *(f"quad-{name}" for name in BAYER), *_OTHERS)
 
 @dataclass(frozen=True)
 class Mask:
-    """One period of a colour filter array, row by row; a smaller period inside it has been found already."""
+    """One period of a colour filter array, row by row, already reduced to its smallest period."""
 
     rows: tuple[str, ...]
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Letters in the order of the planes: R, G, B, then others as they appear."""
+        """Return the letters in plane order: R, G, B, then others as they appear."""
         seen = dict.fromkeys("".join(self.rows))
         return (*(c for c in "RGB" if c in seen), *(c for c in seen if c not in "RGB"))
 
@@ -51,12 +52,12 @@ class Mask:
 
     @property
     def bayer(self) -> str | None:
-        """The name of a Bayer order, or None."""
+        """Return the name of the Bayer order, or None."""
         name = "".join(self.rows)
         return name if self.period == (2, 2) and name in BAYER else None
 
     def sites(self, channel: str) -> list[tuple[int, int]]:
-        """Where in the period a channel sits."""
+        """Return the positions of a channel in the period."""
         return [(y, x) for y, row in enumerate(self.rows) for x, letter in enumerate(row) if letter == channel]
 
     def __str__(self) -> str:
@@ -64,12 +65,12 @@ class Mask:
 
 
 def read(pattern: str) -> Mask:
-    """The mask of a camera's ``pattern``: of `parse`, or of the rows in a .csv file.
+    """Return the mask of a camera's ``pattern``: from `parse`, or from the rows in a .csv file.
 
     Raises
     ------
     ValueError
-        As `parse` and `parse_rows`, and for a file that cannot be read; it names the file.
+        As `parse` and `parse_rows`, and for a file that cannot be read; the message names the file.
     """
     if not pattern.endswith(".csv"):
         return parse(pattern)
@@ -77,18 +78,18 @@ def read(pattern: str) -> Mask:
         return parse_rows(plain_files.table(pattern).decode("utf-8-sig"))
     except OSError as error:
         raise ValueError(f"{pattern}: {error.strerror}") from None
-    except ValueError as error:  # of the encoding too
+    except ValueError as error:  # also encoding errors
         raise ValueError(f"{pattern}: {error}") from None
 
 
 def parse(text: str) -> Mask:
-    """The mask with a name, or with these letters.
+    """Return the mask with this name, or with these letters.
 
     Parameters
     ----------
     text : str
-        One of `NAMES`, in any case; or rows of letters separated by "/", all of one length, such as "RG/GB"; or one
-        letter, of pixels that all have the same filter, such as those of one plane.
+        One of `NAMES`, in any case; or rows of letters of equal length separated by "/", such as "RG/GB"; or one
+        letter, for pixels that all have the same filter, such as a single plane.
 
     Returns
     -------
@@ -97,7 +98,7 @@ def parse(text: str) -> Mask:
     Raises
     ------
     ValueError
-        For an unknown name, rows of different length, signs that are no letters, or a period above 64.
+        For an unknown name, rows of different length, characters that are not letters, or a period above 64.
     """
     by_name = {name.casefold(): name for name in NAMES}
     name = by_name.get(text.strip().casefold())
@@ -123,7 +124,7 @@ def parse(text: str) -> Mask:
     )
     if max(len(rows), len(rows[0])) > LARGEST_PERIOD:
         raise ValueError(
-            f"the pattern repeats after {len(rows)} x {len(rows[0])} pixels; allowed are at most {LARGEST_PERIOD}"
+            f"the pattern has a period of {len(rows)} x {len(rows[0])} pixels; the maximum is {LARGEST_PERIOD}"
         )
     across = _shortest(["".join(row[x] for row in rows) for x in range(len(rows[0]))])
     down = _shortest(list(rows))
@@ -131,13 +132,13 @@ def parse(text: str) -> Mask:
 
 
 def parse_rows(text: str) -> Mask:
-    """The mask written in the lines of a table: letters, with or without commas and spaces between them; # starts a
+    """Parse a mask from the lines of a table: letters, with optional commas and spaces between them; # starts a
     comment.
 
     Raises
     ------
     ValueError
-        As `parse`, and where there are no letters.
+        As `parse`, and if there are no letters.
     """
     stripped = (line.partition("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = ["".join(cells) for cells in stripped if cells]
@@ -146,7 +147,7 @@ def parse_rows(text: str) -> Mask:
 
 
 def tint(channel: str) -> tuple[float, float, float]:
-    """Red, green, blue of a letter, for pictures of a mosaic; grey for what is no known colour."""
+    """Return red, green, blue of a letter, for pictures of a mosaic; grey for unknown letters."""
     known = {
         "R": (1.0, 0.0, 0.0),
         "G": (0.0, 1.0, 0.0),
@@ -158,18 +159,19 @@ def tint(channel: str) -> tuple[float, float, float]:
 
 
 def _shortest(items: list[str]) -> int:
-    """Length of the shortest block whose repetition gives the items."""
+    """Return the length of the shortest block whose repetition gives the items."""
     size = len(items)
     return next(n for n in range(1, size + 1) if size % n == 0 and items == items[:n] * (size // n))
 
 
 def shifted_bayer(name: str, row: int, column: int) -> str:
-    """The Bayer order which a window sees that starts at pixel (row, column) of a sensor with the order ``name``."""
+    """Return the Bayer order seen by a window that starts at pixel (row, column) of a sensor with the order
+    ``name``."""
     return "".join(name[2 * ((row + y) % 2) + (column + x) % 2] for y in (0, 1) for x in (0, 1))
 
 
 def phase(pattern: str) -> dict[str, list[tuple[int, int]]]:
-    """Where in the 2 x 2 cell of a Bayer order each colour sits.
+    """Return the positions of each colour in the 2 x 2 cell of a Bayer order.
 
     Parameters
     ----------
@@ -193,7 +195,7 @@ def phase(pattern: str) -> dict[str, list[tuple[int, int]]]:
 def channel_index(
     mask: Mask | str, rows: int, columns: int, first_row: int = 0, first_column: int = 0
 ) -> NDArray[np.uint8]:
-    """The channel of every pixel of a window: its place in ``mask.channels``.
+    """Return the channel of every pixel of a window, as an index into ``mask.channels``.
 
     Parameters
     ----------
@@ -217,7 +219,7 @@ def channel_index(
 def frames_of_channel(
     frames: NDArray, mask: Mask | str, channel: str, first_row: int = 0, first_column: int = 0
 ) -> NDArray:
-    """The pixels of one channel as frames of their own: those of each place in the period one below the other.
+    """Return the pixels of one channel as separate frames, those of each position in the period stacked vertically.
 
     Parameters
     ----------
@@ -226,12 +228,12 @@ def frames_of_channel(
     channel : str
         A letter of the mask.
     first_row, first_column : int
-        Of the frames' first pixel on the sensor, of any sign.
+        First pixel of the frames on the sensor, of any sign.
 
     Returns
     -------
     (..., n, m) array
-        Of whole periods alone. Pixels of one place stay in their order; neighbours are those of the same place.
+        Whole periods only. Pixels of one position keep their order; neighbours have the same position.
     """
     mask = parse(mask) if isinstance(mask, str) else mask
     height, width = mask.period
@@ -242,7 +244,7 @@ def frames_of_channel(
 
 
 def pick(planes: NDArray, mask: Mask | str, first_row: int = 0, first_column: int = 0) -> NDArray:
-    """What the sensor keeps of full planes: one channel per pixel.
+    """Sample full planes as the sensor does: one channel per pixel.
 
     Parameters
     ----------
@@ -278,7 +280,7 @@ def pick(planes: NDArray, mask: Mask | str, first_row: int = 0, first_column: in
 
 
 def sites_of(mask: Mask, channel: str, first_row: int = 0, first_column: int = 0) -> list[tuple[slice, slice]]:
-    """Slices of a window that hold all the pixels of a channel."""
+    """Return slices of a window that select all pixels of a channel."""
     height, width = mask.period
     return [
         (slice((y - first_row) % height, None, height), slice((x - first_column) % width, None, width))
@@ -287,23 +289,23 @@ def sites_of(mask: Mask, channel: str, first_row: int = 0, first_column: int = 0
 
 
 def continued(size: int, period: int, margin: int) -> NDArray[np.intp]:
-    """Pixels that stand in for those beyond the border: mirrored by whole periods, so that colours keep their place.
+    """Return source pixels for positions beyond the border: mirrored by whole periods, which keeps colours in place.
 
     Parameters
     ----------
     size : int
         Pixels along the axis, at least 1.
     period : int
-        Of the mask along the axis.
+        Period of the mask along the axis.
     margin : int
-        Pixels wanted on each side, of any number.
+        Pixels to add on each side, any number.
 
     Returns
     -------
     (size + 2 margin,) array of int
-        Indices inside the frame, of the positions -margin ... size + margin - 1. Congruent to the position modulo the
-        period; a frame shorter than the period repeats its outermost pixels instead. For a period of 2 this is the
-        mirror image about the outermost pixels, for a period of 1 the one about the border.
+        Indices inside the frame for the positions -margin ... size + margin - 1, congruent to the position modulo the
+        period; a frame shorter than the period repeats its outermost pixels instead. For a period of 2 this mirrors
+        about the outermost pixels, for a period of 1 about the border.
     """
     position = np.arange(-margin, size + margin)
     if size < period:
@@ -317,6 +319,6 @@ def continued(size: int, period: int, margin: int) -> NDArray[np.intp]:
 
 
 def _turned(position: NDArray[np.intp], period: int) -> NDArray[np.intp]:
-    """Blocks of one period in reverse order about 0, each as it was inside."""
+    """Reverse the order of blocks of one period about 0, each unchanged inside."""
     block, offset = np.divmod(position, period)
     return (-1 - block) * period + offset

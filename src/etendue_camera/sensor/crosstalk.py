@@ -1,17 +1,19 @@
-"""Charge that diffuses behind the colour filters: from the pixel under whose filter it was made into its neighbours.
+"""Charge diffusion below the colour filters, from the pixel whose filter generated the charge into its neighbours.
 
 In:  the photodiode (absorption, depths, diffusion length), the light-sensitive window and the pitch (um).
-Out: pixel kernels: the share of a pixel's charge that each neighbour collects; mosaics after that.
+Out: pixel kernels: the fraction of a pixel's charge that each neighbour collects; mosaics after diffusion.
 Sources: the diffusion equation behind `photodiode.collection`, solved in time instead of frequency. First-passage
 densities of a half-space and of a slab: Carslaw and Jaeger, Conduction of Heat in Solids, sections 2.4 and 3.4.
 
-An electron made at depth z wanders for a time tau before it reaches the depletion layer; meanwhile it moves sideways by
-a Gaussian of variance 2 D_n tau in each direction. With t = D_n tau the collected charge is a mixture of Gaussians,
+An electron generated at depth z diffuses for a time tau before it reaches the depletion layer; meanwhile it moves
+sideways with a Gaussian distribution of variance 2 D_n tau per axis. With t = D_n tau the collected charge is a mixture
+of Gaussians,
 
     D(f)/D(0) = kept + sum over t of share(t) exp(-(2 pi f)^2 t),
 
-kept being the charge of the depletion layer. Each Gaussian is separable and its integrals over square pixels are error
-functions, so that kernels are never negative, symmetric, and sum to 1.
+where kept is the charge of the depletion layer. Each Gaussian is separable and its integrals over square pixels are
+error
+functions, so that kernels are non-negative, symmetric, and sum to 1.
 """
 
 from __future__ import annotations
@@ -26,14 +28,14 @@ from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import photodiode
 from etendue_camera.sensor.cfa import Mask, channel_index, continued
 
-STEP = 0.3  # of ln t; the trapezoidal rule then errs by exp(-2 pi (pi/2) / 0.3) = 5e-15
-SHORTEST = 1e-16  # um2; a charge that moves less than 1.4e-8 um stays where it is
-LONGEST = 1e12  # um2, where neither depth nor recombination ends the wandering
-MODES = 32  # of a slab; their rest is exp(-41) from t = 0.006 L^2 on
+STEP = 0.3  # of ln t; the error of the trapezoidal rule is then exp(-2 pi (pi/2) / 0.3) = 5e-15
+SHORTEST = 1e-16  # um2; charge that moves less than 1.4e-8 um stays in place
+LONGEST = 1e12  # um2, for diffusion limited by neither depth nor recombination
+MODES = 32  # of a slab; the remainder is exp(-41) from t = 0.006 L^2 on
 
 
 def times(depth: float, length: float) -> FloatArray:
-    """Nodes t, um2, evenly spaced in ln t, up to where recombination and the back have ended all wandering."""
+    """Return nodes t, um2, evenly spaced in ln t, up to where recombination and the back have ended all diffusion."""
     decay = 1.0 / length**2 + (0.5 * math.pi / depth) ** 2 if depth > 0 else math.inf
     last = min(45.0 / decay, LONGEST) if decay > 0 else LONGEST
     count = math.ceil(math.log(max(last, 1e-8) / SHORTEST) / STEP)
@@ -43,26 +45,26 @@ def times(depth: float, length: float) -> FloatArray:
 def shares(
     t: FloatArray, absorption: float, depletion: float, depth: float, length: float, back: photodiode.Back = "absorbing"
 ) -> tuple[float, FloatArray]:
-    """How the collected charge divides: kept at once, and by wandering time.
+    """Split the collected charge into the part kept at once and parts by diffusion time.
 
     Parameters
     ----------
     t : (n,) array, um2
-        Of `times`.
+        From `times`.
     absorption, depletion, depth, length, back
         As in `photodiode.collection`.
 
     Returns
     -------
     kept : float
-        Charge from the depletion layer, of all that is collected.
+        Charge from the depletion layer, as a fraction of all collected charge.
     moved : (n,) array
-        Charge that arrives after each t. Together they sum to 1.
+        Charge that arrives after each t. Kept and moved sum to 1.
 
     Raises
     ------
     ValueError
-        As `photodiode.collection`; and where all charge would come from infinitely far.
+        As `photodiode.collection`; and if all charge would come from infinitely far.
 
     Notes
     -----
@@ -83,8 +85,8 @@ def shares(
     moved = np.exp(-absorption * depletion) * density * np.exp(-t / length**2) * t * STEP
     moved[0] = 0.0
     kept = min(depleted / whole, 1.0)
-    # up to the first node all that moves stays: the sum of sqrt(t/pi) over the nodes that would lie below it;
-    # what the nodes miss at the far end belongs to the last
+    # up to the first node, all moving charge stays: the sum of sqrt(t/pi) over the nodes that would lie below it;
+    # charge beyond the far end belongs to the last node
     early = math.sqrt(t[0] / math.pi) * STEP / -math.expm1(-0.5 * STEP) * math.exp(-absorption * depletion) / whole
     kept = min(kept + early, 1.0)
     moved /= whole
@@ -94,7 +96,7 @@ def shares(
 
 
 def _half_space(t: FloatArray, absorption: float) -> FloatArray:
-    """Arrivals per t and per absorption at the top of endless silicon: 1/sqrt(pi t) - a erfcx(a sqrt t)."""
+    """Return arrivals per t and per absorption at the top of a half-space: 1/sqrt(pi t) - a erfcx(a sqrt t)."""
     x = absorption * np.sqrt(t)
     far = 1.0 / np.maximum(2.0 * x * x, 1.0)
     series = far * (1.0 - 3.0 * far * (1.0 - 5.0 * far * (1.0 - 7.0 * far)))
@@ -103,7 +105,7 @@ def _half_space(t: FloatArray, absorption: float) -> FloatArray:
 
 
 def _slab(t: FloatArray, absorption: float, depth: float, back: str) -> FloatArray:
-    """Arrivals at the top of a slab, by its modes; all terms are positive."""
+    """Return arrivals at the top of a slab, by its modes; all terms are positive."""
     n = np.arange(1, MODES + 1)
     if back == "absorbing":
         k = n * math.pi / depth
@@ -116,30 +118,30 @@ def _slab(t: FloatArray, absorption: float, depth: float, back: str) -> FloatArr
 
 
 def pixel_shares(t: FloatArray, light: float, pitch: float, reach: int, offset: float = 0.0) -> FloatArray:
-    """Share of the charge that is found in each pixel along one axis.
+    """Return the fraction of the charge collected by each pixel along one axis.
 
     Parameters
     ----------
     t : (n,) array, um2
-        Half the variance of the sideways movement.
+        Half the variance of the lateral movement.
     light : float, um
-        Width of the window under which the charge is made, evenly; above 0.
+        Width of the window under which charge is generated uniformly; above 0.
     pitch : float, um
-        Width of the pixels that collect.
+        Width of the collecting pixels.
     reach : int
-        Neighbours on each side.
+        Number of neighbours on each side.
     offset : float, um
-        Of the window from the centre of its pixel.
+        Offset of the window from the centre of its pixel.
 
     Returns
     -------
     (n, 2 reach + 1) array
-        Nowhere negative; rows sum to 1 but for the charge that goes farther.
+        Non-negative; rows sum to 1 except for the charge that goes farther.
 
     Notes
     -----
-    Mean over the window of the chance to end in a pixel: second differences of the integral of the normal distribution,
-    whose linear part is the plain overlap of window and pixel. Error: below 1e-13.
+    Mean over the window of the probability to end in a pixel: second differences of the integral of the normal
+    distribution, whose linear part is the plain overlap of window and pixel. Error: below 1e-13.
     """
     sigma = np.sqrt(2.0 * t)[:, None]
     edges = (np.arange(2 * reach + 2) - reach - 0.5) * pitch
@@ -149,7 +151,7 @@ def pixel_shares(t: FloatArray, light: float, pitch: float, reach: int, offset: 
         s = np.abs(u) / sigma
         return sigma * (np.exp(-0.5 * s * s) / math.sqrt(2.0 * math.pi) - s * scipy.special.ndtr(-s))
 
-    # up to an edge: integral over the window of the chance to lie below it
+    # up to an edge: integral over the window of the probability to lie below it
     below = (np.maximum(high, 0.0) - np.maximum(low, 0.0)) / light + (rest(high) - rest(low)) / light
     return np.maximum(np.diff(below, axis=1), 0.0)
 
@@ -157,7 +159,7 @@ def pixel_shares(t: FloatArray, light: float, pitch: float, reach: int, offset: 
 def kernels(
     kept: FloatArray, moved: FloatArray, along_y: FloatArray, along_x: FloatArray, beyond: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Pixel kernels of channels, and what they leave out.
+    """Return the pixel kernels of the channels, and the charge beyond them.
 
     Parameters
     ----------
@@ -167,14 +169,14 @@ def kernels(
     along_y, along_x : (n, 2 reach + 1) array
         From `pixel_shares`.
     beyond : float
-        Share of the charge that may go farther than the kernels reach; they are cut as small as that allows.
+        Fraction of the charge allowed beyond the kernels, which are made as small as that permits.
 
     Returns
     -------
     kernels : (channel, 2 r + 1, 2 r + 1) array
-        Entry (r + i, r + j): share of a pixel's charge that arrives i rows below and j columns to the right.
+        Entry (r + i, r + j): fraction of a pixel's charge that arrives i rows below and j columns to the right.
     lost : (channel,) array
-        What went farther, spread over the kernel in proportion, so that it sums to 1.
+        Charge beyond the kernel, redistributed in proportion so that the kernel sums to 1.
     """
     largest = (along_y.shape[1] - 1) // 2
     reach = np.arange(largest + 1)
@@ -194,14 +196,14 @@ def kernels(
 
 
 def mixing(kernel: FloatArray, mask: Mask) -> FloatArray:
-    """What uniform light becomes: (channel that collects, channel under whose filter the charge was made).
+    """Return the mixing of uniform light: (channel that collects, channel under whose filter charge was generated).
 
     The mean over a channel's pixels. Weighted by the number of each channel's pixels, columns sum to 1.
     """
     r = (kernel.shape[1] - 1) // 2
     height, width = mask.period
     index = channel_index(mask, height, width)
-    folded = np.zeros((len(kernel), height, width))  # kernels by the place in the period on which their charge lands
+    folded = np.zeros((len(kernel), height, width))  # kernels by the position in the period where their charge arrives
     y, x = np.arange(-r, r + 1)[:, None] % height, np.arange(-r, r + 1)[None, :] % width
     for plane, one in zip(folded, kernel, strict=True):
         np.add.at(plane, (y, x), one)
@@ -215,13 +217,13 @@ def mixing(kernel: FloatArray, mask: Mask) -> FloatArray:
 def diffuse(
     mosaic: FloatArray, kernel: FloatArray, mask: Mask, first_row: int = 0, first_column: int = 0
 ) -> FloatArray:
-    """A mosaic after its charge has wandered.
+    """Apply charge diffusion to a mosaic.
 
     Parameters
     ----------
     mosaic : (y, x) array, any unit
     kernel : (channel, 2 r + 1, 2 r + 1) array
-        Of `kernels`, in the order of ``mask.channels``.
+        From `kernels`, in the order of ``mask.channels``.
     mask : Mask
     first_row, first_column : int
         First pixel of the mosaic on the sensor.
@@ -232,19 +234,18 @@ def diffuse(
 
     Notes
     -----
-    Beyond the border the mosaic is continued by whole periods of the mask (`cfa.continued`): uniform light comes out
-    the same up to the border. Farther inside than the kernel reaches charge is conserved to rounding: 1e-15 of the
-    total in double precision. Convolution by Fourier transform: error 3e-16 (6e-7 in single precision) of the largest
-    value.
+    Beyond the border the mosaic is continued by whole periods of the mask (`cfa.continued`): uniform light is unchanged
+    up to the border. Farther inside than the kernel reaches, charge is conserved to rounding: 1e-15 of the total in
+    double precision. Convolution by Fourier transform: error 3e-16 (6e-7 in single precision) of the largest value.
     """
     rows, columns = mosaic.shape
     r = (kernel.shape[1] - 1) // 2
-    if r == 0 and (kernel == 1).all():  # all charge stays where it is
+    if r == 0 and (kernel == 1).all():  # all charge stays in place
         return np.array(mosaic)
     height, width = mask.period
     extended = mosaic[np.ix_(continued(rows, height, r), continued(columns, width, r))]
     index = channel_index(mask, extended.shape[0], extended.shape[1], first_row - r, first_column - r)
-    shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in extended.shape)  # what wraps round stays in the margin
+    shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in extended.shape)  # wrap-around stays in the margin
     total: NDArray = np.zeros((1, 1), np.complex64)
     for channel, one in enumerate(kernel):
         source = np.where(index == channel, extended, mosaic.dtype.type(0))

@@ -1,9 +1,8 @@
-"""Crosstalk of full planes: what a pixel of each channel would collect at every place, its neighbours being those of
-the mask.
+"""Crosstalk of full planes: what a pixel of each channel would collect at every position, with the neighbours of the
+mask.
 
 In:  planes (channel, y, x) of photocurrent; the pixel kernels of the channels (`crosstalk.kernels`); the mask.
-Out: planes (channel, y, x), blurred and mixed as the mosaic is, without being a mosaic; the transfer functions between
-     them.
+Out: planes (channel, y, x), blurred and mixed as a mosaic would be; the transfer functions between channels.
 """
 
 import numpy as np
@@ -15,8 +14,8 @@ from etendue_camera.sensor.cfa import Mask, channel_index, continued
 
 
 def neighbours(mask: Mask, count: int) -> FloatArray:
-    """(channel that collects, channel of the filter, rows, columns of the cell): of how many pixels of one channel
-    charge that has moved so far down and right comes from the other; distances count round the cell."""
+    """Return, as (collecting channel, filter channel, rows, columns of the cell), the number of pixels of one channel
+    that receive charge from the other at this displacement down and right; displacements are modulo the cell."""
     height, width = mask.period
     index = channel_index(mask, height, width)
     found = np.zeros((count, count, height, width))
@@ -35,8 +34,8 @@ def channel_transfer(
     fy: FloatArray,
     fx: FloatArray,
 ) -> NDArray:
-    """Transfer functions between channels: what detail in the light behind one filter becomes in the pixels of a
-    channel.
+    """Return transfer functions between channels: the response of one channel's pixels to detail behind another's
+    filter.
 
     Parameters
     ----------
@@ -44,18 +43,19 @@ def channel_transfer(
         As in `crosstalk.kernels`: (channel,), (channel, n), (n, 2 reach + 1).
     mask : Mask
     fy, fx : (m,), (n,) arrays, cycles/pixel
-        Of the light on the photodiodes, at any phase of the pixels: they repeat after 1 cycle/pixel.
+        Frequencies of the light on the photodiodes, at any phase of the pixels: they repeat after 1 cycle/pixel.
 
     Returns
     -------
     (channel that collects, channel of the filter, m, n) array
-        At 0 `crosstalk.mixing`. The Fourier transform of `plane_kernels` as wide as the tables are; complex where they
-        are not even.
+        Equals `crosstalk.mixing` at 0. The Fourier transform of `plane_kernels` as wide as the tables; complex where
+        they are not even.
 
     Notes
     -----
-    Where charge comes from repeats with the cell of the mask, so that the share of a channel is a sum of waves with its
-    period, and each wave moves the spectrum of the kernel, which is a sum of products along y and x. Error: 1e-13 of
+    The origin of charge repeats with the cell of the mask, so that the fraction of a channel is a sum of waves with
+    this
+    period. Each wave shifts the spectrum of the kernel, which is a sum of products along y and x. Error: 1e-13 of
     `plane_kernels`, transformed.
     """
     height, width = mask.period
@@ -71,12 +71,12 @@ def channel_transfer(
         if np.abs(waves[..., p, q]).max() > 1e-15:
             own = kept[:, None, None] + np.swapaxes(moved[:, :, None] * in_y[p], 1, 2) @ in_x[q]
             total = total + waves[..., p, q, None, None] * own
-    whole = kept + moved @ (along_y.sum(axis=1) * along_x.sum(axis=1))  # what goes farther is spread over the kernel
+    whole = kept + moved @ (along_y.sum(axis=1) * along_x.sum(axis=1))  # charge beyond is spread over the kernel
     return total / whole[:, None, None]
 
 
 def _spectra(along: FloatArray, frequency: FloatArray) -> NDArray:
-    """(n, m): Fourier transforms of rows (n, 2 r + 1) about their middles; real where these are even."""
+    """Return Fourier transforms (n, m) of rows (n, 2 r + 1) about their centres; real where these are even."""
     r = (along.shape[1] - 1) // 2
     right, left = along[:, r + 1 :], along[:, :r][:, ::-1]
     phase = 2 * np.pi * np.arange(1, r + 1)[:, None] * frequency
@@ -85,18 +85,18 @@ def _spectra(along: FloatArray, frequency: FloatArray) -> NDArray:
 
 
 def plane_kernels(kernel: FloatArray, mask: Mask) -> FloatArray:
-    """Kernels between channels: what arrives in a pixel of one of them from the pixels of another.
+    """Return kernels between channels: what arrives in a pixel of one of them from the pixels of another.
 
     Parameters
     ----------
     kernel : (channel, 2 r + 1, 2 r + 1) array
-        Of `crosstalk.kernels`: where the charge made under a filter arrives.
+        From `crosstalk.kernels`: where charge generated under a filter arrives.
     mask : Mask
 
     Returns
     -------
     (channel that collects, channel of the filter, 2 r + 1, 2 r + 1) array
-        ``kernel`` times the share of the collecting channel's pixels that have such a neighbour at that distance.
+        ``kernel`` times the fraction of the collecting channel's pixels with such a neighbour at that distance.
 
     Notes
     -----
@@ -111,14 +111,14 @@ def plane_kernels(kernel: FloatArray, mask: Mask) -> FloatArray:
 
 
 def diffuse_planes(planes: NDArray, kernel: FloatArray, mask: Mask) -> NDArray:
-    """Full planes after charge has wandered behind the filters of a mosaic.
+    """Apply charge diffusion below the filters of a mosaic to full planes.
 
     Parameters
     ----------
     planes : (channel, y, x) array, any unit
         In the order of ``mask.channels``.
     kernel : (channel, 2 r + 1, 2 r + 1) array
-        Of `crosstalk.kernels`.
+        From `crosstalk.kernels`.
     mask : Mask
 
     Returns
@@ -127,8 +127,8 @@ def diffuse_planes(planes: NDArray, kernel: FloatArray, mask: Mask) -> NDArray:
 
     Notes
     -----
-    For light that is uniform around a pixel, and wherever all pixels of its channel have the same neighbours, this is
-    what `crosstalk.diffuse` makes of the mosaic there. Beyond the border planes are continued as the mosaic is.
+    For light that is uniform around a pixel, and wherever all pixels of its channel have the same neighbours, this
+    equals `crosstalk.diffuse` on the mosaic. Beyond the border planes are continued as the mosaic is.
     Convolution by Fourier transform: error 3e-16 (6e-7 in single precision) of the largest value.
     """
     count, rows, columns = planes.shape
@@ -136,9 +136,7 @@ def diffuse_planes(planes: NDArray, kernel: FloatArray, mask: Mask) -> NDArray:
     r = (kernel.shape[1] - 1) // 2
     height, width = mask.period
     around = planes[:, continued(rows, height, r)][:, :, continued(columns, width, r)]
-    shape = tuple(
-        scipy.fft.next_fast_len(n, real=True) for n in around.shape[1:]
-    )  # what wraps round stays in the margin
+    shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in around.shape[1:])  # wrap-around stays in the margin
     spectra = [scipy.fft.rfft2(plane, shape, workers=1) for plane in around]
     found = np.empty_like(planes)
     for collects in range(count):

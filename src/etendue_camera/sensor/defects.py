@@ -1,7 +1,7 @@
-"""Pixels that do not do what pixels do: hot, dead, stuck.
+"""Defective pixels: hot, dead, stuck.
 
 In:  uniforms that belong to the sensor's pixels, or a list of absolute pixel coordinates.
-Out: a map of kinds, and what each kind does to a photocurrent or a code.
+Out: a map of defect kinds, and their effect on a photocurrent or a code.
 Sources: kinds as in EMVA 1288 release 4 (defect pixels are the tails of the histograms of dark signal and response);
 hot pixels' exponential law of dark current: Widenhorn et al. 2002 (Proc. SPIE 4669).
 """
@@ -19,14 +19,14 @@ KINDS = {"hot": HOT, "dead": DEAD, "stuck": STUCK}
 
 
 def drawn_map(uniform: NDArray, hot: float, dead: float, stuck: float) -> NDArray:
-    """Kinds of pixels from one uniform each: each kind its share, none twice.
+    """Draw kinds of defects from one uniform per pixel: each kind by its fraction, none twice.
 
     Parameters
     ----------
     uniform : (y, x) array, dimensionless
         0 <= u < 1, belonging to the sensor.
     hot, dead, stuck : float
-        Shares of all pixels, at or above 0, together at most 1.
+        Fractions of all pixels, at or above 0, together at most 1.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def drawn_map(uniform: NDArray, hot: float, dead: float, stuck: float) -> NDArra
     shares = np.array([hot, dead, stuck], dtype=float)
     require.that(
         np.all(shares >= 0) and shares.sum() <= 1,
-        f"hot, dead and stuck are {hot!r}, {dead!r} and {stuck!r}; allowed are shares at or above 0, together at "
+        f"hot, dead and stuck are {hot!r}, {dead!r} and {stuck!r}; they must be fractions at or above 0, together at "
         f"most 1",
     )
     found = np.zeros(uniform.shape, dtype=np.uint8)
@@ -53,14 +53,14 @@ def drawn_map(uniform: NDArray, hot: float, dead: float, stuck: float) -> NDArra
 
 
 def listed_map(entries: tuple[tuple[int, int, int], ...], rows: NDArray, columns: NDArray) -> NDArray:
-    """Kinds of the listed pixels that stand in a window.
+    """Return the kinds of the listed pixels in a window.
 
     Parameters
     ----------
     entries : tuple of (row, column, kind)
         Absolute coordinates, as `read_list` gives them.
     rows, columns : (n,) array
-        Absolute coordinates of the window, rising by 1.
+        Absolute coordinates of the window, ascending by 1.
 
     Returns
     -------
@@ -76,12 +76,12 @@ def listed_map(entries: tuple[tuple[int, int, int], ...], rows: NDArray, columns
 
 
 def read_list(file: str | Path) -> tuple[tuple[int, int, int], ...]:
-    """Defective pixels from a CSV file with the header ``row,column,kind``.
+    """Read defective pixels from a CSV file with the header ``row,column,kind``.
 
     Parameters
     ----------
     file : path
-        One line a pixel; kind is hot, dead or stuck.
+        One line per pixel; kind is hot, dead or stuck.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def read_list(file: str | Path) -> tuple[tuple[int, int, int], ...]:
     Raises
     ------
     ValueError
-        If the header or a line cannot be read; the text names the line.
+        If the header or a line cannot be read; the message names the line.
     """
     with open(file, newline="", encoding="utf-8") as opened:
         table = csv.DictReader(line for line in opened if not line.startswith("#"))
@@ -101,15 +101,14 @@ def read_list(file: str | Path) -> tuple[tuple[int, int, int], ...]:
             row, column, kind = (str(value or "").strip() for value in list(line.values())[:3])
             if not row.lstrip("-").isdigit() or not column.lstrip("-").isdigit() or kind not in KINDS:
                 raise ValueError(
-                    f"{file}, entry {number - 1}: {row},{column},{kind}; expected two whole numbers and "
-                    f"{', '.join(KINDS)}"
+                    f"{file}, entry {number - 1}: {row},{column},{kind}; expected two integers and {', '.join(KINDS)}"
                 )
             found.append((int(row), int(column), KINDS[kind]))
     return tuple(found)
 
 
 def hot_rates(uniform: NDArray, mean_rate: float) -> NDArray:
-    """Dark current of hot pixels: exponentially distributed about a mean.
+    """Return the dark current of hot pixels: exponentially distributed with a mean.
 
     Parameters
     ----------

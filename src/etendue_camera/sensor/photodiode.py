@@ -1,14 +1,14 @@
-"""Photodiode blur: how much contrast survives the pixel, and how many photons become electrons.
+"""Photodiode: blur of the pixel, and conversion of photons to electrons.
 
 In:  spatial frequency (cycles/um), absorption (1/um), photodiode geometry and diffusion length (um).
 Out: aperture transfer function (signed), collected electrons per photon D(f), and D(f)/D(0).
 Sources: seed paper section 2.4, eqs. 6-8, for the n+/p-sub photodiode, with D(f) derived anew from the
 diffusion equation; departures are named where they happen.
 
-Light that enters the silicon makes electrons at a depth z with density alpha exp(-alpha z). In the depletion
+Light that enters the silicon generates electrons at a depth z with density alpha exp(-alpha z). In the depletion
 layer all are collected. Below it, over a depth L, they diffuse until they reach the depletion layer,
 recombine (diffusion length Ln), or meet the back contact. A pattern of frequency f decays over L_f, with
-1/L_f^2 = 1/Ln^2 + (2 pi f)^2, which is what blurs it.
+1/L_f^2 = 1/Ln^2 + (2 pi f)^2, which causes the blur.
 """
 
 from functools import lru_cache
@@ -20,23 +20,23 @@ from etendue import require
 from etendue_camera.arrays import FloatArray, Floats
 
 Back = Literal["absorbing", "reflecting"]
-FEW = 8192  # frequencies up to which all bands are evaluated at once; more would leave the processor's cache
+FEW = 8192  # number of frequencies up to which all bands are evaluated at once; more would exceed the processor's cache
 
 
 def aperture_otf(frequency: Floats, width: float) -> Floats:
-    """Contrast left after a window averages the light along one axis, sin(pi f w)/(pi f w).
+    """Return the contrast after averaging over a window along one axis, sin(pi f w)/(pi f w).
 
     Parameters
     ----------
     frequency : (...) array, cycles/um
         Along one axis; a square window is the product over two axes.
     width : float, um
-        Of the light-sensitive window, 0 or above; not the pixel pitch.
+        Width of the light-sensitive window, 0 or above; not the pixel pitch.
 
     Returns
     -------
     (...) array, 1
-        Exactly 1 at zero. Negative beyond 1/width: that is contrast reversal, and callers need the sign.
+        Exactly 1 at zero. Negative above 1/width: contrast reversal, whose sign callers need.
 
     Raises
     ------
@@ -45,8 +45,8 @@ def aperture_otf(frequency: Floats, width: float) -> Floats:
 
     Notes
     -----
-    Source: seed paper eqs. 6 and 8 without their leading w (w^2), which would make the value at zero w and so
-    not a transfer function, and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32)
+    Source: seed paper eqs. 6 and 8 without their leading w (w^2), which would make the value at zero w instead of 1,
+    and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32)
     absolute.
 
     Examples
@@ -67,7 +67,7 @@ def collection(
     diffusion_length: float,
     back: Back = "absorbing",
 ) -> Floats:
-    """Electrons collected per photon that enters the silicon, for a pattern of frequency f: D(f).
+    """Return the electrons collected per photon that enters the silicon, for a pattern of frequency f: D(f).
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def collection(
     diffusion_length : float, um
         Ln of the electrons there, above 0; may be infinite.
     back : {"absorbing", "reflecting"}
-        What happens at depth Ld + L: carriers vanish (a contact, a highly doped substrate), or turn round (an
+        Boundary at depth Ld + L: carriers vanish (a contact, a highly doped substrate), or are reflected (an
         epitaxial layer).
 
     Returns
@@ -94,12 +94,12 @@ def collection(
     Raises
     ------
     ValueError
-        For inputs outside these ranges, for a photodiode of no thickness and for an unknown back.
+        For inputs outside these ranges, for a photodiode of zero thickness and for an unknown back.
 
     Notes
     -----
     Source: seed paper section 2.4. The printed closed form is 0/0 at alpha L_f = 1 and overflows for thick
-    layers; this one has neither fault (see `_field_free`).
+    layers; this one avoids both (see `_field_free`).
     Error: below 5e-15 (float64) and 4e-7 (float32) relative over alpha 1e-6..1e3, Ld 1e-3..1e2, L 1e-2..1e3,
     Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic); weaker absorption as far as the result is
     above 2e-308, where floats begin to lose digits.
@@ -118,7 +118,7 @@ def collection_mtf(
     diffusion_length: float,
     back: Back = "absorbing",
 ) -> Floats:
-    """Contrast left after the diffusion of charge, D(f)/D(0).
+    """Return the contrast after charge diffusion, D(f)/D(0).
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def collection_mtf(
     if depletion == np.inf:
         return np.ones_like(require.floating(frequency))[()]
     at_zero = float(_collection_per_absorption(0.0, *diode))
-    if at_zero == np.inf:  # weak absorption, endless depth and life: all charge comes from infinitely far
+    if at_zero == np.inf:  # weak absorption, infinite depth and lifetime: all charge comes from infinitely far
         return np.where(np.asarray(frequency) == 0.0, 1.0, np.zeros_like(require.floating(frequency)))[()]
     ratio = np.minimum(_collection_per_absorption(frequency, *diode) / at_zero, 1.0)
     return np.where(np.asarray(frequency) == 0.0, np.ones_like(ratio), ratio)[()]
@@ -154,8 +154,8 @@ def collection_per_absorption(
     diffusion_length: float,
     back: Back = "absorbing",
 ) -> Floats:
-    """D(f)/alpha, um, which has a limit at alpha = 0; inf where silicon without end or recombination is hardly
-    absorbing.
+    """Return D(f)/alpha, um, which has a limit at alpha = 0; inf for weakly absorbing silicon without end or
+    recombination.
 
     Parameters, errors and accuracy as in `collection`.
     """
@@ -173,7 +173,7 @@ def collection_mtf_bands(
     back: Back = "absorbing",
     nodes: int = 4096,
 ) -> FloatArray:
-    """`collection_mtf` of many absorptions on a whole frame of frequencies, from one table of radii.
+    """Return `collection_mtf` for many absorptions on a frame of frequencies, from one table of radii.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def collection_mtf_bands(
     depletion, diffusion_depth, diffusion_length, back
         As in `collection`, with its errors.
     nodes : int
-        Of the table; 0 evaluates every frequency. Tables larger than the frame are not made.
+        Number of table nodes; 0 evaluates every frequency. Tables larger than the frame are not used.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def collection_mtf_bands(
     Cubic Hermite polynomials on even nodes of v = ln(1 + s/s0), s = 1/L_f = hypot(1/Ln, 2 pi f), s0 the smallest of the
     rates 1/L (or alpha, for endless silicon) on which D depends: D is analytic in v within a strip of half-width 1.2
     about the axis, whatever the lengths are. Error: falls with the fourth power of the nodes; with 4096 below 4e-14
-    for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um. The nodes hold the
+    for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um. The nodes have the
     exact values, so that the result falls with the frequency to within that error.
     """
     frequency = np.asarray(frequency, dtype=float)
@@ -238,7 +238,7 @@ def collection_mtf_bands(
 
 
 def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, float, Back]]) -> FloatArray:
-    """`collection_mtf` of diodes that differ in their absorption alone, (n, ...): all at once, with the bits of each
+    """Return `collection_mtf` of diodes that differ only in absorption, (n, ...), all at once, bit-identical to each
     alone.
     """
     _, depletion, depth, length, back = diodes[0]
@@ -257,22 +257,23 @@ def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, fl
 
 @lru_cache(maxsize=4096)
 def _constants(diode: tuple[float, float, float, float, Back]) -> tuple[float, float, float, float]:
-    """What does not depend on the frequency: D(0)/alpha, what the depletion layer collects of it, what passes it;
-    and alpha.
+    """Return what does not depend on the frequency: D(0)/alpha, the part of it collected by the depletion layer, the
+    part
+    that passes it; and alpha.
     """
     return (float(_collection_per_absorption(0.0, *diode)), *_depleted(diode[0], diode[1]), diode[0])
 
 
 def _depleted(absorption: float, depletion: float) -> tuple[float, float]:
-    """Charge made in the depletion layer over alpha, um, and the share of the light that passes it."""
-    # as a product it would be a subnormal number of few digits, and the quotient wrong by per cents
+    """Return the charge generated in the depletion layer over alpha, um, and the fraction of light that passes it."""
+    # as a product it would be a subnormal number of few digits, with a quotient wrong by per cents
     weak = absorption == 0.0 or absorption * depletion < np.finfo(float).tiny * 2.0**53
     depleted = depletion if weak else float(-np.expm1(-absorption * depletion)) / absorption
     return depleted, float(np.exp(-absorption * depletion)) if depletion < np.inf else 0.0
 
 
 def _slopes(values: FloatArray) -> FloatArray:
-    """Derivatives by the node number along the last axis, of fourth order, also at the ends."""
+    """Return derivatives by the node number along the last axis, of fourth order, also at the ends."""
     slopes = np.empty_like(values)
     v = values
     slopes[:, 2:-2] = (8.0 * (v[:, 3:-1] - v[:, 1:-3]) - (v[:, 4:] - v[:, :-4])) / 12.0
@@ -285,7 +286,7 @@ def _slopes(values: FloatArray) -> FloatArray:
 def _diode(
     absorption: float, depletion: float, depth: float, length: float, back: Back
 ) -> tuple[float, float, float, float, Back]:
-    """The checked parameters as plain floats, which leave the precision to the frequencies."""
+    """Return the checked parameters as plain floats, which leave the precision to the frequencies."""
     require.must(0.0 <= absorption < np.inf, "absorption", absorption, "finite and 0 or above, in 1/um")
     for name, value in (("depletion", depletion), ("diffusion_depth", depth)):
         require.must(value >= 0.0, name, value, "0 or above, in um")
@@ -300,7 +301,7 @@ def _diode(
 def _collection_per_absorption(
     frequency: Floats, absorption: float, depletion: float, depth: float, length: float, back: str
 ) -> Floats:
-    """D(f)/alpha in um, which has a limit at alpha = 0."""
+    """Return D(f)/alpha in um, which has a limit at alpha = 0."""
     frequency = require.floating(frequency)
     depleted, passed = _depleted(absorption, depletion)
     if passed == 0.0 or depth == 0.0:
@@ -316,12 +317,13 @@ def _collection_per_absorption(
 
 
 def _field_free(x: FloatArray, a: Floats, back: str) -> FloatArray:
-    """Charge from the field-free layer, the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f and a, or a (n,
-    1).
+    """Return the charge from the field-free layer: the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f and
+    a
+    scalar or (n, 1).
 
-    g is the chance to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and
+    g is the probability to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and
     cosh(x(1 - y))/cosh(x) over a reflecting one. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, both are
-    [E1(a + x) -+ T] / (1 -+ exp(-2x)), T = E1(|x - a|) exp(-x - min(x, a)), with neither overflow nor a
+    [E1(a + x) -+ T] / (1 -+ exp(-2x)), T = E1(|x - a|) exp(-x - min(x, a)), without overflow or a
     singularity at a = x. The difference cancels for small x; there sinh is expanded, which leaves a sum of
     positive moments.
     """
@@ -343,18 +345,18 @@ def _field_free(x: FloatArray, a: Floats, back: str) -> FloatArray:
 
 
 def _decline(u: FloatArray) -> FloatArray:
-    """E1(u) = (1 - exp(-u))/u for u >= 0, the mean of exp(-u y) over y in 0..1."""
+    """Return E1(u) = (1 - exp(-u))/u for u >= 0, the mean of exp(-u y) over y in 0..1."""
     return np.divide(-np.expm1(-u), u, out=np.ones_like(u), where=u != 0.0)
 
 
 def _returning(x: FloatArray, a: Floats) -> FloatArray:
-    """exp(-a - x) expm1(a - x)/(a - x), written so that no exponent is positive."""
+    """Return exp(-a - x) expm1(a - x)/(a - x), written so that no exponent is positive."""
     return _decline(np.abs(x - a)) * np.exp(-x - np.minimum(x, a))
 
 
 @lru_cache(maxsize=1)
 def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights of Gauss's rule, which take longer than all else here."""
+    """Return nodes and weights of Gauss's rule, cached because they take longest here."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     nodes.flags.writeable = weights.flags.writeable = False
     return nodes, weights
@@ -362,10 +364,11 @@ def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
 
 @lru_cache(maxsize=4096)
 def _moments(a: float, count: int = 10) -> tuple[float, ...]:
-    """Integrals of (1 - y)^(2k+1) exp(-a y) over y in 0..1, divided by (2k+1)!.
+    """Return integrals of (1 - y)^(2k+1) exp(-a y) over y in 0..1, divided by (2k+1)!.
 
-    Gauss-Legendre on three panels that follow the exponential's decay: below 1e-14 relative for any a. Ten
-    terms leave out less than 1e-17 for x < 1.
+    Gauss-Legendre on three panels that follow the decay of the exponential: below 1e-14 relative for any a. The
+    truncation after ten terms is below 1e-17 for x < 1.
+
     """
     nodes, weights = _gauss(20)
     reach = min(1.0, 40.0 / a) if a > 0.0 else 1.0

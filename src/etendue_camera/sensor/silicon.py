@@ -1,4 +1,4 @@
-"""How strongly silicon absorbs light.
+"""Optical absorption of silicon.
 
 In:  vacuum wavelength (um).
 Out: absorption coefficient (1/um) of intrinsic crystalline silicon at 300 K.
@@ -15,7 +15,7 @@ from etendue_camera.arrays import FloatArray, Floats
 
 
 def absorption(wavelength: Floats) -> Floats:
-    """Absorption coefficient of silicon, 4 pi k / lambda.
+    """Return the absorption coefficient of silicon, 4 pi k / lambda.
 
     Parameters
     ----------
@@ -39,21 +39,21 @@ def absorption(wavelength: Floats) -> Floats:
     between samples near the band edge. Temperature is not modelled; absorption rises with it.
     Error: rounding at the samples. Predicting every other sample from its neighbours 10 nm away is wrong by
     0.8 % (median) and 7 % (worst) for 0.4 to 1.1 um, so about a quarter of that in between; the measurement
-    itself is less sure (a second source, Schinke 2015, states 11 % at 0.6 um).
+    itself is less certain (a second source, Schinke 2015, states 11 % at 0.6 um).
     """
     wavelengths, logarithms = _table()
     values = np.asarray(wavelength)
     kind = values.dtype if np.issubdtype(values.dtype, np.floating) else np.dtype(float)
     low, high = wavelengths[[0, -1]].astype(kind)
     if not np.all((values >= low) & (values <= high)):
-        raise ValueError(f"wavelength is {wavelength}; the silicon table spans {low} to {high} um")
+        raise ValueError(f"wavelength is {wavelength}; it must be within the silicon table, {low} to {high} um")
     result = np.exp(np.interp(values, wavelengths, logarithms))
     return np.asarray(result, kind)[()]
 
 
 @cache
 def _table() -> tuple[FloatArray, FloatArray]:
-    """Wavelengths and natural logarithms of the coefficient, both read-only because they are shared."""
+    """Return wavelengths and natural logarithms of the coefficient, both read-only because they are shared."""
     with files("etendue_camera").joinpath("data", "silicon_absorption.csv").open(encoding="utf-8") as lines:
         wavelengths, extinction = np.loadtxt(lines, delimiter=",", unpack=True)
     logarithms = np.log(4.0 * np.pi * extinction / wavelengths)

@@ -1,4 +1,4 @@
-"""Spectral tables as bin means: lights, eyes, cameras, displays, test charts. Those of colour-science are shipped."""
+"""Spectral tables as bin means: lights, observers, cameras, displays, charts. The colour-science tables are shipped."""
 
 from etendue_camera.spectra.authority import colour_version
 from etendue_camera.spectra.bins import Edges, FloatArray, csv_rows, require_rows, table_from_csv

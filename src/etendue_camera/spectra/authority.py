@@ -1,12 +1,12 @@
-"""colour-science itself: the authority behind every shipped table. The one module that imports it, at the first call
-that needs it.
+"""Access to colour-science, the source of every shipped table. This is the only module that imports it, at the first
+call that needs it.
 
 In:  nothing, or the kind and name of a table.
-Out: its tables as plain float64 arrays; ValueError with the nearest names for one that it does not have.
+Out: its tables as plain float64 arrays; ValueError with the nearest names for unknown ones.
 Sources: the data and matrices of colour-science; CIE 15:2018 for interpolation.
 
-A smooth table is brought to 1 nm by Sprague's quintic where its rows are coarser. What that puts below 0 beside steep
-feet (at most 1.4e-4 of a channel's area) is set to 0.
+A smooth table with rows coarser than 1 nm is interpolated to 1 nm by Sprague's quintic. Resulting negative values at
+steep feet (at most 1.4e-4 of a channel's area) are set to 0.
 """
 
 import importlib.metadata
@@ -31,15 +31,15 @@ _path = threading.Lock()
 
 
 def colour_version() -> str:
-    """Version of the installed colour-science, read without importing it."""
+    """Return the version of the installed colour-science, read without importing it."""
     return importlib.metadata.version("colour-science")
 
 
 @lru_cache(maxsize=1)
 def colour_science() -> ModuleType:
-    """colour-science, imported late, without its remarks about optional packages we do not use.
+    """Import colour-science late, without its warnings about optional packages we do not use.
 
-    A file ``colour.py`` beside a user's script would be taken for it: folders with one are not looked in.
+    A file ``colour.py`` next to a user's script would shadow it: folders with one are not searched.
     """
     with _path:
         kept = sys.path[:]
@@ -56,13 +56,13 @@ def colour_science() -> ModuleType:
 
 
 def rows_of(table: Any) -> FloatArray:
-    """(rows, 1 + k): wavelengths (nm), then the values of each column."""
+    """Return (rows, 1 + k): wavelengths (nm), then the values of each column."""
     nodes, values = np.array(table.wavelengths, dtype=np.float64), np.array(table.values, dtype=np.float64)
     return np.column_stack([nodes, values])
 
 
 def smooth_rows(table: Any) -> FloatArray:
-    """`rows_of` at 1 nm: Sprague where the table is uniform and coarser, else as they are."""
+    """Return `rows_of` at 1 nm: by Sprague where the table is uniform and coarser, else unchanged."""
     rows = rows_of(table)
     nodes, columns = rows[:, 0], rows[:, 1:].T
     steps = np.diff(nodes)
@@ -89,13 +89,13 @@ TABLES: dict[str, tuple[Callable[[], Mapping[str, Any]], Callable[[Any], FloatAr
 
 
 def rows(kind: str, name: str, besides: str = "") -> FloatArray:
-    """The rows of one table, or ValueError with the nearest names that exist."""
+    """Return the rows of one table; raise ValueError with the nearest names if there is none."""
     tables, form = TABLES[kind]
     return form(lookup(tables(), name, kind.rpartition(" ")[2], besides))
 
 
 def lookup(table: Mapping[str, Any], name: str, kind: str, besides: str = "") -> Any:
-    """``table[name]`` for an exact name, or ValueError with the nearest names that exist."""
+    """Return ``table[name]`` for an exact name; raise ValueError with the nearest names if there is none."""
     require_name(name, table.keys(), kind, besides)
     return table[name]
 
@@ -104,7 +104,8 @@ def lookup(table: Mapping[str, Any], name: str, kind: str, besides: str = "") ->
 
 
 def space_of(name: str) -> dict[str, Any]:
-    """An RGB space: its matrix to XYZ, the chromaticities of its primaries (3, 2) and white (2,), the name of its
+    """Return an RGB space: its matrix to XYZ, the chromaticities of its primaries (3, 2) and white (2,), the name of
+    its
     white.
     """
     space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
@@ -117,13 +118,13 @@ def space_of(name: str) -> dict[str, Any]:
 
 
 def whites() -> dict[str, FloatArray]:
-    """Chromaticities (2,) of illuminants as published, for the CIE 1931 2 degree observer."""
+    """Return published chromaticities (2,) of illuminants, for the CIE 1931 2 degree observer."""
     known = colour_science().CCS_ILLUMINANTS[OBSERVERS[0]]
     return {name: np.array(known[name], dtype=np.float64) for name in list(known)}
 
 
 def adaptation_of(name: str) -> FloatArray:
-    """XYZ to sharpened cone responses, (3, 3)."""
+    """Return the matrix from XYZ to sharpened cone responses, (3, 3)."""
     return np.array(
         lookup(colour_science().adaptation.CHROMATIC_ADAPTATION_TRANSFORMS, name, "adaptation transform"),
         dtype=np.float64,
@@ -134,8 +135,8 @@ def adaptation_of(name: str) -> FloatArray:
 
 
 def everything() -> dict[str, np.ndarray[Any, Any]]:
-    """All that a stage may ask for, as arrays by name: tables of a kind stand below each other, spaces and matrices
-    behind each other.
+    """Return all tables that a stage may need, as arrays by name: tables of a kind are stacked, spaces and matrices
+    concatenated.
     """
     found: dict[str, np.ndarray[Any, Any]] = {}
     for kind, (tables, form) in TABLES.items():

@@ -3,8 +3,9 @@
 In:  the rows of a table (nm, values) and bin edges (n + 1 ascending values, nm).
 Out: plain float64 arrays, one mean per bin.
 
-A bin mean is the exact integral of a piecewise-linear interpolant, divided by the width of the bin, so that
-means over the parts of a bin average back to the mean over the bin. What holds where a table ends: `ends`.
+A bin mean is the exact integral of a piecewise-linear interpolant divided by the bin width, so that means over parts of
+a
+bin average to the mean over the bin. For values beyond the end of a table see `ends`.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -46,7 +47,7 @@ def frozen(array: npt.ArrayLike) -> FloatArray:
 
 
 def bin_means(nodes: FloatArray, values: FloatArray, edges: tuple[float, ...], outside: Outside) -> FloatArray:
-    """Exact means of the piecewise-linear curve through (nodes, values) over each bin.
+    """Return exact means of the piecewise-linear curve through (nodes, values) over each bin.
 
     Every area is a sum of trapezoids inside its own bin: differences of one running integral would lose the
     small values in the feet of a curve to cancellation.
@@ -65,7 +66,7 @@ def bin_means(nodes: FloatArray, values: FloatArray, edges: tuple[float, ...], o
 
 
 def with_reach(rows: FloatArray, nodes: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A curve continued with its end values as far as the rows of its table reach (`ends.reach_of`)."""
+    """Extend a curve with its end values as far as the rows of its table reach (`ends.reach_of`)."""
     first, last = reach_of(rows)
     return np.concatenate([[first], nodes, [last]]), np.concatenate([values[:1], values, values[-1:]])
 
@@ -76,7 +77,7 @@ def with_reach(rows: FloatArray, nodes: FloatArray, values: FloatArray) -> tuple
 def table_from_csv(
     path: str | Path, edges: Edges, columns: Iterable[str] | None = None, outside: Outside = "zero"
 ) -> tuple[list[str], FloatArray]:
-    """Bin means of a table in a CSV file.
+    """Return bin means of a table in a CSV file.
 
     Parameters
     ----------
@@ -85,9 +86,9 @@ def table_from_csv(
         spacing. ``#`` starts a comment; empty lines are skipped; UTF-8. Or an SPDX file: one column (`spdx`).
     edges : (n + 1,) ascending, nm
     columns : names, optional
-        Which columns, in which order. All of them by default.
+        Columns to return, in this order; default: all.
     outside : {"zero", "hold"}
-        What holds farther out than half a step from the end rows, which stand for that much: 0, or the end value.
+        Value beyond half a step outside the end rows: 0, or the end value. Within half a step the end value is used.
 
     Returns
     -------
@@ -97,7 +98,7 @@ def table_from_csv(
     Raises
     ------
     ValueError
-        A broken file, naming file and line, or a column it does not have.
+        If the file is invalid, naming file and line, or lacks a column.
     """
     checked = checked_edges(edges)
     names, nodes, values = _read_csv(Path(spectrum(str(path)) or path))
@@ -109,22 +110,23 @@ def table_from_csv(
 
 
 def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
-    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads
+    """Return the column names (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads
     them.
 
-    The name under which a distribution brings a table is as good as its path.
+    A name under which a distribution provides a table works like a path.
     """
     return _read_csv(Path(spectrum(str(path)) or path))
 
 
 def require_rows(path: str | Path, edges: Edges) -> None:
-    """Refuse a table whose rows do not stand for all of these wavelengths (`ends.beyond`), where neither 0 nor an
-    end value would do.
+    """Raise ValueError for a table whose rows do not cover all of these wavelengths (`ends.beyond`), where neither 0
+    nor
+    an end value would be valid.
     """
     rows, bounds = csv_rows(path)[1], checked_edges(edges)
     if max(beyond(rows, bounds[0], bounds[-1])) > 1e-9:
         raise ValueError(
-            f"{path} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {bounds[0]:g} to "
+            f"{path} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light extends from {bounds[0]:g} to "
             f"{bounds[-1]:g} nm; "
             "add rows, or narrow the scene's wavelengths"
         )
@@ -148,11 +150,11 @@ def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
         f"{path}, line {first}: header {','.join(header)!r}; expected 'wavelength_nm,a,b,...' with distinct names",
     )
     rows = [_csv_row(path, number, cells, header) for number, cells in lines[1:]]
-    require.that(len(rows) >= 2, f"{path}: {len(rows)} rows of numbers; at least two are needed")
+    require.that(len(rows) >= 2, f"{path}: {len(rows)} rows of numbers; at least two are required")
     table = np.array(rows)
     for (number, _), before, after in zip(lines[2:], table[:-1, 0], table[1:, 0], strict=True):
         if not after > before:
-            raise ValueError(f"{path}, line {number}: wavelength {after:g} nm does not ascend from {before:g} nm")
+            raise ValueError(f"{path}, line {number}: wavelength {after:g} nm must be greater than {before:g} nm")
     return names, table[:, 0], table[:, 1:]
 
 
@@ -172,8 +174,8 @@ def _csv_row(path: Path, number: int, cells: list[str], header: list[str]) -> li
 
 
 def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:
-    """Refuse a name that is none of these: with the nearest ones."""
-    if name in list(names):  # a list, because colour's key views also match other spellings
+    """Raise ValueError, with the nearest names, for a name that is none of these."""
+    if name in list(names):  # a list, because key views of colour also match other spellings
         return
     spelled = {candidate.casefold(): candidate for candidate in names}
     nearest = [spelled[n] for n in get_close_matches(str(name).casefold(), spelled, n=5, cutoff=0.4)]

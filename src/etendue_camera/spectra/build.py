@@ -1,6 +1,6 @@
-"""Make the tables that are shipped: ``python -m etendue_camera.spectra.build``.
+"""Build the shipped tables: ``python -m etendue_camera.spectra.build``.
 
-In:  the colour-science that is installed.
+In:  the installed colour-science.
 Out: ``data/spectra.npz``, its version and digest on stdout.
 """
 

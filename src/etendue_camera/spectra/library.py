@@ -39,7 +39,7 @@ PLANCK_REFERENCE = 560.0  # nm; where a Planck spectrum is 100, as CIE illuminan
 
 
 def illuminant(name: str, edges: Edges) -> FloatArray:
-    """Relative spectral power of a light.
+    """Return the relative spectral power of a light.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ def illuminant(name: str, edges: Edges) -> FloatArray:
     Returns
     -------
     (n,) array, relative power per nm
-        In the normalisation of the table itself (the CIE's: 100 at 560 nm for A and D65). A line has the
-        energy 1, all of it in the bin that holds it, a bin owning its lower edge and the last its upper too.
+        In the normalisation of the table itself (the CIE's: 100 at 560 nm for A and D65). A line has the energy 1,
+        all of it in the bin that contains it; a bin includes its lower edge and the last bin its upper one too.
 
     Raises
     ------
     ValueError
-        Unknown name, a bin that reaches beyond the table, a line outside all bins.
+        For an unknown name, a bin outside the table, or a line outside all bins.
 
     Notes
     -----
@@ -87,16 +87,18 @@ def _illuminant(name: str, edges: tuple[float, ...], state: tuple[int, int]) -> 
 
 
 def illuminant_rows(name: str) -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (nm) and relative powers of a tabulated illuminant."""
+    """Return wavelengths (nm) and relative powers of a tabulated illuminant."""
     if spectrum(name):
         columns, nodes, values = csv_rows(name)
-        require.that(len(columns) <= 1, f"the illuminant {name!r} has columns {', '.join(columns)}; a light has one")
+        require.that(
+            len(columns) <= 1, f"the illuminant {name!r} has the columns {', '.join(columns)}; it must have one"
+        )
         return nodes, values[:, 0]
     return shipped.curve("illuminant", name, COMPUTED_ILLUMINANTS)
 
 
 def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
-    """Gauss-Legendre, five points in each panel of at most 1 nm, or of 1/400 of longer wavelengths."""
+    """Gauss-Legendre quadrature, five points per panel of at most 1 nm, or 1/400 of longer wavelengths."""
     require.that(
         LOWEST_TEMPERATURE <= temperature < np.inf,
         f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {temperature:g} K",
@@ -111,10 +113,10 @@ def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
 
 
 def planck_power(temperature: float, wavelength: FloatArray) -> FloatArray:
-    """Relative power of a Planck radiator at wavelengths (nm), 100 at 560 nm."""
+    """Return the relative power of a Planck radiator at wavelengths (nm), 100 at 560 nm."""
     x = SECOND_RADIATION_CONSTANT / (wavelength * temperature)
     reference = SECOND_RADIATION_CONSTANT / (PLANCK_REFERENCE * temperature)
-    # exp(-x) taken out of both exponentials, so that cold radiators neither overflow nor divide 0 by 0
+    # exp(-x) is factored out of both exponentials, so that cold radiators neither overflow nor divide 0 by 0
     ratio = np.exp(reference - x) * np.expm1(-reference) / np.expm1(-x)
     return 100.0 * (PLANCK_REFERENCE / wavelength) ** 5 * ratio
 
@@ -155,7 +157,7 @@ def observer(name: str, edges: tuple[float, ...]) -> FloatArray:
 
 
 def xyz_to_lms_matrix(edges: Edges) -> FloatArray:
-    """Matrix from tristimulus values to cone responses.
+    """Return the matrix from tristimulus values to cone responses.
 
     Parameters
     ----------
@@ -168,13 +170,13 @@ def xyz_to_lms_matrix(edges: Edges) -> FloatArray:
     Raises
     ------
     ValueError
-        Fewer than three independent bins.
+        For fewer than three independent bins.
 
     Notes
     -----
-    Bins count by their width. No matrix is exact, the 1931 observer being too blind in the blue: the rms
-    residual is 0.010, 0.009 and 0.042 of the peak for L, M and S, the largest 0.20 in S at 415 nm
-    (380-780 nm in 5 nm).
+    Bins are weighted by their width. No matrix is exact, since the 1931 observer is not sensitive enough in the blue:
+    the rms residual is 0.010, 0.009 and 0.042 of the peak for L, M and S, the largest 0.20 in S at 415 nm (380-780 nm
+    in 5 nm).
     """
     return _xyz_to_lms_matrix(checked_edges(edges))
 
@@ -197,13 +199,13 @@ def span(edges: tuple[float, ...]) -> str:
 
 
 def camera_sensitivity(name: str, edges: Edges) -> tuple[tuple[str, ...], FloatArray]:
-    """Relative spectral sensitivity of a camera.
+    """Return the relative spectral sensitivity of a camera.
 
     Parameters
     ----------
     name : str
         A name in ``colour.MSDS_CAMERA_SENSITIVITIES`` ("Nikon 5100 (NPL)", "Sigma SDMerill (NPL)"), the path of
-        a CSV table, or the name under which a distribution brings one.
+        a CSV table, or the name under which a distribution provides one.
     edges : (n + 1,) ascending, nm
 
     Returns
@@ -214,7 +216,7 @@ def camera_sensitivity(name: str, edges: Edges) -> tuple[tuple[str, ...], FloatA
     Raises
     ------
     ValueError
-        Unknown name.
+        For an unknown name.
     """
     if spectrum(name):
         columns, values = table_from_csv(name, edges)
@@ -229,7 +231,7 @@ def _camera_sensitivity(name: str, edges: tuple[float, ...]) -> FloatArray:
 
 
 def camera_rows(name: str) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Channels, wavelengths (rows,) in nm and relative sensitivities (rows, k) of a camera, as its table has them."""
+    """Return channels, wavelengths (rows,) in nm and relative sensitivities (rows, k) of a camera's table."""
     if spectrum(name):
         columns, nodes, values = csv_rows(name)
         return tuple(columns), nodes, values
@@ -237,7 +239,7 @@ def camera_rows(name: str) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
 
 
 def display_primaries(name: str, edges: Edges) -> FloatArray:
-    """Spectral power of a display's red, green and blue.
+    """Return the spectral power of a display's red, green and blue.
 
     Parameters
     ----------
@@ -252,7 +254,7 @@ def display_primaries(name: str, edges: Edges) -> FloatArray:
     Raises
     ------
     ValueError
-        Unknown name.
+        For an unknown name.
     """
     return _display_primaries(name, checked_edges(edges))
 
@@ -263,7 +265,7 @@ def _display_primaries(name: str, edges: tuple[float, ...]) -> FloatArray:
 
 
 def colorchecker(edges: Edges) -> tuple[list[str], FloatArray]:
-    """Reflectance of the 24 patches of the ColorChecker Classic.
+    """Return the reflectance of the 24 patches of the ColorChecker Classic.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""How bright a light is: the luminance of the whole of it, whichever wavelengths are rendered.
+"""Luminance of a light over its full spectrum, whichever wavelengths are rendered.
 
 In:  the name of an illuminant; the luminance of a white diffuser under it (cd m-2).
-Out: its spectral radiance as bin means; how much of the luminance a window of wavelengths holds.
-Sources: CIE 15:2018 (luminance is an integral over 360-830 nm; beyond a table the nearest measured value holds).
+Out: its spectral radiance as bin means; the fraction of the luminance in a window of wavelengths.
+Sources: CIE 15:2018 (luminance is an integral over 360-830 nm; beyond a table the nearest measured value applies).
 """
 
 from functools import lru_cache
@@ -18,59 +18,60 @@ from etendue_camera.spectra.ends import CONSEQUENCE
 from etendue_camera.spectra.library import illuminant, illuminant_rows, planck_power
 from etendue_camera.spectra.names import COMPUTED, EYE, MOST_OF_IT, line_of, range_of, state_of
 
-UNMEASURED = 0.01  # share of the luminance that may hang on an end value held
+UNMEASURED = 0.01  # fraction of the luminance that may depend on an extended end value
 
 
 def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> float:
-    """Luminance of a light, K_m times the integral of S V.
+    """Return the luminance of a light, K_m times the integral of S V.
 
     Parameters
     ----------
     name : str
-        As of `illuminant`.
+        As in `illuminant`.
     lowest, highest : float, nm
-        The part of the light that counts; by default all that an eye sees.
+        Part of the light to include; default: the visible range.
 
     Returns
     -------
     float, cd m-2
-        Of a radiance with the numbers of `illuminant`, W m-2 sr-1 nm-1; 0 for a line outside.
+        For a radiance with the values of `illuminant`, W m-2 sr-1 nm-1; 0 for a line outside.
 
     Raises
     ------
     ValueError
-        An unknown name, or a table that ends where more than 1 % of the luminance would hang on its end value.
+        For an unknown name, or a table where more than 1 % of the luminance would depend on its end value.
 
     Notes
     -----
-    V is linear between its rows at 1 nm, a table between its own: three Gauss points to an interval of both are exact
-    for their product, whatever bins a pipeline has. A table that ends inside 360-830 nm holds its end value.
+    V is linear between its rows at 1 nm, a table between its own: three Gauss points per interval of both are exact
+    for their product, whatever bins a pipeline has. A table that ends inside 360-830 nm keeps its end value.
     Error: 2e-16 for D65, A and FL11 (against exact fractions), 1.2e-15 for Planck radiators of 1000, 3200 and 1e5 K (40
-    digits). Sums over bins, products of their means, miss it: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3 and 1.1e-2 with bins
-    of 5, 10, 20 (380-780 nm), 50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3 and 3.1e-3 with 5, 10
-    and 20 nm.
+    digits). Sums over bins, products of their means, differ from it: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3 and 1.1e-2
+    with
+    bins of 5, 10, 20 (380-780 nm), 50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3 and 3.1e-3 with
+    5, 10 and 20 nm.
     """
     total, held = _luminance_of(str(name), float(lowest), float(highest), state_of(name))
     if held > UNMEASURED * total:
         rows = illuminant_rows(name)[0]
         raise ValueError(
-            f"illuminant {name!r} is tabulated from {rows[0]:g} to {rows[-1]:g} nm; with its end values held "
+            f"illuminant {name!r} is tabulated from {rows[0]:g} to {rows[-1]:g} nm; with its end values extended "
             f"{100 * held / total:.2g} % of "
-            "its luminance would lie beyond: it is not known; take another light, or white_luminance = 0 and give the "
+            "its luminance would lie outside, so it is unknown; use another light, or white_luminance = 0 and the "
             "scene's radiance"
         )
     return total
 
 
 def unmeasured_share(name: str) -> float:
-    """Share of the luminance of a light that hangs on the end values of its table."""
+    """Return the fraction of the luminance of a light that depends on the end values of its table."""
     total, held = _luminance_of(str(name), *EYE, state_of(name))
     return held / total if total > 0 else 0.0
 
 
 @lru_cache(maxsize=256)
 def _luminance_of(name: str, lowest: float, highest: float, state: tuple[int, int]) -> tuple[float, float]:
-    """Luminance between two wavelengths, and that part of it which lies beyond the rows of a table."""
+    """Return the luminance between two wavelengths, and its part outside the rows of a table."""
     eye, efficiency = _efficiency()
     lowest, highest = max(lowest, float(eye[0])), min(highest, float(eye[-1]))
     if not lowest < highest:
@@ -99,22 +100,22 @@ def _luminance_of(name: str, lowest: float, highest: float, state: tuple[int, in
 
 @lru_cache(maxsize=1)
 def _efficiency() -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (nm) and values of V(lambda), y-bar of the CIE 1931 2 degree observer."""
+    """Return wavelengths (nm) and values of V(lambda), y-bar of the CIE 1931 2 degree observer."""
     nodes, values = shipped.curve("observer", OBSERVERS[0])
     return nodes, values[:, 1]
 
 
 def light_of_luminance(name: str, edges: Edges, luminance: float) -> FloatArray:
-    """Spectral radiance of a white diffuser under a light, at the luminance of the whole light.
+    """Return the spectral radiance of a white diffuser under a light, at the luminance of the whole light.
 
     Parameters
     ----------
     name : str
-        As of `illuminant`.
+        As in `illuminant`.
     edges : (n + 1,) ascending, nm
-        What is rendered: a part of the light.
+        The rendered part of the light.
     luminance : float, cd m-2
-        Of all of it, above 0.
+        Luminance of the whole light, above 0.
 
     Returns
     -------
@@ -124,7 +125,7 @@ def light_of_luminance(name: str, edges: Edges, luminance: float) -> FloatArray:
     Raises
     ------
     ValueError
-        As `illuminant` and `luminance_of`; a light that no eye sees; a luminance not above 0.
+        As `illuminant` and `luminance_of`; for an invisible light; for a luminance not above 0.
     """
     require.that(0 < luminance < np.inf, f"luminance must be finite and above 0 cd m-2, got {luminance}")
     whole = luminance_of(name)
@@ -134,12 +135,12 @@ def light_of_luminance(name: str, edges: Edges, luminance: float) -> FloatArray:
 
 
 def light_of_radiance(name: str, edges: Edges, radiance: float) -> FloatArray:
-    """Spectral radiance of a white diffuser under a light, at a radiance in what is rendered.
+    """Return the spectral radiance of a white diffuser under a light, at a radiance over the rendered wavelengths.
 
     Parameters
     ----------
     name, edges
-        As of `light_of_luminance`.
+        As in `light_of_luminance`.
     radiance : float, W m-2 sr-1
         Summed over the bins, above 0.
 
@@ -153,7 +154,7 @@ def light_of_radiance(name: str, edges: Edges, radiance: float) -> FloatArray:
 
 
 def check_luminance(name: str) -> None:
-    """Refuse a light whose luminance is 0 or not known; without colour-science where its range says enough."""
+    """Raise ValueError for a light whose luminance is 0 or unknown; avoid colour-science where its range is enough."""
     line = line_of(name)
     if line is not None:
         if not EYE[0] <= line <= EYE[1]:
@@ -166,15 +167,15 @@ def check_luminance(name: str) -> None:
 
 def _unseen(name: str) -> str:
     return (
-        f"illuminant {name!r} has no luminance, no eye sees it: take white_luminance = 0 and give the scene's "
+        f"illuminant {name!r} is not visible and has no luminance: set white_luminance = 0 and give the scene's "
         f"radiance (W m-2 sr-1) instead"
     )
 
 
 def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
-    """What is said of a light of known luminance that is rendered from ``lowest`` to ``highest`` (nm) alone.
+    """Return notes on a light of known luminance of which only ``lowest`` to ``highest`` (nm) is rendered.
 
-    colour-science is asked only where the range leaves it open.
+    colour-science is used only where the range does not decide.
     """
     if line_of(name) is not None:
         return []
@@ -184,22 +185,20 @@ def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
         share = unmeasured_share(name)
         if share > CONSEQUENCE:
             said.append(
-                f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm: beyond, its end values hold, which "
-                f"makes up "
-                f"{100 * share:.2g} % of its luminance"
+                f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm: outside, its end values are used, "
+                f"which make up {100 * share:.2g} % of its luminance"
             )
     if lowest > MOST_OF_IT[0] or highest < MOST_OF_IT[1]:
         share = rendered_share(name, lowest, highest)
         if share < 1 - UNMEASURED:
             said.append(
-                f"{lowest:g} to {highest:g} nm holds {100 * share:.2g} % of the luminance of {name}: white_luminance "
-                f"is that of the whole "
-                "light; lux and exposure figures are of what is rendered"
+                f"{lowest:g} to {highest:g} nm contains {100 * share:.2g} % of the luminance of {name}: "
+                "white_luminance is that of the whole light; lux and exposure metrics are for the rendered part"
             )
     return said
 
 
 def rendered_share(name: str, lowest: float, highest: float) -> float:
-    """Share of a light's luminance that lies in a window of wavelengths (nm); 0 for light that no eye sees."""
+    """Return the fraction of a light's luminance in a window of wavelengths (nm); 0 for invisible light."""
     whole = _luminance_of(str(name), *EYE, state_of(name))[0]
     return _luminance_of(str(name), float(lowest), float(highest), state_of(name))[0] / whole if whole > 0 else 0.0

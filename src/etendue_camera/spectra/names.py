@@ -1,10 +1,10 @@
-"""The names of tables, of colour-science and of distributions, so that a plan can refuse a wrong one without importing
-the library.
+"""The names of spectral tables of colour-science and of distributions, so that a plan can reject a wrong one without
+importing the library.
 
-In:  a name, and the wavelengths it is wanted for (nm).
-Out: nothing, or ValueError with the nearest names that exist.
+In:  a name, and the wavelengths for which it is needed (nm).
+Out: nothing, or ValueError with the nearest existing names.
 
-``data/spectral_tables.csv`` lists kind, name and range; a test holds it equal to what colour-science has.
+``data/spectral_tables.csv`` lists kind, name and range; a test checks it against colour-science.
 """
 
 import csv
@@ -22,13 +22,13 @@ from etendue_camera.spectra.named import LIBRARY, spectrum
 LOWEST_TEMPERATURE = 100.0  # K; colder spectra overflow float64 towards the infrared
 COMPUTED = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*(K|nm)\s*")
 COMPUTED_ILLUMINANTS = "'<T> K' for a Planck radiator, '<w> nm' for a line"
-EYE = (360.0, 830.0)  # nm; where the CIE tabulates what an eye sees
-MOST_OF_IT = (420.0, 680.0)  # nm; holds 99 % of the luminance of every table, and of Planck radiators from 2000 K on
+EYE = (360.0, 830.0)  # nm; the visible range as tabulated by the CIE
+MOST_OF_IT = (420.0, 680.0)  # nm; contains 99 % of the luminance of every table, and of Planck radiators above 2000 K
 
 
 @cache
 def tables(kind: str) -> dict[str, tuple[float, float]]:
-    """Name to (lowest, highest) wavelength, nm, of every ``illuminant``, ``camera`` or ``display`` table."""
+    """Return name to (lowest, highest) wavelength, nm, of every ``illuminant``, ``camera`` or ``display`` table."""
     return {row["name"]: (float(row["lowest_nm"]), float(row["highest_nm"])) for row in _rows_of(kind)}
 
 
@@ -39,7 +39,7 @@ def _rows_of(kind: str) -> list[dict[str, str]]:
 
 
 def check_illuminant(name: str, lowest: float, highest: float) -> None:
-    """Refuse an unknown illuminant, or one whose table ends inside the wavelengths wanted."""
+    """Raise ValueError for an unknown illuminant, or one whose table ends inside the given wavelengths."""
     computed = COMPUTED.fullmatch(name)
     if computed:
         number = float(computed[1])
@@ -65,51 +65,52 @@ def check_illuminant(name: str, lowest: float, highest: float) -> None:
 
 
 def line_of(name: str) -> float | None:
-    """Wavelength (nm) of a spectral line; None for other lights."""
+    """Return the wavelength (nm) of a spectral line; None for other lights."""
     computed = COMPUTED.fullmatch(name)
     return float(computed[1]) if computed and computed[2] == "nm" else None
 
 
 def range_of(name: str) -> tuple[float, float]:
-    """Lowest and highest wavelength (nm) of an illuminant's table; those of the eye where it is computed."""
+    """Return the lowest and highest wavelength (nm) of an illuminant's table; the visible range if it is computed."""
     return EYE if name == "E" or COMPUTED.fullmatch(name) else _rows_from(name) or tables("illuminant")[name]
 
 
 def camera_range(name: str) -> tuple[float, float]:
-    """Lowest and highest wavelength (nm) of a camera's table."""
+    """Return the lowest and highest wavelength (nm) of a camera's table."""
     return _rows_from(name) or tables("camera")[name]
 
 
 def _rows_from(name: str) -> tuple[float, float] | None:
-    """Lowest and highest wavelength (nm) of a table in a file."""
+    """Return the lowest and highest wavelength (nm) of a table in a file."""
     rows = csv_rows(name)[1] if spectrum(name) else None
     return None if rows is None else (float(rows[0]), float(rows[-1]))
 
 
 def brought() -> list[str]:
-    """The names of tables that distributions bring as files."""
+    """Return the names of tables that distributions provide as files."""
     found = discovery.installed()
     return [name for name in found.names("spectra") if found.all("spectra", name)[-1].value != LIBRARY]
 
 
 def state_of(name: str) -> tuple[int, int]:
-    """What a table is remembered by beside its name: time and size of its file; (0, 0) of a table of the library."""
+    """Return what identifies the content of a table besides its name: time and size of its file; (0, 0) in the
+    library."""
     found = os.stat(path) if (path := spectrum(name)) else None
     return (found.st_mtime_ns, found.st_size) if found else (0, 0)
 
 
 def check_camera(name: str) -> None:
-    """Refuse an unknown camera; the path of a CSV table and ``flat`` pass."""
+    """Raise ValueError for an unknown camera; the path of a CSV table and ``flat`` are accepted."""
     if name not in tables("camera") and not spectrum(name) and name != "flat":
         require_name(name, [*tables("camera"), *brought()], "camera", "the path of a CSV table, or flat")
 
 
 @cache
 def rgb_space_names() -> frozenset[str]:
-    """The RGB spaces of colour-science."""
+    """Return the RGB spaces of colour-science."""
     return frozenset(row["name"] for row in _rows_of("rgb_space"))
 
 
 def check_rgb_space(name: str, besides: Collection[str] = ()) -> None:
-    """Refuse what is neither an RGB space nor one of the names besides."""
+    """Raise ValueError for a name that is neither an RGB space nor one of the others given."""
     require_name(name, [*rgb_space_names(), *besides], "RGB space", ", ".join(map(repr, besides)))

@@ -1,7 +1,7 @@
-"""Tables of reflectances of one's own: shares of the light, not percents.
+"""Tables of user-supplied reflectances: fractions, not per cent.
 
 In:  the path of a table.
-Out: nothing, or a refusal that names the column.
+Out: nothing, or a ValueError that names the column.
 """
 
 from __future__ import annotations
@@ -12,23 +12,22 @@ import numpy as np
 
 from etendue_camera.spectra.bins import csv_rows
 
-HIGHEST = 2.0  # a fluorescent white reaches some 1.3 where it shines; percents of all but black surfaces are above
+HIGHEST = 2.0  # a fluorescent white reaches about 1.3; values in per cent are above for all but black surfaces
 
 
 def require_shares(what: str, path: str | Path) -> None:
-    """Refuse reflectances that cannot be shares.
+    """Raise ValueError for reflectances that cannot be fractions.
 
     Raises
     ------
     ValueError
-        A column goes above 2.
+        If a column exceeds 2.
     """
     names, _, values = csv_rows(path)
     highest = values.max(axis=0)
     worst = int(np.argmax(highest))
     if highest[worst] > HIGHEST:
         raise ValueError(
-            f"{what}: {names[worst]} of {path} reaches {highest[worst]:g}: a reflectance is a share; divide percents "
-            f"by 100 "
-            f"(up to {HIGHEST:g} passes, for what fluoresces)"
+            f"{what}: {names[worst]} of {path} reaches {highest[worst]:g}: a reflectance is a fraction; divide per "
+            f"cent values by 100 (up to {HIGHEST:g} is accepted, for fluorescence)"
         )

@@ -1,12 +1,13 @@
-"""The tables of colour-science as they are shipped, so that no run waits seconds for its import.
+"""The shipped tables of colour-science, which avoid seconds of import time in every run.
 
 In:  kind and name of a table.
-Out: plain read-only float64 arrays, the same to the last bit as the library's own.
+Out: plain read-only float64 arrays, bit-identical to the library's own.
 
-``data/spectra.npz`` holds them, made by ``python -m etendue_camera.spectra.build`` from the version of colour-science
-that is written in it; a test holds every one equal to the library. Where another version is installed its own tables
-are taken: from the library once, then from the user's folder for caches. A name that is not among them is asked of the
-library itself.
+``data/spectra.npz`` contains them, built by ``python -m etendue_camera.spectra.build`` from the version of
+colour-science recorded in it; a test compares all with the library. If another version is installed, its own tables are
+used: from the library once, then from the user's cache folder. Names that are not among them are looked up in the
+library
+itself.
 """
 
 import hashlib
@@ -25,38 +26,38 @@ from etendue import cache
 from etendue_camera.spectra import authority
 from etendue_camera.spectra.bins import FloatArray
 
-VERSION = "colour-science"  # under this name the file holds the version it was made from
+VERSION = "colour-science"  # the file stores the version it was built from under this name
 Arrays = dict[str, np.ndarray[Any, Any]]
 
 
 @lru_cache(maxsize=1)
 def arrays() -> Arrays:
-    """Everything that is shipped, of the version of colour-science that is installed."""
+    """Return all shipped tables, for the installed version of colour-science."""
     data = (files("etendue_camera") / "data" / "spectra.npz").read_bytes()
     found = unpacked(data)
     version = authority.colour_version()
     if str(found[VERSION]) == version:
         return found
-    # and of the code that would find them anew
+    # and of the code that would rebuild them
     key = f"{version} {digest_of(data + Path(authority.__file__).read_bytes())}"
     kept = cache.read("spectra", key)
     if kept is not None:
         try:
             return unpacked(kept)
         except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile):
-            pass  # damaged: found again
+            pass  # damaged: rebuilt
     found = made()
     cache.write("spectra", key, packed(found))
     return found
 
 
 def made() -> Arrays:
-    """Everything anew, from the library that is installed."""
+    """Build all tables from the installed library."""
     return {VERSION: np.array(authority.colour_version()), **authority.everything()}
 
 
 def packed(found: Arrays) -> bytes:
-    """As an uncompressed ``.npz``: the same bytes for the same arrays."""
+    """Return an uncompressed ``.npz``: the same bytes for the same arrays."""
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **found)  # type: ignore[arg-type]
     return file.getvalue()
@@ -79,7 +80,7 @@ def digest_of(data: bytes) -> str:
 
 @lru_cache(maxsize=16)
 def _places(kind: str) -> dict[str, Any]:
-    """Name to row, or to the slice of rows, of a kind."""
+    """Return name to row, or to the slice of rows, of a kind."""
     names = arrays()[f"{kind}/names"].tolist()
     if f"{kind}/sizes" not in arrays():
         return {name: place for place, name in enumerate(names)}
@@ -92,15 +93,15 @@ def names(kind: str) -> Iterator[str]:
 
 
 def curve(kind: str, name: str, besides: str = "") -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (rows,) in nm and values of a table: (rows,) of lights and reflectances, (rows, k) of what has
-    channels.
+    """Return wavelengths (rows,) in nm and values of a table: (rows,) for lights and reflectances, (rows, k) for tables
+    with channels.
 
-    Kinds: illuminant, camera and display as they are tabulated; smooth camera, observer, patch and basis at 1 nm.
+    Kinds: illuminant, camera and display as tabulated; smooth camera, observer, patch and basis at 1 nm.
 
     Raises
     ------
     ValueError
-        An unknown name, with the nearest ones.
+        For an unknown name, with the nearest ones.
     """
     place = _places(kind).get(name)
     rows = arrays()[f"{kind}/rows"][place] if place is not None else authority.rows(kind, name, besides)
@@ -108,7 +109,7 @@ def curve(kind: str, name: str, besides: str = "") -> tuple[FloatArray, FloatArr
 
 
 def space(name: str) -> dict[str, Any]:
-    """An RGB space, as `authority.space_of` gives it; unknown names raise ValueError."""
+    """Return an RGB space, as `authority.space_of`; unknown names raise ValueError."""
     place = _places("space").get(name)
     if place is None:
         return authority.space_of(name)
@@ -116,12 +117,12 @@ def space(name: str) -> dict[str, Any]:
 
 
 def white(name: str) -> FloatArray | None:
-    """Chromaticity (2,) of an illuminant as published (1931 observer); None of a light that has none."""
+    """Return the published chromaticity (2,) of an illuminant (1931 observer); None if it has none."""
     place = _places("white").get(name)
     return None if place is None else arrays()["white/xy"][place]
 
 
 def adaptation(name: str) -> FloatArray:
-    """XYZ to sharpened cone responses, (3, 3); unknown names raise ValueError."""
+    """Return the matrix from XYZ to sharpened cone responses, (3, 3); unknown names raise ValueError."""
     place = _places("adaptation").get(name)
     return authority.adaptation_of(name) if place is None else arrays()["adaptation/matrix"][place]

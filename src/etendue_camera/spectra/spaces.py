@@ -9,7 +9,7 @@ from etendue_camera.spectra.bins import FloatArray, frozen
 
 
 def rgb_space_matrix(name: str) -> tuple[FloatArray, FloatArray]:
-    """RGB to XYZ matrix (3, 3) and white point xy (2,) of a space in ``colour.RGB_COLOURSPACES``.
+    """Return the RGB to XYZ matrix (3, 3) and white point xy (2,) of a space in ``colour.RGB_COLOURSPACES``.
 
     The matrix is the one the standard prints, so for "sRGB" it has four digits. Unknown names raise
     ValueError.
@@ -19,7 +19,7 @@ def rgb_space_matrix(name: str) -> tuple[FloatArray, FloatArray]:
 
 
 def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tuple[float, float]]:
-    """Chromaticities xy of red, green, blue, and of the white, of a space in ``colour.RGB_COLOURSPACES``.
+    """Return chromaticities xy of red, green, blue, and of the white, of a space in ``colour.RGB_COLOURSPACES``.
 
     Unknown names raise ValueError.
     """
@@ -29,10 +29,11 @@ def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tup
 
 
 def rgb_space_white(name: str) -> str:
-    """Name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; the space's own name where it
-    is of no other.
+    """Return the name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; the space's own
+    name
+    if it is none.
 
-    A white counts as an illuminant's where its chromaticity is the published one.
+    A white counts as an illuminant's if its chromaticity is the published one.
     """
     space = shipped.space(name)
     published = _published_white(str(space["white_name"]))
@@ -41,7 +42,8 @@ def rgb_space_white(name: str) -> str:
 
 
 def white_chromaticity(name: str) -> tuple[float, float] | None:
-    """xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None of a light
+    """Return xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None for a
+    light
     that has none.
     """
     return rgb_space_primaries(name)[1] if name in list(shipped.names("space")) else _published_white(name)
@@ -53,7 +55,7 @@ def _published_white(name: str) -> tuple[float, float] | None:
 
 
 def adaptation_matrix(name: str) -> FloatArray:
-    """XYZ to sharpened cone responses, (3, 3), by name: "Von Kries", "Bradford", "CAT02", "CAT16", ...
+    """Return the matrix from XYZ to sharpened cone responses, (3, 3), by name: "Von Kries", "Bradford", "CAT02", ...
 
     Any name in ``colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS``; others raise ValueError.
     """

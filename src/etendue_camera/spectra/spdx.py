@@ -1,6 +1,6 @@
-"""Spectra in SPDX files, as makers of lamps and filters publish them.
+"""Spectra in SPDX files, as published by makers of lamps and filters.
 
-In:  a file of the form of ANSI/IES TM-27-14 (XML).
+In:  a file in ANSI/IES TM-27-14 format (XML).
 Out: a name, wavelengths (nm), values in the units of the file.
 Source: ANSI/IES TM-27-14, Electronic Transfer of Spectral Data.
 """
@@ -16,18 +16,18 @@ import numpy.typing as npt
 from etendue import plain_files
 
 ENDING = ".spdx"
-COLUMN = "spectrum"  # the one column of such a file
+COLUMN = "spectrum"  # the only column of such a file
 
 
 def read_spdx(path: Path) -> tuple[list[str], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """The one column of an SPDX file, as `bins.csv_rows` gives columns of a CSV file.
+    """Read the only column of an SPDX file, as `bins.csv_rows` returns columns of a CSV file.
 
     Parameters
     ----------
     path : Path
-        A root ``IESTM2714`` with ``SpectralDistribution`` and in it
-        ``<SpectralData wavelength="380.0">0.013</SpectralData>``, two at least, of ascending wavelength in nm. What the
-        head says is not looked at, nor is ``SpectralQuantity``.
+        A root ``IESTM2714`` with ``SpectralDistribution`` and in it at least two
+        ``<SpectralData wavelength="380.0">0.013</SpectralData>`` of ascending wavelength in nm. The header and
+        ``SpectralQuantity`` are ignored.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def read_spdx(path: Path) -> tuple[list[str], npt.NDArray[np.float64], npt.NDArr
     Raises
     ------
     ValueError
-        No XML, no such form, a number that is none, wavelengths that do not ascend.
+        If the file is not XML of this form, has an invalid number, or wavelengths that do not ascend.
     """
     try:
         root = ElementTree.fromstring(plain_files.table(path))
@@ -44,17 +44,15 @@ def read_spdx(path: Path) -> tuple[list[str], npt.NDArray[np.float64], npt.NDArr
         ElementTree.ParseError,
         LookupError,
         ValueError,
-    ) as error:  # no XML; an encoding that is not known, or of several bytes
-        raise ValueError(f"{path} is no SPDX file: {error}; expected XML, best in UTF-8") from None
+    ) as error:  # not XML; an unknown or multi-byte encoding
+        raise ValueError(f"{path} is not an SPDX file: {error}; expected XML, preferably in UTF-8") from None
     found = [one for one in root.iter() if one.tag.rpartition("}")[2] == "SpectralData"]
     if len(found) < 2:
-        raise ValueError(
-            f"{path} has {len(found)} elements SpectralData; at least two are needed, as ANSI/IES TM-27-14 has them"
-        )
+        raise ValueError(f"{path} has {len(found)} SpectralData elements; ANSI/IES TM-27-14 requires at least two")
     rows = np.array([[_number(path, one, one.get("wavelength")), _number(path, one, one.text)] for one in found])
     for before, after in zip(rows[:-1, 0], rows[1:, 0], strict=True):
         if not after > before:
-            raise ValueError(f"{path}: wavelength {after:g} nm does not ascend from {before:g} nm")
+            raise ValueError(f"{path}: wavelength {after:g} nm must be greater than {before:g} nm")
     return [COLUMN], rows[:, 0], rows[:, 1:]
 
 

@@ -1,7 +1,7 @@
-"""Spectra for RGB: reflectances whose colours under D65 are those of linear sRGB.
+"""Spectra from RGB: reflectances whose colours under D65 are those of linear sRGB.
 
 In:  bin edges of a wavelength axis, nm.
-Out: a basis (bins, 3), and the matrix its colours are those of.
+Out: a basis (bins, 3), and the matrix of its colours.
 Source: Mallett & Yuksel (2019), corrected to the bins.
 """
 
@@ -20,8 +20,8 @@ from etendue_camera.spectra.names import EYE
 
 
 def whole_axis(edges: tuple[float, ...]) -> tuple[float, ...]:
-    """Bin edges continued with the widths of their end bins over all that an eye sees, so that a window has the
-    colours of the whole.
+    """Extend bin edges with the widths of their end bins over the visible range, so that a window gives the colours of
+    the whole.
     """
     first, last = edges[1] - edges[0], edges[-1] - edges[-2]
     below = min(math.ceil(max(0.0, edges[0] - EYE[0]) / first - 1e-9), math.ceil(edges[0] / first - 1e-9) - 1)
@@ -34,12 +34,12 @@ def whole_axis(edges: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def srgb_to_xyz(edges: Edges) -> FloatArray:
-    """Matrix from linear sRGB to XYZ (Y of white = 1) for the primaries of sRGB and the D65 of bins like these.
+    """Return the matrix from linear sRGB to XYZ (Y of white = 1) for the primaries of sRGB and D65 in these bins.
 
     Parameters
     ----------
     edges : (n + 1,) ascending, nm
-        Continued over 360-830 nm with the widths of the end bins.
+        Extended over 360-830 nm with the widths of the end bins.
 
     Returns
     -------
@@ -47,10 +47,10 @@ def srgb_to_xyz(edges: Edges) -> FloatArray:
 
     Notes
     -----
-    The four digits of IEC 61966-2-1 describe a white of (0.9505, 1, 1.0890); sums over bins give a slightly
-    different one. This matrix keeps the chromaticities of the primaries and sends (1, 1, 1) to the white the
-    bins have: the largest difference from the standard's is 2.2e-4 (1 nm bins), 3.6e-4 (5 nm) or 7.9e-4
-    (10 nm).
+    The four digits of IEC 61966-2-1 describe a white of (0.9505, 1, 1.0890); sums over bins give a slightly different
+    one. This matrix keeps the chromaticities of the primaries and maps (1, 1, 1) to the white of the bins: the largest
+    difference from the standard's is 2.2e-4 (1 nm bins), 3.6e-4 (5 nm) or 7.9e-4 (10 nm).
+
     """
     return _srgb_to_xyz(whole_axis(checked_edges(edges)))
 
@@ -64,9 +64,9 @@ def _srgb_to_xyz(edges: tuple[float, ...]) -> FloatArray:
 
 
 def _d65_weights(edges: tuple[float, ...]) -> FloatArray:
-    """(n, 3) weights with ``reflectance @ weights`` = XYZ under D65, whose end values hold beyond its table.
+    """Return (n, 3) weights with ``reflectance @ weights`` = XYZ under D65, whose end values are extended.
 
-    For all that an eye sees: what is beyond counts as dark, so that an axis to 1100 nm can show photographs.
+    For the visible range: light outside counts as dark, so that an axis to 1100 nm can show photographs.
     """
     nodes, values = shipped.curve("illuminant", "D65")
     power = bin_means(nodes, values, edges, "hold") * np.diff(edges)
@@ -75,7 +75,7 @@ def _d65_weights(edges: tuple[float, ...]) -> FloatArray:
 
 
 def upsampling_basis(edges: Edges) -> FloatArray:
-    """Reflectance spectra of linear sRGB: ``reflectance = basis @ rgb``.
+    """Return reflectance spectra of linear sRGB: ``reflectance = basis @ rgb``.
 
     Parameters
     ----------
@@ -85,20 +85,20 @@ def upsampling_basis(edges: Edges) -> FloatArray:
     Returns
     -------
     (n, 3) array, dimensionless
-        The same in a bin, however many bins like it are rendered beside it. Columns add up to 1 in every bin, so that
-        grey photographs get flat spectra.
+        The same in a bin, whatever similar bins are rendered with it. Columns sum to 1 in every bin, so that grey
+        photographs get flat spectra.
 
     Raises
     ------
     ValueError
-        Bins too wide to tell three primaries apart.
+        If bins are too wide to separate the three primaries.
 
     Notes
     -----
     Source: the basis of Mallett & Yuksel (2019, https://doi.org/10.2312/sr.20191216), Sprague to 1 nm, means
     over the bins, held outside 380-780 nm. Two corrections: each row is divided by its sum (which is 1 within
-    1e-5), and a 3 x 3 matrix makes the round trip exact for the whole light in bins like these (`whole_axis`), that is
-    sum(basis x D65 x observer) = ``srgb_to_xyz(edges)``. Together they move the basis by at most 1.2e-3 (5 nm bins),
+    over the bins, held outside 380-780 nm. Two corrections: each row is divided by its sum (which is 1 within 1e-5),
+    and a 3 x 3 matrix makes the round trip exact for the full spectrum in these bins (`whole_axis`), that is
     4.6e-3 (10 nm) and 2.2e-2 (20 nm).
     Error: round trip below 1e-15, sum of columns within 2e-15 of 1. Values within [0.0029, 0.978] for 10 nm
     bins over 380-780 nm, so that RGB inside [0, 1] gives reflectances inside [0, 1]; bins of 20 nm reach
@@ -115,6 +115,6 @@ def _upsampling_basis(edges: tuple[float, ...]) -> FloatArray:
     raw = raw / raw.sum(axis=1, keepdims=True)
     response = _d65_weights(axis).T @ raw
     if np.linalg.cond(response) > 1e3:
-        raise ValueError(f"edges must tell the three sRGB primaries apart, but bins are too wide in {span(edges)}")
+        raise ValueError(f"edges must separate the three sRGB primaries, but bins are too wide in {span(edges)}")
     first = axis.index(edges[0])
     return frozen((raw @ np.linalg.solve(response, _srgb_to_xyz(axis)))[first : first + len(edges) - 1])

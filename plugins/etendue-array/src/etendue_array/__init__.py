@@ -1,1 +1,1 @@
-"""A line of microphones: from waves of sound to the direction that they come from."""
+"""A line array of microphones: from sound waves to their direction of arrival."""

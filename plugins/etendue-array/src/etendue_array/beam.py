@@ -1,7 +1,7 @@
-"""The beam, steered over all directions, and what it tells. Both are written on labels.
+"""The beam, steered over all directions, and its metrics, written with labelled arrays.
 
 In:  ``phasor`` (part, frequency, microphone), Pa.
-Out: ``beam`` (frequency, direction), Pa2, in which the microphones are summed up; figures.
+Out: ``beam`` (frequency, direction), Pa2, summed over microphones; metrics.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ REFERENCE = 20e-6  # Pa: 0 dB of sound pressure
 @labelled
 @dataclass(frozen=True, kw_only=True)
 class DelayAndSum(Stage):
-    """Every microphone is delayed by what a wave from a direction is early there; then all are added up."""
+    """Delay each microphone by the advance of a wave from a direction, then sum."""
 
     role: ClassVar = "beamforming"
     reads: ClassVar = {"phasor": "part frequency microphone [Pa]"}
@@ -33,8 +33,8 @@ class DelayAndSum(Stage):
     error: ClassVar = measured(1e-5, 1e-12)
 
     sound_speed: float = quantity("sound_speed")
-    taper: str = param("uniform", choices=kernels.TAPERS, doc="how much the microphones at the ends of the line count")
-    directions: int = param(361, at_least=2, at_most=100_000, doc="from -90 to 90 deg")
+    taper: str = param("uniform", choices=kernels.TAPERS, doc="weighting of the microphones along the line")
+    directions: int = param(361, at_least=2, at_most=100_000, doc="number of directions, from -90 to 90 deg")
 
     def grid(self, inputs: Any) -> Mapping[str, Grid]:
         direction = Line(self.directions, -90.0, 180.0 / (self.directions - 1), "deg")
@@ -58,7 +58,7 @@ class DelayAndSum(Stage):
 @labelled
 @dataclass(frozen=True, kw_only=True)
 class BeamFigures(Stage):
-    """From where the sound comes, and how well the beam tells it from others."""
+    """Compute the direction of arrival, and how well the beam separates it from others."""
 
     role: ClassVar = "measure of a beam"
     reads: ClassVar = {"beam": "frequency direction [Pa2]"}

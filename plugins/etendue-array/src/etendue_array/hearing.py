@@ -1,4 +1,4 @@
-"""What microphones make of sound: noise of their own (on labels), and phasors by frequency (on arrays).
+"""Microphones: self noise (on labelled arrays), and phasors by frequency (on plain arrays).
 
 In:  ``pressure`` (microphone, time), Pa.
 Out: the same with noise; ``phasor`` (part, frequency, microphone), Pa.
@@ -22,7 +22,7 @@ PARTS = Labels(("real", "imaginary"))
 @labelled
 @dataclass(frozen=True, kw_only=True)
 class MicrophoneNoise(Bounded, Sampled):
-    """White noise, independent by microphone and sample."""
+    """Add white noise, independent per microphone and sample."""
 
     role: ClassVar = "self noise"
     reads: ClassVar = {"pressure": PRESSURE}
@@ -48,9 +48,7 @@ class MicrophoneNoise(Bounded, Sampled):
 
 @dataclass(frozen=True, kw_only=True)
 class Phasors(Stage):
-    """Every signal taken apart by frequency (a discrete Fourier transform); a tone of rms 1 in the middle of a bin
-    has length 1.
-    """
+    """Split every signal by frequency (discrete Fourier transform); a tone of rms 1 at a bin centre has magnitude 1."""
 
     role: ClassVar = "filter bank"
     reads: ClassVar = {"pressure": PRESSURE}
@@ -60,11 +58,11 @@ class Phasors(Stage):
     libraries: ClassVar = ("numpy",)
     error: ClassVar = measured(1e-6, 1e-14)
 
-    lowest: float = param(500.0, units="Hz", above=0, at_most=1e6, doc="frequencies from here")
-    highest: float = param(4000.0, units="Hz", above=0, at_most=1e6, doc="to here")
+    lowest: float = param(500.0, units="Hz", above=0, at_most=1e6, doc="lowest frequency")
+    highest: float = param(4000.0, units="Hz", above=0, at_most=1e6, doc="highest frequency")
 
     def bins(self, time: Line) -> range:
-        """Numbers of the frequencies, of which the first and the last of all stand for no phasor."""
+        """Return the indices of the frequencies, without the first and last of all, which have no phasor."""
         apart = 1 / (time.step * time.size)
         found = range(
             max(1, math.ceil(self.lowest / apart - 1e-9)),
@@ -72,7 +70,7 @@ class Phasors(Stage):
         )
         if not found:
             raise ValueError(
-                f"there is no frequency from {self.lowest:g} to {self.highest:g} Hz: they are {apart:g} Hz apart"
+                f"no frequency bin from {self.lowest:g} to {self.highest:g} Hz: the bins are {apart:g} Hz apart"
             )
         return found
 

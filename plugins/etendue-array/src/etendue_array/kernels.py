@@ -1,10 +1,10 @@
-"""What a line of microphones hears and how its beam is steered: plain functions on arrays.
+"""Kernels of a line array of microphones and its beam: plain functions on arrays.
 
 In:  positions on the line, m; frequencies, Hz; directions, deg from the normal of the line.
 Out: delays, s; the array factor, 1.
 
-A plane wave from a direction t reaches a microphone at x earlier by x sin(t) / c: what the middle of the line hears at
-a time T, that microphone hears at T - x sin(t) / c.
+A plane wave from a direction t reaches a microphone at x earlier by x sin(t) / c: the signal at the centre of the line
+at time T is the signal of that microphone at T - x sin(t) / c.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ TAPERS = ("uniform", "hann")
 
 
 def advance(positions: Any, direction: Any, speed: float) -> Any:
-    """By how much (s) a wave is heard earlier at these positions than in the middle; array or labelled alike."""
+    """Return the advance (s) of a wave at these positions relative to the centre; plain or labelled arrays."""
     return positions * np.sin(np.deg2rad(direction)) / speed
 
 
 def taper(name: str, count: int) -> NDArray:
-    """Weights (microphone,) of sum 1. ``hann``: squared sine, from neighbours of its zeros, so that no microphone is
-    lost.
+    """Return weights (microphone,) of sum 1. ``hann``: squared sine without its zeros, so that no microphone is
+    ignored.
     """
     inside = (np.arange(count) + 1.0) / (count + 1.0)
     weights = np.ones(count) if name == "uniform" else np.sin(math.pi * inside) ** 2
@@ -33,15 +33,15 @@ def taper(name: str, count: int) -> NDArray:
 
 
 def white_noise_gain(weights: NDArray) -> float:
-    """By how much a beam betters the ratio of signal to noise that is independent by microphone; their number, if
-    all count alike.
+    """Return the gain in signal-to-noise ratio of a beam for noise independent per microphone; equals their number for
+    uniform weights.
     """
     return float(weights.sum() ** 2 / (weights**2).sum())
 
 
 def array_factor(count: int, spacing: float, frequency: float, speed: float, direction: Any, steered: float) -> NDArray:
-    """Power (relative) of a uniform beam, steered to one direction, for waves from others: |sin(N u) / (N sin u)|^2,
-    with u = pi f d (sin t - sin t0) / c (Van Trees, Optimum Array Processing, 2002, eq. 2.93)."""
+    """Return the relative power of a uniform beam, steered to one direction, for waves from others: |sin(N u) / (N sin
+    u)|^2, with u = pi f d (sin t - sin t0) / c (Van Trees, Optimum Array Processing, 2002, eq. 2.93)."""
     u = math.pi * frequency * spacing / speed * (np.sin(np.deg2rad(direction)) - math.sin(math.radians(steered)))
     whole = np.abs(np.sin(u)) < 1e-9
     safe = np.where(whole, 1.0, np.sin(u))
@@ -49,8 +49,8 @@ def array_factor(count: int, spacing: float, frequency: float, speed: float, dir
 
 
 def half_power_width(directions: NDArray, power: NDArray) -> float:
-    """Width (deg) of the main lobe where it falls to half of its top, on straight lines between samples; up to the ends
-    of the range where it does not fall so far."""
+    """Return the full width (deg) of the main lobe at half its peak, by linear interpolation; limited to the range of
+    directions."""
     top = int(np.argmax(power))
     half = 0.5 * power[top]
     ends = []
@@ -67,8 +67,8 @@ def half_power_width(directions: NDArray, power: NDArray) -> float:
 
 
 def side_lobe(power: NDArray) -> float:
-    """The highest power beyond the valleys around the main lobe, over that of the main lobe, dB; nothing beyond:
-    -300.
+    """Return the highest power beyond the nulls around the main lobe, relative to its peak, dB; -300 if there is
+    none.
     """
     top = int(np.argmax(power))
     if not power[top] > 0:
@@ -83,7 +83,8 @@ def side_lobe(power: NDArray) -> float:
 
 
 def parabola(directions: NDArray, power: NDArray) -> float:
-    """Direction (deg) of the top of the parabola through the largest sample and its neighbours."""
+    """Return the direction (deg) of the vertex of the parabola through the largest sample and its neighbours."""
+
     top = int(np.argmax(power))
     if not 0 < top < power.size - 1:
         return float(directions[top])

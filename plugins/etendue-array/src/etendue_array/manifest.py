@@ -1,4 +1,4 @@
-"""What this distribution brings to etendue: stages, and the words that they share."""
+"""What this distribution provides: stages, and the quantities and names that they share."""
 
 from __future__ import annotations
 
@@ -25,38 +25,38 @@ def etendue_stages() -> dict[str, str]:
 @hookimpl
 def etendue_roles() -> dict[str, str]:
     return {
-        "sound": "the waves that arrive at the microphones",
-        "interference": "sound from elsewhere",
-        "self noise": "noise that every microphone has of its own",
-        "filter bank": "from signals in time to phasors by frequency",
+        "sound": "the sound waves at the microphones",
+        "interference": "sound from other directions",
+        "self noise": "self noise of every microphone",
+        "filter bank": "from time signals to phasors by frequency",
         "beamforming": "from the phasors of all microphones to power by direction",
-        "measure of a beam": "figures that say what a beam tells",
+        "measure of a beam": "metrics of a beam",
     }
 
 
 @hookimpl
 def etendue_tables() -> dict[str, Any]:
-    """What stages share stands under [array]."""
+    """Quantities shared by stages are set under [array]."""
     return {"array": {}}
 
 
 @hookimpl
 def etendue_quantities() -> dict[str, Any]:
     return {
-        "microphones": {"default": 8, "at_least": 1, "at_most": 1024, "doc": "of the array, in a line"},
+        "microphones": {"default": 8, "at_least": 1, "at_most": 1024, "doc": "number of microphones in the line"},
         "spacing": {
             "default": 0.08,
             "units": "m",
             "above": 0,
             "at_most": 100,
-            "doc": "between neighbouring microphones",
+            "doc": "distance between neighbouring microphones",
         },
         "sound_speed": {
             "default": 343.0,
             "units": "m s-1",
             "at_least": 1,
             "at_most": 1e5,
-            "doc": "of the air, or the water",
+            "doc": "speed of sound in the medium, such as air or water",
         },
         "tone": {"default": 2000.0, "units": "Hz", "above": 0, "at_most": 1e6, "doc": "frequency of the sound"},
         "bearing": {
@@ -64,7 +64,7 @@ def etendue_quantities() -> dict[str, Any]:
             "units": "deg",
             "at_least": -90,
             "at_most": 90,
-            "doc": "direction of the sound; 0 is in front of the line",
+            "doc": "direction of arrival; 0 is the normal of the line",
         },
     }
 
@@ -80,8 +80,8 @@ def etendue_variables() -> dict[str, Any]:
             "units": "1",
             "better": "higher",
         },
-        "bearing_found": {"long_name": "direction of the strongest sound", "units": "deg"},
-        "bearing_error": {"long_name": "direction found less the true one", "units": "deg"},
+        "bearing_found": {"long_name": "estimated direction of the strongest sound", "units": "deg"},
+        "bearing_error": {"long_name": "estimated minus true direction", "units": "deg"},
         "beam_width": {"long_name": "width of the main lobe at half power", "units": "deg", "better": "lower"},
         "side_lobe": {"long_name": "highest side lobe over the main lobe", "units": "dB", "better": "lower"},
         "sound_level": {"long_name": "sound pressure level of the main lobe", "units": "dB"},
@@ -90,7 +90,7 @@ def etendue_variables() -> dict[str, Any]:
 
 @hookimpl
 def etendue_dims() -> dict[str, Any]:
-    """Where stages are tried that do not say it themselves."""
+    """Dims for trying stages that do not state them."""
     return {
         "microphone": {"units": "m", "example": [-0.2 + 0.08 * n for n in range(6)]},
         "time": {"units": "s", "example": [n / 16000 for n in range(64)]},
@@ -102,7 +102,7 @@ def etendue_dims() -> dict[str, Any]:
 
 @hookimpl
 def etendue_templates() -> dict[str, Any]:
-    return {"array": {"path": HERE / "beginning.toml", "keep": {"all": "everything", "beam": "the beam alone"}}}
+    return {"array": {"path": HERE / "beginning.toml", "keep": {"all": "everything", "beam": "the beam only"}}}
 
 
 @hookimpl

@@ -1,7 +1,7 @@
-"""Sound that arrives: a source, and a second wave on top of it. Both are written on labels.
+"""Incoming sound: a source, and a second wave added to it, written with labelled arrays.
 
 In:  the array's geometry; direction, frequency and level of a wave.
-Out: ``pressure`` (microphone, time), Pa; ``microphone`` are positions on the line, m.
+Out: ``pressure`` (microphone, time), Pa; ``microphone`` contains positions on the line, m.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ PRESSURE = "microphone time [Pa]"
 
 
 def wave(microphone: Any, time: Any, tone: float, rms: float, direction: float, speed: float) -> Any:
-    """A plane wave as these microphones hear it at these times; labels or arrays that broadcast."""
+    """Return a plane wave at these microphones and times; labelled or plain arrays that broadcast."""
     return math.sqrt(2) * rms * np.cos(2 * math.pi * tone * (time + advance(microphone, direction, speed)))
 
 
 @labelled
 @dataclass(frozen=True, kw_only=True)
 class PlaneWave(Source):
-    """A tone from far away."""
+    """Generate a tone from a distant source."""
 
     role: ClassVar = "sound"
     writes: ClassVar = {"pressure": PRESSURE}
@@ -38,14 +38,14 @@ class PlaneWave(Source):
     sound_speed: float = quantity("sound_speed")
     tone: float = quantity("tone")
     bearing: float = quantity("bearing")
-    rms: float = param(1.0, units="Pa", above=0, at_most=1e6, doc="sound pressure")
-    sampling_rate: float = param(16000.0, units="Hz", above=0, at_most=1e7, doc="samples a second")
-    samples: int = param(512, at_least=2, at_most=1_000_000, doc="of every microphone")
+    rms: float = param(1.0, units="Pa", above=0, at_most=1e6, doc="rms sound pressure")
+    sampling_rate: float = param(16000.0, units="Hz", above=0, at_most=1e7, doc="samples per second")
+    samples: int = param(512, at_least=2, at_most=1_000_000, doc="samples per microphone")
 
     def __post_init__(self) -> None:
         if self.tone >= 0.5 * self.sampling_rate:
             raise ValueError(
-                f"a tone of {self.tone:g} Hz needs more than {2 * self.tone:g} samples a second; there are "
+                f"a tone of {self.tone:g} Hz needs more than {2 * self.tone:g} samples per second; sampling_rate is "
                 f"{self.sampling_rate:g}"
             )
 
@@ -63,7 +63,7 @@ class PlaneWave(Source):
 @labelled
 @dataclass(frozen=True, kw_only=True)
 class SecondWave(Bounded):
-    """Another tone, from elsewhere."""
+    """Add another tone from a different direction."""
 
     role: ClassVar = "interference"
     reads: ClassVar = {"pressure": PRESSURE}
@@ -73,13 +73,13 @@ class SecondWave(Bounded):
     error: ClassVar = proved(1e-6, 1e-12)
 
     sound_speed: float = quantity("sound_speed")
-    other_tone: float = param(2500.0, units="Hz", above=0, at_most=1e6, doc="its frequency")
-    other_bearing: float = param(-40.0, units="deg", at_least=-90, at_most=90, doc="its direction")
-    other_rms: float = param(0.0, units="Pa", at_least=0, at_most=1e6, doc="its sound pressure")
+    other_tone: float = param(2500.0, units="Hz", above=0, at_most=1e6, doc="frequency of the second tone")
+    other_bearing: float = param(-40.0, units="deg", at_least=-90, at_most=90, doc="direction of the second tone")
+    other_rms: float = param(0.0, units="Pa", at_least=0, at_most=1e6, doc="rms sound pressure of the second tone")
 
     def run(self, data: Any) -> Any:
         other = wave(data.microphone, data.time, self.other_tone, self.other_rms, self.other_bearing, self.sound_speed)
         return data.assign(pressure=data.pressure + other)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        return (0.0, "there is no other sound") if self.other_rms == 0 else None
+        return (0.0, "there is no second tone") if self.other_rms == 0 else None

@@ -1,14 +1,14 @@
-"""Gradient-corrected linear demosaicing: a bilinear guess, corrected by the Laplacian of the colour that was measured.
+"""Gradient-corrected linear demosaicing: a bilinear estimate, corrected by the Laplacian of the measured colour.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
-Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.
+Out: planes (3, y, x) of red, green, blue in the same unit; measured samples unchanged.
 Source: Malvar, He, Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images",
         ICASSP 2004, with its gains alpha = 1/2, beta = 5/8, gamma = 3/4, which make all coefficients multiples of 1/16.
 
 Beyond the border the mosaic is mirrored about its outermost samples, without repeating them, so that mirrored
-neighbours have the colour which the kernels expect there.
+neighbours have the colour that the kernels expect there.
 
-The mosaic is taken apart into its four phase planes; every tap of a kernel is then a contiguous slice of one of them.
+The mosaic is split into its four phase planes; every tap of a kernel is then a contiguous slice of one of them.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from etendue_camera.mosaic.bilinear import bilinear
 from etendue_camera.sensor.cfa import COLOURS, phase
 
-MARGIN = 2  # the kernels reach two samples far
+MARGIN = 2  # the kernels extend by two samples
 
 Tap = Callable[[int, int], NDArray]
 
 
 def malvar(mosaic: NDArray, pattern: str) -> NDArray:
-    """Three colours at every pixel by the four 5 x 5 kernels of Malvar, He and Cutler.
+    """Interpolate three colours at every pixel by the four 5 x 5 kernels of Malvar, He and Cutler.
 
     Parameters
     ----------
@@ -38,17 +38,17 @@ def malvar(mosaic: NDArray, pattern: str) -> NDArray:
     Returns
     -------
     (3, y, x) array, unit and dtype of mosaic (integers become float64)
-        May leave the range of the mosaic: nothing is clipped.
+        May exceed the range of the mosaic: nothing is clipped.
 
     Raises
     ------
     ValueError
-        If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+        If mosaic is not a non-empty (y, x) array, or the pattern is not one of the four.
 
     Notes
     -----
-    A frame of one row or one column holds no 5 x 5 neighbourhood; it is interpolated linearly along its length.
-    Exact for constant planes; inside the border also for three planes that are one linear ramp plus constants.
+    A frame of one row or one column has no 5 x 5 neighbourhood; it is interpolated linearly along its length.
+    Exact for constant planes, and inside the border also for three planes that are one linear ramp plus constants.
     Sums pair opposite neighbours, so that mirroring the mosaic mirrors the result.
     """
     mosaic = np.asarray(mosaic)
@@ -73,7 +73,7 @@ def malvar(mosaic: NDArray, pattern: str) -> NDArray:
 
 
 def _at_chroma(tap: Tap, green: NDArray, opposite: NDArray) -> None:
-    """Green (alpha = 1/2) and the opposite colour (gamma = 3/4) at red and blue sites."""
+    """Interpolate green (alpha = 1/2) and the opposite colour (gamma = 3/4) at red and blue sites."""
     centre = tap(0, 0)
     number = centre.dtype.type
     far = (tap(0, -2) + tap(0, 2)) + (tap(-2, 0) + tap(2, 0))
@@ -91,7 +91,8 @@ def _at_chroma(tap: Tap, green: NDArray, opposite: NDArray) -> None:
 
 
 def _at_green(tap: Tap, beside: NDArray, above: NDArray) -> None:
-    """Red and blue at green sites (beta = 5/8): one of them has its samples beside, the other above and below."""
+    """Interpolate red and blue at green sites (beta = 5/8): one has its samples left and right, the other above and
+    below."""
     centre = tap(0, 0)
     number = centre.dtype.type
     corners = (tap(-1, -1) + tap(1, 1)) + (tap(-1, 1) + tap(1, -1))
@@ -111,13 +112,13 @@ def _at_green(tap: Tap, beside: NDArray, above: NDArray) -> None:
 
 
 def _phase_planes(mosaic: NDArray) -> dict[tuple[int, int], NDArray]:
-    """The four phases of the mosaic with its mirrored margin, each contiguous."""
+    """Return the four phases of the mosaic with its mirrored margin, each contiguous."""
     framed = np.pad(mosaic, MARGIN, mode="reflect")
     return {(y, x): np.ascontiguousarray(framed[y::2, x::2]) for y in (0, 1) for x in (0, 1)}
 
 
 def _taps(split: dict[tuple[int, int], NDArray], shape: tuple[int, ...], y: int, x: int) -> Tap:
-    """The samples at (down, right) from every site (y::2, x::2), as a view of one phase plane."""
+    """Return the samples at (down, right) from every site (y::2, x::2), as a view of one phase plane."""
     rows, columns = len(range(y, shape[0], 2)), len(range(x, shape[1], 2))
 
     def tap(down: int, right: int) -> NDArray:

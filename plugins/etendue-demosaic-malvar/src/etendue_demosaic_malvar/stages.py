@@ -1,7 +1,7 @@
-"""The stage ``demosaic_malvar``: a few lines around the kernel.
+"""The stage ``demosaic_malvar``, a thin wrapper of the kernel.
 
 In:  ``mosaic_linear`` (y, x), 1 at clipping.
-Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
+Out: ``rgb_camera`` (channel, y, x), linear camera RGB.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from etendue_demosaic_malvar.kernel import MARGIN, malvar
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicMalvar(Haloed):
-    """Bilinear, corrected by the Laplacian of the measured colour (Malvar, He and Cutler 2004)."""
+    """Demosaic by bilinear interpolation, corrected by the Laplacian of the measured colour (Malvar, He and Cutler
+    2004)."""
 
     role: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
@@ -32,12 +33,11 @@ class DemosaicMalvar(Haloed):
         self.order(0, 0)
 
     def order(self, row: int, column: int) -> str:
-        """The Bayer order as a window sees it that starts at this pixel of the sensor."""
+        """Return the Bayer order as seen by a window that starts at this pixel of the sensor."""
         name = None if self.pattern.endswith(".csv") else cfa.parse(self.pattern).bayer
         if name is None:
             raise ValueError(
-                f"demosaic_malvar knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use "
-                f"demosaic_any"
+                f"demosaic_malvar supports {', '.join(cfa.BAYER)} only, not {self.pattern!r}; use demosaic_any"
             )
         return cfa.shifted_bayer(name, row, column)
 
@@ -48,5 +48,5 @@ class DemosaicMalvar(Haloed):
         return MARGIN
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""
+        """Bound the arithmetic error; interpolation error between samples is a property of the method."""
         return (5e-7 if precision == "float32" else 1e-15), "measured"

@@ -1,8 +1,8 @@
-"""colour-demosaicing's Menon 2007 with the manners of a kernel: any size, the input's precision, no traces of its
-import.
+"""Adapt colour-demosaicing's Menon 2007 to the conventions of a kernel: any size, the input's precision, no side
+effects of its import.
 
 In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
-Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.
+Out: planes (3, y, x) of red, green, blue in the same unit; measured samples unchanged.
 Source: Menon, Andriani, Calvagno, "Demosaicing with directional filtering and a posteriori decision", IEEE Trans. Image
         Processing 16 (2007) 132, as implemented by the package colour-demosaicing.
 """
@@ -19,19 +19,20 @@ from numpy.typing import NDArray
 
 from etendue_camera.mosaic.bilinear import bilinear
 
-SMALLEST = 6  # a side that holds the filters of the package; smaller ones are mirrored
-MARGIN = 6  # even, so that the pattern stays
-REACH = 12  # rows: the direction is chosen over 6, red and blue reach 2 further, their refinement 3; made even
+SMALLEST = 6  # smallest side for the filters of the package; smaller frames are mirrored
+MARGIN = 6  # even, so that the pattern is unchanged
+REACH = 12  # rows: the direction is chosen over 6, red and blue add 2, their refinement 3; rounded up to even
 
 _importing = threading.Lock()
 _loaded: list[Callable[..., Any]] = []
 
 
 def implementation() -> Callable[..., Any]:
-    """The package's function, imported at the first call: it brings colour-science, a second and more.
+    """Return the package's function, imported at the first call: it imports colour-science, which takes a second or
+    more.
 
-    Its import warns of a namespace of SciPy's that will go (and colour-science's of what is not installed), and sets
-    numpy's print options back to those of version 1.13 for everybody; both end here.
+    The import warns about a deprecated SciPy namespace (and about optional packages of colour-science), and resets
+    numpy's global print options to those of version 1.13; both are suppressed here.
     """
     with _importing:
         if not _loaded:
@@ -43,7 +44,7 @@ def implementation() -> Callable[..., Any]:
 
 
 def menon(mosaic: NDArray, pattern: str, refine: bool = True) -> NDArray:
-    """Green along the direction of the more even colour differences; red and blue follow it.
+    """Interpolate green along the direction of the smoother colour differences, then red and blue.
 
     Parameters
     ----------
@@ -51,28 +52,28 @@ def menon(mosaic: NDArray, pattern: str, refine: bool = True) -> NDArray:
     pattern : str
         One of `etendue_camera.sensor.cfa.BAYER`.
     refine : bool
-        Whether the method's last step, which smooths the differences along the chosen direction, is taken.
+        Whether to apply the method's last step, which smooths the differences along the chosen direction.
 
     Returns
     -------
     (3, y, x) array, unit and dtype of mosaic (integers become float64)
-        May leave the range of the mosaic: nothing is clipped. The package's own result, computed in float64, wherever
-        both sides are 6 or more.
+        May exceed the range of the mosaic: nothing is clipped. The package's own result, computed in float64, if both
+        sides are at least 6.
 
     Raises
     ------
     ValueError
-        If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+        If mosaic is not a non-empty (y, x) array, or the pattern is not one of the four.
 
     Notes
     -----
-    Smaller frames are mirrored about their outermost samples to a frame that the method can take, and cut out of its
-    result. A frame of one row or one column has no second direction; it is interpolated linearly along its length.
+    Smaller frames are mirrored about their outermost samples to a size that the method accepts, and the result is
+    cropped. A frame of one row or one column has no second direction; it is interpolated linearly along its length.
     """
     mosaic = np.asarray(mosaic)
     if mosaic.ndim != 2 or mosaic.size == 0 or 1 in mosaic.shape:
         return bilinear(mosaic, pattern)
-    bilinear(mosaic[:1, :1], pattern)  # refuses an unknown pattern before anything is imported
+    bilinear(mosaic[:1, :1], pattern)  # rejects an unknown pattern before the import
     dtype = mosaic.dtype if np.issubdtype(mosaic.dtype, np.floating) else np.dtype(np.float64)
     margins = [MARGIN if size < SMALLEST else 0 for size in mosaic.shape]
     framed = np.pad(mosaic, [(margin, margin) for margin in margins], mode="reflect") if any(margins) else mosaic

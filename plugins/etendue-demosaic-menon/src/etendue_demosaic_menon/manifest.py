@@ -1,4 +1,4 @@
-"""What this distribution brings to etendue: a demosaicer."""
+"""What this distribution provides: a demosaicer."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The stage ``demosaic_menon``: a few lines around the adapter.
+"""The stage ``demosaic_menon``, a thin wrapper of the adapter.
 
 In:  ``mosaic_linear`` (y, x), 1 at clipping.
-Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
+Out: ``rgb_camera`` (channel, y, x), linear camera RGB.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from etendue_demosaic_menon.adapter import REACH, implementation, menon
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicMenon(Haloed):
-    """Directional filtering with a posteriori decision (Menon, Andriani and Calvagno 2007), computed by
+    """Demosaic by directional filtering with a posteriori decision (Menon, Andriani and Calvagno 2007), computed by
     colour-demosaicing.
     """
 
@@ -25,29 +25,30 @@ class DemosaicMenon(Haloed):
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}
     libraries: ClassVar = ("colour-demosaicing", "scipy")
-    gain: ClassVar = None  # its decision for a row or a column may turn at any small difference
+    gain: ClassVar = None  # its choice of row or column may change at any small difference
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 300.0
     working: ClassVar = 15.0
 
     pattern: str = quantity("pattern")
-    refine: bool = param(True, doc="smooth the colour differences along the chosen direction, the method's last step")
+    refine: bool = param(
+        True, doc="whether to smooth colour differences along the chosen direction, the method's last step"
+    )
 
     def __post_init__(self) -> None:
         self.order(0, 0)
 
     def order(self, row: int, column: int) -> str:
-        """The Bayer order as a window sees it that starts at this pixel of the sensor."""
+        """Return the Bayer order as seen by a window that starts at this pixel of the sensor."""
         name = None if self.pattern.endswith(".csv") else cfa.parse(self.pattern).bayer
         if name is None:
             raise ValueError(
-                f"demosaic_menon knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use "
-                f"demosaic_any"
+                f"demosaic_menon supports {', '.join(cfa.BAYER)} only, not {self.pattern!r}; use demosaic_any"
             )
         return cfa.shifted_bayer(name, row, column)
 
     def prepare(self, coordinates: Any) -> None:
-        """The import, so that no cell's time counts it."""
+        """Import here, so that the import does not count towards the time of a cell."""
         implementation()
 
     def run(self, mosaic_linear: Any, y: Any, x: Any, prepared: Any) -> dict[str, Any]:
@@ -57,7 +58,7 @@ class DemosaicMenon(Haloed):
         return REACH
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the arithmetic, which is double, and of handing on its result; what it invents between samples is none
-        of it.
+        """Bound the arithmetic error, in double precision, and the conversion of the result; interpolation error is not
+        included.
         """
         return (3e-7 if precision == "float32" else 2e-15), "measured"

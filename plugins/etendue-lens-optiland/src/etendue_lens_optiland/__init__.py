@@ -1,1 +1,1 @@
-"""Ray-traced lenses for etendue: a prescription, its rays by optiland, and what they make of the light."""
+"""Ray-traced lenses for etendue: prescriptions, rays traced by optiland, and their effect on light."""

@@ -1,4 +1,4 @@
-"""What a lens does to a picture, as tables: point spread functions, distortion, relative illumination.
+"""Tables of lens effects: point spread functions, distortion, relative illumination.
 
 In:  a ``Lens``, field angles or the size of a frame, wavelengths.
 Out: a ``PsfBank``; curves over the image height.
@@ -22,21 +22,21 @@ FloatArray = NDArray[np.floating]
 
 LARGEST_PICTURE, LARGEST_PUPIL = 1023, 1024
 BRIGHTEST = 1.5
-"""Of relative illumination: a pupil that grows by more towards the corner is refused."""
-_FINER = 0.85  # spacing of a picture's samples over that which its finest detail needs
+"""Limit of relative illumination: a pupil that grows by more towards the corner is rejected."""
+_FINER = 0.85  # sample spacing of a PSF over that required by its finest detail
 
 
 @dataclass(frozen=True, eq=False)
 class Traced:
-    """A bank and how it came about.
+    """A PSF bank and how it was computed.
 
     Attributes
     ----------
     bank : PsfBank
     enclosed : (K, L) array, 1
-        Share of a picture's flux within its window; the bank scales each to 1.
+        Fraction of a PSF's flux within its window; the bank scales each to 1.
     samples : int
-        Cells across the pupil, as many as asked for or as the window needs.
+        Samples across the pupil, as many as requested or as the window needs.
     """
 
     bank: PsfBank
@@ -45,22 +45,22 @@ class Traced:
 
 
 def tangents_of(degrees: Any) -> FloatArray:
-    """Tangents of field angles.
+    """Return the tangents of field angles.
 
     Raises
     ------
     ValueError
-        Unless the angles grow from 0 or above to below 89 degrees.
+        Unless the angles ascend from 0 or above to below 89 degrees.
     """
     angles = np.asarray(degrees, dtype=float)
     if angles.ndim != 1 or angles.size < 1 or not np.all(np.diff(angles) > 0) or angles[0] < 0 or angles[-1] >= 89:
-        raise ValueError(f"fields are {list(degrees)}; they must grow, from 0 or above to below 89 degrees")
+        raise ValueError(f"fields are {list(degrees)}; they must ascend, from 0 or above to below 89 degrees")
     return np.tan(np.radians(angles))
 
 
 def resolved(lens: Lens, tangent: float, wavelength: float, samples: int) -> pupil.Bundle:
-    """A bundle in which the phase of neighbouring rays differs by about 1 rad at most, but for the outermost hundredth
-    of them: ``samples`` cells across, or up to 512.
+    """Return a bundle in which the phase of neighbouring rays differs by at most about 1 rad, except for the outermost
+    hundredth of them: ``samples`` cells across, or up to 512.
     """
     bundle = lens.bundle(tangent, wavelength, samples)
     needed = math.ceil(samples * 2.0 * math.pi * _radius(bundle, 0.01) / min(pupil.reach(bundle)))
@@ -75,31 +75,31 @@ def psf_bank(
     window: float = 0.0,
     lost: float = 0.02,
 ) -> Traced:
-    """Pictures of a distant point at fields and wavelengths.
+    """Compute PSFs of a distant point at fields and wavelengths.
 
     Parameters
     ----------
     lens : Lens
     tangents : (K,) array, 1
-        Of field angles, growing.
+        Tangents of the field angles, ascending.
     wavelengths : tuple of float, um
-        Growing.
+        Ascending.
     samples : int
-        Cells across the pupil, at least.
+        Smallest number of samples across the pupil.
     window : float, um
-        Side of the pictures; 0: as large as ``lost`` asks.
+        Side of the PSF windows; 0: set by ``lost``.
     lost : float
-        Share of the flux that may lie outside a window that is not given: half of it aberrated rays, half diffraction
+        Fraction of the flux allowed outside a window that is not given: half of it aberrated rays, half diffraction
         (2/(pi v) of an Airy pattern lies outside v = pi r/(lambda N)).
 
     Raises
     ------
     ValueError
-        For fields that no light passes, and pictures or pupils that would take more than 1023 samples across.
+        For fields that no light passes, and PSFs or pupils that would need more than 1023 samples across.
 
     Notes
     -----
-    Spacing of the samples: 0.85 of what the cut-off frequency of the widest pupil needs. Pictures are centred on the
+    The sample spacing is 0.85 of that required by the cut-off frequency of the widest pupil. PSFs are centred on the
     chief ray of their own wavelength: lateral colour belongs to the distortion. Heights are those at the reference
     wavelength.
     """
@@ -111,11 +111,10 @@ def psf_bank(
     size = 2 * half + 1
     if size > LARGEST_PICTURE:
         raise ValueError(
-            f"pictures of {window:.4g} um at a spacing of {spacing.min():.3g} um take {size} samples across, more than "
-            f"{LARGEST_PICTURE}; "
-            "use a larger f_number, a larger lost, or give a window"
+            f"PSF windows of {window:.4g} um at a spacing of {spacing.min():.3g} um need {size} samples across, more "
+            f"than {LARGEST_PICTURE}; use a larger f_number, a larger lost, or give a window"
         )
-    # the sampled pupil repeats its picture: the repetition must stay out of the window
+    # the sampled pupil repeats its PSF: the repetition must stay outside the window
     wanted = samples
     for row in found:
         for bundle, step in zip(row, spacing, strict=True):
@@ -123,7 +122,7 @@ def psf_bank(
             wanted = max(wanted, math.ceil(samples * 1.05 * free / min(pupil.reach(bundle))))
     if wanted > LARGEST_PUPIL:
         raise ValueError(
-            f"pictures of {window:.4g} um need {wanted} cells across the pupil, more than {LARGEST_PUPIL}; use a "
+            f"PSF windows of {window:.4g} um need {wanted} cells across the pupil, more than {LARGEST_PUPIL}; use a "
             f"larger f_number or lost, "
             "or give a smaller window"
         )
@@ -141,19 +140,19 @@ def psf_bank(
 
 
 def _radius(bundle: pupil.Bundle, lost: float) -> float:
-    """Distance from the image point beyond which a share of the rays lands, um."""
+    """Return the distance from the image point beyond which a fraction of the rays lands, um."""
     distance = np.hypot(bundle.across_y, bundle.across_x)
     order = np.argsort(distance)
     return float(distance[order][pupil.place_of(bundle.open[order], 1.0 - lost)])
 
 
 def _needed(bundle: pupil.Bundle, lost: float) -> float:
-    """Radius of a picture beyond which about ``lost`` of its flux lies, um."""
+    """Return the radius of a PSF beyond which about ``lost`` of its flux lies, um."""
     return _radius(bundle, 0.5 * lost) + 2.0 * bundle.wavelength / bundle.range / (math.pi**2 * 0.5 * lost)
 
 
 def nodes_to(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int) -> FloatArray:
-    """Tangents of fields from the axis to beyond an image height, evenly spaced."""
+    """Return the tangents of fields from the axis to beyond an image height, evenly spaced."""
     farthest = lens.tangent_for(max(corner_um, 1e-3 * lens.focal_length_um), wavelengths)
     return np.linspace(0.0, farthest, count)
 
@@ -161,11 +160,10 @@ def nodes_to(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count
 def ideal_over_real(
     lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int
 ) -> list[scipy.interpolate.CubicSpline]:
-    """Ideal over real image height, as a function of the squared real height (um2): one curve per wavelength.
+    """Return ideal over real image height, as a function of the squared real height (um2): one curve per wavelength.
 
-    The ideal height is the image distance times the tangent of the field angle, at the reference wavelength: what a
-    pinhole would give. At the reference wavelength the curve is 1 on the axis; elsewhere it starts at that wavelength's
-    image scale.
+    The ideal height is the image distance times the tangent of the field angle, at the reference wavelength, as for a
+    pinhole. At the reference wavelength the curve is 1 on axis; elsewhere it starts at that wavelength's image scale.
     """
     tangents = nodes_to(lens, corner_um, wavelengths, count)[1:]
     ideal = lens.image_distance_um * tangents
@@ -182,14 +180,15 @@ def ideal_over_real(
 def relative_illumination(
     lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int, samples: int
 ) -> list[scipy.interpolate.CubicSpline]:
-    """Irradiance relative to the axis, as a function of the squared image height (um2): one curve per wavelength."""
+    """Return irradiance relative to the axis, as a function of the squared image height (um2): one curve per
+    wavelength."""
     tangents = nodes_to(lens, corner_um, wavelengths, count)
     found = lens.illumination(tangents, wavelengths, samples)
     heights = lens.heights(tangents, wavelengths)
     relative = found / found[:, :1]
     if relative.max() > BRIGHTEST:
         raise ValueError(
-            f"{lens.prescription.name} lights its corner {relative.max():.3g} times as much as its axis; at most "
+            f"{lens.prescription.name} gives its corner {relative.max():.3g} times the light of its axis; at most "
             f"{BRIGHTEST:g} is allowed"
         )
     return [scipy.interpolate.CubicSpline(h**2, e) for h, e in zip(heights, relative, strict=True)]

@@ -1,14 +1,16 @@
-"""A lens at work: scaled to a focal length, stopped down to an f-number, focused, and traced field by field.
+"""A lens in use: scaled to a focal length, stopped down to an f-number, focused, and traced field by field.
 
 In:  a ``Prescription``, focal length, f-number, reference wavelength, focus.
 Out: chief rays, bundles of rays, image heights, relative illumination, banks of point spread functions.
-Sources: geometrical optics; for the light in the cone, the theorem of Helmholtz (irradiance per radiance is the area of
-the cone in direction cosines, whatever the lens).
+Sources: geometrical optics; for the light in the cone, Helmholtz's theorem (irradiance per radiance is the area of the
+cone in direction cosines, whatever the lens).
 
-Rays are traced in the lens's own unit: a scaled lens has the same directions, and paths and heights in proportion. The
-f-number is the focal length over the diameter of the entrance pupil, both at the reference wavelength: the stop is
-opened until the real axial ray at half that diameter just passes. What the cone of light on the axis then really is
-(its working f-number, 1/(2 sin)) follows from the trace.
+Rays are traced in the lens's own unit: scaling a lens keeps directions and scales paths and heights. The f-number is
+the
+focal length over the diameter of the entrance pupil, both at the reference wavelength: the stop is opened until the
+real
+axial ray at half that diameter just passes. The actual cone of light on axis (its working f-number, 1/(2 sin)) follows
+from the trace.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ _SCAN, _COARSE = 241, 33
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """What follows from a prescription, an f-number and a focus; lengths in the lens's own unit.
+    """A prescription with its f-number and focus; lengths in the lens's own unit.
 
     Attributes
     ----------
@@ -42,21 +44,21 @@ class Lens:
     focal_length, back_focus : float
         Paraxial, at the reference wavelength; the back focus from the last surface to the paraxial image.
     pupil : float
-        Paraxial entrance pupil, from the first vertex.
+        Position of the paraxial entrance pupil, from the first vertex.
     f_number : float
     reference : float, um
     stop_radius : float
     shift : float
-        Of the image plane from where the prescription has it.
+        Shift of the image plane from its position in the prescription.
     image_distance : float
         Image height over the tangent of the field angle, close to the axis: the focal length where the image plane is
-        the paraxial one, a little else where it is not.
+        the paraxial one, slightly different elsewhere.
     aiming : str
-        ``stop``: light fills the stop, as it does. ``paraxial``: light fills the paraxial entrance pupil at every field
-        angle, as programs assume that do not aim rays.
+        ``stop``: light fills the stop, as in reality. ``paraxial``: light fills the paraxial entrance pupil at every
+        field angle, as in programs without ray aiming.
     scale : float, um per unit
     upright : bool
-        Whether the stop is seen upright through the lens in front of it.
+        Whether the stop is seen upright through the lens before it.
     """
 
     prescription: Prescription
@@ -87,7 +89,8 @@ class Lens:
     # -- rays
 
     def rays(self, y: Any, x: Any, tangent: Any, wavelength: float) -> dict[str, Any]:
-        """Rays of distant points through points (y, x) of the paraxial entrance pupil, on the focused image plane."""
+        """Trace rays of distant points through points (y, x) of the paraxial entrance pupil to the focused image
+        plane."""
         y, x, tangent = (np.ravel(a).astype(float) for a in np.broadcast_arrays(y, x, tangent))
         cosine = 1.0 / np.hypot(1.0, tangent)
         direction = np.stack([np.zeros_like(y), tangent * cosine, cosine])
@@ -109,12 +112,12 @@ class Lens:
         }
 
     def chief(self, tangent: Any, wavelength: float) -> tuple[FloatArray, FloatArray]:
-        """Rays through the middle of the stop.
+        """Trace rays through the centre of the stop.
 
         Parameters
         ----------
         tangent : (k,) array, 1
-            Of the field angles, 0 or above.
+            Tangents of the field angles, 0 or above.
         wavelength : float, um
 
         Returns
@@ -143,18 +146,18 @@ class Lens:
         return entry, self.rays(entry, 0.0, tangent, wavelength)["y"] * self.scale
 
     def bundle(self, tangent: float, wavelength: float, samples: int) -> Bundle:
-        """The open rays of one field point: ``samples`` cells across its pupil.
+        """Return the open rays of one field point: ``samples`` cells across its pupil.
 
         Raises
         ------
         ValueError
-            Where no light of this field angle passes.
+            If no light of this field angle passes.
         """
         angle = math.degrees(math.atan(tangent))
         entry, height = (float(a[0]) for a in self.chief(tangent, wavelength))
         if not math.isfinite(height):
             raise ValueError(
-                f"{self.prescription.name}: no ray passes the middle of the stop at {angle:.4g} degrees; use smaller "
+                f"{self.prescription.name}: no ray passes the centre of the stop at {angle:.4g} degrees; use smaller "
                 f"fields"
             )
         box = self._box(tangent, wavelength, entry)
@@ -167,7 +170,7 @@ class Lens:
         rows, columns = samples, max(4, samples // 2)
         dy, dx = (high - low) / rows, wide / columns
         y = low + (np.arange(rows) + 0.5) * dy
-        x = (np.arange(-1, columns) + 0.5) * dx  # one column beyond the middle, for slopes
+        x = (np.arange(-1, columns) + 0.5) * dx  # one column beyond the centre, for slopes
         found, share = self._grid(y, x, tangent, wavelength)
         s = self.scale
         across_y, across_x = found["y"] * s - height, found["x"] * s
@@ -194,8 +197,9 @@ class Lens:
         )
 
     def pupil_distance(self, tangent: float, wavelength: float) -> float:
-        """Signed distance from the image point back to the exit pupil, um: where the chief ray crosses the axis; may
-        be inf.
+        """Return the signed distance from the image point back to the exit pupil, um: where the chief ray crosses the
+        axis;
+        may be inf.
         """
         tangent = max(tangent, 1e-3)
         chief = self.rays(self.chief(tangent, wavelength)[0], 0.0, tangent, wavelength)
@@ -205,7 +209,7 @@ class Lens:
     def _grid(
         self, y: FloatArray, x: FloatArray, tangent: float, wavelength: float
     ) -> tuple[dict[str, Any], FloatArray]:
-        """Rays through a grid of cells, and the open share of each."""
+        """Trace rays through a grid of cells; return them and the open fraction of each."""
         shape = (y.size, x.size)
         py, px = np.broadcast_arrays(y[:, None], x[None, :])
         found = self.rays(py, px, tangent, wavelength)
@@ -224,9 +228,9 @@ class Lens:
         return arrays, np.where(traced, share, 0.0) * self._straight(found["stop"].reshape(2, *shape), share)
 
     def _straight(self, stop: FloatArray, share: FloatArray) -> NDArray[np.bool_]:
-        """Cells of the one connected part of the pupil in which the stop is seen without a fold.
+        """Return the cells of the one connected part of the pupil in which the stop is seen without a fold.
 
-        Without rims a steep surface sends some rays from far outside back through the stop, which no mounted lens does.
+        Without rims a steep surface sends some rays from far outside back through the stop, which a mount would block.
         """
         seen = slope(stop[0], 1) * slope(stop[1], 0) - slope(stop[0], 0) * slope(stop[1], 1)
         parts, count = scipy.ndimage.label((share > 0) & (seen > 0 if self.upright else seen < 0))
@@ -236,7 +240,7 @@ class Lens:
         return parts == parts[np.unravel_index(int(distance.argmin()), distance.shape)]
 
     def _box(self, tangent: float, wavelength: float, entry: float) -> tuple[float, float, float] | None:
-        """Lowest and highest y and largest x of the open pupil, with a margin."""
+        """Return the lowest and highest y and largest x of the open pupil, with a margin."""
         low, high, wide = entry - 2.0 * self.pupil_radius, entry + 2.0 * self.pupil_radius, 2.0 * self.pupil_radius
         for step in range(8):
             y, x = np.linspace(low, high, _COARSE), np.linspace(0.0, wide, _COARSE)
@@ -261,12 +265,12 @@ class Lens:
     # -- tables
 
     def tangent_for(self, height_um: float, wavelengths: tuple[float, ...]) -> float:
-        """Tangent of a field angle whose chief rays reach this image height at every wavelength.
+        """Return the tangent of a field angle whose chief rays reach this image height at every wavelength.
 
         Raises
         ------
         ValueError
-            Where the lens does not reach so far.
+            If the lens does not reach so far.
         """
         tangent, passed, reached, dark = height_um / self.image_distance_um, 0.0, 0.0, math.inf
         for _ in range(40):
@@ -284,26 +288,26 @@ class Lens:
         raise ValueError(
             f"{self.prescription.name} at {self.focal_length_um * 1e-3:.4g} mm reaches image heights of "
             f"{reached * 1e-3:.4g} mm, "
-            f"but the frame reaches {height_um * 1e-3:.4g} mm from the axis; use a longer focal_length or a smaller "
+            f"but the frame extends to {height_um * 1e-3:.4g} mm from the axis; use a longer focal_length or a smaller "
             f"frame"
         )
 
     def heights(self, tangents: FloatArray, wavelengths: tuple[float, ...]) -> FloatArray:
-        """Image heights of the chief rays, (wavelengths, fields), um."""
+        """Return the image heights of the chief rays, (wavelengths, fields), um."""
         return np.stack([self.chief(tangents, wavelength)[1] for wavelength in wavelengths])
 
     def illumination(self, tangents: FloatArray, wavelengths: tuple[float, ...], samples: int) -> FloatArray:
-        """Irradiance per radiance at the images of fields, (wavelengths, fields), sr."""
+        """Return irradiance per radiance at the images of fields, (wavelengths, fields), sr."""
         return np.array([[self.bundle(float(t), w, samples).solid_angle for t in tangents] for w in wavelengths])
 
 
 def _on_sphere(
     rays: dict[str, Any], across_y: FloatArray, across_x: FloatArray, path: FloatArray, curvature: float
 ) -> tuple[FloatArray, ...]:
-    """Where rays cross the sphere around the image point that passes through the exit pupil.
+    """Return the intersections of rays with the sphere around the image point that passes through the exit pupil.
 
     In: rays, their points from the image point and paths on the image plane (um), the sphere's curvature (1/um).
-    Out: direction cosines y, x from the crossing to the image point, and paths (um) by way of the crossing.
+    Out: direction cosines y, x from the intersection to the image point, and paths (um) via the intersection.
     """
     along = rays["L"] * across_x + rays["M"] * across_y
     miss_y, miss_x, miss_z = across_y - rays["M"] * along, across_x - rays["L"] * along, -rays["N"] * along
@@ -364,7 +368,7 @@ def _opened(lens: str, file: str, state: Any, f_number: float, reference: float,
 
 
 def _placed(made: Lens, shift: float) -> Lens:
-    """With the image plane shifted, and what that makes of the image scale."""
+    """Return the lens with the image plane shifted and its image scale updated."""
     made = replace(made, shift=shift)
     tangents = np.array([2e-3, 1e-3])
     coarse, fine = made.chief(tangents, made.reference)[1] / tangents
@@ -372,7 +376,7 @@ def _placed(made: Lens, shift: float) -> Lens:
 
 
 def _paraxial(bare: Lens) -> tuple[float, float]:
-    """Focal length and distance from the image plane to the paraxial image, from real rays close to the axis."""
+    """Return the focal length and the distance from the image plane to the paraxial image, from near-axis real rays."""
     step = 1e-3 * bare.prescription.extent
     found = []
     for height in (step, 0.5 * step):
@@ -385,7 +389,7 @@ def _paraxial(bare: Lens) -> tuple[float, float]:
 
 
 def _entrance_pupil(bare: Lens, step: float) -> float:
-    """Where the paraxial image of the stop lies, from the first vertex."""
+    """Return the position of the paraxial image of the stop, from the first vertex."""
     found = []
     for small in (step, 0.5 * step):
         along = float(bare.rays(small, 0.0, 0.0, bare.reference)["stop"][1][0]) / small
@@ -408,34 +412,35 @@ def open_lens(
     aiming: str = "stop",
     state: Any = None,
 ) -> Lens:
-    """A lens by name or file, scaled, stopped down and focused.
+    """Open a lens by name or file, scaled, stopped down and focused.
 
     Parameters
     ----------
     lens, file : str
         As for `prescription.load`.
     focal_length_mm : float, mm
-        To which the prescription is scaled.
+        Focal length to which the prescription is scaled.
     f_number : float
         Paraxial focal length over the diameter of the entrance pupil.
     reference_um : float, um
         Wavelength at which focal length, f-number and focus are defined.
     focus : {"design", "paraxial", "best"}
-        Where the image plane is: where the prescription has it (the paraxial image if it does not say), at the paraxial
-        image, or where the axial wavefront has the smallest rms error.
+        Position of the image plane: from the prescription (the paraxial image if it gives none), at the paraxial image,
+        or where the axial wavefront has the smallest rms error.
     aiming : {"stop", "paraxial"}
         See ``Lens``.
     state : hashable
-        What tells two contents of a file apart.
+        Identifies the content of the file.
 
     Raises
     ------
     ValueError
-        As `prescription.load`; for an f-number to which the lens does not open; for unknown words.
+        As for `prescription.load`; for an f-number that the lens cannot reach; for unknown options.
     """
     if focus not in FOCUS or aiming not in AIMING:
         raise ValueError(
-            f"focus is {focus!r} and aiming {aiming!r}; allowed are {', '.join(FOCUS)} and {', '.join(AIMING)}"
+            f"focus is {focus!r} and aiming {aiming!r}; they must be one of {', '.join(FOCUS)} and one of "
+            f"{', '.join(AIMING)}"
         )
     made = _opened(lens, file, state, f_number, reference_um, focus, aiming)
     return replace(made, scale=1e3 * focal_length_mm / made.focal_length)

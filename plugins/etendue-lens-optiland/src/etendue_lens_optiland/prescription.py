@@ -1,7 +1,7 @@
-"""Prescriptions: a sample lens of optiland, a Zemax file or a table of surfaces, made ready to trace.
+"""Prescriptions: a sample lens of optiland, a Zemax file or a surface table, prepared for tracing.
 
 In:  the name of a sample lens, or the path of a .zmx or .csv file.
-Out: a ``Prescription``: optiland's surfaces, which of them is the stop, and their clear apertures, in the lens's own
+Out: a ``Prescription``: optiland's surfaces, the stop among them, and their clear apertures, in the lens's own
      unit.
 
 Surface table
@@ -9,12 +9,12 @@ Surface table
 CSV with a header line; lines that start with ``#`` are comments. One line per surface from object to image, columns in
 any order:
 
-    radius_mm         of curvature; 0 or inf for a plane
-    thickness_mm      to the next surface; of the last one to the image, 0 or absent: the paraxial image
-    index_after       refractive index behind the surface, or ``glass`` with a catalogue name (empty: air)
-    abbe              optional: Abbe number V_d beside index_after, which is then n_d; empty: no dispersion
+    radius_mm         radius of curvature; 0 or inf for a plane
+    thickness_mm      distance to the next surface; for the last one to the image, 0 or absent: the paraxial image
+    index_after       refractive index after the surface, or ``glass`` with a catalogue name (empty: air)
+    abbe              optional: Abbe number V_d for index_after, which is then n_d; empty: no dispersion
     semi_aperture_mm  optional: clear radius; 0 or empty: unbounded
-    is_stop           1 for the aperture stop, which exactly one surface is
+    is_stop           1 for the aperture stop; exactly one surface must be
     conic             optional
 """
 
@@ -41,8 +41,8 @@ _LOCK = threading.RLock()
 
 @contextlib.contextmanager
 def quietly() -> Iterator[None]:
-    """optiland at work: one thread at a time (it keeps rays on its surfaces), remarks of its compiler on itself left
-    out.
+    """Run optiland in one thread at a time (it stores rays on its surfaces), with its compiler's self-diagnostics
+    suppressed.
     """
     from numba.core.errors import NumbaIRAssumptionWarning  # comes with optiland, and is slow to import
 
@@ -53,7 +53,7 @@ def quietly() -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """A round clear aperture on a surface, in the lens's own unit; dark inside ``inner``."""
+    """A round clear aperture on a surface, in the lens's own unit; opaque inside ``inner``."""
 
     surface: int
     outer: float
@@ -62,7 +62,7 @@ class Rim:
 
 @dataclass(frozen=True, eq=False)
 class Prescription:
-    """A centred lens of round surfaces with its object at infinity, in air.
+    """A centred lens of rotationally symmetric surfaces in air, with its object at infinity.
 
     Attributes
     ----------
@@ -70,15 +70,15 @@ class Prescription:
     surfaces : tuple
         optiland's surfaces from the first to the image plane.
     stop : int
-        Which of them is the aperture stop.
+        Index of the aperture stop.
     rims : tuple of Rim
-        Clear apertures, without the stop's own.
+        Clear apertures, except the stop's own.
     stop_radius : float
-        Largest radius the stop may be opened to; inf where the prescription does not say.
+        Largest radius of the stop; inf if the prescription does not give it.
     extent : float
         Largest distance of a vertex from the first: the length of the lens.
     image_given : bool
-        Whether the prescription says where the image is; else its last surface stands for it.
+        Whether the prescription gives the image plane; if not, its last surface is used.
     """
 
     name: str
@@ -90,12 +90,12 @@ class Prescription:
     image_given: bool
 
     def trace(self, position: Any, direction: Any, wavelength: float) -> tuple[Any, Any, Any, Any, Any, Any]:
-        """Rays through the lens onto its image plane.
+        """Trace rays through the lens to its image plane.
 
         Parameters
         ----------
         position : (3, n) array, lens unit
-            Starting points x, y, z in front of the lens; z = 0 is the first vertex.
+            Starting points x, y, z before the lens; z = 0 is the first vertex.
         direction : (3, n) array, 1
             Direction cosines.
         wavelength : float, um
@@ -103,11 +103,11 @@ class Prescription:
         Returns
         -------
         x, y, cosines, path, stop, rims
-            (n,) points on the image plane, (3, n) directions behind the lens, (n,) optical path from the start, (2, n)
-            x and y in the stop, (rims, n) distances from the axis at the rims; NaN for rays that miss a surface or are
+            (n,) points on the image plane, (3, n) directions after the lens, (n,) optical path from the start, (2, n) x
+            and y in the stop, (rims, n) distances from the axis at the rims; NaN for rays that miss a surface or are
             totally reflected.
         """
-        from optiland.rays import RealRays  # slow to import, and only a trace needs it
+        from optiland.rays import RealRays  # slow to import, and needed only for tracing
 
         count = position.shape[1]
         with quietly():
@@ -133,38 +133,38 @@ class Prescription:
 
 
 def sample_names() -> tuple[str, ...]:
-    """The lenses that come with optiland."""
+    """Return the names of the lenses included in optiland."""
     return tuple(sorted(_samples()))
 
 
 def load(lens: str, file: str = "") -> Prescription:
-    """A sample lens by name, or the prescription in a file.
+    """Load a sample lens by name, or the prescription in a file.
 
     Parameters
     ----------
     lens : str
-        Name of one of optiland's sample lenses; not read if there is a file.
+        Name of one of optiland's sample lenses; ignored if there is a file.
     file : str
-        Path of a Zemax file (.zmx) or a table of surfaces (.csv, see the head of this file).
+        Path of a Zemax file (.zmx) or a surface table (.csv, see the top of this file).
 
     Raises
     ------
     ValueError
-        For unknown names and endings, files that cannot be read, and lenses that are not centred, round and in air.
+        For unknown names and extensions, unreadable files, and lenses that are not centred, round and in air.
     """
     if not file:
         with quietly():
             known = _samples()
             if lens not in known:
                 near = get_close_matches(lens, known, 3, 0.4)
-                hint = f", perhaps {' or '.join(near)}" if near else f"; there are {', '.join(sorted(known))}"
+                hint = f"; did you mean {' or '.join(near)}?" if near else f"; known are {', '.join(sorted(known))}"
                 raise ValueError(
-                    f"lens is {lens!r}, which is no sample lens of optiland{hint}; for a file give prescription"
+                    f"lens {lens!r} is not a sample lens of optiland{hint}; to use a file give prescription"
                 )
             try:
                 optic = known[lens]()
             except TypeError as error:
-                raise ValueError(f"lens {lens!r} cannot be made without arguments: {error}") from None
+                raise ValueError(f"lens {lens!r} cannot be created without arguments: {error}") from None
         return _taken(lens, optic, True)
     path = Path(file)
     if path.suffix.lower() == ".zmx":
@@ -173,14 +173,14 @@ def load(lens: str, file: str = "") -> Prescription:
         with quietly():
             try:
                 optic = load_zemax_file(str(path))
-            except Exception as error:  # its reader raises whatever a line leads to
+            except Exception as error:  # its reader may raise anything
                 raise ValueError(
-                    f"{path}: optiland cannot read it as a Zemax file: {type(error).__name__}: {error}"
+                    f"{path}: optiland could not read it as a Zemax file: {type(error).__name__}: {error}"
                 ) from error
         return _taken(path.stem, optic, True)
     if path.suffix.lower() == ".csv":
         return _from_table(path)
-    raise ValueError(f"prescription is {path.name!r}; it must be a Zemax file .zmx or a table of surfaces .csv")
+    raise ValueError(f"prescription is {path.name!r}; it must be a Zemax file .zmx or a surface table .csv")
 
 
 def _samples() -> dict[str, type]:
@@ -198,27 +198,27 @@ def _samples() -> dict[str, type]:
 
 
 def _taken(name: str, optic: Any, image_given: bool) -> Prescription:
-    """The parts of optiland's lens that a trace needs, held against what this plugin can do."""
+    """Return the parts of optiland's lens that a trace needs, checked for support by this plugin."""
     everything = tuple(optic.surfaces)
     surfaces = everything[1:]
     if not np.isinf(float(np.ravel(everything[0].geometry.cs.z)[0])):
-        raise ValueError(f"{name}: its object is at a finite distance; this plugin traces lenses for a distant object")
+        raise ValueError(f"{name}: its object is at a finite distance; this plugin supports only objects at infinity")
     stops = [number for number, surface in enumerate(surfaces) if surface.is_stop]
     if len(stops) != 1:
-        raise ValueError(f"{name}: {len(stops)} surfaces are the aperture stop; exactly one must be")
+        raise ValueError(f"{name}: {len(stops)} surfaces are aperture stops; exactly one is required")
     rims, stop_radius = [], math.inf
     vertices = [float(np.ravel(surface.geometry.cs.z)[0]) for surface in surfaces]
     for number, surface in enumerate(surfaces):
         place, frame = f"{name}, surface {number + 1}", surface.geometry.cs
         if any(abs(float(np.ravel(getattr(frame, axis))[0])) > 1e-12 for axis in ("x", "y", "rx", "ry", "rz")):
-            raise ValueError(f"{place} is tilted or decentred; this plugin traces centred lenses")
+            raise ValueError(f"{place} is tilted or decentred; this plugin supports only centred lenses")
         kind = type(surface.geometry).__name__
         if kind not in _ROUND:
-            raise ValueError(f"{place} is a {kind}; this plugin traces {', '.join(_ROUND)}")
+            raise ValueError(f"{place} is a {kind}; this plugin supports only {', '.join(_ROUND)}")
         if surface.interaction_model.is_reflective:
-            raise ValueError(f"{place} is a mirror; this plugin traces refracting lenses")
+            raise ValueError(f"{place} is a mirror; this plugin supports only refracting lenses")
         if number and vertices[number] < vertices[number - 1] - 1e-12:
-            raise ValueError(f"{place} lies in front of the one before it")
+            raise ValueError(f"{place} lies before its predecessor")
         rim = _rim(place, number, surface.aperture)
         if rim is not None and number == stops[0]:
             stop_radius = rim.outer
@@ -226,11 +226,11 @@ def _taken(name: str, optic: Any, image_given: bool) -> Prescription:
         if rim is not None:
             rims.append(rim)
     if type(surfaces[-1].geometry).__name__ != "Plane":
-        raise ValueError(f"{name}: its image is curved; this plugin has a flat image plane")
+        raise ValueError(f"{name}: its image is curved; this plugin supports only flat image planes")
     index = float(np.ravel(surfaces[-2].material_post.n(0.55))[0])
     if abs(index - 1.0) > 1e-3:
-        raise ValueError(f"{name}: the index in front of its image is {index:g}; this plugin traces lenses in air")
-    for surface in surfaces:  # rims are handled by the part of a cell they cover, not by dropping rays
+        raise ValueError(f"{name}: the index before its image is {index:g}; this plugin supports only lenses in air")
+    for surface in surfaces:  # rims are handled by partial cell coverage, not by dropping rays
         surface.aperture = None
     return Prescription(name, surfaces, stops[0], tuple(rims), stop_radius, vertices[-1] - vertices[0], image_given)
 
@@ -239,9 +239,9 @@ def _rim(place: str, number: int, aperture: Any) -> Rim | None:
     if aperture is None:
         return None
     if type(aperture).__name__ not in ("RadialAperture", "OffsetRadialAperture"):
-        raise ValueError(f"{place} has a {type(aperture).__name__}; this plugin knows round clear apertures")
+        raise ValueError(f"{place} has a {type(aperture).__name__}; this plugin supports only round clear apertures")
     if any(abs(float(getattr(aperture, name, 0.0))) > 1e-12 for name in ("offset_x", "offset_y")):
-        raise ValueError(f"{place} has a decentred clear aperture; this plugin traces centred lenses")
+        raise ValueError(f"{place} has a decentred clear aperture; this plugin supports only centred lenses")
     return Rim(number, float(aperture.r_max), float(aperture.r_min))
 
 
@@ -257,7 +257,7 @@ def _from_table(path: Path) -> Prescription:
         raise ValueError(
             f"{path.name}: expected a header with radius_mm, thickness_mm, index_after or glass, semi_aperture_mm and "
             f"is_stop, "
-            "and a line for each surface"
+            "and one line per surface"
         )
 
     def number(row: dict[str, str], name: str, otherwise: float) -> float:

@@ -1,16 +1,20 @@
-"""The pupil of one field point: how much of it is open, and what its wavefront makes of a point of light.
+"""The pupil of one field point: its open part, and the PSF of its wavefront.
 
-In:  quantities on a grid of rays over the entrance pupil: levels of the rims, direction cosines, optical paths.
-Out: covered shares of the cells, areas in direction cosines, point spread functions and Strehl ratios.
+In:  quantities on a grid of rays over the entrance pupil: level functions of the rims, direction cosines, optical
+paths.
+Out: open fractions of the cells, areas in direction cosines, point spread functions and Strehl ratios.
 Sources: Kirchhoff's integral over the reference sphere (Born and Wolf, section 9.1); geometry.
 
-The exit pupil is the sphere around the image point on which the chief ray crosses the axis. Every ray is taken where it
-crosses that sphere; seen from the image point this is the direction (L, M). A cell of the entrance pupil with the area
-dP fills dL dM = J dP, and conservation of energy gives its wave the amplitude sqrt(J) dP, so that the flux of the
-picture is that of the open part of the pupil. Nothing is interpolated.
-The kernel exp(i k (L x + M y)) leaves out (L x + M y)^2/(2 R), R the distance of the pupil: 0.01 waves at f/2.8, 60 um
-from the image point and R = 10 mm. Plane waves along the rays themselves (R infinite) would put the edge of the stop
-elsewhere: by half a wave where rays miss by 80 um.
+The exit pupil is the sphere around the image point on which the chief ray crosses the axis. Every ray is taken at its
+intersection with that sphere, which the image point sees in the direction (L, M). A cell of the entrance pupil with
+area
+dP covers dL dM = J dP, and conservation of energy gives its wave the amplitude sqrt(J) dP, so that the flux of the PSF
+is
+that of the open part of the pupil. Nothing is interpolated.
+The kernel exp(i k (L x + M y)) neglects (L x + M y)^2/(2 R), with R the distance of the pupil: 0.01 waves at f/2.8, 60
+um
+from the image point and R = 10 mm. Plane waves along the rays themselves (R infinite) would misplace the edge of the
+stop, by half a wave where rays miss by 80 um.
 """
 
 from __future__ import annotations
@@ -39,7 +43,7 @@ class Bundle:
     filled : (n,) array, 1
         The same in direction cosines.
     across_y, across_x : (n,) arrays, um
-        Where the rays meet the image plane, from the image point.
+        Intersections of the rays with the image plane, from the image point.
     steps : (2,) array, 1
         Largest difference of direction cosines between neighbours along y and x.
     height : float, um
@@ -59,26 +63,26 @@ class Bundle:
 
     @property
     def solid_angle(self) -> float:
-        """Area of the cone in direction cosines, both halves: irradiance per radiance, sr."""
+        """Return the area of the cone in direction cosines, both halves: irradiance per radiance, sr."""
         return 2.0 * float(self.filled.sum())
 
     @property
     def spread(self) -> float:
-        """Largest distance of a ray from the image point, um."""
+        """Return the largest distance of a ray from the image point, um."""
         return float(np.hypot(self.across_y, self.across_x).max())
 
     @property
     def range(self) -> float:
-        """Largest difference of direction cosines over the pupil: the cut-off frequency times the wavelength."""
+        """Return the largest difference of direction cosines over the pupil: cut-off frequency times wavelength."""
         return float(max(np.ptp(self.cosine_y), 2.0 * self.cosine_x.max()))
 
     @property
     def amplitude(self) -> FloatArray:
-        """Amplitude of the waves, sqrt(J) dP."""
+        """Return the amplitude of the waves, sqrt(J) dP."""
         return np.sqrt(self.open * self.filled)
 
     def wavefront_rms(self) -> float:
-        """Rms optical path over the open pupil without its mean and tilt, in waves."""
+        """Return the rms optical path over the open pupil without mean and tilt, in waves."""
         weight = self.open / self.open.sum()
         path = self.path - weight @ self.path
         tilt = self.cosine_y - weight @ self.cosine_y
@@ -87,7 +91,7 @@ class Bundle:
 
 
 def covered(level: FloatArray) -> FloatArray:
-    """Share of each cell in which a level is at most 0.
+    """Return the fraction of each cell in which a level is at most 0.
 
     Parameters
     ----------
@@ -100,12 +104,12 @@ def covered(level: FloatArray) -> FloatArray:
 
     Notes
     -----
-    The rim is a straight line within a cell: the area of a half plane in a square. Cells without a ray count as dark.
-    Error of the area of a disc on 64 cells: 1e-4.
+    The rim is approximated by a straight line within a cell: the area of a half plane in a square. Cells without a
+    ray count as dark. Error of the area of a disc on 64 cells: 1e-4.
     """
     gy, gx = np.abs(slope(level, 0)), np.abs(slope(level, 1))
     large, small = np.maximum(gy, gx), np.minimum(gy, gx)
-    small = np.maximum(small, 1e-4 * large)  # below, the cut is a straight strip to 1e-8
+    small = np.maximum(small, 1e-4 * large)  # below this, the cut is a straight strip to 1e-8
     with np.errstate(divide="ignore", invalid="ignore"):
         terms = [
             sign * np.maximum(-level + 0.5 * (a * large + b * small), 0.0) ** 2
@@ -119,7 +123,7 @@ def covered(level: FloatArray) -> FloatArray:
 
 
 def slope(values: FloatArray, axis: int) -> FloatArray:
-    """Difference per cell, central where both neighbours have a ray, one-sided where one has."""
+    """Return the difference per cell, central where both neighbours have a ray, one-sided where only one has."""
     values = np.moveaxis(values, axis, 0)
     forward = np.full_like(values, np.nan)
     forward[:-1] = values[1:] - values[:-1]
@@ -132,7 +136,7 @@ def slope(values: FloatArray, axis: int) -> FloatArray:
 
 
 def intensity(bundle: Bundle, y: FloatArray, x: FloatArray) -> FloatArray:
-    """The picture of a point, as a share of the peak which the same pupil without aberrations has.
+    """Return the PSF, relative to the peak of the same pupil without aberrations.
 
     Parameters
     ----------
@@ -147,7 +151,7 @@ def intensity(bundle: Bundle, y: FloatArray, x: FloatArray) -> FloatArray:
 
     Notes
     -----
-    Sum of waves by two thin matrices: rays are few, and exp(i k (L x + M y)) is a product.
+    Sums the waves by two thin matrices: rays are few, and exp(i k (L x + M y)) factorises.
     """
     k = 2.0 * np.pi / bundle.wavelength
     amplitude = bundle.amplitude
@@ -158,23 +162,23 @@ def intensity(bundle: Bundle, y: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def flux(bundle: Bundle) -> float:
-    """The flux of the whole picture in the unit of ``intensity`` times um2: what a finite window holds less of."""
+    """Return the flux of the whole PSF in the unit of ``intensity`` times um2, an upper bound for a finite window."""
     return bundle.wavelength**2 * float(bundle.open.sum()) / (2.0 * float(bundle.amplitude.sum()) ** 2)
 
 
 def reach(bundle: Bundle) -> tuple[float, float]:
-    """Distance along y and x at which the sampled pupil repeats its picture, um."""
+    """Return the distance along y and x at which the sampled pupil repeats its PSF, um."""
     along_y, along_x = bundle.wavelength / bundle.steps
     return float(along_y), float(along_x)
 
 
 def strehl(bundle: Bundle) -> float:
-    """Largest intensity of the picture: searched for where the densest part of the rays lands, then refined twice.
+    """Return the largest intensity of the PSF: searched where rays are densest, then refined twice.
 
     Notes
     -----
-    Error of the search: below 1e-5 (the last grid is a two-hundredth of the picture's finest detail). It looks around
-    the median of the rays, as far as three fifths of them lie from it and two details more.
+    Error of the search: below 1e-5 (the last grid is a two-hundredth of the PSF's finest detail). It searches around
+    the median of the rays, as far as three fifths of them lie from it plus two details.
     """
     detail = bundle.wavelength / (2.0 * bundle.range)
     order = np.argsort(bundle.across_y)
@@ -195,14 +199,14 @@ def strehl(bundle: Bundle) -> float:
 
 
 def place_of(weights: FloatArray, share: float) -> int:
-    """Index at which a share of the sum is reached."""
+    """Return the index at which a fraction of the sum is reached."""
     return min(int(np.searchsorted(np.cumsum(weights), share * weights.sum())), weights.size - 1)
 
 
 def picture(bundle: Bundle, samples: int, spacing: float) -> FloatArray:
-    """``intensity`` on a square of samples around the image point, which is sample (samples // 2, samples // 2);
-    samples odd.
+    """Return ``intensity`` on a square of samples around the image point, which is sample (samples // 2, samples // 2);
+    samples is odd.
     """
     at = (np.arange(samples) - samples // 2) * spacing
-    left = intensity(bundle, at, at[: samples // 2 + 1])  # the lens is its own mirror image
+    left = intensity(bundle, at, at[: samples // 2 + 1])  # the lens is mirror-symmetric
     return np.concatenate([left, left[:, : (samples - 1) // 2][:, ::-1]], axis=1)

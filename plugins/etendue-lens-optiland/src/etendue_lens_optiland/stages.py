@@ -1,12 +1,11 @@
-"""Stages of a ray-traced lens: its blur, its distortion, its illumination, and the numbers beside them.
+"""Stages of a ray-traced lens: blur, distortion, illumination and metrics.
 
 In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, on the image-plane grid; the lens by name or file, focal length,
      f-number.
 Out: ``irradiance``; scalars by field and wavelength.
 
-The order that light keeps: ``irradiance``, ``real_lens_distortion``, ``real_lens_illumination``, ``real_lens``. They
-stand in place of ``falloff`` and ``diffraction``, not beside them: diffraction at the stop is in the pictures of a
-point.
+Keep the order ``irradiance``, ``real_lens_distortion``, ``real_lens_illumination``, ``real_lens``. These stages replace
+``falloff`` and ``diffraction``: diffraction at the stop is included in the PSFs.
 """
 
 from __future__ import annotations
@@ -29,33 +28,36 @@ MISPLACED = 5e-3
 
 @dataclass(frozen=True, kw_only=True)
 class RealLens(Stage):
-    """What all stages of a real lens share: which lens it is and how it is set."""
+    """Parameters common to all stages of a real lens: the lens and its setting."""
 
     libraries: ClassVar[tuple[str, ...]] = ("optiland",)
     negative: ClassVar[str] = "keep"
 
-    lens: str = param(
-        "ReverseTelephoto", shared=True, doc="a sample lens of optiland; not read where there is a prescription"
-    )
+    lens: str = param("ReverseTelephoto", shared=True, doc="sample lens of optiland; ignored if prescription is given")
     prescription: str = param(
-        "", shared=True, file=True, doc="a Zemax file .zmx or a table of surfaces .csv; '' for the sample lens"
+        "", shared=True, file=True, doc="Zemax file .zmx or surface table .csv; '': the sample lens"
     )
     focal_length: float = quantity("focal_length")
     f_number: float = quantity("f_number")
     reference_wavelength: float = param(
-        550.0, shared=True, units="nm", at_least=300, at_most=2000, doc="at which focal length, f-number and focus hold"
+        550.0,
+        shared=True,
+        units="nm",
+        at_least=300,
+        at_most=2000,
+        doc="wavelength for which focal length, f-number and focus are given",
     )
     focus: str = param(
         "design",
         shared=True,
         choices=FOCUS,
-        doc="image plane: as designed, paraxial, or where the axial wavefront is smoothest (rms)",
+        doc="image plane: as designed, paraxial, or at the smallest rms axial wavefront error",
     )
     aiming: str = param(
         "stop",
         shared=True,
         choices=AIMING,
-        doc="light fills the stop, or the paraxial entrance pupil at every angle (unaimed rays)",
+        doc="ray aiming: light fills the stop, or the paraxial entrance pupil at every angle (unaimed rays)",
     )
 
     def opened(self) -> Lens:
@@ -72,7 +74,7 @@ class RealLens(Stage):
 
     def traced_wavelengths(self, wavelengths: tuple[float, ...]) -> tuple[float, ...]:
         if not wavelengths or any(b <= a for a, b in pairwise(wavelengths)):
-            raise ValueError(f"wavelengths are {list(wavelengths)}; they must grow, in nm")
+            raise ValueError(f"wavelengths are {list(wavelengths)}; they must ascend, in nm")
         return tuple(w * 1e-3 for w in wavelengths)
 
 
@@ -84,7 +86,8 @@ class Moved(RealLens):
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
-        """The light's own; a lens that cannot be had, or does not reach the corner, is refused while planning."""
+        """Return the light's own grid; an impossible lens, or one that does not cover the corner, is rejected in
+        planning."""
         lens = self.opened()
         lens.tangent_for(_corner_of(inputs["irradiance"]), (lens.reference,))
         return {}
@@ -92,7 +95,7 @@ class Moved(RealLens):
 
 @dataclass(frozen=True, kw_only=True)
 class Blur(Moved, Banded, Bounded):
-    """Every point spreads by the wavefront of its own field and wavelength, ray-traced through the prescription."""
+    """Blur every point by the wavefront of its own field and wavelength, ray-traced through the prescription."""
 
     role: ClassVar = "lens"
     once: ClassVar = ("diffraction",)
@@ -104,7 +107,7 @@ class Blur(Moved, Banded, Bounded):
         at_least=0,
         below=89,
         example=(0.0, 22.0),
-        doc="field angles at which a point is traced",
+        doc="field angles at which PSFs are traced",
     )
     heights: int = param(
         0,
@@ -112,9 +115,8 @@ class Blur(Moved, Banded, Bounded):
         at_most=200,
         fidelity=True,
         reference="twice as many heights",
-        doc="image heights from the axis to the corner of the frame at which a point is traced, in place of fields; 0: "
-        "fields, which is "
-        "another lens and no cheaper setting, so that there is no order to begin with",
+        doc="number of image heights from the axis to the frame corner at which PSFs are traced, instead of fields; "
+        "0: use fields, which is a different lens and not a coarser setting",
     )
     wavelengths: tuple[float, ...] = param(
         (450.0, 550.0, 650.0),
@@ -122,7 +124,7 @@ class Blur(Moved, Banded, Bounded):
         at_least=200,
         at_most=5000,
         example=(500.0, 600.0),
-        doc="at which a point is traced; mixed linearly in between",
+        doc="wavelengths at which PSFs are traced, with linear interpolation between them",
     )
     pupil_samples: int = param(
         128,
@@ -132,7 +134,7 @@ class Blur(Moved, Banded, Bounded):
         example=32,
         reference="1024 samples",
         settings=(32, 64, 128, 256, 512, 1024),
-        doc="cells across the pupil, at least",
+        doc="smallest number of samples across the pupil",
     )
     lost: float = param(
         0.02,
@@ -143,9 +145,10 @@ class Blur(Moved, Banded, Bounded):
         example=0.2,
         reference="2e-3",
         settings=(0.2, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3),
-        doc="flux of a picture that may lie outside its window; of little the windows become larger than can be had",
+        doc="fraction of the flux of a PSF allowed outside its window; small values may require windows above the "
+        "size limit",
     )
-    window: float = param(0.0, units="um", at_least=0, doc="side of the picture of a point; 0: as lost asks")
+    window: float = param(0.0, units="um", at_least=0, doc="side of the PSF window; 0: set by lost")
     tolerance: float = param(
         0.1,
         above=0,
@@ -154,31 +157,33 @@ class Blur(Moved, Banded, Bounded):
         dear=True,
         reference="0.01",
         settings=(0.3, 0.1, 0.03, 0.01),
-        doc="bound on the largest error of the convolution for any scene, as a share of full scale; photographs err by "
-        "a tenth of it",
+        doc="bound on the largest error of the convolution for any scene, relative to full scale; for photographs the "
+        "error is about a tenth of it",
     )
     method: str = param(
         "tiles",
         choices=("auto", "eigen", "tiles"),
         fidelity=True,
         reference="the other method",
-        doc="blended tiles, an expansion in eigen-PSFs, or whichever is cheaper; all keep the tolerance: no order of "
-        "them is one of errors",
+        doc="blended tiles, an expansion in eigen-PSFs, or whichever is faster; all meet the tolerance, none is "
+        "always more accurate",
     )
     weights: str = param(
         "source",
         choices=("source", "image"),
-        doc="a point's flux is kept exactly, or a uniform plane stays uniform exactly",
+        doc="object: the flux of a point is conserved exactly; image: a uniform plane stays uniform exactly",
     )
     light: str = param(
-        "bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light"
+        "bandlimited",
+        choices=("bandlimited", "cells"),
+        doc="meaning of a light sample, as in the scene's light: band-limited value or cell mean",
     )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
             raise ValueError(
-                f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too"
+                f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here as well"
             )
         self.traced_wavelengths(self.wavelengths)
         if self.heights:
@@ -186,7 +191,7 @@ class Blur(Moved, Banded, Bounded):
         lens = self.opened()
         if not np.isfinite(lens.chief(banks.tangents_of(self.fields), lens.reference)[1]).all():
             raise ValueError(
-                f"fields are {list(self.fields)}, but {lens.prescription.name} has no image of all of them; use "
+                f"fields are {list(self.fields)}, but {lens.prescription.name} does not image all of them; use "
                 f"smaller ones"
             )
         return {}
@@ -218,9 +223,7 @@ class Blur(Moved, Banded, Bounded):
         return {"irradiance": blur.apply(irradiance, prepared)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        return (
-            (0.0, "the scene is uniform: blur changes nothing") if facts.uniform and self.weights == "image" else None
-        )
+        return (0.0, "the scene is uniform: blur has no effect") if facts.uniform and self.weights == "image" else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         own = facts["irradiance"]
@@ -229,9 +232,9 @@ class Blur(Moved, Banded, Bounded):
         return replace(own, uniform=None if own.uniform else own.uniform, low=None, high=None, contrast=None)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the convolution, the light outside the windows, and the pupil's edge by its samples.
+        """Bound the convolution error, the light outside the windows, and the pupil edge by its sampling.
 
-        What linear mixing between fields and wavelengths costs, ``heights`` against twice as many shows.
+        To see the error of linear interpolation between fields and wavelengths, compare ``heights`` with twice as many.
         """
         pictures = 0.5 * self.lost + 1e-3 * (128 / self.pupil_samples) ** 1.5
         return self.tolerance + pictures + (2e-6 if precision == "float32" else 1e-13), "measured"
@@ -243,21 +246,21 @@ class Blur(Moved, Banded, Bounded):
         last = float(lens.chief(banks.tangents_of(self.fields)[-1:], lens.reference)[1][0])
         if corner > 1.001 * last:
             return [
-                f"traced up to {last * 1e-3:.4g} mm from the axis, the light reaches {corner * 1e-3:.4g} mm: the last "
-                f"picture holds beyond"
+                f"traced up to {last * 1e-3:.4g} mm from the axis, but the light extends to {corner * 1e-3:.4g} mm: "
+                "the last PSF is used beyond"
             ]
         return []
 
 
 @dataclass(frozen=True, kw_only=True)
 class Distortion(Moved, Banded, Bounded):
-    """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's
-    image.
+    """Move every wavelength to where its chief ray lands: distortion and lateral colour. The ideal is the image of a
+    pinhole.
     """
 
     role: ClassVar = "distortion"
     once: ClassVar = ("distortion",)
-    gain: ClassVar[float | None] = 3.5  # of the quintic spline between samples of opposite signs: 3.3
+    gain: ClassVar[float | None] = 3.5  # 3.3 for the quintic spline between samples of opposite signs
     nanoseconds: ClassVar = 350.0
 
     nodes: int = param(
@@ -268,7 +271,7 @@ class Distortion(Moved, Banded, Bounded):
         example=6,
         reference="129 fields",
         settings=(5, 9, 17, 33, 65, 129),
-        doc="fields from the axis to the corner",
+        doc="number of fields traced from the axis to the corner",
     )
     order: int = param(
         5,
@@ -277,7 +280,7 @@ class Distortion(Moved, Banded, Bounded):
         fidelity=True,
         reference="order 5 with oversampling 4",
         settings=(1, 2, 3, 5),
-        doc="of the spline between samples",
+        doc="order of the interpolating spline",
     )
     oversampling: int = param(
         1,
@@ -286,7 +289,7 @@ class Distortion(Moved, Banded, Bounded):
         fidelity=True,
         reference="order 5 with oversampling 4",
         settings=(1, 2, 4),
-        doc="samples per sample that the spline goes through",
+        doc="oversampling of the light before spline interpolation",
     )
 
     def prepare(self, coordinates: Any) -> Any:
@@ -305,16 +308,17 @@ class Distortion(Moved, Banded, Bounded):
         return {"irradiance": planes}
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """A uniform plane stays as it is; a spline may leave the range of another a little."""
+        """A uniform plane is unchanged; a spline may leave the range of another plane slightly."""
         own = facts["irradiance"]
         return own if own.uniform else replace(own, low=None, high=None, contrast=None, band_limit=None)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        return (0.0, "the scene is uniform: moving it changes nothing") if facts.uniform else None
+        return (0.0, "the scene is uniform: displacement has no effect") if facts.uniform else None
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the interpolation: a Gaussian edge with the scene's band limit, of 1 sample rms where that is not
-        known; of its place.
+        """Bound the interpolation error on a Gaussian edge with the scene's band limit, or 1 sample rms where that is
+        unknown,
+        and its position error.
         """
         limit = facts["irradiance"].band_limit
         step = grid["irradiance"].line("x").step
@@ -329,16 +333,15 @@ class Distortion(Moved, Banded, Bounded):
         beyond = corner * (float(ratio(corner**2)) - 1.0)
         if beyond > 2.0 * grids["irradiance"].line("x").step and not facts.uniform:
             return [
-                f"the corner shows what lies {beyond:.3g} um beyond the scene's, where its mirror image stands: let "
-                f"the scene be larger"
+                f"the corner extends {beyond:.3g} um beyond the scene and reads its mirror image: enlarge the scene"
             ]
         return []
 
 
 @dataclass(frozen=True, kw_only=True)
 class Illumination(Moved, Banded):
-    """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and
-    vignetting included.
+    """Scale light by the cone that arrives at each image height, relative to the axis, including pupil aberration and
+    vignetting.
     """
 
     role: ClassVar = "falloff"
@@ -352,7 +355,7 @@ class Illumination(Moved, Banded):
         units="nm",
         at_least=200,
         at_most=5000,
-        doc="at which cones are traced; mixed linearly in between",
+        doc="wavelengths at which cones are traced, with linear interpolation between them",
     )
     nodes: int = param(
         9,
@@ -362,7 +365,7 @@ class Illumination(Moved, Banded):
         example=4,
         reference="65 fields",
         settings=(5, 9, 17, 33, 65),
-        doc="fields from the axis to the corner",
+        doc="number of fields traced from the axis to the corner",
     )
     pupil_samples: int = param(
         64,
@@ -372,7 +375,7 @@ class Illumination(Moved, Banded):
         example=16,
         reference="512 samples",
         settings=(16, 32, 64, 128, 256, 512),
-        doc="cells across the pupil",
+        doc="samples across the pupil",
     )
 
     def prepare(self, coordinates: Any) -> Any:
@@ -401,7 +404,7 @@ class Illumination(Moved, Banded):
         return {"irradiance": out}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the area of the cone, by the samples across the pupil, and of the curve between fields."""
+        """Bound the error of the cone area by pupil sampling, and of the curve between fields."""
         return 4e-4 * (64 / self.pupil_samples) ** 1.5 + 1e-4 * (9 / self.nodes) ** 3 + (
             2e-7 if precision == "float32" else 0.0
         ), "measured"
@@ -409,12 +412,12 @@ class Illumination(Moved, Banded):
 
 @dataclass(frozen=True, kw_only=True)
 class Numbers(RealLens):
-    """The lens in figures, by field angle and wavelength.
+    """Compute metrics of the lens, by field angle and wavelength.
 
     ``image_scale`` is image height per tangent of the field angle close to the axis; distortion is relative to it.
-    ``axial_f_number`` is 1/(2 sin) of the cone on the axis. ``strehl_ratio`` is the highest point of the picture over
-    that of the same pupil without aberrations; ``lateral_colour`` the chief ray's image height against the reference
-    wavelength's.
+    ``axial_f_number`` is 1/(2 sin) of the cone on axis. ``strehl_ratio`` is the PSF peak over that of the same pupil
+    without aberrations; ``lateral_colour`` is the image height of the chief ray relative to that of the reference
+    wavelength.
     """
 
     role: ClassVar = "figures"
@@ -444,7 +447,7 @@ class Numbers(RealLens):
         example=16,
         reference="1024 samples",
         settings=(32, 64, 128, 256, 512, 1024),
-        doc="cells across the pupil",
+        doc="samples across the pupil",
     )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
@@ -476,7 +479,7 @@ class Numbers(RealLens):
         }
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the pupil's area and edge, by the samples across it."""
+        """Bound the error of pupil area and edge by the samples across it."""
         return 1e-3 * (128 / self.pupil_samples) ** 1.5 + (1e-6 if precision == "float32" else 0.0), "measured"
 
 

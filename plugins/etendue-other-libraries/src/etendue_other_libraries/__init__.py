@@ -1,3 +1,3 @@
-"""Algorithms of other libraries as stages of etendue: a module per library, so that one that is not installed lacks
-alone.
+"""Algorithms of other libraries as stages of etendue: one module per library, so that a missing library disables only
+its own stages.
 """

@@ -1,4 +1,4 @@
-"""Numbers as whole numbers, for libraries that take nothing else, and back.
+"""Conversion of floats to integers and back, for libraries that only accept integers.
 
 In:  floats about 0 and above, 1 at clipping.
 Out: codes of 8 or 16 bits.
@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-BELOW = 1 / 16  # of the largest value: noise about black is not cut off
+BELOW = 1 / 16  # of the largest value: noise about black is not clipped
 
 
 @dataclass(frozen=True)
 class Codes:
-    """``largest`` has the highest code, and -1/16 of it the code 0; what lies beyond is clipped."""
+    """``largest`` maps to the highest code, and -1/16 of it to code 0; values outside are clipped."""
 
     largest: float
     bits: int
@@ -26,7 +26,7 @@ class Codes:
         return self.largest * (1 + BELOW) / (2**self.bits - 1)
 
     def of(self, values: Any) -> Any:
-        """Rounded codes: wrong by no more than half a step between the ends, step / sqrt(12) rms."""
+        """Return rounded codes: the error is at most half a step within the range, step / sqrt(12) rms."""
         codes = np.rint((np.asarray(values, np.float64) + BELOW * self.largest) / self.step)
         return np.clip(codes, 0, 2**self.bits - 1).astype(np.uint16 if self.bits > 8 else np.uint8)
 

@@ -1,11 +1,11 @@
-"""OpenCV's demosaicers, a name each, so that ``compare --axis demosaic.use`` finds them all.
+"""OpenCV's demosaicers, one stage each, so that ``compare --axis demosaic.use`` finds them all.
 
 In:  ``mosaic_linear`` (y, x), 1 at clipping; Bayer masks.
-Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
+Out: ``rgb_camera`` (channel, y, x), linear camera RGB.
 
-OpenCV works on whole numbers: ``codes`` says how. Its borders are copies of its inner pixels, and frames of less than a
-few pixels come back as they were allocated: the frame is mirrored about its outermost samples first, which keeps the
-colours in their places.
+OpenCV works on integers, see ``codes``. Its borders are copies of inner pixels, and frames of less than a few pixels
+are
+returned uninitialised: the frame is first mirrored about its outermost samples, which keeps the colours in place.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MARGIN = 8  # even, so that the mask keeps its order
 
 @dataclass(frozen=True, kw_only=True)
 class Bilinear(Stage):
-    """OpenCV's bilinear demosaicer, on 16 bits."""
+    """Demosaic with OpenCV's bilinear method, on 16 bits."""
 
     role: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
@@ -33,31 +33,29 @@ class Bilinear(Stage):
     creates: ClassVar = {"channel": RGB}
     libraries: ClassVar = ("opencv-python-headless",)
     negative: ClassVar = "keep"
-    gain: ClassVar = None  # rounding: a small error may be none behind it, or a step
+    gain: ClassVar = None  # rounding: a small error may disappear, or become a step
     decides: ClassVar = True
     nanoseconds: ClassVar = 10.0
     bits: ClassVar[int] = 16
     suffix: ClassVar[str] = ""
 
     pattern: str = quantity("pattern")
-    largest: float = param(4.0, at_least=1, at_most=64, doc="value of the highest code: what is brighter is clipped")
+    largest: float = param(4.0, at_least=1, at_most=64, doc="value of the highest code; brighter values are clipped")
 
     def __post_init__(self) -> None:
         self.order(0, 0)
 
     def order(self, row: int, column: int) -> str:
-        """The Bayer order as a window sees it that starts at this pixel of the sensor."""
+        """Return the Bayer order as seen by a window that starts at this pixel of the sensor."""
         name = None if self.pattern.endswith(".csv") else cfa.parse(self.pattern).bayer
         if name is None:
-            raise ValueError(
-                f"OpenCV knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use demosaic_any"
-            )
+            raise ValueError(f"OpenCV supports {', '.join(cfa.BAYER)} only, not {self.pattern!r}; use demosaic_any")
         return cfa.shifted_bayer(name, row, column)
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         if min(mosaic_linear.shape) < 2:
             raise ValueError(
-                f"a frame of {' x '.join(map(str, mosaic_linear.shape))} has no two colours along both of its sides"
+                f"a frame of {' x '.join(map(str, mosaic_linear.shape))} does not have two colours along both sides"
             )
         codes = Codes(self.largest, self.bits)
         order = self.order(round(float(y[0])), round(float(x[0])))
@@ -67,23 +65,23 @@ class Bilinear(Stage):
         return {"rgb_camera": codes.back(np.moveaxis(inner, -1, 0), mosaic_linear.dtype)}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of rounding, to codes and within OpenCV; what the method invents between samples is none of it."""
+        """Bound the rounding, to codes and within OpenCV; interpolation error between samples is not included."""
         return Codes(self.largest, self.bits).step, "measured"
 
 
 @dataclass(frozen=True, kw_only=True)
 class EdgeAware(Bilinear):
-    """OpenCV's edge-aware demosaicer, on 16 bits: green along the smaller of two gradients."""
+    """Demosaic with OpenCV's edge-aware method, on 16 bits: green along the smaller of two gradients."""
 
     suffix: ClassVar[str] = "_EA"
 
 
 @dataclass(frozen=True, kw_only=True)
 class GradientNumber(Bilinear):
-    """OpenCV's variable number of gradients (Chang, Cheung and Pang 1999), on 8 bits: it takes no more."""
+    """Demosaic with OpenCV's variable number of gradients (Chang, Cheung and Pang 1999), on 8 bits, its maximum."""
 
     nanoseconds: ClassVar = 60.0
     bits: ClassVar[int] = 8
     suffix: ClassVar[str] = "_VNG"
 
-    largest: float = param(1.0, at_least=1, at_most=64, doc="value of the highest code: what is brighter is clipped")
+    largest: float = param(1.0, at_least=1, at_most=64, doc="value of the highest code; brighter values are clipped")

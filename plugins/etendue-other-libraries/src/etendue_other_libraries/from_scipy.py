@@ -1,7 +1,7 @@
-"""SciPy's local Wiener filter, written on labels.
+"""SciPy's local Wiener filter, written with labelled arrays.
 
 In:  ``rgb_camera`` as a ``DataArray`` with its coordinates.
-Out: the same, smoother.
+Out: the same, denoised.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from etendue.api import Stage, labelled, measured, param
 @labelled
 @dataclass(frozen=True, kw_only=True)
 class LocalWiener(Stage):
-    """SciPy's Wiener filter (Lee 1980): what varies no more than the noise becomes its local mean."""
+    """Denoise with SciPy's Wiener filter (Lee 1980): areas that vary by no more than the noise become their local
+    mean."""
 
     role: ClassVar = "denoising"
     reads: ClassVar = {"rgb_camera": "channel y x [1]"}
@@ -29,7 +30,7 @@ class LocalWiener(Stage):
     error: ClassVar = measured(1e-7, 1e-12)
     nanoseconds: ClassVar = 60.0
 
-    size: int = param(5, at_least=3, at_most=63, doc="pixels along the window")
+    size: int = param(5, at_least=3, at_most=63, doc="side of the window, pixels")
     noise: float = param(4e-4, above=0, at_most=1, doc="variance of the noise, 1 at clipping")
 
     def run(self, data: Any) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""scikit-image: non-local means, and Richardson-Lucy with the camera's own point-spread function.
+"""scikit-image: non-local means, and Richardson-Lucy with the camera's own point spread function.
 
-In:  ``rgb_camera`` (channel, y, x), linear, 1 at clipping; for the deconvolution the transfer functions in front.
+In:  ``rgb_camera`` (channel, y, x), linear, 1 at clipping; for the deconvolution, the preceding transfer functions.
 Out: ``rgb_camera``.
 """
 
@@ -19,7 +19,7 @@ PICTURE = {"rgb_camera": "channel y x [1]"}
 
 @dataclass(frozen=True, kw_only=True)
 class NonLocalMeans(Stage):
-    """scikit-image's non-local means (Buades, Coll and Morel 2005): means of patches that look alike, all channels
+    """Denoise with scikit-image's non-local means (Buades, Coll and Morel 2005): means of similar patches, all channels
     together.
     """
 
@@ -29,13 +29,13 @@ class NonLocalMeans(Stage):
     libraries: ClassVar = ("scikit-image",)
     negative: ClassVar = "keep"
     gain: ClassVar = None
-    error: ClassVar = measured(1e-7, 1e-14)  # of the arithmetic, which is double throughout
+    error: ClassVar = measured(1e-7, 1e-14)  # arithmetic error, in double precision throughout
     nanoseconds: ClassVar = 3000.0
 
     sigma: float = param(0.02, at_least=0, at_most=1, doc="standard deviation of the noise, 1 at clipping")
-    smoothing: float = param(0.8, above=0, at_most=10, doc="cut-off of differences between patches, in sigma")
-    patch: int = param(5, at_least=1, at_most=31, doc="pixels along a patch")
-    reach: int = param(6, at_least=1, at_most=31, doc="pixels to the farthest patch")
+    smoothing: float = param(0.8, above=0, at_most=10, doc="cut-off of patch differences, in sigmas of the noise")
+    patch: int = param(5, at_least=1, at_most=31, doc="side of a patch, pixels")
+    reach: int = param(6, at_least=1, at_most=31, doc="distance to the farthest patch, pixels")
 
     def run(self, rgb_camera: Any) -> dict[str, Any]:
         found = skimage.restoration.denoise_nl_means(
@@ -54,25 +54,26 @@ class NonLocalMeans(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class RichardsonLucy(Stage):
-    """scikit-image's Richardson-Lucy, each channel by its own point-spread function, which the pixel in front of it
-    has.
+    """Deconvolve with scikit-image's Richardson-Lucy, each channel with its own point spread function, from the
+    preceding
+    pixel stage.
     """
 
     role: ClassVar = "sharpening"
     reads: ClassVar = {**PICTURE, "transfers": "*.transfer [1]"}
     writes: ClassVar = PICTURE
     libraries: ClassVar = ("scikit-image",)
-    negative: ClassVar = "clip"  # it divides by what it is given: below 0 it has no meaning
+    negative: ClassVar = "clip"  # it divides by its input: negative values have no meaning
     gain: ClassVar = None
     error: ClassVar = measured(1e-7, 1e-12)
     nanoseconds: ClassVar = 2000.0
 
-    iterations: int = param(10, at_least=1, at_most=1000, doc="always so many")
-    support: int = param(15, at_least=3, at_most=63, doc="pixels along the point-spread function, an odd number")
+    iterations: int = param(10, at_least=1, at_most=1000, doc="number of iterations")
+    support: int = param(15, at_least=3, at_most=63, doc="side of the point spread function, pixels; odd")
 
     def __post_init__(self) -> None:
         if self.support % 2 == 0:
-            raise ValueError(f"support is {self.support}; allowed are odd numbers, which have a middle")
+            raise ValueError(f"support is {self.support}; it must be odd, to have a centre")
 
     def run(self, rgb_camera: Any, transfers: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
         otf = transfers[-1][1]

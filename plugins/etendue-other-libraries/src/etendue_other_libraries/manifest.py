@@ -1,6 +1,4 @@
-"""What this distribution brings to etendue: three demosaicers, two ways to take noise out of a picture, a
-deconvolution.
-"""
+"""What this distribution provides: three demosaicers, two denoisers, a deconvolution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Colour: camera primaries to XYZ, white, the display and its encoding; differences between colours.
+"""Colour: camera RGB to XYZ, white, display and encoding; colour differences.
 
 In:  ``rgb_camera``.
 Out: ``xyz``, ``rgb_linear``, ``rgb_display``.

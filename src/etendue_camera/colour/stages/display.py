@@ -1,7 +1,7 @@
-"""The display: tristimulus values to its primaries, cone responses and back, encoding and decoding.
+"""The display: tristimulus values to display RGB, cone responses and back, encoding and decoding.
 
 In:  ``xyz_scene``.
-Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; a variable's name says its colour state.
+Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; the name of a variable gives its colour state.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, wh
 from etendue_camera.roles import Displaying
 
 LMS = Labels(("L", "M", "S"))
-BEYOND = 1e-5  # of full scale: what 32 bits leave of a value at the end of the range
+BEYOND = 1e-5  # of full scale: 32-bit rounding of a value at the end of the range
 PRINTED = {"eq16_corrected_3digit": matrices.EQ16_CORRECTED, "eq16_as_printed": matrices.EQ16_AS_PRINTED}
 OWN = {"ebu": matrices.RGB_TO_XYZ_PAL, "sRGB": matrices.RGB_TO_XYZ_SRGB}
 
 
 def space_to_xyz(name: str) -> Any:
-    """Linear RGB of a named space to XYZ, full precision: from its primaries and its white."""
+    """Return the matrix from linear RGB of a named space to XYZ, in full precision, from its primaries and white."""
     if name in OWN:
         return OWN[name]
     primaries, white = spectra.rgb_space_primaries(name)
@@ -35,8 +35,8 @@ def space_to_xyz(name: str) -> Any:
 
 
 def primaries_to_xyz(display: str) -> Any:
-    """Linear RGB of a display to XYZ, Y = 1 for its white: from its spectra where they are measured, else from those
-    of its space.
+    """Return the matrix from linear display RGB to XYZ, with Y = 1 for white, from measured spectra or else from the
+    primaries of its space.
     """
     if display not in MEASURED:
         return space_to_xyz(display)
@@ -45,10 +45,10 @@ def primaries_to_xyz(display: str) -> Any:
 
 
 def primaries_to_cones(display: str) -> Any:
-    """Linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals (section 3.2 of the
-    paper).
+    """Return the matrix from linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals
+    (section 3.2 of the paper).
 
-    For an RGB space, which has no spectra: its XYZ, and the cone responses fitted to the colour-matching functions.
+    For an RGB space, which has no spectra: its XYZ, with cone responses fitted to the colour-matching functions.
     """
     if display in MEASURED:
         found = spectra.cone_fundamentals(TABLE_EDGES).T @ spectra.display_primaries(display, TABLE_EDGES)
@@ -58,15 +58,15 @@ def primaries_to_cones(display: str) -> Any:
 
 
 def check_display(name: str) -> None:
-    """Refuse what is neither a measured display nor an RGB space."""
+    """Raise ValueError unless the name is a measured display or an RGB space."""
     spectra.check_rgb_space(name, MEASURED)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Display(Displaying, Haloed):
-    """Tristimulus values to linear display primaries: the inverse of primaries x cones (section 3.2 of the paper).
+    """Convert tristimulus values to linear display RGB: the inverse of primaries x cones (section 3.2 of the paper).
 
-    An RGB space has no spectra: there it is the inverse of the matrix of its primaries and white.
+    For an RGB space, which has no spectra, use the inverse of the matrix of its primaries and white.
     """
 
     role: ClassVar = "display primaries"
@@ -81,7 +81,8 @@ class Display(Displaying, Haloed):
 
     display: str = param(
         "sRGB",
-        doc="Apple Studio Display, Typical CRT Brainard 1997 (measured spectra), or an RGB space of colour-science",
+        doc="display: Apple Studio Display, Typical CRT Brainard 1997 (measured spectra), or an RGB space of "
+        "colour-science",
     )
 
     def __post_init__(self) -> None:
@@ -99,7 +100,7 @@ class Display(Displaying, Haloed):
     def prepare(self, coordinates: Any) -> Any:
         if self.display not in MEASURED:
             return np.linalg.inv(space_to_xyz(self.display))
-        # The cones are no exact mixture of the colour-matching functions: rows are scaled so that white stays white.
+        # Cones are not an exact combination of colour-matching functions: rows are scaled so that white stays white.
         fitted = spectra.xyz_to_lms_matrix(TABLE_EDGES)
         fitted = fitted / (fitted @ white_of(self.display))[:, None]
         return np.linalg.solve(primaries_to_cones(self.display), fitted)
@@ -110,7 +111,7 @@ class Display(Displaying, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class _Cones(Haloed):
-    """Between a display's primaries and the cones of who looks at it; the display's white excites all three by 1."""
+    """Conversion between display RGB and the viewer's cone responses; the display's white gives 1 for all three."""
 
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
@@ -118,7 +119,9 @@ class _Cones(Haloed):
     error: ClassVar = measured(2e-6, 5e-15)
 
     display: str = param(
-        "sRGB", doc="as of display: measured spectra x cone fundamentals; of an RGB space, cones fitted to XYZ"
+        "sRGB",
+        doc="display, as in the stage display: measured spectra x cone fundamentals; for an RGB space, cones fitted "
+        "to XYZ",
     )
 
     def __post_init__(self) -> None:
@@ -133,7 +136,7 @@ class _Cones(Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class ToCones(_Cones):
-    """Linear display primaries to cone responses: primaries x cone fundamentals (section 3.2 of the paper)."""
+    """Convert linear display RGB to cone responses: primaries x cone fundamentals (section 3.2 of the paper)."""
 
     role: ClassVar = "cones"
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
@@ -149,7 +152,7 @@ class ToCones(_Cones):
 
 @dataclass(frozen=True, kw_only=True)
 class FromCones(_Cones, Displaying):
-    """Cone responses to linear display primaries: the inverse of ``to_cones``."""
+    """Convert cone responses to linear display RGB: the inverse of ``to_cones``."""
 
     role: ClassVar = "cones"
     reads: ClassVar = {"lms": "channel y x [1]"}
@@ -168,7 +171,7 @@ class FromCones(_Cones, Displaying):
 
 @dataclass(frozen=True, kw_only=True)
 class ToXyz(Haloed):
-    """Linear RGB of the display to XYZ: of an RGB space, or by eq. 16 (EBU primaries) in full precision or as
+    """Convert linear display RGB to XYZ, for an RGB space or by eq. 16 (EBU primaries), in full precision or as
     printed.
     """
 
@@ -184,7 +187,8 @@ class ToXyz(Haloed):
     error: ClassVar[Any] = measured(1e-6, 1e-15)
 
     matrix: str = param(
-        "sRGB", doc="of the display, as of stage display; ebu (eq. 16), eq16_corrected_3digit, eq16_as_printed"
+        "sRGB",
+        doc="matrix of a display, as in the stage display, or ebu (eq. 16), eq16_corrected_3digit, eq16_as_printed",
     )
 
     def __post_init__(self) -> None:
@@ -205,14 +209,14 @@ class ToXyz(Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class _Encoding(Haloed):
-    """One of the encodings of a display."""
+    """One of the display encodings."""
 
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 15.0
     error: ClassVar[Any] = measured(1e-6, 1e-15)
 
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"))
-    exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power' (eq. 15)")
+    exponent: float = param(0.45, above=0, at_most=5, doc="exponent of encoding 'power' (eq. 15)")
 
     def assumes(self) -> dict[str, Any]:
         return {"the encoding": ("power", self.exponent) if self.encoding == "power" else self.encoding}
@@ -220,8 +224,8 @@ class _Encoding(Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Encode(_Encoding):
-    """Gamma: linear display values to encoded ones, clipped to the display's range; what was clipped is counted, but
-    for rounding: white that is clipped in the camera stands at 1 up to the last bits, on either side."""
+    """Encode linear display values (gamma), clipped to the display's range. Clipped values are counted, except within
+    rounding: white that is clipped in the camera is 1 up to the last bits, on either side."""
 
     role: ClassVar = "display encoding"
     working: ClassVar = 2.3
@@ -240,14 +244,14 @@ class Encode(_Encoding):
         return {"rgb_display": encoded, "gamut_clipped": np.array(outside)}
 
     def joined(self, parts: Any, sizes: Any) -> dict[str, Any]:
-        """The share of all values, from whole numbers of them."""
+        """Return the fraction of all values, from integer counts."""
         clipped = sum(round(float(share) * size) for share, size in zip(parts["gamut_clipped"], sizes, strict=True))
         return {"gamut_clipped": np.array(clipped / max(sum(sizes), 1))}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Decode(_Encoding):
-    """Encoded display values back to linear ones: what ``encode`` clipped stays clipped."""
+    """Decode encoded display values to linear ones; values that ``encode`` clipped stay clipped."""
 
     role: ClassVar = "display decoding"
     reads: ClassVar = {"rgb_display": "channel y x [1]"}

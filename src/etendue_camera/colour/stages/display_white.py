@@ -1,4 +1,4 @@
-"""Whites: what a display shows with all its primaries on, what an illuminant makes of white paper.
+"""Whites: of a display with all primaries on, and of an illuminant on white paper.
 
 In:  the name of an illuminant, of a measured display, or of an RGB space.
 Out: XYZ with Y = 1.
@@ -12,22 +12,23 @@ from etendue_camera import spectra
 from etendue_camera.colour import matrices
 
 TABLE_EDGES = tuple(float(w) for w in range(380, 785, 5))
-D65_DISPLAYS = ("D65", "sRGB", "ebu")  # known without colour-science
+D65_DISPLAYS = ("D65", "sRGB", "ebu")  # available without colour-science
 MEASURED = ("Apple Studio Display", "Typical CRT Brainard 1997")  # displays whose primaries are spectra
 
 
 def white_name(name: str) -> str:
-    """The illuminant that is the white of an RGB space; the name itself of an illuminant or a measured display."""
+    """Return the illuminant that is the white of an RGB space; for an illuminant or a measured display, its own
+    name."""
     if name in D65_DISPLAYS:
         return "D65"
     return spectra.rgb_space_white(name) if name in spectra.rgb_space_names() else name
 
 
 def white_of(name: str) -> Any:
-    """XYZ (Y = 1) of an illuminant, of a measured display with all primaries on, or of the white of an RGB space.
+    """Return XYZ (Y = 1) of an illuminant, of a measured display with all primaries on, or of an RGB space's white.
 
-    Standards of displays give their white as the published chromaticity of an illuminant. An illuminant has it here
-    too, so that "D65" is the white of sRGB to the last bit; a sum over its spectrum is off by 2e-4 in Z.
+    Display standards give their white as the published chromaticity of an illuminant. Illuminants use it here too, so
+    that "D65" equals the white of sRGB to the last bit; a sum over its spectrum differs by 2e-4 in Z.
     """
     if name in D65_DISPLAYS:
         return matrices.xyz_from_xy(matrices.D65_XY)

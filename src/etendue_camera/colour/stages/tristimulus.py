@@ -1,7 +1,7 @@
-"""Colour: camera primaries to tristimulus values, and those of a scene to those of a viewer elsewhere.
+"""Colour: camera RGB to tristimulus values, and chromatic adaptation to another viewing white.
 
-In:  ``rgb_camera`` and what is known of the light (``white_radiance``, ``white_irradiance``).
-Out: ``xyz_scene``; what becomes of it on a display is in ``display.py``.
+In:  ``rgb_camera`` and the white of the light (``white_radiance``, ``white_irradiance``).
+Out: ``xyz_scene``; for its rendering on a display see ``display.py``.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ PRINTED_GAINS = (0.5844, 0.5753, 0.514)
 
 @dataclass(frozen=True, kw_only=True)
 class ColourFit(Collecting):
-    """Least squares from white-balanced camera primaries to XYZ, over a set of reflectances under the scene's light.
+    """Fit a matrix from white-balanced camera RGB to XYZ by least squares, over reflectances under the scene's light.
 
-    White is kept exactly unless told otherwise. ``fit_residual`` is the rms error in XYZ (white Y = 1),
-    ``fit_condition`` the condition number.
-    Channels that see alike tell some colours not apart: such directions are given nothing, and counted in
-    ``directions_floored``. For any number of channels: one gives luminance in the colour of the white, two a plane of
-    colours, and the residual says how far that is from the truth. Crosstalk behind the filters is in the camera's
-    primaries, as it is in a picture.
+    White is exact by default. ``fit_residual`` is the rms error in XYZ (white Y = 1), ``fit_condition`` the condition
+    number.
+    Channels with equal responses do not distinguish some colours: such directions are set to zero and counted in
+    ``directions_floored``. Any number of channels works: one gives luminance in the colour of the white, two a plane of
+    colours, and the residual gives the error. Crosstalk below the filters is included in the camera RGB, as in a
+    picture.
     """
 
     role: ClassVar = "colour matrix"
@@ -44,7 +44,7 @@ class ColourFit(Collecting):
         "colour_matrix": "component channel [1]",
         "white_xyz": "component [1]",
         "fit_residual": "[1]",
-        "fit_condition": "[1] nan",  # no number where the white is a single colour
+        "fit_condition": "[1] nan",  # undefined where the white is a single colour
         "directions_floored": "[1]",
     }
     creates: ClassVar = {"component": XYZ}
@@ -55,26 +55,28 @@ class ColourFit(Collecting):
     reflectances: str = param(
         "ColorChecker",
         table=True,
-        doc="ColorChecker, or a CSV file: wavelength_nm, then columns of patches; its end values hold beyond",
+        doc="ColorChecker, or a CSV file: wavelength_nm, then one column per patch; end values are extended",
     )
     white: str = param(
-        "kept", choices=("kept", "fitted"), doc="whether the white of the light is exact, or a patch like others"
+        "kept", choices=("kept", "fitted"), doc="whether the white of the light is exact, or fitted like any patch"
     )
     ridge: float = param(
-        0.0, at_least=0, doc="weight of the matrix's own size beside the error: less noise for more colour error"
+        0.0,
+        at_least=0,
+        doc="regularisation: weight of the matrix norm against the error; less noise for more colour error",
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require.that(
             self.reflectances == "ColorChecker" or self.reflectances.endswith(spectra.ENDINGS),
-            f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv or .spdx table",
+            f"reflectances is {self.reflectances!r}; it must be ColorChecker or the path of a .csv or .spdx table",
         )
         if not min(self.peak_qe) > 0:
             raise ValueError(
-                f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give "
+                f"peak_qe is {list(self.peak_qe)}: no matrix can use a channel without response; give "
                 f"every channel a "
-                "peak above 0, or leave colour_fit out"
+                "peak above 0, or remove the stage colour_fit"
             )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
@@ -84,9 +86,9 @@ class ColourFit(Collecting):
         seen = sum(below < VISIBLE[1] and above > VISIBLE[0] for below, above in pairwise(edges))
         if seen < channels and self.ridge == 0:
             raise ValueError(
-                f"{seen} of {len(edges) - 1} bands from {edges[0]:g} to {edges[-1]:g} nm are seen by the eye, and "
-                f"{seen} tell no "
-                f"{channels} channels apart: take a narrower bin_width, or wavelengths from {VISIBLE[0]:g} to "
+                f"{seen} of {len(edges) - 1} bands from {edges[0]:g} to {edges[-1]:g} nm are visible, and "
+                f"{seen} cannot separate "
+                f"{channels} channels: use a narrower bin_width, or wavelengths from {VISIBLE[0]:g} to "
                 f"{VISIBLE[1]:g} nm"
             )
         return {"colour_matrix": Grid.of({"component": XYZ, "channel": Labels(self.channels)})}
@@ -98,7 +100,7 @@ class ColourFit(Collecting):
         return response, spectra.colour_matching(edges), self.patches(edges), edges
 
     def patches(self, edges: tuple[float, ...]) -> Any:
-        """Reflectance of each patch, (patch, wavelength)."""
+        """Return the reflectance of each patch, (patch, wavelength)."""
         if self.reflectances == "ColorChecker":
             return spectra.colorchecker(edges)[1]
         return spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
@@ -111,14 +113,14 @@ class ColourFit(Collecting):
         if not np.all(camera_white > 0):
             names = ", ".join(self.channels)
             raise ValueError(
-                f"the white has a dead channel ({names} = {camera_white}): look at the filter, the illuminant, peak_qe"
+                f"the white has a dead channel ({names} = {camera_white}): check the filter, the illuminant and peak_qe"
             )
         samples = (reflectance * light) @ response.T / camera_white
         scene = np.asarray(white_radiance, dtype=float) * np.diff(edges)
         white = cmf.T @ scene
         require.that(
             white[1] > 0,
-            f"the scene's white has no luminance (X, Y, Z = {white}): look at the illuminant and the wavelengths",
+            f"the scene's white has no luminance (X, Y, Z = {white}): check the illuminant and the wavelengths",
         )
         targets = (reflectance * scene) @ cmf / white[1]
         kept = self.white == "kept"
@@ -139,7 +141,10 @@ class ColourFit(Collecting):
         }
 
     def warn(self, facts: Any, grids: Any) -> list[str]:
-        few = {1: "pictures are luminance in the colour of the white", 2: "colours between its two are guessed"}
+        few = {
+            1: "pictures are luminance in the colour of the white",
+            2: "colours outside one plane cannot be determined",
+        }
         count, edges = len(self.channels), grids["white_radiance"].bands().edges
         said: list[str] = []
         if self.reflectances != "ColorChecker":
@@ -153,12 +158,12 @@ class ColourFit(Collecting):
 
 @dataclass(frozen=True, kw_only=True)
 class CameraToXyz(Haloed):
-    """Camera primaries over the white, times the fitted matrix: what is shown as display white has Y = 1.
+    """Apply the fitted matrix to camera RGB over the white: what is rendered as display white has Y = 1.
 
-    That is the scene's white, but at most the level at which the first of the balanced channels clips (with
-    ``brightness = "camera"`` always that level), whether ``balance_mosaic`` has seen to it already or not. Where a
-    channel is clipped its true value is unknown: ``highlights = "neutral"`` ends all balanced channels at that level,
-    so that what is too bright turns white and not magenta.
+    That is the scene white, capped at the level at which the first balanced channel clips (with ``brightness =
+    "camera"`` always that level), whether or not ``balance_mosaic`` has applied it already. The true value of a clipped
+    channel is unknown: ``highlights = "neutral"`` clips all balanced channels at that level, so that overexposed areas
+    are white and not magenta.
     """
 
     role: ClassVar = "camera colour"
@@ -176,18 +181,20 @@ class CameraToXyz(Haloed):
     error: ClassVar = measured(1e-6, 2e-15)
 
     brightness: str = quantity("brightness")
-    highlights: str = param("neutral", choices=("neutral", "keep"), doc="what becomes of clipped channels")
+    highlights: str = param(
+        "neutral", choices=("neutral", "keep"), doc="treatment of clipped channels: clip all to neutral, or keep"
+    )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         found = {port: tuple(inputs[port]["channel"].values()) for port in ("rgb_camera", "white", "colour_matrix")}
         if len(set(found.values())) > 1:
             text = ", ".join(f"{port} {' '.join(map(str, names))}" for port, names in found.items())
-            raise ValueError(f"channels differ: {text}; the demosaicer, white and colour_fit work on the same pattern")
+            raise ValueError(f"channels differ: {text}; the demosaicer, white and colour_fit must use the same pattern")
         return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
 
     def run(self, rgb_camera: Any, white: Any, clipping_level: Any, colour_matrix: Any) -> dict[str, Any]:
         require.that(
-            np.all(white > 0), f"the white has a dead channel: {white}; look at the filter, the illuminant and peak_qe"
+            np.all(white > 0), f"the white has a dead channel: {white}; check the filter, the illuminant and peak_qe"
         )
         level, clipped = np.asarray(white, dtype=float), float(clipping_level)
         shown = level * (white_balance.display_white(level.max(), clipped, self.brightness == "camera") / level.max())
@@ -203,10 +210,12 @@ class CameraToXyz(Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Balance(Viewed, Haloed):
-    """Von Kries in a named cone space: scene white to the target's white, or the paper's printed diagonal (eq. 14).
+    """Adapt the scene white to the target white by von Kries scaling in a named cone space, or by the paper's printed
+    diagonal (eq. 14).
 
-    A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is lifted to
-    ``floor`` and counted in ``cones_floored``, or refused.
+    A cone that the scene white does not excite, as under narrow-band light, has an infinite gain: its response is
+    raised
+    to ``floor`` and counted in ``cones_floored``, or an error is raised.
     """
 
     role: ClassVar = "chromatic adaptation"
@@ -221,15 +230,18 @@ class Balance(Viewed, Haloed):
     error: ClassVar = measured(1e-6, 3e-15)
 
     space: str = param("Von Kries", choices=tuple(SPACES), doc="cone space of the gains")
-    target: str = param("D65", table=True, doc="white of the display: an illuminant, a display or an RGB space")
+    target: str = param("D65", table=True, doc="target white: an illuminant, a display or an RGB space")
     gains: str = param(
-        "white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale"
+        "white",
+        choices=("white", "as_printed"),
+        doc="gains from the scene white, or the paper's diagonal with its scale",
     )
     floor: float = param(
         1e-4,
         at_least=0,
         below=1,
-        doc="share of the largest cone response to which weaker ones of the scene's white are lifted; 0: refused",
+        doc="floor for cone responses of the scene white, as a fraction of the largest; 0: no floor, an error is "
+        "raised",
     )
 
     def __post_init__(self) -> None:
@@ -240,11 +252,11 @@ class Balance(Viewed, Haloed):
         return white_of(self.target)
 
     def assumes(self) -> dict[str, Any]:
-        """The paper's diagonal ends in a white of its own."""
+        """The paper's diagonal has its own target white."""
         return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
 
     def viewing_white(self) -> Any:
-        """XYZ of the white to which a viewer of the result is adapted, for pictures of it; None: that of the
+        """Return XYZ of the white to which a viewer of the result is adapted, for rendering pictures; None: that of the
         picture.
         """
         return white_of(self.target) if self.gains == "white" else None

@@ -1,5 +1,5 @@
-"""From charge to numbers: exposure, noise, amplifier, converter, and what they make possible.
+"""From charge to digital numbers: exposure, noise, amplifier, ADC, and the metrics of both.
 
 In:  ``photon_rate`` of a mosaic.
-Out: ``charge``, ``dn`` and ``mosaic_linear``; figures of exposure and noise.
+Out: ``charge``, ``dn`` and ``mosaic_linear``; metrics of exposure and noise.
 """

@@ -1,4 +1,4 @@
-"""Exposure: photocurrent to charge, in the order in which it happens.
+"""Exposure: photocurrent to charge, in physical order.
 
 In:  ``photocurrent`` (y, x), electron/s.
 Out: ``expected_charge`` and ``charge``, electron, (y, x).
@@ -19,13 +19,13 @@ from etendue_camera.electronics.stages.gain_chain import Well
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure(Sampled, Noisy, Datasheet, Haloed):
-    """Charge expected after the integration time: photo (with PRNU) + dark (with its non-uniformity). Not clipped."""
+    """Compute the expected charge after the integration time: photo (with PRNU) + dark (with DSNU); no clipping."""
 
     role: ClassVar = "exposure"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"expected_charge": "y x [electron]"}
     gain: ClassVar = 1.0
-    negative: ClassVar = "clip"  # the undershoot of band-limited light, once, in front of the Poisson draw
+    negative: ClassVar = "clip"  # undershoot of band-limited light, clipped once, before the Poisson draw
     nanoseconds: ClassVar = 3.0
     working: ClassVar = 2.0
     libraries: ClassVar = ("numpy",)
@@ -37,27 +37,25 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
     dark_reference_temperature: float = quantity("dark_reference_temperature")
     dark_doubling: float = quantity("dark_doubling")
     sensor_serial: str = quantity("sensor_serial")
-    prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel")
-    dark_nonuniformity: float = param(
-        0.1, at_least=0, at_most=1, doc="relative rms of the dark current from pixel to pixel"
-    )
+    prnu: float = param(0.01, at_least=0, at_most=1, doc="photo-response non-uniformity, relative rms")
+    dark_nonuniformity: float = param(0.1, at_least=0, at_most=1, doc="dark current non-uniformity, relative rms")
     dark_pattern: bool = param(
         True,
         fidelity=True,
         exact=True,
-        reference="true: every pixel's own",
+        reference="true: a dark current for each pixel",
         settings=(False, True),
         costs=(0.75, 1.0),
-        doc="whether every pixel has the dark current that dark_nonuniformity draws; else all have its mean",
+        doc="whether each pixel has its own dark current, drawn with dark_nonuniformity; false: all have the mean",
     )
 
     def dark_charge(self, time: float) -> Any:
-        """Mean dark charge after a time, electron."""
+        """Return the mean dark charge after a time, electron."""
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
         return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
 
     def variance(self, charge: float) -> float:
-        """Of the two patterns, of a pixel with this charge, the dark one included."""
+        """Return the variance of both fixed patterns for a pixel with this charge, dark charge included."""
         dark = float(self.dark_charge(self.integration_time))
         light_mean, light_variance = distributions.cut_normal_moments(self.prnu)
         dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_nonuniformity)
@@ -90,7 +88,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         return {"expected_charge": signal}
 
     def mean(self, photocurrent: Any) -> dict[str, Any]:
-        """Over many sensors."""
+        """Return the mean over many sensors."""
         kind = photocurrent.dtype.type
         dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_nonuniformity)
         return {
@@ -98,8 +96,9 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         }
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
-        """Of rounding. Without the pattern of the dark current, of which the mean is kept: the share of the variance of
-        any pixel that it would bring, since every pixel has at least the shot noise of its dark charge."""
+        """Bound the rounding error. Without the dark current pattern, whose mean is kept, also the fraction of the
+        variance
+        of any pixel that it would add, since every pixel has at least the shot noise of its dark charge."""
         rounding = 2e-7 if precision == "float32" else 1e-15
         if self.dark_pattern or self.dark_nonuniformity == 0:
             return rounding, "proved"
@@ -108,7 +107,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         return rounding + (odds / (1 + odds) if math.isfinite(odds) else 1.0), "proved"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """Between the darkest and the brightest light, each by a pattern of six sigma: one pixel in 1e9 lies beyond."""
+        """Return the range from darkest to brightest light with a six-sigma pattern: one pixel in 1e9 lies outside."""
         light = facts["photocurrent"]
         if light.low is None or light.high is None:
             return Facts()
@@ -124,7 +123,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class ShotNoise(Sampled, Noisy, Haloed):
-    """Photons arrive one by one: Poisson about the expected charge."""
+    """Add photon shot noise: a Poisson draw about the expected charge."""
 
     role: ClassVar = "shot noise"
     inherent: ClassVar = True
@@ -144,15 +143,15 @@ class ShotNoise(Sampled, Noisy, Haloed):
         reference="inf: exact Poisson at every mean",
         settings=(30.0, 100.0, 300.0, 1000.0, math.inf),
         costs=(1.0, 1.0, 1.0, 1.05, 1.35),
-        doc="above this mean the draw is a Cornish-Fisher form within 1.2e-4 (30 / mean)^1.5 of Poisson in total "
-        "variation",
+        doc="above this mean the draw uses a Cornish-Fisher expansion within 1.2e-4 (30 / mean)^1.5 of Poisson in "
+        "total variation",
     )
 
     def __post_init__(self) -> None:
         if self.common_draws and self.exact_below > noise.LARGEST_INVERTED:
             raise ValueError(
-                f"exact_below is {self.exact_below:g} electron; noise = 'common' inverts the distribution up to "
-                f"{noise.LARGEST_INVERTED:g} at most: lower it, or take noise = 'independent'"
+                f"exact_below is {self.exact_below:g} electron; noise = 'common' inverts the distribution only up to "
+                f"{noise.LARGEST_INVERTED:g}: lower it, or use noise = 'independent'"
             )
 
     @property
@@ -163,8 +162,9 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return charge
 
     def halo(self) -> int | None:
-        """Common draws are one for each pixel; independent ones are asked for in an order that all of the frame
-        decides.
+        """Return 0 for common draws, which are made per pixel; None for independent ones, whose order depends on the
+        whole
+        frame.
         """
         return 0 if self.common_draws else None
 
@@ -181,12 +181,13 @@ class ShotNoise(Sampled, Noisy, Haloed):
         return {"charge": expected_charge}
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """The expected value stays as it is."""
+        """The expected value is unchanged."""
         return facts["expected_charge"]
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Total variation from Poisson, not an error of the mean: largest where the form begins; at the seam of
-        common draws too.
+        """Bound the total variation from Poisson, not the error of the mean: largest where the expansion begins, and at
+        the
+        seam of common draws.
         """
         if math.isinf(self.exact_below):
             return 0.0, "proved"
@@ -195,13 +196,13 @@ class ShotNoise(Sampled, Noisy, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class FullWell(Well, Bounded, Datasheet):
-    """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
+    """Clip charge at the full well, after the draw, so that noise collapses at saturation."""
 
     role: ClassVar = "full well"
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
     keeps: ClassVar = ("order",)
-    gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
+    gain: ClassVar = None  # where the light exceeds the full well, the unclipped part grows relative to full scale
     elementwise: ClassVar = True
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
@@ -215,7 +216,7 @@ class FullWell(Well, Bounded, Datasheet):
         return {"charge": np.minimum(charge, charge.dtype.type(self.well()))}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """What clipping takes from the mean of a Poisson count, as a share of the full well."""
+        """Bound what clipping removes from the mean of a Poisson count, relative to the full well."""
         if facts.high is None or facts.high >= self.well():
             return None
         sigma = math.sqrt(max(facts.high, 1.0))

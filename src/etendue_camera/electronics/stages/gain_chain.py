@@ -1,6 +1,6 @@
-"""From electrons to digital numbers: the quantities that every stage with a gain, a white or a saturation shares.
+"""From electrons to digital numbers: quantities shared by all stages with a gain, a white or a saturation.
 
-In:  camera quantities of pixel, amplifier and converter.
+In:  camera quantities of pixel, amplifier and ADC.
 Out: full well and saturation (electrons), analogue gain, DN per electron.
 """
 
@@ -14,15 +14,13 @@ from etendue_camera.electronics import amplifier
 
 
 def analogue_gain(stage: Any) -> float:
-    """The gain of the amplifier: as given, or as the ISO speed asks for; ``ValueError`` where they do not go
-    together.
-    """
+    """Return the amplifier gain, as given or from the ISO speed; raise ValueError where they conflict."""
     return amplifier.gain_of_speed(stage.analogue_gain, stage.iso, stage.base_iso)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Amplifier(Stage):
-    """A stage that knows the gain in front of the converter."""
+    """A stage that uses the gain before the ADC."""
 
     analogue_gain: float = quantity("analogue_gain")
     iso: float = quantity("iso")
@@ -31,19 +29,19 @@ class Amplifier(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOut(Amplifier):
-    """A stage that knows the noise in front of the amplifier and behind it."""
+    """A stage that uses the noise before and after the amplifier."""
 
     read_noise: float = quantity("read_noise")
     read_noise_after: float = quantity("read_noise_after")
 
     def read_sigma(self) -> float:
-        """Read noise at the gain, referred to the pixel, electron."""
+        """Return the input-referred read noise at the gain, electron."""
         return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Well(Stage):
-    """A stage that knows how much charge a pixel holds."""
+    """A stage that uses the full well capacity of a pixel."""
 
     pixel_pitch: float = quantity("pixel_pitch")
     aperture_fraction: float = quantity("aperture_fraction")
@@ -55,7 +53,7 @@ class Well(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class GainChain(Well, Amplifier):
-    """A stage that knows pixel, amplifier and converter."""
+    """A stage that uses pixel, amplifier and ADC."""
 
     conversion_gain: float = quantity("conversion_gain")
     black_level: float = quantity("black_level")
@@ -67,9 +65,10 @@ class GainChain(Well, Amplifier):
         )
 
     def saturation(self) -> float:
-        """Charge at which the well is full or the top code is reached."""
+        """Return the charge at which the full well or the top code is reached."""
         return amplifier.saturation_charge(self.well(), self.dn_per_electron(), self.black_level, self.bits)
 
     def white(self) -> float:
-        """Digital numbers between black and saturation: to the top code, or to the full well where that comes first."""
+        """Return the DN between black and saturation: to the top code, or to the full well where it is reached
+        first."""
         return amplifier.white_level(self.well(), self.dn_per_electron(), self.black_level, self.bits)

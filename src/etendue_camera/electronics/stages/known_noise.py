@@ -1,7 +1,7 @@
-"""What a camera's maker knows of its noise: variance of a pixel of the linearised mosaic, from the camera quantities.
+"""Noise model known to the camera maker: variance of a pixel of the linearised mosaic, from camera quantities.
 
-Figures of a sensor look at datasheets for the rest: what stages add whose noise is no camera quantity, such as that of
-rows and columns.
+Sensor metrics take the rest from datasheets: noise of stages that is not a camera quantity, such as row and column
+noise.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ Sheets = Sequence[tuple[str, Sheet]]
 
 
 def elsewhere(sheets: Sheets, figure: str) -> float:
-    """Square of a noise (``read_noise``, ``dsnu``), electron^2, over all stages but that whose noise is a camera
-    quantity.
+    """Return the square of a noise (``read_noise``, ``dsnu``), electron^2, over all stages except those whose noise is
+    a camera quantity.
     """
     return sum(sheet.figures.get(figure, 0.0) ** 2 for _, sheet in sheets if sheet.role != READ_NOISE)
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownNoise(ReadOut, GainChain):
-    """A stage that knows the noise of the numbers it is given: variance = shot x value + floor, 1 = clipping.
+    """A stage that knows the noise of its input: variance = shot x value + floor, 1 = clipping.
 
-    Shot noise of the light, read noise, offsets from pixel to pixel and quantisation. Dark current's shot noise hangs
-    on the time, which metering may set, and is left aside: 1.3 electrons rms after 10 ms at 1e-10 A/cm2 and 5.4 um.
+    It includes photon shot noise, read noise, DSNU and quantisation. Dark current shot noise depends on the time, which
+    metering may set, and is not included: 1.3 electrons rms after 10 ms at 1e-10 A/cm2 and 5.4 um.
     """
 
     dsnu: float = quantity("dsnu")
 
     def electrons(self) -> float:
-        """At 1 of ``mosaic_linear``."""
+        """Return the electrons at 1 of ``mosaic_linear``."""
         return self.white() / self.dn_per_electron()
 
     def noise_model(self) -> tuple[float, float]:
-        """Variance per value, and in the dark."""
+        """Return the variance per value, and that in the dark."""
         electrons = self.electrons()
         return 1 / electrons, (
             self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
         ) / electrons**2
 
     def dark_sigma(self) -> float:
-        """Of a pixel in the dark."""
+        """Return the standard deviation of a pixel in the dark."""
         return math.sqrt(self.noise_model()[1])

@@ -1,7 +1,7 @@
-"""The time of an exposure: found from the light, or spread over frames.
+"""Exposure time: metered from the light, or spread over frames.
 
 In:  ``photocurrent`` (y, x), electron/s; a time.
-Out: ``integration_time``, s, of one exposure or of each frame. Stages behind take it from here.
+Out: ``integration_time``, s, of one exposure or of each frame. Later stages use it.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from etendue.api import Facts, Grid, Labels, Stage, ends, measured, param, prove
 from etendue_camera.electronics import metering
 from etendue_camera.electronics.stages.gain_chain import GainChain
 
-AVERAGE, HIGHLIGHT = 1 / 7.8, 0.9  # of saturation: ISO 12232's metered mean; room for noise above a highlight
+AVERAGE, HIGHLIGHT = 1 / 7.8, 0.9  # of saturation: metered mean of ISO 12232; headroom for noise above a highlight
 
 
 @dataclass(frozen=True, kw_only=True)
 class Meter(GainChain):
-    """The time that the noise-free photocurrent asks for; every stage behind takes it, and ``ev_bias`` moves it.
+    """Meter the exposure time from the noise-free photocurrent, shifted by ``ev_bias``; all later stages use it.
 
-    ``mean`` and ``centre`` bring the average to 12.8 % of saturation, as ISO 12232 has it; ``highlight`` brings a
-    quantile to 90 %; ``exposure_value`` does not look at the light: the time follows the f-number, N^2 / 2^EV.
-    Saturation is that of the well or of the top code, whichever comes first, so that the time follows the ISO speed.
-    All pixels of the mosaic count the same.
+    ``mean`` and ``centre`` bring the average to 12.8 % of saturation, as in ISO 12232; ``highlight`` brings a
+    quantile to 90 %; ``exposure_value`` ignores the light: the time follows from the f-number, N^2 / 2^EV.
+    Saturation is that of the full well or the top code, whichever is reached first, so the time follows the ISO speed.
+    All pixels of the mosaic have equal weight.
     """
 
     role: ClassVar = "metering"
@@ -38,22 +38,22 @@ class Meter(GainChain):
     error: ClassVar = measured(1e-6, 1e-14)
 
     f_number: float = quantity("f_number")
-    metering: str = param(
-        "mean", choices=("mean", "centre", "highlight", "exposure_value"), doc="what the time follows"
-    )
+    metering: str = param("mean", choices=("mean", "centre", "highlight", "exposure_value"), doc="metering mode")
     target: float = param(
         0.0,
         at_least=0,
         at_most=100,
-        doc="share of saturation to reach; 0: 0.128 of mean and centre, 0.9 of a highlight",
+        doc="target fraction of saturation; 0: 0.128 for mean and centre, 0.9 for highlight",
     )
-    quantile: float = param(0.99, above=0, at_most=1, doc="share of the pixels which are not above the highlight")
-    exposure_value: float = param(10.0, units="stop", at_least=-30, at_most=40, doc="of metering 'exposure_value'")
+    quantile: float = param(0.99, above=0, at_most=1, doc="fraction of the pixels at or below the highlight")
+    exposure_value: float = param(
+        10.0, units="stop", at_least=-30, at_most=40, doc="exposure value for metering 'exposure_value'"
+    )
     ev_bias: float = param(
         0.0, units="stop", at_least=-40, at_most=40, doc="exposure compensation: +1 doubles the time"
     )
-    shortest: float = param(1e-6, units="s", above=0, doc="shortest time")
-    longest: float = param(30.0, units="s", above=0, doc="longest time")
+    shortest: float = param(1e-6, units="s", above=0, doc="shortest exposure time")
+    longest: float = param(30.0, units="s", above=0, doc="longest exposure time")
 
     def __post_init__(self) -> None:
         require.that(
@@ -69,7 +69,7 @@ class Meter(GainChain):
         return metering.metered_time(level, share * self.saturation(), self.ev_bias, self.shortest, self.longest)
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """The ends between which it finds a time."""
+        """Return the limits of the time."""
         if self.metering != "exposure_value":
             return Facts(low=self.shortest, high=self.longest)
         time = self.time(None)
@@ -81,9 +81,9 @@ class Meter(GainChain):
 
 @dataclass(frozen=True, kw_only=True)
 class Bracket(Stage):
-    """Repeated and bracketed exposures of one scene: a frame each, brackets in order, each of them ``repeats`` times.
+    """Take repeated and bracketed exposures of one scene: one frame each, brackets in order, each ``repeats`` times.
 
-    Every frame behind it has its own shot and read noise; the patterns of the sensor are the same in all.
+    Frames have independent shot and read noise; the fixed patterns of the sensor are the same in all.
     """
 
     role: ClassVar = "bracketing"
@@ -93,13 +93,17 @@ class Bracket(Stage):
     error: ClassVar = proved(6e-8, 2e-16)
 
     integration_time: float = quantity("integration_time")
-    repeats: int = param(2, at_least=1, at_most=10_000, doc="frames of every bracket")
+    repeats: int = param(2, at_least=1, at_most=10_000, doc="frames per bracket")
     brackets: tuple[float, ...] = param(
-        (0.0,), units="stop", at_least=-40, at_most=40, doc="exposures beside the integration time, such as [-2, 0, 2]"
+        (0.0,),
+        units="stop",
+        at_least=-40,
+        at_most=40,
+        doc="exposures relative to the integration time, such as [-2, 0, 2]",
     )
 
     def __post_init__(self) -> None:
-        require.that(self.brackets, "brackets = [] leaves no exposure; [0] is the integration time itself")
+        require.that(self.brackets, "brackets = [] gives no exposure; use [0] for the integration time itself")
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"integration_time": Grid.of({"frame": Labels(tuple(range(len(self.brackets) * self.repeats)))})}

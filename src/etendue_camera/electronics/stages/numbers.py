@@ -1,7 +1,7 @@
-"""Figures of exposure and noise: dynamic range, how a frame is exposed, what a grey card gives.
+"""Metrics of exposure and noise: dynamic range, exposure of a frame, signal of a grey card.
 
 In:  camera quantities; ``raw`` and ``expected_charge``; the light of a white diffuser.
-Out: scalars, each at the axes that reach it.
+Out: scalars, each over the axes that affect it.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ NOT_OF_A_PIXEL = (
     *DEFECTIVE,
     *PROCESSING,
     "merging",
-)  # roles of what changes noise, and is in no figure of a sound pixel
+)  # roles of stages that change noise but enter no metric of a good pixel
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseFloor(GainChain):
-    """What noise and saturation depend on, beside the time."""
+    """The quantities that noise and saturation depend on, except the time."""
 
     dark_current_density: float = quantity("dark_current_density")
     temperature: float = quantity("temperature")
@@ -45,29 +45,30 @@ class NoiseFloor(GainChain):
         return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
 
     def sigma(self) -> float:
-        """Read noise at the gain, electron."""
+        """Return the read noise at the gain, electron."""
         return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
 
     def dark_variance(self, time: float, sheets: Sheets) -> float:
-        """Temporal variance in the dark, electron^2: shot noise of the dark charge, read noise, quantisation, noise
-        of rows and columns.
+        """Return the temporal dark variance, electron^2: shot noise of the dark charge, read noise, quantisation, row
+        and
+        column noise.
         """
         floor = self.sigma() ** 2 + 1 / (12 * self.dn_per_electron() ** 2)
         return float(self.dark_charge(time)) + floor + elsewhere(sheets, "read_noise")
 
 
 def _with(noise: float, more: float) -> float:
-    """rms with a variance on top; to the bit what it was without."""
+    """Return the rms with a variance added; bit-identical if the variance is 0."""
     return math.sqrt(noise**2 + more) if more else noise
 
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicRange(NoiseFloor):
-    """Largest over smallest signal, two definitions under two names: dark noise as smallest (eqs. 12-13), or SNR = 1
+    """Compute the dynamic range, by two definitions: with dark noise as smallest signal (eqs. 12-13), or with SNR = 1
     (EMVA 1288).
 
-    At the analogue gain of the camera, which ``system_gain`` states in DN per electron. Noise of rows and columns
-    counts as if each pixel had its own; the spread of the dark current is not in the DSNU of eq. 13.
+    Both are at the camera's analogue gain, which ``system_gain`` gives in DN per electron. Row and column noise counts
+    as if independent per pixel; dark current non-uniformity is not in the DSNU of eq. 13.
     """
 
     role: ClassVar = "figures"
@@ -104,14 +105,14 @@ class DynamicRange(NoiseFloor):
 
 @dataclass(frozen=True, kw_only=True)
 class ExposureReport(KnownNoise):
-    """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected
-    charge, 0 where clipped.
+    """Report the exposure of the frame: fractions of clipped and black pixels, and mean signal-to-noise ratio of the
+    expected charge, 0 where clipped.
 
-    Noise is that of one frame behind the expected charge: shot noise, read noise, DSNU, rounding, rows and columns.
-    PRNU, the pattern of the dark current and hot pixels are in that charge themselves.
+    Noise is that of one frame after the expected charge: shot noise, read noise, DSNU, rounding, rows and columns.
+    PRNU, the dark current pattern and hot pixels are part of that charge.
 
-    Clipped is what stands at the top code, and what expects more charge than the well holds: read noise behind a full
-    well, or a well that ends below the top code, leaves no trace in the codes.
+    A pixel counts as clipped at the top code, or where the expected charge exceeds the full well: read noise after a
+    full well, or a full well below the top code, leaves no trace in the codes.
     """
 
     role: ClassVar = "figures"
@@ -127,11 +128,11 @@ class ExposureReport(KnownNoise):
         floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
         held = np.result_type(
             expected_charge, np.min_scalar_type(floor)
-        )  # rounding of a coarse converter may be beyond float32
+        )  # rounding of a coarse ADC may be beyond float32
         variance = expected_charge + held.type(floor)
         snr = expected_charge / np.sqrt(np.maximum(variance, np.finfo(variance.dtype).tiny))
         clipped = (raw >= 2**self.bits - 1) | (expected_charge >= self.well())
-        if clipped.any():  # such a pixel says nothing of how much light there was
+        if clipped.any():  # such a pixel carries no information on the light
             snr[clipped] = 0
         return {
             "clipped_fraction": np.array(np.count_nonzero(clipped) / raw.size),
@@ -142,16 +143,16 @@ class ExposureReport(KnownNoise):
 
 @dataclass(frozen=True, kw_only=True)
 class ExposureNumbers(NoiseFloor, Collecting):
-    """Exposure value, saturation-based ISO speed at the gain, and what a grey card under the scene's light gives on the
-    axis.
+    """Compute exposure value, saturation-based ISO speed at the gain, and the signal of a grey card under the scene's
+    light, on axis.
 
     ``exposure_value`` is log2(N^2 / t). ``saturation_iso`` is 78 over the exposure (lx s) at which the first channel
-    saturates (ISO 12232), by well or converter. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card
-    in the channel with most charge, raw: shot noise of light and dark current, read noise (that of rows and columns
-    too), quantisation; no fixed patterns. ``snr10_illuminance``
-    is the illuminance of the scene (lx on the card) at which that ratio is 10, with f-number, time and light as they
-    are; the mobile industry's figure, which is taken behind a colour matrix at 1/15 s, f/2.8 and 3200 K, is that much
-    larger as the matrix amplifies noise. Both are undefined (NaN) where the card saturates before.
+    saturates (ISO 12232), by full well or ADC. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card in
+    the raw channel with most charge: shot noise of light and dark current, read noise (also of rows and columns),
+    quantisation; no fixed patterns. ``snr10_illuminance`` is the scene illuminance (lx on the card) at which that ratio
+    is 10, at this f-number, time and light; the mobile industry's metric, which is measured after a colour matrix at
+    1/15 s, f/2.8 and 3200 K, is larger by the matrix's noise amplification. Both are undefined (NaN) where the card
+    saturates first.
     """
 
     role: ClassVar = "figures"
@@ -188,8 +189,8 @@ class ExposureNumbers(NoiseFloor, Collecting):
         if not (rate > 0 and illuminance > 0 and luminance > 0):
             raise ValueError(
                 f"a white diffuser gives {rate:g} electron/s, {illuminance:g} lx at the sensor and {luminance:g} "
-                f"cd/m2: figures of a "
-                "grey card need light that sensor and eye both see; look at the filter, the illuminant and the "
+                f"cd/m2: metrics of a "
+                "grey card require light that both sensor and eye respond to; check the filter, the illuminant and the "
                 "wavelengths"
             )
         variance = self.dark_variance(time, sheets)

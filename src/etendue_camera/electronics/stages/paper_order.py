@@ -1,4 +1,4 @@
-"""Exposure in the paper's own order: behind the demosaic, on shares of the full well.
+"""Exposure in the paper's own order: after demosaicing, as fractions of the full well.
 
 In:  ``photocurrent`` (y, x), electron/s; ``rgb_camera`` (channel, y, x), 1 at the full well.
 Out: ``mosaic_linear`` and ``rgb_camera``, 1 at the full well.
@@ -19,7 +19,7 @@ from etendue_camera.electronics.stages.gain_chain import Well
 
 @dataclass(frozen=True, kw_only=True)
 class ChargeFraction(Well, Haloed):
-    """Photocurrent as a share of the full well after a reference time: the noise-free mosaic of the paper's order."""
+    """Give the photocurrent as a fraction of the full well after a reference time: the paper's noise-free mosaic."""
 
     role: ClassVar = "linearisation"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
@@ -42,10 +42,10 @@ class ChargeFraction(Well, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class PaperExposure(Haloed):
-    """Integration time and dynamic range behind the demosaic, as the paper has them (its Fig. 9c).
+    """Apply integration time and dynamic range after demosaicing, as the paper does (its Fig. 9c).
 
-    Scaled by the time, clipped at the full well, and nothing below the smallest detectable charge (eq. 13, with the
-    square of q where the paper prints q).
+    Values are scaled by the time, clipped at the full well, and set to 0 below the smallest detectable charge (eq. 13,
+    with the square of q where the paper prints q).
     """
 
     role: ClassVar = "exposure"

@@ -1,7 +1,7 @@
-"""A photon transfer curve from the frames of one series of exposures, and the figures of EMVA 1288 that follow from it.
+"""The photon transfer curve of one exposure series, and the EMVA 1288 metrics that follow from it.
 
-In:  ``raw`` (frame, y, x), DN, of a uniform light; the time of each frame.
-Out: signal and variance by channel and level, the line through them, figures with 95 % intervals.
+In:  ``raw`` (frame, y, x), DN, under uniform light; the time of each frame.
+Out: signal and variance by channel and level, the fitted line, metrics with 95 % intervals.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 
 ESTIMATE = Labels(("value", "low", "high"))
-DARK = 1e-6  # of the longest time, below which a frame is one of the dark
+DARK = 1e-6  # of the longest time; shorter frames count as dark
 FIGURES = {
     "emva_gain": "gain",
     "emva_read_noise": "read_noise",
@@ -34,18 +34,18 @@ FIGURES = {
 
 @dataclass(frozen=True, kw_only=True)
 class PhotonTransfer(Stage):
-    """The photon transfer of one cell: every channel of a uniform scene behind ``bracket``, whose first level is the
+    """Measure the photon transfer of one cell: every channel of a uniform scene after ``bracket``, whose first level is
     dark.
 
-    A level is ``repeats`` frames in a row, as ``bracket`` takes them; frames that fill none are left out. The first
-    level stands for the dark (a bracket of -30 stops takes no light); without it, with fewer than four others, with
-    fewer than 8 x 8 pixels of a channel or where nothing rises, all is NaN but the curve itself. Where nothing
+    A level is ``repeats`` consecutive frames, as ``bracket`` takes them; surplus frames are ignored. The first level is
+    the dark one (a bracket of -30 stops receives no light). Without it, with fewer than four other levels, with fewer
+    than 8 x 8 pixels per channel or where the signal does not rise, all metrics except the curve are NaN. Where nothing
     saturates, full well and saturation are NaN.
 
-    ``transfer_signal`` is the mean above the dark and ``transfer_variance`` the temporal variance, that of the dark
-    taken off; ``transfer_fit`` is the line through the origin with ``emva_gain`` as its slope
-    (`etendue_camera.electronics.emva`). Charge of the dark current counts as signal here: the dark is that of no time.
-    ``etendue emva`` takes dark frames at every time, and finds it.
+    ``transfer_signal`` is the mean above dark and ``transfer_variance`` the temporal variance with the dark variance
+    subtracted; ``transfer_fit`` is the line through the origin with slope ``emva_gain``
+    (`etendue_camera.electronics.emva`). Dark current charge counts as signal here, since the dark level has no exposure
+    time. ``etendue emva`` takes dark frames at every time and measures it.
     """
 
     role: ClassVar = "figures"
@@ -73,7 +73,7 @@ class PhotonTransfer(Stage):
     error: ClassVar = measured(1e-6, 1e-12)
 
     pattern: str = quantity("pattern")
-    repeats: int = param(2, at_least=2, at_most=10_000, doc="frames of a level, as the stage bracket has it")
+    repeats: int = param(2, at_least=2, at_most=10_000, doc="frames per level, as in the stage bracket")
 
     def __post_init__(self) -> None:
         mask_of(self.pattern)
@@ -82,8 +82,8 @@ class PhotonTransfer(Stage):
         frames = inputs["raw"]["frame"].size
         if frames < self.repeats:
             raise ValueError(
-                f"there are {frames} frames, and a level has {self.repeats}: give this stage the repeats of the stage "
-                f"bracket"
+                f"there are {frames} frames, and a level has {self.repeats}: give this stage the same repeats as the "
+                "stage bracket"
             )
         curve = Grid.of(
             {"channel": Labels(mask_of(self.pattern).channels), "level": Labels(tuple(range(frames // self.repeats)))}
@@ -123,12 +123,12 @@ class PhotonTransfer(Stage):
 
 
 def _measured(times: Any, stacks: Any) -> emva.SensorFigures | None:
-    """Of levels (level, frame, y, x) whose first is the dark; None where they are no photon transfer curve."""
+    """Measure levels (level, frame, y, x) whose first is dark; None if they form no photon transfer curve."""
     if len(times) < 5 or not 0 <= times[0] < DARK * times[1:].min():
         return None
     order = np.argsort(times[1:]) + 1
     try:
         with np.errstate(all="ignore"):
             return emva.measure(times[order], stacks[order], [stacks[0]] * len(order))
-    except ValueError:  # what the kernel says of frames that hold none
+    except ValueError:  # raised by the kernel for frames without a curve
         return None

@@ -1,7 +1,7 @@
-"""The numbers beside the pictures: plain figures of the pixel, and a probe that looks at the light of all stages.
+"""Pixel metrics, and a probe of the light after every stage.
 
 In:  camera quantities; the irradiance of all stages.
-Out: scalars, each at the axes that reach it; ``mean_irradiance`` with a dimension ``stage``.
+Out: scalars, each over the axes that affect it; ``mean_irradiance`` with a dimension ``stage``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from etendue_camera.light import radiometry
 
 @dataclass(frozen=True, kw_only=True)
 class PixelNumbers(Stage):
-    """Nyquist frequency, plate scale (eq. 10), full well."""
+    """Compute the Nyquist frequency, plate scale (eq. 10) and full well of the pixel."""
 
     role: ClassVar = "figures"
     writes: ClassVar = {"nyquist_frequency": "[cycles/um]", "plate_scale": "[arcsec/pixel]", "full_well": "[electron]"}
@@ -39,7 +39,7 @@ class PixelNumbers(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class LightBudget(Probe):
-    """Mean irradiance behind every stage that writes it: blurs keep it, fall-off and filters do not."""
+    """Compute the mean irradiance after every stage that writes it: blur preserves it, falloff and filters do not."""
 
     role: ClassVar = "figures"
     reads: ClassVar = {"planes": "*.irradiance [W m-2 nm-1]"}

@@ -21,10 +21,9 @@ from etendue_camera.roles import Scaled
 
 @dataclass(frozen=True, kw_only=True)
 class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
-    """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
+    """Add read noise, new in every cell and frame, and the sensor's fixed offset pattern (DSNU).
 
-    What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after /
-    gain)^2.
+    Noise after the amplifier (``read_noise_after``) is divided by the gain: sigma^2 = read_noise^2 + (after / gain)^2.
     """
 
     role: ClassVar = "read noise"
@@ -66,7 +65,7 @@ class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         quiet = self.read_noise == 0 and self.read_noise_after == 0 and self.dsnu == 0
-        return (0.0, "there is no read noise and no offset pattern") if quiet else None
+        return (0.0, "there is neither read noise nor an offset pattern") if quiet else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return facts["charge"]
@@ -74,7 +73,7 @@ class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
-    """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
+    """Add row and column noise: offsets fixed per sensor, and offsets new in every frame."""
 
     role: ClassVar = "line pattern"
     by_line: ClassVar = True
@@ -115,7 +114,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
         }
 
     def halo(self) -> int | None:
-        """New offsets of columns are drawn once for all rows."""
+        """Return None where new column offsets are drawn: they are drawn once for all rows."""
         return None if self.column_noise > 0 else 0
 
     def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
@@ -137,17 +136,17 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         quiet = self.row_pattern == self.column_pattern == self.row_noise == self.column_noise == 0
-        return (0.0, "there is no pattern of rows or columns") if quiet else None
+        return (0.0, "there is no row or column noise") if quiet else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """The expected value stays as it is, but for the fixed patterns, which no bound holds."""
+        """The expected value is unchanged, except for fixed patterns, which are unbounded."""
         return facts["charge"] if self.row_pattern == self.column_pattern == 0 else Facts()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
-    """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well
-    is full.
+    """Convert charge to codes by amplifier and ADC: gain, pedestal, rounding, top code 2^n - 1, which a high gain
+    reaches below the full well.
     """
 
     role: ClassVar = "converter"
@@ -163,7 +162,7 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
     def __post_init__(self) -> None:
         analogue_gain(
             self
-        )  # a speed that cannot be had is refused before anything runs, and so are codes without room above black
+        )  # rejects unattainable ISO speeds, and black levels that leave no codes, before anything runs
         converter.top_code(self.bits, self.black_level)
 
     def variance(self, charge: float) -> float:
@@ -186,30 +185,30 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
             return []
         share = 0.5 * math.erfc((self.black_level + 0.5) / (wide * math.sqrt(2)))
         return [
-            f"the pedestal, black_level = {self.black_level:g} DN, is under 4 sigma of the read noise ({sigma:.3g} "
+            f"the pedestal, black_level = {self.black_level:g} DN, is below 4 sigma of the read noise ({sigma:.3g} "
             f"electron = "
-            f"{wide:.3g} DN): {share:.2g} of a dark frame is cut off at code 0, which lifts its mean; "
-            f"{math.ceil(4 * wide)} DN hold it"
+            f"{wide:.3g} DN): {share:.2g} of a dark frame is clipped at code 0, which raises its mean; "
+            f"{math.ceil(4 * wide)} DN avoid this"
         ]
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Half a step, of the range from black to white."""
+        """Bound the rounding: half a step, relative to the range from black to white."""
         return 0.5 / (2**self.bits - 1 - self.black_level), "proved"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Linearise(KnownNoise, Scaled):
-    """(DN - black) / (white - black): 1 where pixels saturate, at the full well or the top code; negative values kept.
+    """Scale to (DN - black) / (white - black): 1 where pixels saturate, at full well or top code; negatives are kept.
 
-    ``clipping_level`` is the lowest value that a clipped pixel has: rounding, and noise behind a well that ends below
-    the top code, bring it a little under 1 (four sigma of read noise and offsets).
+    ``clipping_level`` is the lowest value of a clipped pixel: rounding, and noise after a full well that lies below the
+    top code, bring it slightly below 1 (four sigma of read noise and offsets).
     """
 
     role: ClassVar = "linearisation"
     reads: ClassVar = {"raw": "y x [DN] uint16"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     keeps: ClassVar = ("order",)
-    gain: ClassVar = None  # the black level is a part of full scale that disappears
+    gain: ClassVar = None  # the black level is part of full scale and is removed
     elementwise: ClassVar = True
     nanoseconds: ClassVar = 2.0
     working: ClassVar = 2.0

@@ -1,5 +1,5 @@
-"""What changes over the frame: fall-off, vignetting, distortion, point spread functions by field.
+"""Field-dependent effects: falloff, vignetting, distortion, point spread functions.
 
 In:  ``irradiance``.
-Out: ``irradiance``, each place with what the lens does there.
+Out: ``irradiance`` with these effects applied.
 """

@@ -1,7 +1,7 @@
-"""Aberrations that grow over the frame: every point spreads by the wavefront of its own image height.
+"""Field-dependent aberrations: every point is blurred by the wavefront at its own image height.
 
 In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
-Out: ``irradiance``, blurred. It holds diffraction already: in a pipeline it takes the place of ``diffraction``.
+Out: ``irradiance``, blurred. Diffraction is included: use this stage in place of ``diffraction``.
 """
 
 from __future__ import annotations
@@ -20,20 +20,21 @@ from etendue_camera.optics import imaging, pupil
 from etendue_camera.optics.stages.lens import Blur, too_coarse
 from etendue_camera.optics.stages.wavefront import Aberrated
 
-PER_SPOT = 0.45  # spacing of the pictures in lambda N_w: the spread function is band-limited at 0.5
+PER_SPOT = 0.45  # PSF spacing in lambda N_w: the PSF is band-limited at 0.5
 COARSE = 64
 MOST_SAMPLES = 1024
-NEARLY = 0.98  # of the pictures' radius: what their last rings hold may be lost
-COARSE_ERROR = 0.04  # of kernels as cell means, on a grid that is too coarse for the lens
+NEARLY = 0.98  # of the PSF radius: light in the outermost rings may be lost
+COARSE_ERROR = 0.04  # error of kernels as cell means, on a grid too coarse for the lens
 
 
 @dataclass(frozen=True, kw_only=True)
 class Aberrations(Blur, Aberrated, Banded):
-    """Seidel aberrations over the field: spherical, coma, astigmatism, field curvature and defocus, each point with its
-    own spot.
+    """Blur by field-dependent Seidel aberrations: spherical, coma, astigmatism, field curvature and defocus, with a PSF
+    for each point.
 
-    The aperture is a circle, or an annulus. For one wavefront over the whole frame ``wavefront`` is exact and cheaper;
-    image displacement belongs to ``distortion``. Spots are cut off where their tails hold half of ``accuracy``.
+    The aperture is a circle or an annulus. For a single wavefront over the whole frame, ``wavefront`` is exact and
+    faster; image displacement belongs to ``distortion``. PSFs are truncated where their tails hold half of
+    ``accuracy``.
     """
 
     obstruction: float = param(
@@ -41,7 +42,7 @@ class Aberrations(Blur, Aberrated, Banded):
         at_least=0,
         below=1,
         held=(0, 0.999),
-        doc="diameter of a central dark disc over that of the aperture; 0: clear",
+        doc="diameter of the central obstruction over that of the aperture; 0: clear",
     )
     accuracy: float = param(
         0.03,
@@ -50,9 +51,9 @@ class Aberrations(Blur, Aberrated, Banded):
         fidelity=True,
         dear=True,
         example=0.2,
-        reference="5e-3: a finer one is asked of wavefront",
+        reference="5e-3; for smaller errors use wavefront",
         settings=(0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 5e-3),
-        doc="largest error of the blur as a share of full scale; half of it is light in tails that are cut off",
+        doc="largest error of the blur, relative to full scale; half of it is light in truncated tails",
     )
     heights: int = param(
         9,
@@ -62,7 +63,7 @@ class Aberrations(Blur, Aberrated, Banded):
         example=3,
         reference="65 heights",
         settings=(2, 3, 5, 9, 17, 33, 65),
-        doc="image heights of the bank",
+        doc="number of image heights in the PSF bank",
     )
     bands: int = param(
         5,
@@ -70,15 +71,17 @@ class Aberrations(Blur, Aberrated, Banded):
         at_most=64,
         fidelity=True,
         example=1,
-        reference="64, or as many as there are bands",
+        reference="64, or the number of bands",
         settings=(1, 2, 3, 5, 9, 17, 33, 64),
-        doc="wavelengths of the bank, mixed in between",
+        doc="number of wavelengths in the PSF bank, interpolated between them",
     )
     method: str = param(
-        "auto", choices=("auto", "eigen", "tiles"), doc="how the bank is applied; auto: whichever is cheaper"
+        "auto", choices=("auto", "eigen", "tiles"), doc="how the bank is applied; auto: whichever is faster"
     )
     light: str = param(
-        "bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light"
+        "bandlimited",
+        choices=("bandlimited", "cells"),
+        doc="meaning of a light sample, as in the scene's light: band-limited value or cell mean",
     )
     pupil_samples: int = param(
         128,
@@ -88,11 +91,11 @@ class Aberrations(Blur, Aberrated, Banded):
         example=32,
         reference="1024 samples",
         settings=(16, 32, 64, 128, 256, 512, 1024),
-        doc="cells across the pupil; wide spots take more",
+        doc="samples across the pupil; wide PSFs use more",
     )
 
     gain: ClassVar[float | None] = (
-        None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame
+        None  # a point between samples on a coarse grid is truncated: there is no bound for every frame
     )
     nanoseconds: ClassVar = 300.0
 
@@ -100,13 +103,11 @@ class Aberrations(Blur, Aberrated, Banded):
         return pupil.Aperture("annular", self.obstruction) if self.obstruction else pupil.Aperture()
 
     def path(self, y: Any, x: Any, height_um: float) -> Any:
-        """For an image point on the +y axis."""
+        """Return the optical path for an image point on the +y axis."""
         return self.path_at(y, x, height_um * 1e-3 / self.full_height, 0.0)
 
     def half(self, wavelength: float, heights: Any) -> int:
-        """Samples from the middle to the edge of the pictures: tails 2/(pi v) of the aperture, and the geometrical
-        spot.
-        """
+        """Return the PSF half width in samples, from the tails 2/(pi v) of the aperture and the geometrical spot."""
         tail = 4.0 / (math.pi**2 * self.accuracy * (1.0 - self.obstruction))
         centres = pupil.cell_centres(COARSE)
         cells = pupil.amplitude(self.aperture(), COARSE)
@@ -116,21 +117,21 @@ class Aberrations(Blur, Aberrated, Banded):
         return math.ceil((tail + 2.0 * steep / wavelength) / PER_SPOT)
 
     def samples(self, half: int) -> int:
-        """Cells across the pupil, beyond whose number the sampled pupil repeats itself; refused where they are too
+        """Return the number of samples across the pupil below which the sampled pupil aliases; raise ValueError if too
         many.
         """
         samples = max(self.pupil_samples, math.ceil(2.0 * PER_SPOT * (half + 1)))
         samples += samples % 2
         if samples > MOST_SAMPLES:
             raise ValueError(
-                f"accuracy {self.accuracy:g} and these aberrations ask for {float(samples):.4g} pupil samples, "
-                f"{MOST_SAMPLES} are the "
-                "most; allow a larger error, or smaller aberrations"
+                f"accuracy {self.accuracy:g} and these aberrations require {float(samples):.4g} pupil samples, but "
+                f"{MOST_SAMPLES} is the "
+                "maximum; allow a larger error, or reduce the aberrations"
             )
         return samples
 
     def bank(self, heights: Any, wavelengths: Any) -> PsfBank:
-        """Spread functions at image heights (um) and wavelengths (um), every wavelength on samples of its own."""
+        """Return the PSFs at image heights (um) and wavelengths (um), each wavelength on its own sample spacing."""
         number, half = self.cone_f_number(), self.half(float(wavelengths[0]), heights)
         samples = self.samples(half)
         clear = pupil.amplitude(self.aperture(), samples)
@@ -167,8 +168,8 @@ class Aberrations(Blur, Aberrated, Banded):
         )
 
     def coarse(self, step: float, shortest: float) -> bool:
-        """Whether a grid does not carry what the lens passes. Kernels cut off by it would ring over the whole frame:
-        cell means do not.
+        """Return whether the grid is too coarse for the frequencies that the lens passes. Truncated kernels would ring
+        over the whole frame; cell means do not.
         """
         return step > 0.5 * shortest * self.cone_f_number()
 
@@ -179,7 +180,7 @@ class Aberrations(Blur, Aberrated, Banded):
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
             raise ValueError(
-                f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too"
+                f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here as well"
             )
         light = inputs["irradiance"]
         bands = light.bands().values()
@@ -193,7 +194,7 @@ class Aberrations(Blur, Aberrated, Banded):
             2 * math.ceil(reach) + 1, min(self.bands, len(bands)), light["y"].size, light["x"].size
         ):
             raise ValueError(
-                f"spots reach over {2 * reach:.4g} samples, and kernels of that size are too many to be mixed within "
+                f"PSFs extend over {2 * reach:.4g} samples, and too many kernels of that size are needed for "
                 f"accuracy "
                 f"{self.accuracy:g}; allow a larger error, smaller aberrations, or a coarser grid"
             )
@@ -207,8 +208,9 @@ class Aberrations(Blur, Aberrated, Banded):
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """The accuracy asked for, what the bank leaves out between its heights and wavelengths, and the cells of the
-        pupil.
+        """Bound the error: the accuracy asked for, interpolation between the heights and wavelengths of the bank, and
+        pupil
+        sampling.
         """
         lines: Grid = grid["irradiance"]
         edges = lines.bands().values()

@@ -1,7 +1,7 @@
-"""What the lens does differently over the field: blur by position, distortion, lateral colour.
+"""Field-dependent effects of the lens: blur by position, distortion, lateral colour.
 
-In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, positions from the axis of the lens.
-Out: ``irradiance``, blurred or moved.
+In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, at positions from the lens axis.
+Out: ``irradiance``, blurred or displaced.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ def _table(path: str, state: tuple[int, int]) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class LensPsfField(Banded, Bounded):
-    """Measured or exported point spread functions by image height and wavelength: every point spreads by its own.
+    """Blur with measured or exported point spread functions (PSFs) by image height and wavelength.
 
-    The file is a ``PsfBank`` (.npz or .csv, see ``etendue_camera.field.psf_bank``), for image points on the +y axis.
-    Between its heights and wavelengths pictures are interpolated, for other directions they are turned. The blur is
-    computed by eigen-PSFs or by blended tiles, whichever is cheaper for the tolerance.
+    The file is a ``PsfBank`` (.npz or .csv, see ``etendue_camera.field.psf_bank``) for image points on the +y axis.
+    PSFs are interpolated between its heights and wavelengths, and rotated for other directions. The blur is computed
+    with eigen-PSFs or blended tiles, whichever is faster for the tolerance.
     """
 
     role: ClassVar = "lens"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar[float | None] = (
-        None  # where the grid cuts a picture's transform off there is no bound for every picture
+        None  # where the grid truncates the transform of a PSF there is no bound for every PSF
     )
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 400.0
@@ -63,29 +63,31 @@ class LensPsfField(Banded, Bounded):
         dear=True,
         reference="1e-3",
         settings=(0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3),
-        doc="bound on the largest error of the convolution for any scene, as a share of full scale; edges err by a "
-        "third to a tenth of it",
+        doc="bound on the largest error of the convolution for any scene, relative to full scale; at edges the error "
+        "is a third to a tenth of it",
     )
     method: str = param(
         "auto",
         choices=("auto", "eigen", "tiles"),
         fidelity=True,
         reference="the other method",
-        doc="auto: whichever is cheaper; both keep the tolerance: no order of them is one of errors",
+        doc="auto: whichever is faster; both meet the tolerance, neither is always more accurate",
     )
     weights: str = param(
         "source",
         choices=("source", "image"),
-        doc="a point's flux is kept exactly, or a uniform plane stays uniform exactly",
+        doc="object: the flux of a point is conserved exactly; image: a uniform plane stays uniform exactly",
     )
     centre: str = param(
         "reference",
         choices=("reference", "centroid"),
-        doc="what lies on the image point: the picture's middle sample, or its centroid where distortion says where "
+        doc="what lies on the image point: the PSF's middle sample, or its centroid where distortion sets where "
         "that is",
     )
     light: str = param(
-        "bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light"
+        "bandlimited",
+        choices=("bandlimited", "cells"),
+        doc="meaning of a light sample, as in the scene's light: band-limited value or cell mean",
     )
 
     def bank(self) -> PsfBank:
@@ -95,7 +97,7 @@ class LensPsfField(Banded, Bounded):
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
             raise ValueError(
-                f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too"
+                f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here as well"
             )
         return {}
 
@@ -119,9 +121,7 @@ class LensPsfField(Banded, Bounded):
         return {"irradiance": blur.apply(irradiance, prepared)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        return (
-            (0.0, "the scene is uniform: blur changes nothing") if facts.uniform and self.weights == "image" else None
-        )
+        return (0.0, "the scene is uniform: blur has no effect") if facts.uniform and self.weights == "image" else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         own = facts["irradiance"]
@@ -132,7 +132,7 @@ class LensPsfField(Banded, Bounded):
         )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the convolution, against the point spread function of every sample taken for itself."""
+        """Bound the error of the convolution against a separate PSF for every sample."""
         return self.tolerance + (2e-6 if precision == "float32" else 1e-13), "measured"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
@@ -140,68 +140,66 @@ class LensPsfField(Banded, Bounded):
         corner, last = farthest(grid), float(bank.heights_um[-1])
         if corner > 1.001 * last:
             notes.append(
-                f"{self.file} ends {last:g} um from the axis, the light reaches {corner:g} um: its last picture holds "
-                f"beyond"
+                f"{self.file} ends {last:g} um from the axis, but the light extends to {corner:g} um: its last PSF is "
+                "used beyond"
             )
         if bank.heights_um[0] > 0 and bank.heights_um.size > 1:
             notes.append(
-                f"{self.file} begins {bank.heights_um[0]:g} um from the axis; on the axis the picture turns suddenly"
+                f"{self.file} begins {bank.heights_um[0]:g} um from the axis; the PSF orientation is discontinuous on "
+                "the axis"
             )
         if bank.roundness() > 0.02:
             notes.append(
-                f"{self.file}: {bank.roundness():.2g} of the light on the axis is not round; its mean over directions "
-                f"is taken"
+                f"{self.file}: {bank.roundness():.2g} of the light on axis is not rotationally symmetric; its mean "
+                "over directions is used"
             )
         bands, own = np.array(grid.bands().values()) * 1e-3, bank.wavelengths_um
         if bands[0] < 0.99 * own[0] - 0.005 or bands[-1] > 1.01 * own[-1] + 0.005:
             notes.append(
-                f"{self.file} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; beyond them the nearest picture holds"
+                f"{self.file} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; outside this range the nearest PSF is used"
             )
         if self.weights == "source" and self.centre == "reference":
             uneven = blur.unevenness(bank)
             if uneven > 1e-3:
                 notes.append(
-                    f"the mean displacement of the pictures makes a uniform plane uneven by up to {uneven:.1g}; "
-                    "weights = 'image' or centre = 'centroid' avoids that"
+                    f"the mean displacement of the PSFs makes a uniform plane non-uniform by up to {uneven:.1g}; "
+                    "use weights = 'image' or centre = 'centroid'"
                 )
         return notes
 
 
 @dataclass(frozen=True, kw_only=True)
 class Distortion(Banded, Bounded):
-    """Distortion and lateral colour: every image point stands where the lens puts it, r' = r (1 + k1 q + k2 q^2 + k3
+    """Apply distortion and lateral colour: move each image point to its real height, r' = r (1 + k1 q + k2 q^2 + k3
     q^3).
 
-    q = (r / reference_radius)^2, r the ideal height. Irradiance is carried over without the change of area, as radiance
-    is what is imaged: a uniform scene stays uniform, and how light falls off at the real position is the fall-off's
-    business. Where the distorted frame looks beyond the rendered light it sees the mirror image; the plan says by how
-    much.
+    q = (r / reference_radius)^2, with r the ideal height. Irradiance is moved without a change of area, since the lens
+    images radiance: a uniform scene stays uniform, and falloff at the real position belongs to the falloff stage.
+    Where the distorted frame extends beyond the rendered light it reads the mirror image; the plan reports by how much.
     """
 
     role: ClassVar = "distortion"
     once: ClassVar = ("distortion",)
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    gain: ClassVar = 3.5  # of the quintic spline between samples of opposite signs: 3.3
+    gain: ClassVar = 3.5  # 3.3 for the quintic spline between samples of opposite signs
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 350.0
 
     k1: float = param(0.0, doc="cubic distortion at the reference radius; negative: barrel")
     k2: float = param(0.0, doc="fifth-order distortion at the reference radius")
     k3: float = param(0.0, doc="seventh-order distortion at the reference radius")
-    reference_radius: float = param(1.0, units="mm", above=0, doc="ideal image height at which the coefficients hold")
+    reference_radius: float = param(1.0, units="mm", above=0, doc="ideal image height to which the coefficients refer")
     table: str = param(
         "",
         table=True,
-        doc="CSV in place of the coefficients: ideal_um or ideal_mm, then real heights in columns named by wavelength "
+        doc="CSV file instead of coefficients: ideal_um or ideal_mm, then real heights in columns named by wavelength "
         "in nm",
     )
     lateral_colour: float = param(
-        0.0, above=-0.1, below=0.1, doc="relative change of the image's scale for 100 nm more wavelength"
+        0.0, above=-0.1, below=0.1, doc="relative change of image scale per 100 nm of wavelength"
     )
-    reference_wavelength: float = param(
-        550.0, units="nm", above=0, doc="wavelength that lateral colour leaves where it is"
-    )
+    reference_wavelength: float = param(550.0, units="nm", above=0, doc="wavelength without lateral colour")
     order: int = param(
         5,
         at_least=1,
@@ -209,7 +207,7 @@ class Distortion(Banded, Bounded):
         fidelity=True,
         reference="order 5 with oversampling 4",
         settings=(1, 2, 3, 5),
-        doc="of the spline between samples",
+        doc="order of the interpolating spline",
     )
     oversampling: int = param(
         1,
@@ -218,12 +216,12 @@ class Distortion(Banded, Bounded):
         fidelity=True,
         reference="order 5 with oversampling 4",
         settings=(1, 2, 4),
-        doc="samples per sample that the spline goes through",
+        doc="oversampling of the light before spline interpolation",
     )
 
     def __post_init__(self) -> None:
         if self.table and (self.k1 or self.k2 or self.k3):
-            raise ValueError("table and coefficients are both given; distortion is one or the other")
+            raise ValueError("table and coefficients are both given; give only one of them")
 
     def map(self) -> warp.DistortionCurve:
         return warp.DistortionCurve(
@@ -255,19 +253,19 @@ class Distortion(Banded, Bounded):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.does_nothing():
-            return 0.0, "it moves nothing"
+            return 0.0, "nothing is displaced"
         if facts.uniform:
-            return 0.0, "the scene is uniform: moving it changes nothing"
+            return 0.0, "the scene is uniform: displacement has no effect"
         if facts.content is None:
             return None
         radius, lens = np.linspace(0.0, farthest(grid), 65), self.map()
         most = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
         content = facts.content
         lost = scene_rings.rms_of(scene_rings.moved(most, np.array(content.edges)), np.array(content.power))
-        return lost, f"it moves light by {most:.2g} um at most, and the scene holds little that is as fine"
+        return lost, f"light moves by at most {most:.2g} um, and the scene has little detail that fine"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """A uniform plane stays as it is; a spline may leave the range of another a little."""
+        """A uniform plane is unchanged; a spline may leave the range of another plane slightly."""
         own = facts["irradiance"]
         return (
             own
@@ -276,8 +274,8 @@ class Distortion(Banded, Bounded):
         )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the interpolation: a Gaussian edge with the scene's band limit, of 1 sample rms where that is not
-        known.
+        """Bound the interpolation error on a Gaussian edge with the scene's band limit, or 1 sample rms where that is
+        unknown.
         """
         rounding = 2e-6 if precision == "float32" else 1e-12
         if self.does_nothing():
@@ -297,19 +295,23 @@ class Distortion(Banded, Bounded):
         if lens.table is not None:
             ideal, own = lens.table[0], lens.table[1]
             if float(lens.undistort(corner, wavelengths[0])) > 1.001 * ideal[-1]:
-                notes.append(f"{self.table} ends {ideal[-1]:g} um from the axis; beyond it the curve goes on straight")
+                notes.append(
+                    f"{self.table} ends {ideal[-1]:g} um from the axis; beyond it the curve is extrapolated linearly"
+                )
             if own.size > 1 and (wavelengths[0] < own[0] - 0.005 or wavelengths[1] > own[-1] + 0.005):
                 notes.append(
-                    f"{self.table} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; beyond them the nearest column holds"
+                    f"{self.table} has {own[0] * 1e3:g} to {own[-1] * 1e3:g} nm; outside this range the nearest column "
+                    "is used"
                 )
         missing = max(warp.missing_um(ends_of(grid.line("y")), ends_of(grid.line("x")), lens, w) for w in wavelengths)
         if missing > 0.5 * grid.line("x").step and not facts.uniform:
             notes.append(
-                f"the distorted frame looks {missing:.3g} um beyond the rendered light, where it sees its mirror "
+                f"the distorted frame extends {missing:.3g} um beyond the rendered light and reads its mirror "
                 f"image; widen the scene"
             )
         if grid.line("x").cells and self.order > 1:
             notes.append(
-                "light is means over cells: a spline may swing below zero beside points and edges; order = 1 does not"
+                "light samples are cell means: a spline may undershoot zero next to points and edges; order = 1 does "
+                "not"
             )
         return notes

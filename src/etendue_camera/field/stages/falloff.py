@@ -1,7 +1,7 @@
-"""Fall-off: less light off the axis.
+"""Falloff: relative illumination off axis.
 
 In:  ``irradiance`` on the image plane.
-Out: ``irradiance``, each place with the factor of its angle or of a table.
+Out: ``irradiance``, multiplied by the factor for its angle, or from a table.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from etendue_camera.light import radiometry
 
 @dataclass(frozen=True, kw_only=True)
 class Falloff(Dimming, Banded, Bounded):
-    """Less light off the axis: cos4, the exact Lambertian disc, or a table of relative illumination."""
+    """Apply relative illumination: the cos4 law, the exact Lambertian disc, or a table."""
 
     role: ClassVar = "falloff"
     once: ClassVar = ("fall-off",)
@@ -32,27 +32,28 @@ class Falloff(Dimming, Banded, Bounded):
     model: str = param(
         "cos4",
         choices=("cos4", "disc", "table"),
-        doc="cos4 of the image-side angle, the exact disc of its f-number, or a table",
+        doc="cos4 of the image-side angle, the exact disc for the f-number, or a table",
     )
     table: str = param(
         "",
         table=True,
-        doc="CSV height_mm,ratio or angle_deg,ratio, or columns by wavelength (height_mm,450,550,650)",
+        doc="CSV file with columns height_mm,ratio or angle_deg,ratio, or with columns by wavelength "
+        "(height_mm,450,550,650)",
     )
     geometry: str = param(
         "physical",
         choices=("physical", "paper"),
-        doc="angles from positions, or the paper's full field stretched over the frame",
+        doc="angles from positions, or the paper's full field scaled to the frame",
     )
     full_field: float = param(
-        60.0, units="deg", above=0, below=170, doc="field over the diagonal of the frame (geometry 'paper')"
+        60.0, units="deg", above=0, below=170, doc="field of view over the frame diagonal (geometry 'paper')"
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.model == "table") != bool(self.table):
             raise ValueError(
-                f"model is {self.model!r} and table is {self.table!r}; a table goes with model = 'table', and only "
+                f"model is {self.model!r} and table is {self.table!r}; give a table with model = 'table', and only "
                 f"with it"
             )
 
@@ -60,7 +61,7 @@ class Falloff(Dimming, Banded, Bounded):
         return field_table(self.table, ("height_mm", "angle_deg"))
 
     def tangent(self, radius_um: Any, corner_um: float) -> Any:
-        """Of the angle at which the light of the exit pupil's centre arrives."""
+        """Return the tangent of the angle at which light from the centre of the exit pupil arrives."""
         if self.geometry == "paper":
             return radius_um * (math.tan(math.radians(0.5 * self.full_field)) / corner_um if corner_um > 0 else 0.0)
         return radius_um / (1e3 * self.pupil_distance())
@@ -71,14 +72,14 @@ class Falloff(Dimming, Banded, Bounded):
         return radiometry.cos4(tangent)
 
     def place(self, radius_um: Any, corner_um: float) -> Any:
-        """Where in the table a radius is: image height in mm, or field angle on the object's side in degrees."""
+        """Return the position in the table of a radius: image height in mm, or object-side field angle in degrees."""
         if self.rows().axis == "height_mm":
             return np.asarray(radius_um) * 1e-3
         sideways = self.pupil_magnification if self.geometry == "physical" else 1.0
         return np.degrees(np.arctan(sideways * np.asarray(self.tangent(radius_um, corner_um))))
 
     def bounds(self, grid: Grid) -> tuple[float, float]:
-        """Smallest and largest relative illumination over the frame."""
+        """Return the smallest and largest relative illumination over the frame."""
         corner = farthest(grid)
         if self.model == "table":
             return self.rows().range(float(self.place(nearest(grid), corner)), float(self.place(corner, corner)))
@@ -104,7 +105,7 @@ class Falloff(Dimming, Banded, Bounded):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
         low, high = self.bounds(grid)
-        return max(1.0 - low, high - 1.0), "the field is so small that fall-off stays below this at the corner"
+        return max(1.0 - low, high - 1.0), "the field is so small that falloff is below this at the corner"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=self.model != "table")

@@ -1,7 +1,7 @@
-"""What the field does to the light besides fall-off: beams cut by a rim, and pixels that see the light at an angle.
+"""Other field-dependent losses: vignetting at a rim, and the angular response of pixels.
 
 In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, and its positions relative to the optical axis.
-Out: ``irradiance``, weaker away from the axis.
+Out: ``irradiance``, reduced away from the axis.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from etendue_camera.optics.stages.conjugates import Conjugates
 
 
 def ends_of(line: Line) -> tuple[float, float]:
-    """Positions (um) of the first and the last sample."""
+    """Return the positions (um) of the first and the last sample."""
     start, step = line.um()
     return start, start + step * (line.size - 1)
 
 
 def farthest(grid: Grid) -> float:
-    """Distance (um) of the farthest sample of a grid from the axis."""
+    """Return the distance (um) of the farthest sample of a grid from the axis."""
     return math.hypot(*(max(map(abs, ends_of(grid.line(dim)))) for dim in ("y", "x")))
 
 
 def nearest(grid: Grid) -> float:
-    """Distance (um) of the nearest point of a grid from the axis, or less."""
+    """Return a lower bound on the distance (um) of the nearest point of a grid from the axis."""
     sides = [ends_of(grid.line(dim)) for dim in ("y", "x")]
     return math.hypot(*(0.0 if min(ends) <= 0 <= max(ends) else min(map(abs, ends)) for ends in sides))
 
 
 def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
-    """Light times a curve over the field: (1 or wavelength, rows) values at nodes, looked up at (y, x) places."""
+    """Multiply light by a field curve: (1 or wavelength, rows) values at nodes, interpolated at (y, x) places."""
     if len(curves) == 1:
         return irradiance * illumination.table_at(where, nodes, curves[0]).astype(irradiance.dtype, copy=False)
     weakened = np.empty_like(irradiance)
@@ -49,7 +49,7 @@ def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Dimming(Conjugates):
-    """What weakens the light from place to place, and does nothing else to it."""
+    """A stage that multiplies the light by a local factor, and does nothing else."""
 
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
@@ -60,10 +60,10 @@ class Dimming(Conjugates):
 
 @dataclass(frozen=True, kw_only=True)
 class Vignetting(Dimming, Banded, Bounded):
-    """A round rim in front of the entrance pupil cuts oblique beams: the overlap of two discs, less of it when stopped
-    down.
+    """Apply vignetting: a round rim in front of the entrance pupil cuts oblique beams. The open part is the overlap of
+    two discs, and stopping down reduces the effect.
 
-    It multiplies whatever fall-off stands beside it.
+    It multiplies with any falloff stage.
     """
 
     role: ClassVar = "vignetting"
@@ -72,17 +72,19 @@ class Vignetting(Dimming, Banded, Bounded):
     error: ClassVar = measured(2e-7, 1e-14)
 
     rim_radius: float = param(math.inf, units="mm", above=0, infinite=True, doc="radius of the rim; inf: no rim")
-    rim_distance: float = param(0.0, units="mm", at_least=0, doc="from the rim to the entrance pupil behind it")
+    rim_distance: float = param(
+        0.0, units="mm", at_least=0, doc="distance from the rim to the entrance pupil behind it"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.relative(0.0)
 
     def relative(self, radius_um: Any) -> Any:
-        """Share of the pupil that is open, by image height."""
+        """Return the open fraction of the pupil, by image height."""
         magnification = self.image_magnification()
         slower = 1.0 - magnification / self.pupil_magnification
-        tangent = np.asarray(radius_um) * (1e-3 / (self.focal_length * slower))  # on the object's side
+        tangent = np.asarray(radius_um) * (1e-3 / (self.focal_length * slower))  # on the object side
         distance = self.focal_length * slower / -magnification if magnification else math.inf
         return illumination.vignetting(
             tangent, 0.5 * self.focal_length / self.f_number, self.rim_radius, self.rim_distance, distance
@@ -97,7 +99,7 @@ class Vignetting(Dimming, Banded, Bounded):
         }
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
-        return 1.0 - float(self.relative(farthest(grid))), "the rim takes no more than this from the beam of the corner"
+        return 1.0 - float(self.relative(farthest(grid))), "vignetting at the corner is at most this"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         lowest = float(self.relative(farthest(grid["irradiance"])))
@@ -114,7 +116,7 @@ class Vignetting(Dimming, Banded, Bounded):
 
 @dataclass(frozen=True, kw_only=True)
 class AngularResponse(Dimming, Banded, Bounded):
-    """Pixels see less of the light that comes at an angle for which their microlenses are not made; 1 on the axis."""
+    """Apply the angular response of pixels: less signal from angles that their microlenses are not designed for."""
 
     role: ClassVar = "angular response"
     once: ClassVar = ("angular response",)
@@ -125,26 +127,26 @@ class AngularResponse(Dimming, Banded, Bounded):
         0.0,
         at_least=0,
         at_most=1e3,
-        doc="response cos^power of the angle off; 0: none. 0.8 at 30 degrees is power 1.55",
+        doc="response cos^power of the angle error; 0: none. 0.8 at 30 degrees is power 1.55",
     )
     table: str = param(
-        "", table=True, doc="CSV angle_deg,ratio or angle_deg,450,550,650 (by wavelength, nm) in place of the power"
+        "", table=True, doc="CSV file angle_deg,ratio or angle_deg,450,550,650 (by wavelength, nm) instead of the power"
     )
     exit_pupil_distance: float = param(
         0.0,
         units="mm",
         at_least=0,
         infinite=True,
-        doc="from the exit pupil to the sensor; 0: that of the camera's pupils, f (m_p - m); inf: telecentric",
+        doc="distance from the exit pupil to the sensor; 0: from the camera's pupils, f (m_p - m); inf: telecentric",
     )
     microlens_shift: float = param(
-        0.0, units="deg/mm", doc="chief-ray angle for which a pixel is made, by its distance from the axis"
+        0.0, units="deg/mm", doc="design chief-ray angle of a pixel per distance from the axis"
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.table and self.power:
-            raise ValueError("power and table are both given; the response is one or the other")
+            raise ValueError("power and table are both given; give only one of them")
 
     def assumes(self) -> dict[str, Any]:
         return {"the response by angle": ("that of", self.table) if self.table else ("power", self.power)}
@@ -153,7 +155,7 @@ class AngularResponse(Dimming, Banded, Bounded):
         return self.exit_pupil_distance or self.pupil_distance()
 
     def angle(self, radius_um: Any) -> Any:
-        """Of the chief ray against the direction for which the pixel there is made, degrees."""
+        """Return the angle of the chief ray relative to the design direction of the pixel there, degrees."""
         height = np.asarray(radius_um) * 1e-3
         return illumination.chief_ray_angle(height, self.distance()) - self.microlens_shift * height
 
@@ -161,14 +163,14 @@ class AngularResponse(Dimming, Banded, Bounded):
         return field_table(self.table, ("angle_deg",))
 
     def folded(self, angle: Any) -> Any:
-        """A table that begins on the axis holds for either side."""
+        """Return the table's value for either sign, if it begins on the axis."""
         return np.abs(angle) if self.rows().nodes[0] >= 0 else angle
 
     def bounds(self, grid: Grid) -> tuple[float, float]:
-        """Lower and upper bound of the response over the frame."""
+        """Return lower and upper bounds of the response over the frame."""
         radii = np.linspace(nearest(grid), farthest(grid), 257)
         angles = self.angle(radii)
-        # between two of the radii the angle moves by no more than this: slopes of the arctangent and of the profile
+        # largest change of angle between two of the radii, from the slopes of the arctangent and of the profile
         slack = (math.degrees(1.0 / self.distance()) + abs(self.microlens_shift)) * 1e-3 * float(radii[1] - radii[0])
         if self.table:
             places = self.folded(angles)
@@ -193,9 +195,9 @@ class AngularResponse(Dimming, Banded, Bounded):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
         if self.does_nothing():
-            return 0.0, "pixels see light from any angle alike"
+            return 0.0, "the response does not depend on angle"
         low, high = self.bounds(grid)
-        return max(1.0 - low, high - 1.0), "the response stays this close to that on the axis"
+        return max(1.0 - low, high - 1.0), "the response is within this of its on-axis value"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return (

@@ -1,7 +1,7 @@
-"""Curves over the field from CSV files: relative illumination, response by angle; one column, or one per wavelength.
+"""Field curves from CSV files: relative illumination or angular response, in one column or one per wavelength.
 
-In:  the path of a CSV file, what its first column may be.
-Out: the curve, remembered until the file changes.
+In:  the path of a CSV file, the allowed names of its first column.
+Out: the curve, cached until the file changes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from etendue_camera.field.illumination import table_at
 
 @dataclass(frozen=True)
 class FieldTable:
-    """Rows of a table. ``wavelengths`` is empty where one column serves all."""
+    """The rows of a table. ``wavelengths`` is empty where one column applies to all."""
 
     path: str
     axis: str
@@ -30,11 +30,12 @@ class FieldTable:
     wavelengths: tuple[float, ...]
 
     def centre(self) -> Any:
-        """Each column at 0."""
+        """Return each column's value at 0."""
         return np.array([float(table_at(0.0, self.nodes, column)) for column in self.values.T])
 
     def curves(self, wavelength_nm: Any) -> Any:
-        """(wavelength or 1, rows): each column over its value at 0, straight between columns, held beyond them."""
+        """Return each column relative to its value at 0, (wavelength or 1, rows): linear between columns, constant
+        outside."""
         relative = self.values / self.centre()
         return (
             np.stack([np.interp(wavelength_nm, self.wavelengths, row) for row in relative], axis=1)
@@ -43,30 +44,30 @@ class FieldTable:
         )
 
     def range(self, low: float, high: float) -> tuple[float, float]:
-        """Smallest and largest relative value of any column between two places."""
+        """Return the smallest and largest relative value of any column between two places."""
         inside = self.nodes[(self.nodes > low) & (self.nodes < high)]
         places = np.concatenate([[low], inside, [high]])
         found = np.array([table_at(places, self.nodes, column) for column in (self.values / self.centre()).T])
         return float(found.min()), float(found.max())
 
     def remarks(self, reach: float, unit: str, bands_nm: list[float]) -> list[str]:
-        """What a user should know: a table that is not 1 on the axis, a frame or light that it does not cover."""
+        """Return notes for the user: a table that is not 1 on the axis, a frame or light that it does not cover."""
         found, centre = [], self.centre()
         if np.any(np.abs(centre - 1) > 1e-9):
             found.append(
-                f"{self.path} is {', '.join(f'{value:.6g}' for value in centre)} on the axis, not 1: it is divided by "
-                f"that"
+                f"{self.path} is {', '.join(f'{value:.6g}' for value in centre)} on axis, not 1: it is divided by "
+                f"this value"
             )
         if reach > self.nodes[-1] * (1 + 1e-9):
             found.append(
-                f"{self.path} ends at {self.nodes[-1]:g}, the frame's corner is at {reach:.4g} {unit}: its last value "
-                f"holds"
+                f"{self.path} ends at {self.nodes[-1]:g}, but the frame corner is at {reach:.4g} {unit}: the last "
+                "value is used there"
             )
         if len(self.wavelengths) > 1:
             first, last = self.wavelengths[0], self.wavelengths[-1]
             before, behind = (0.5 * (self.wavelengths[i + 1] - self.wavelengths[i]) for i in (0, -2))
             if bands_nm[0] < first - before or bands_nm[-1] > last + behind:
-                found.append(f"{self.path} has {first:g} to {last:g} nm; beyond them the nearest column holds")
+                found.append(f"{self.path} has {first:g} to {last:g} nm; outside this range the nearest column is used")
         return found
 
 
@@ -76,8 +77,8 @@ def field_table(path: str, axes: tuple[str, ...]) -> FieldTable:
     Raises
     ------
     ValueError
-        A broken file, naming file and line: another first column, rows that do not ascend, values that are not finite
-        or are negative, nothing on the axis.
+        If the file is invalid, naming file and line: wrong first column, rows that do not ascend, values that are
+        not finite or negative, no value on the axis.
     """
     return _read(path, axes, file_state(path))
 
@@ -88,7 +89,7 @@ def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTabl
         with open(path, encoding="utf-8-sig") as file:
             numbered = [(n, line.partition("#")[0].strip()) for n, line in enumerate(file, 1)]
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ValueError(f"{path}: cannot read: {error.strerror}") from None
     lines = [(n, [cell.strip() for cell in text.split(",")]) for n, text in numbered if text]
     expected = " or ".join(f"'{axis},ratio'" for axis in axes) + ", or wavelengths in nm in place of 'ratio'"
     require.that(lines and lines[0][1][0] in axes and len(lines[0][1]) >= 2, f"{path}: expected a header {expected}")
@@ -98,41 +99,41 @@ def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTabl
     read = FieldTable(path, header[0], table[:, 0], table[:, 1:], _wavelengths(path, header[1:]))
     if not (read.nodes[0] <= 0 <= read.nodes[-1]) or np.any(read.centre() <= 0):
         raise ValueError(
-            f"{path}: needs a row at {header[0]} 0 with ratios above 0: everything is relative to the axis"
+            f"{path}: a row at {header[0]} 0 with ratios above 0 is required: all values are relative to the axis"
         )
     return read
 
 
 def _rows(path: str, header: list[str], lines: list[tuple[int, list[str]]]) -> list[list[float]]:
-    """Numbers whose first column ascends."""
+    """Return the numbers, whose first column must ascend."""
     rows: list[list[float]] = []
     for number, cells in lines:
         row = [_number(cell) for cell in cells]
         if len(row) != len(header) or not np.all(np.isfinite(row)):
             raise ValueError(f"{path}, line {number}: expected {len(header)} finite numbers, got {','.join(cells)!r}")
         if rows and row[0] <= rows[-1][0]:
-            raise ValueError(f"{path}, line {number}: {header[0]} {row[0]:g} does not ascend from {rows[-1][0]:g}")
+            raise ValueError(f"{path}, line {number}: {header[0]} {row[0]:g} must be greater than {rows[-1][0]:g}")
         if min(row[1:]) < 0:
-            raise ValueError(f"{path}, line {number}: a ratio below 0")
+            raise ValueError(f"{path}, line {number}: ratios must not be negative")
         rows.append(row)
-    require.that(len(rows) >= 2, f"{path}: {len(rows)} rows of numbers; at least two are needed")
+    require.that(len(rows) >= 2, f"{path}: {len(rows)} rows of numbers; at least two are required")
     return rows
 
 
 def _wavelengths(path: str, names: list[str]) -> tuple[float, ...]:
-    """Those that columns are named by; none of one column of another name."""
+    """Return the wavelengths that name the columns; empty for one column with another name."""
     found = tuple(_number(name) for name in names)
     if len(names) == 1 and math.isnan(found[0]):
         return ()
     require.that(
         all(a < b for a, b in pairwise(found)) and not any(map(math.isnan, found)),
-        f"{path}: columns {', '.join(names)}; several columns are wavelengths in nm, ascending",
+        f"{path}: columns {', '.join(names)}; several columns must be named by ascending wavelengths in nm",
     )
     return found
 
 
 def _number(text: str) -> float:
-    """NaN of what is none."""
+    """Return the number, or NaN if the text is none."""
     try:
         return float(text)
     except ValueError:

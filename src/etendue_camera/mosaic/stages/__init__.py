@@ -1,5 +1,5 @@
-"""Raw pictures: shading, defects, white balance, and planes out of a mosaic.
+"""Raw processing: shading, defects, white balance, demosaicing.
 
 In:  ``mosaic_linear``.
-Out: ``mosaic_linear`` corrected, ``rgb_camera`` of full planes, the white of the camera.
+Out: ``mosaic_linear`` corrected, full planes ``rgb_camera``, the camera white.
 """

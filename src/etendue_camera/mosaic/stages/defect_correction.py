@@ -1,7 +1,7 @@
-"""Defective pixels corrected on the mosaic, in front of the demosaicer, which would spread them over their neighbours.
+"""Defect correction on the mosaic, before demosaicing would spread defects over their neighbours.
 
-In:  ``mosaic_linear`` (y, x), 1 at clipping; ``defect_map``, where the sensor has one.
-Out: ``mosaic_linear``, and how many pixels were replaced, missed, and replaced for nothing.
+In:  ``mosaic_linear`` (y, x), 1 at clipping; ``defect_map``, if the sensor has one.
+Out: ``mosaic_linear``, and counts of pixels replaced, missed and replaced needlessly.
 """
 
 from __future__ import annotations
@@ -19,26 +19,25 @@ from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 
 @dataclass(frozen=True, kw_only=True)
 class DefectDetection(KnownNoise):
-    """What the search for defects needs to know of the camera, and what it finds."""
+    """Parameters and result of defect detection."""
 
-    error: ClassVar[Any] = measured(2e-7, 1e-15)  # of the arithmetic; what stood where a defect is, nobody knows
+    error: ClassVar[Any] = measured(2e-7, 1e-15)  # arithmetic error; the true value at a defect is unknown
 
     pattern: str = quantity("pattern")
     threshold: float = param(
-        4.0, at_least=1, at_most=1e6, doc="sigma of a pixel's noise beyond what its neighbours allow"
+        4.0,
+        at_least=1,
+        at_most=1e6,
+        doc="detection threshold outside the neighbours' range, in sigmas of the pixel's noise",
     )
-    contrast: float = param(
-        1.0, at_least=0, at_most=1e3, doc="widths by which the range of the neighbours is widened: what texture may do"
-    )
-    prnu: float = param(
-        0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel, as of exposure"
-    )
+    contrast: float = param(1.0, at_least=0, at_most=1e3, doc="margin for texture, in widths of the neighbours' range")
+    prnu: float = param(0.01, at_least=0, at_most=1, doc="photo-response non-uniformity, relative rms, as in exposure")
 
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
     def found(self, frame: Any, first: tuple[int, int]) -> Any:
-        """Map of what stands out of a frame."""
+        """Return the map of outliers in a frame."""
         return defect_correction.outliers(
             frame,
             mask_of(self.pattern),
@@ -54,19 +53,19 @@ FIGURES = {"defects_corrected": "[1]", "defects_left": "[1]", "defects_missed": 
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectDefects(DefectDetection):
-    """Defects of the sensor's map, or those that stand out of the picture, or both, replaced from neighbours of the
-    same colour.
+    """Replace defective pixels from neighbours of the same colour: those of the sensor's map, those detected in the
+    picture, or both.
 
-    ``by = "map"`` is a camera with the list its maker measured, ``"detection"`` one without, ``"both"`` searches the
-    picture after the list has been corrected. Whatever is used, the map says what was missed (hot pixels too weak to be
-    seen count) and which sound pixels were replaced. Counts are pixels.
+    ``by = "map"`` is a camera with a defect list from its maker, ``"detection"`` one without; ``"both"`` searches the
+    picture after correcting the list. In every case the map gives which defects were missed (including hot pixels too
+    weak to be visible) and which good pixels were replaced. Counts are in pixels.
     """
 
     role: ClassVar = "defect correction"
     reads: ClassVar = {"mosaic_linear": "y x [1]", "defect_map": "y x [1] uint8"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
     decides: ClassVar = True
-    gain: ClassVar = None  # a decision has no slope
+    gain: ClassVar = None  # a decision has no derivative
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0
     working: ClassVar = 3.4
@@ -85,11 +84,10 @@ class CorrectDefects(DefectDetection):
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectFoundDefects(DefectDetection):
-    """Pixels that stand out of the picture replaced from neighbours of the same colour, where no map says what is
-    missed.
+    """Replace outliers in the picture from neighbours of the same colour, where there is no map to count misses.
 
-    Takes the place of ``correct_defects`` for a sensor whose defects nobody knows; on one without defects all it
-    corrects are false alarms.
+    Takes the place of ``correct_defects`` for a sensor with unknown defects; on one without defects every correction is
+    a false alarm.
     """
 
     role: ClassVar = "defect correction"
@@ -111,7 +109,7 @@ class CorrectFoundDefects(DefectDetection):
 
 @dataclass(frozen=True, kw_only=True)
 class JoinDefectMaps(Stage):
-    """One map of all defective pixels: hot and dead ones (``defects``) and stuck ones (``stuck_pixels``)."""
+    """Join the maps of hot and dead pixels (``defects``) and of stuck ones (``stuck_pixels``)."""
 
     role: ClassVar = "defect map"
     reads: ClassVar = {"defect_map": "y x [1] uint8", "stuck_map": "y x [1] uint8"}

@@ -1,7 +1,7 @@
-"""Reconstruction: mosaic to full linear channels.
+"""Demosaicing: from a mosaic to full linear channels.
 
 In:  ``mosaic_linear`` (y, x), 1 at clipping.
-Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
+Out: ``rgb_camera`` (channel, y, x), linear camera RGB.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from etendue_camera.sensor.stages.masks import bayer_order, first_pixel, mask_of
 
 @dataclass(frozen=True, kw_only=True)
 class _Demosaic(Stage):
-    """Three channels at every pixel from one, of a Bayer array."""
+    """Interpolate three channels at every pixel of a Bayer array."""
 
     role: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}
     negative: ClassVar = "keep"
-    # Of the arithmetic; what the method invents between samples is not an error of its arithmetic.
+    # Arithmetic error only; interpolation error between samples is a property of the method.
     error: ClassVar[Any] = measured(4e-7, 1e-15)
 
     pattern: str = quantity(
-        "pattern", "colour filter array, of Bayer orders alone: RGGB, BGGR, GRBG, GBRG; others: demosaic_any"
+        "pattern", "colour filter array, Bayer orders only: RGGB, BGGR, GRBG, GBRG; for others use demosaic_any"
     )
 
     def __post_init__(self) -> None:
         bayer_order(self.pattern, "this demosaicer")
 
     def seen(self, y: Any, x: Any) -> str:
-        """The Bayer order as the window sees it, which may start on odd rows and columns."""
+        """Return the Bayer order as seen from the window, which may start on odd rows and columns."""
         return cfa.shifted_bayer(bayer_order(self.pattern, "this demosaicer"), *first_pixel(y, x))
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicNearest(_Demosaic, Haloed):
-    """The nearest sample of each colour."""
+    """Demosaic by the nearest sample of each colour."""
 
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 2.0
@@ -56,7 +56,7 @@ class DemosaicNearest(_Demosaic, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicBilinear(_Demosaic, Haloed):
-    """Means of the two or four nearest samples."""
+    """Demosaic by means of the two or four nearest samples."""
 
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 5.0
@@ -71,7 +71,7 @@ class DemosaicBilinear(_Demosaic, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicColourDifference(_Demosaic, Haloed):
-    """The paper's: green first, then the differences to green, which hold fewer edges (its section 2.7)."""
+    """Demosaic as in the paper: green first, then colour differences to green, which have fewer edges (section 2.7)."""
 
     gain: ClassVar = 3.0  # |R| <= |G| + |K|, |K| <= |R| + |G|, each of gain 1
     nanoseconds: ClassVar = 10.0
@@ -86,11 +86,11 @@ class DemosaicColourDifference(_Demosaic, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicDirectional(_Demosaic, Haloed):
-    """Colour differences along rows and columns, weighted by direction similarity: our reconstruction of the idea
-    the paper cites.
+    """Demosaic by colour differences along rows and columns, weighted by directional similarity: our reconstruction of
+    the idea that the paper cites.
     """
 
-    gain: ClassVar = None  # weights turn from rows to columns within the floor: errors may grow by its inverse
+    gain: ClassVar = None  # weights switch from rows to columns within the floor: errors may grow by its inverse
     nanoseconds: ClassVar = 12.0
     working: ClassVar = 0.6
 
@@ -98,12 +98,13 @@ class DemosaicDirectional(_Demosaic, Haloed):
         directional.FLOOR,
         above=0,
         at_most=1,
-        doc="mean differences below it, 1 at clipping, say nothing about direction",
+        doc="floor of mean differences, 1 at clipping; smaller ones carry no direction information",
     )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Roundings add to what the floor hides: where two greens on flat ground differ by a tenth of full scale,
-        say.
+        """Bound the rounding plus what the floor hides, such as two greens on a flat background that differ by a tenth
+        of
+        full scale.
         """
         return (4e-7 + 5e-9 / self.floor if precision == "float32" else 1e-15 + 1e-17 / self.floor), "measured"
 
@@ -116,8 +117,8 @@ class DemosaicDirectional(_Demosaic, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicAny(Haloed):
-    """Piecewise-linear between the nearest samples of each channel, for any colour filter array; on Bayer it is the
-    bilinear one.
+    """Demosaic any colour filter array by piecewise-linear interpolation between the nearest samples of each channel;
+    on Bayer it is bilinear.
     """
 
     role: ClassVar = "demosaicing"
@@ -127,7 +128,7 @@ class DemosaicAny(Haloed):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 10.0
     working: ClassVar = 0.6
-    # Of the arithmetic; what the method invents between samples is not an error of its arithmetic.
+    # Arithmetic error only; interpolation error between samples is a property of the method.
     error: ClassVar[Any] = measured(1e-6, 3e-15)
 
     pattern: str = quantity("pattern")
@@ -142,5 +143,5 @@ class DemosaicAny(Haloed):
         return {"rgb_camera": any_mask.linear(mosaic_linear, mask_of(self.pattern), *first_pixel(y, x))}
 
     def halo(self) -> int:
-        """At least a period: a frame of fewer rows is filled otherwise."""
+        """Return at least a period: a frame with fewer rows is padded differently."""
         return any_mask.reach_of(mask_of(self.pattern))

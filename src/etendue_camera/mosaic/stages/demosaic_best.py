@@ -1,7 +1,7 @@
-"""The best reconstruction at hand, where a picture counts more than a fraction of a second.
+"""The demosaicer of highest quality, where it matters more than a fraction of a second.
 
-In:  ``mosaic_linear`` (y, x), 1 at clipping, of a Bayer array; channels balanced, at best.
-Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
+In:  ``mosaic_linear`` (y, x), 1 at clipping, of a Bayer array, preferably balanced.
+Out: ``rgb_camera`` (channel, y, x), linear camera RGB.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from etendue_camera.mosaic.stages.demosaic import _Demosaic
 
 @dataclass(frozen=True, kw_only=True)
 class DemosaicResidual(_Demosaic):
-    """Green by residual interpolation or least squares, as local statistics say; for balanced channels
+    """Demosaic with green by residual interpolation or least squares, chosen by local statistics; for balanced channels
     (``balance_mosaic``).
     """
 
     gain: ClassVar = None  # directions and estimators are weighted by ratios of small differences
     nanoseconds: ClassVar = 80.0
     working: ClassVar = 1.6
-    # Of the arithmetic, beside isolated samples on flat ground; ten times less on photographs.
+    # Arithmetic error next to isolated samples on a flat background; ten times smaller on photographs.
     error: ClassVar[Any] = measured(2e-5, 5e-14)
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""Lens shading corrected in front of the demosaicer: the fall-off of the lens undone by gains that the camera knows.
+"""Lens shading correction before demosaicing: the falloff of the lens is corrected by gains known to the camera.
 
 In:  ``mosaic_linear`` (y, x), 1 at clipping, positions from the axis.
-Out: ``mosaic_linear``, as a lens without fall-off would give it, noisier away from the axis.
+Out: ``mosaic_linear`` as from a lens without falloff, noisier away from the axis.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from etendue_camera.optics.stages.conjugates import Conjugates
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 
-NOTED = 1.1  # gain from which the plan speaks of its price
+NOTED = 1.1  # gain above which the plan reports the noise increase
 
 
 @lru_cache(maxsize=16)
@@ -32,59 +32,58 @@ def _table(path: str, state: tuple[int, int]) -> shading.GainTable:
     try:
         return shading.read_gains(path)
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ValueError(f"{path}: could not be read: {error.strerror}") from None
 
 
 @dataclass(frozen=True, kw_only=True)
 class LensShading(Conjugates, Bounded, Haloed):
-    """Gains by image height, relative to the axis, from what the camera knows of its lens: a model of it, or a
-    calibrated table.
+    """Correct falloff with gains by image height, relative to the axis, from a model of the lens or a calibrated table.
 
-    ``map = "model"``: the fall-off of stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of
-    ``vignetting`` and the cosine response of ``angular_response``, for the camera's own aperture and focus; parameters
-    are those of these stages, and where they differ from theirs the correction is as wrong as the knowledge.
-    ``map = "table"``: a CSV file with gains by height, one column for all channels or one for each, such as
-    `etendue_camera.mosaic.shading.calibrated` makes of a flat field. Black stays black; noise grows with the gain, and
-    the plan says by how much. ``clipping_level`` rises by the smallest gain of the frame.
+    ``map = "model"``: the falloff of the stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of
+    ``vignetting`` and the cosine response of ``angular_response``, for the camera's own aperture and focus. The
+    parameters are those of these stages; where they differ from theirs, the correction has a corresponding error.
+    ``map = "table"``: a CSV file with gains by height, one column for all channels or one per channel, as
+    `etendue_camera.mosaic.shading.calibrated` computes from a flat field. Black stays black; noise grows with the gain,
+    and the plan reports by how much. ``clipping_level`` is multiplied by the smallest gain of the frame.
     """
 
     role: ClassVar = "shading correction"
     reads: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
-    gain: ClassVar[float | None] = None  # of a table as large as it is
+    gain: ClassVar[float | None] = None  # set by the table
     negative: ClassVar = "keep"
     once: ClassVar = ("the correction of shading",)
     nanoseconds: ClassVar = 8.0
     working: ClassVar = 7.0
-    # Of the arithmetic; how well model or table fit the lens is no error of it.
+    # Arithmetic error only; the fit of model or table to the lens is separate.
     error: ClassVar[Any] = measured(1e-6, 2e-14)
 
     pattern: str = quantity("pattern")
-    map: str = param("model", choices=("model", "table"), doc="where the gains come from")
+    map: str = param("model", choices=("model", "table"), doc="source of the gains")
     strength: float = param(
-        1.0, at_least=0, at_most=1, doc="share of the correction: gain 1 + strength (1/relative - 1)"
+        1.0, at_least=0, at_most=1, doc="strength of the correction: gain 1 + strength (1/relative - 1)"
     )
-    largest_gain: float = param(16.0, at_least=1, at_most=1e4, doc="where gains end")
-    table: str = param("", table=True, doc="of map 'table': CSV height_mm,gain or height_mm,R,G,B")
-    model: str = param("cos4", choices=("cos4", "disc"), doc="of map 'model': as of falloff")
-    geometry: str = param("physical", choices=("physical", "paper"), doc="as of falloff")
-    full_field: float = param(60.0, units="deg", above=0, below=170, doc="as of falloff")
-    rim_radius: float = param(math.inf, units="mm", above=0, infinite=True, doc="as of vignetting; inf: no rim")
-    rim_distance: float = param(0.0, units="mm", at_least=0, doc="as of vignetting")
-    power: float = param(0.0, at_least=0, at_most=1e3, doc="as of angular_response; 0: none")
+    largest_gain: float = param(16.0, at_least=1, at_most=1e4, doc="upper limit of the gains")
+    table: str = param("", table=True, doc="for map 'table': CSV file height_mm,gain or height_mm,R,G,B")
+    model: str = param("cos4", choices=("cos4", "disc"), doc="for map 'model': as in falloff")
+    geometry: str = param("physical", choices=("physical", "paper"), doc="as in falloff")
+    full_field: float = param(60.0, units="deg", above=0, below=170, doc="as in falloff")
+    rim_radius: float = param(math.inf, units="mm", above=0, infinite=True, doc="as in vignetting; inf: no rim")
+    rim_distance: float = param(0.0, units="mm", at_least=0, doc="as in vignetting")
+    power: float = param(0.0, at_least=0, at_most=1e3, doc="as in angular_response; 0: none")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.map == "table") != bool(self.table):
             raise ValueError(
-                f"map is {self.map!r} and table is {self.table!r}; a table goes with map = 'table', and only with it"
+                f"map is {self.map!r} and table is {self.table!r}; give a table with map = 'table', and only with it"
             )
         mask_of(self.pattern)
         if self.map == "model":
             self.relative(np.zeros(1), 0.0)
 
     def relative(self, radius_um: Any, corner_um: float) -> Any:
-        """Relative illumination by image height, as the camera believes it."""
+        """Return the relative illumination by image height that the camera assumes."""
         shared: dict[str, Any] = {
             "f_number": self.f_number,
             "focal_length": self.focal_length,
@@ -104,22 +103,23 @@ class LensShading(Conjugates, Bounded, Haloed):
         return found
 
     def rows(self) -> shading.GainTable:
-        """The table; its columns are channels of the pattern, or one for all; of a plane alone, its own among them."""
+        """Return the table; its columns are the pattern's channels, or one for all; for a single plane, its own
+        column."""
         table = _table(self.table, file_state(self.table))
         channels, columns = set(mask_of(self.pattern).channels), set(table.columns)
         if len(columns) > 1 and channels != columns and not (len(channels) == 1 and channels < columns):
             raise ValueError(
-                f"{self.table} has columns {', '.join(table.columns)}, but the pattern {self.pattern!r} has channels "
-                f"{', '.join(mask_of(self.pattern).channels)}; give one column for each, or one for all"
+                f"{self.table} has the columns {', '.join(table.columns)}, but the pattern {self.pattern!r} has the "
+                f"channels {', '.join(mask_of(self.pattern).channels)}; give one column per channel, or one for all"
             )
         return table
 
     def weakened(self, gains: Any) -> Any:
-        """The gains of a table at the strength and with the end that are asked for."""
+        """Return the gains of a table at the given strength and limit."""
         return np.minimum(1 + self.strength * (gains - 1), self.largest_gain)
 
     def largest(self, grid: Grid) -> float:
-        """Over the frame: of a model in its corner, of a table anywhere."""
+        """Return the largest gain over the frame: in the corner for a model, anywhere for a table."""
         corner = farthest(grid)
         if self.map == "table":
             table = self.rows()
@@ -135,7 +135,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         )
 
     def gains(self, y_um: Any, x_um: Any) -> Any:
-        """(1 or channel, y, x): what multiplies the light."""
+        """Return the gains, (1 or channel, y, x)."""
         radius = np.hypot(y_um[:, None], x_um[None, :])
         if self.map == "model":
             corner = math.hypot(*(max((abs(v) for v in line[[0, -1]]), default=0.0) for line in (y_um, x_um)))
@@ -156,7 +156,8 @@ class LensShading(Conjugates, Bounded, Haloed):
         }
 
     def halo(self) -> int | None:
-        """Gains are those of an image height; the paper's fall-off is told by the frame's corner."""
+        """Return 0: gains depend on image height only; None for the paper's falloff, which depends on the frame
+        corner."""
         return None if self.map == "model" and self.geometry == "paper" else 0
 
     def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
@@ -165,10 +166,10 @@ class LensShading(Conjugates, Bounded, Haloed):
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.strength == 0:
             return 0.0, "strength is 0"
-        return (self.largest(grid) - 1, "the largest gain is this close to 1") if self.map == "model" else None
+        return (self.largest(grid) - 1, "the largest gain is within this of 1") if self.map == "model" else None
 
     def assumes(self) -> dict[str, Any]:
-        """What the model takes the lens for; a table is of no model."""
+        """Return the model's assumptions on the lens; a table makes none."""
         if self.map != "model" or self.strength == 0:
             return {}
         fall_off = (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))
@@ -178,7 +179,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         rims = [name for name, kind in others.items() if kind.role == Vignetting.role]
         if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and rims:
             return [
-                f"the lens has a rim (stage {rims[0]}) of which this correction knows nothing: give it rim_radius and "
+                f"the lens has a rim (stage {rims[0]}) that this correction does not include: give it rim_radius and "
                 f"rim_distance too"
             ]
         return []
@@ -189,16 +190,18 @@ class LensShading(Conjugates, Bounded, Haloed):
         notes, grid = [], grids["mosaic_linear"]
         largest = self.largest(grid)
         if largest >= self.largest_gain:
-            notes.append(f"gains end at largest_gain = {self.largest_gain:g}: the corner stays darker than the axis")
+            notes.append(
+                f"gains are limited to largest_gain = {self.largest_gain:g}: the corner stays darker than the axis"
+            )
         elif largest > NOTED:
             notes.append(
-                f"gain up to {largest:.3g} away from the axis: noise there grows as much, "
+                f"gain up to {largest:.3g} away from the axis: noise grows by the same factor, "
                 f"{20 * math.log10(largest):.1f} dB"
             )
         if self.map == "table" and 1e-3 * farthest(grid) > self.rows().heights_mm[-1] * (1 + 1e-9):
             notes.append(
-                f"{self.table} ends at {self.rows().heights_mm[-1]:g} mm, the frame's corner is at "
+                f"{self.table} ends at {self.rows().heights_mm[-1]:g} mm, but the frame corner is at "
                 f"{1e-3 * farthest(grid):.4g} mm: "
-                "its last row holds beyond"
+                "the last row is used beyond"
             )
         return notes

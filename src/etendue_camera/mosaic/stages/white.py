@@ -1,9 +1,9 @@
-"""White: what a white diffuser gives in each channel, from the light or from the picture, and the mosaic balanced by
-it.
+"""White: the signal of a white diffuser in each channel, from the light or from the picture, and the mosaic balanced
+to it.
 
 In:  ``white_irradiance``; ``mosaic_linear`` (y, x), 1 at clipping.
-Out: ``white`` (channel), the camera's linear signal that is shown as display white; ``mosaic_linear`` with equal
-     channels for it.
+Out: ``white`` (channel), the linear camera signal rendered as display white; ``mosaic_linear`` with equal channels
+     for it.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ CLIPPED, DARK_SIGMAS = 0.98, 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class White(GainChain, Collecting):
-    """The camera's linear signal of a perfect white diffuser on the axis, over ``render_exposure``: from the
+    """Compute the linear camera signal of a perfect white diffuser on axis, over ``render_exposure``: from the
     illuminant, noise-free.
 
-    It may lie above 1, where no pixel can follow: ``white_saturated`` counts the channels in which the diffuser itself
+    It may exceed 1, above pixel saturation: ``white_saturated`` counts the channels in which the diffuser itself
     does.
     """
 
@@ -65,14 +65,14 @@ class White(GainChain, Collecting):
 
 @dataclass(frozen=True, kw_only=True)
 class WhiteEstimate(KnownNoise):
-    """The colour of the white as the camera finds it in the picture, or as a preset has it; its level is that of
-    ``white``.
+    """Estimate the colour of the white from the picture, or take it from a preset; its level is that of ``white``.
 
-    ``grey_world``: the scene is grey on average; ``white_patch``: the brightest is white; ``shades_of_grey``: a power
-    mean between the two; ``preset``: gains from a list; ``illuminant``: the true one, unchanged. Cells of the mosaic
-    with a value from 0.98 on or a mean under 3 sigma of the dark noise are left out as a whole, and ``white_used`` is
-    the share of the others. ``white_error`` is the angle between this white and the true one. Where no cell is left,
-    nothing is guessed: the stage fails.
+    ``grey_world``: the scene is grey on average; ``white_patch``: the brightest area is white; ``shades_of_grey``: a
+    power mean between the two; ``preset``: gains from a list; ``illuminant``: the true white, unchanged. Mosaic cells
+    with a value of at least 0.98 or a mean below 3 sigma of the dark noise are ignored as a whole, and ``white_used``
+    is
+    the fraction of cells used. ``white_error`` is the angle between this white and the true one. If no cell is usable,
+    the stage fails.
     """
 
     role: ClassVar = "camera white"
@@ -80,37 +80,39 @@ class WhiteEstimate(KnownNoise):
     writes: ClassVar = {"white": "channel [1]", "white_error": "[deg]", "white_used": "[1]", "channels_floored": "[1]"}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 6.0
-    # Of the arithmetic; how far the estimate is from the truth is ``white_error``.
+    # Arithmetic error only; the error of the estimate is ``white_error``.
     error: ClassVar[Any] = measured(2e-7, 1e-12)
 
     pattern: str = quantity("pattern")
-    method: str = param(
-        "grey_world", choices=("illuminant", *FOUND, "preset"), doc="where the colour of the white comes from"
-    )
+    method: str = param("grey_world", choices=("illuminant", *FOUND, "preset"), doc="source of the white's colour")
     power: float = param(
-        6.0, at_least=1, at_most=100, doc="of 'shades_of_grey': 1 is grey_world, large is the brightest cell"
+        6.0,
+        at_least=1,
+        at_most=100,
+        doc="for 'shades_of_grey': power of the mean; 1 is grey_world, large approaches the brightest cell",
     )
     quantile: float = param(
-        0.99, above=0, at_most=1, doc="of 'white_patch': share of the cells which are not above the white"
+        0.99, above=0, at_most=1, doc="for 'white_patch': fraction of the cells at or below the white"
     )
     gains: tuple[float, ...] = param(
-        (), above=0, at_most=1e6, doc="of 'preset': by channel, of any scale, such as [2.1, 1, 1.6]"
+        (), above=0, at_most=1e6, doc="for 'preset': gain per channel, in any scale, such as [2.1, 1, 1.6]"
     )
     cell: int = param(
-        4, at_least=1, at_most=1024, doc="side of the cells, pixels, rounded up to whole periods of the pattern"
+        4, at_least=1, at_most=1024, doc="side of the cells in pixels, rounded up to whole periods of the pattern"
     )
     floor: float = param(
         0.0,
         at_least=0,
         below=1,
-        doc="share of the largest channel to which weaker ones are lifted (counted); 0: vanishing ones are refused",
+        doc="floor for weak channels, as a fraction of the largest (counted); 0: no floor, vanishing channels are an "
+        "error",
     )
 
     def __post_init__(self) -> None:
         channels = mask_of(self.pattern).channels
         require.that(
             (self.method == "preset") == bool(self.gains),
-            f"method is {self.method!r} and gains {self.gains}; gains go with method = 'preset', and only with it",
+            f"method is {self.method!r} and gains {self.gains}; give gains with method = 'preset', and only with it",
         )
         require.that(
             not self.gains or len(self.gains) == len(channels),
@@ -138,14 +140,14 @@ class WhiteEstimate(KnownNoise):
         }
 
     def from_the_picture(self, mosaic: Any, first: tuple[int, int]) -> tuple[Any, float]:
-        """White by channel, and the share of the cells that it was found from."""
+        """Return the white by channel, and the fraction of the cells used for it."""
         lowest = DARK_SIGMAS * self.dark_sigma()
         means, cells = white_balance.cell_means(mosaic, mask_of(self.pattern), self.cell, CLIPPED, lowest, *first)
         require.that(
             means.shape[1],
-            f"none of {cells} cells of the mosaic lies between {lowest:.2g} (3 sigma of the dark noise) and "
+            f"none of the {cells} cells of the mosaic is between {lowest:.2g} (3 sigma of the dark noise) and "
             f"{CLIPPED:g}: there is no "
-            "white to be found; look at the exposure, or take method = 'illuminant' or 'preset'",
+            "white to estimate; check the exposure, or use method = 'illuminant' or 'preset'",
         )
         if self.method == "white_patch":
             found = white_balance.white_patch(means, self.quantile)
@@ -156,21 +158,20 @@ class WhiteEstimate(KnownNoise):
 
 @dataclass(frozen=True, kw_only=True)
 class BalanceMosaic(Haloed):
-    """The mosaic over the white of each site's channel, in front of the demosaicer: a grey edge has no colours to
-    invent.
+    """Divide the mosaic by the white of each site's channel before demosaicing, so that grey edges get no false
+    colours.
 
-    Gains are relative to the largest channel of the white, the first to clip: ``clipping_level`` stays the level at
-    which it does. From there on the other channels' true values are worth nothing beside its, so that
-    ``highlights = "neutral"`` ends them there too. ``white`` becomes the level that is shown as display white, equal in
-    all channels: that of the scene's white as long as no channel clips below it, else (and with
-    ``brightness = "camera"`` always) the level of clipping. What is too bright is white, whatever the exposure, and
-    later stages go on unchanged.
+    Gains are relative to the largest channel of the white, the first to clip: ``clipping_level`` remains the level at
+    which it does. Above it the true values of the other channels are useless without its own, so ``highlights =
+    "neutral"`` clips them there too. ``white`` becomes the level rendered as display white, equal in all channels: that
+    of the scene white as long as no channel clips below it, otherwise (and with ``brightness = "camera"`` always) the
+    clipping level. Overexposed areas are white, whatever the exposure, and later stages need no change.
     """
 
     role: ClassVar = "white balance"
     reads: ClassVar = {"mosaic_linear": "y x [1]", "white": "channel [1]", "clipping_level": "[1]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "white": "channel [1]", "balance_gains": "channel [1]"}
-    gain: ClassVar = None  # as large as the white is coloured
+    gain: ClassVar = None  # set by the colour of the white
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
     working: ClassVar = 0.1
@@ -179,7 +180,7 @@ class BalanceMosaic(Haloed):
     pattern: str = quantity("pattern")
     brightness: str = quantity("brightness")
     highlights: str = param(
-        "neutral", choices=("neutral", "keep"), doc="what becomes of channels beyond the level at which the first clips"
+        "neutral", choices=("neutral", "keep"), doc="treatment of channels above the level at which the first clips"
     )
 
     def __post_init__(self) -> None:
@@ -191,7 +192,7 @@ class BalanceMosaic(Haloed):
 
     def run(self, mosaic_linear: Any, white: Any, clipping_level: Any, y: Any, x: Any, channel: Any) -> dict[str, Any]:
         gains, mask = white_balance.gains_of(white), mask_of(self.pattern)
-        own = gains[[list(channel).index(name) for name in mask.channels]]  # of a plane alone, its own
+        own = gains[[list(channel).index(name) for name in mask.channels]]  # for a single plane, its own
         clipped = float(clipping_level)  # the smallest gain is 1
         shown = white_balance.display_white(float(np.max(white)), clipped, self.brightness == "camera")
         ceiling = clipped if self.highlights == "neutral" else math.inf
@@ -203,7 +204,7 @@ class BalanceMosaic(Haloed):
 
 
 def _same_channels(grid: Grid, pattern: str, variable: str) -> Grid:
-    """The grid of a variable by channel, where its channels are those of the pattern."""
+    """Return the grid of a variable by channel, whose channels must be those of the pattern."""
     found, wanted = tuple(grid["channel"].values()), mask_of(pattern).channels
     require.that(
         found == wanted,

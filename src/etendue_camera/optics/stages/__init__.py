@@ -1,5 +1,5 @@
-"""The lens: how much light it gathers and where a point goes, the same all over the frame.
+"""The lens: light gathering and blur, uniform over the frame.
 
 In:  ``radiance`` of the scene.
-Out: ``irradiance``, gathered, blurred by transfer functions, filtered; numbers of the lens.
+Out: ``irradiance``, blurred by transfer functions and filtered; lens metrics.
 """

@@ -1,7 +1,7 @@
-"""What every stage that depends on the cone of light needs to know: one magnification, whichever way it was given.
+"""Conjugates for all stages that depend on the light cone: one magnification, however it is given.
 
 In:  camera quantities.
-Out: the magnification in force, the working f-number, the place of the exit pupil.
+Out: the magnification, the working f-number, the exit pupil position.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from etendue_camera.optics import focus
 
 @dataclass(frozen=True, kw_only=True)
 class Conjugates(Stage):
-    """Base of the stages that see the lens's cone: the same magnification for all of them."""
+    """Base of the stages that depend on the lens cone: all use the same magnification."""
 
     f_number: float = quantity("f_number")
     focal_length: float = quantity("focal_length")
@@ -26,21 +26,21 @@ class Conjugates(Stage):
     focus_distance: float = quantity("focus_distance")
 
     def __post_init__(self) -> None:
-        self.image_magnification()  # refuses what contradicts itself
+        self.image_magnification()  # raises on contradictory quantities
 
     def image_magnification(self) -> float:
-        """Given directly, or by the distance of the focus."""
+        """Return the magnification, given directly or by the focus distance."""
         return focus.effective_magnification(self.magnification, self.focal_length, self.focus_distance)
 
     def in_focus(self) -> float:
-        """Distance (mm) of what is in focus, given directly or by the magnification."""
+        """Return the distance (mm) in focus, given directly or by the magnification."""
         return focus.focus_distance_of(self.focal_length, self.image_magnification())
 
     def working_f_number(self) -> float:
         return float(radiometry.working_f_number(self.f_number, self.image_magnification(), self.pupil_magnification))
 
     def pupil_distance(self) -> float:
-        """From the exit pupil to the image plane, mm."""
+        """Return the distance from the exit pupil to the image plane, mm."""
         return float(
             radiometry.exit_pupil_distance(self.focal_length, self.image_magnification(), self.pupil_magnification)
         )
@@ -48,14 +48,14 @@ class Conjugates(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Cone(Conjugates):
-    """Base of the stages of diffraction: the same marginal rays as the light has."""
+    """Base of the diffraction stages: they use the same marginal rays as light gathering."""
 
     aperture_model: str = quantity("aperture_model")
 
     def cone_f_number(self) -> float:
-        """1/(2 sin) of the half angle of the cone: the cut-off is 1/(lambda times this).
+        """Return 1/(2 sin) of the half angle of the cone; the cut-off is 1/(lambda times this).
 
-        Of a flat exit pupil sqrt(N_w^2 + 1/4): tan = 1/(2 N_w) from the centre of the image to the edge of the pupil.
+        For a flat exit pupil sqrt(N_w^2 + 1/4): tan = 1/(2 N_w) from the centre of the image to the pupil edge.
         """
         working = self.working_f_number()
         return working if self.aperture_model == "aplanatic" else float(np.hypot(working, 0.5))

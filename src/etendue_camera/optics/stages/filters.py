@@ -1,7 +1,7 @@
-"""The birefringent low-pass filter in front of the sensor.
+"""The birefringent optical low-pass filter before the sensor.
 
 In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
-Out: ``irradiance``, every point of it split into four, or two.
+Out: ``irradiance``, with every point split into four or two.
 """
 
 from __future__ import annotations
@@ -20,27 +20,29 @@ from etendue_camera.optics.stages.lens import Blur
 
 @dataclass(frozen=True, kw_only=True)
 class Birefringent(Blur, Transfer):
-    """An optical low-pass filter: light split into four equal spots, or two where one separation is 0."""
+    """Apply an optical low-pass filter: split light into four equal spots, or two where one separation is 0."""
 
     role: ClassVar = "low-pass filter"
-    gain: ClassVar = (
-        41.0  # shifts by parts of a sample on a grid that cuts the light's spectrum off, 10000 x 10000; else 1
-    )
-    error: ClassVar[Any] = measured(1e-6, 5e-15)  # of the transform pair, as for every transfer function
+    gain: ClassVar = 41.0  # subsample shifts on a grid that truncates the spectrum of the light, 10000 x 10000; else 1
+    error: ClassVar[Any] = measured(1e-6, 5e-15)  # error of the transform pair, as for every transfer function
 
     separation_y: float = param(
-        0.0, units="um", at_least=0, held=(0, 1e4), doc="distance of the spots along the filter's y; 0: not split"
+        0.0, units="um", at_least=0, held=(0, 1e4), doc="spot separation along the filter's y; 0: no split"
     )
     separation_x: float = param(
-        0.0, units="um", at_least=0, held=(0, 1e4), doc="distance of the spots along the filter's x; 0: not split"
+        0.0, units="um", at_least=0, held=(0, 1e4), doc="spot separation along the filter's x; 0: no split"
     )
     rotation: float = param(
-        0.0, units="deg", at_least=-180, at_most=180, doc="of the filter against the sensor, from x towards y"
+        0.0,
+        units="deg",
+        at_least=-180,
+        at_most=180,
+        doc="rotation of the filter relative to the sensor, from x towards y",
     )
     dispersion: str = param(
         "",
         table=True,
-        doc="CSV wavelength_nm,scale: separations by wavelength, relative to those given; '': the same at every "
+        doc="CSV file wavelength_nm,scale: separation by wavelength relative to the given ones; '': the same at every "
         "wavelength",
     )
 
@@ -50,7 +52,9 @@ class Birefringent(Blur, Transfer):
         edges = tuple(coordinates["wavelength_edges"])
         scale = spectra.table_from_csv(self.dispersion, edges)[1][:, 0]
         if not np.all(scale > 0):
-            raise ValueError(f"{self.dispersion} must give a scale above 0 from {edges[0]:g} to {edges[-1]:g} nm")
+            raise ValueError(
+                f"{self.dispersion} the scale must be greater than 0 from {edges[0]:g} to {edges[-1]:g} nm"
+            )
         return coordinates["wavelength"], scale
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
@@ -60,8 +64,8 @@ class Birefringent(Blur, Transfer):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.separation_y == 0 == self.separation_x:
-            return 0.0, "nothing is split"
-        return (0.0, "the scene is uniform: splitting changes nothing") if facts.uniform else None
+            return 0.0, "both separations are 0"
+        return (0.0, "the scene is uniform: splitting has no effect") if facts.uniform else None
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if self.dispersion:

@@ -1,7 +1,7 @@
-"""The lens as a light gatherer: scene radiance to irradiance on the image plane, and filters in the light path.
+"""Light gathering: scene radiance to irradiance on the image plane, and filters in the light path.
 
 In:  ``radiance`` of the scene on the image-plane grid.
-Out: ``irradiance`` (wavelength, y, x), W m-2 nm-1, in front of the sensor.
+Out: ``irradiance`` (wavelength, y, x), W m-2 nm-1, before the sensor.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from etendue_camera.optics.stages.conjugates import Conjugates
 
 @dataclass(frozen=True, kw_only=True)
 class Irradiance(Conjugates, Banded):
-    """Light gathered by the aperture: E = pi L T / (4 N_w^2) (aplanatic), the flat disc of eq. 5, or pi L / (4
-    T_w^2) of a T-number.
+    """Compute irradiance from radiance: E = pi L T / (4 N_w^2) (aplanatic), the flat disc of eq. 5, or pi L / (4 T_w^2)
+    for a T-number.
     """
 
     role: ClassVar = "light gathering"
@@ -41,19 +41,18 @@ class Irradiance(Conjugates, Banded):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.t_number == 0:
-            self.factor()  # a cone that no lens has is refused before anything runs
+            self.factor()  # rejects an impossible light cone before anything runs
             return
         if self.transmittance != 1:
             raise ValueError(
-                f"t_number is {self.t_number:g} and transmittance {self.transmittance:g}, but a T-number holds the "
-                f"lens's losses already; "
-                "leave transmittance at 1, or t_number at 0"
+                f"t_number is {self.t_number:g} and transmittance {self.transmittance:g}, but a T-number includes the "
+                f"lens losses already; "
+                "set transmittance to 1, or t_number to 0"
             )
         if self.t_number < self.f_number * (1 - 1e-9):
             raise ValueError(
-                f"t_number is {self.t_number:g}, below the f_number {self.f_number:g}: the lens would give more light "
-                f"than it takes in; "
-                "give the f_number that goes with it"
+                f"t_number is {self.t_number:g}, below the f_number {self.f_number:g}: the lens would transmit more "
+                "light than it receives; give the matching f_number"
             )
 
     def factor(self) -> float:
@@ -75,14 +74,16 @@ class Irradiance(Conjugates, Banded):
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         return (
-            ["below f/1.2 scalar diffraction and the thin-lens aperture are approximate"] if self.f_number < 1.2 else []
+            ["below f/1.2, scalar diffraction and the thin-lens aperture are only approximate"]
+            if self.f_number < 1.2
+            else []
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpticalFilter(Banded, Bounded, Tinting):
-    """A filter in the light path: a smooth short-pass, or any transmission table; several filters are several
-    stages.
+    """Apply a filter in the light path: a smooth short-pass, or any transmission table. Use several stages for several
+    filters.
     """
 
     role: ClassVar = "optical filter"
@@ -98,20 +99,25 @@ class OpticalFilter(Banded, Bounded, Tinting):
     table: str = param(
         "",
         table=True,
-        doc="CSV (wavelength_nm,transmission) or SPDX; 0 half a step beyond its rows; '' for the smooth cut below",
+        doc="CSV (wavelength_nm,transmission) or SPDX file; 0 from half a step outside its rows; '': the smooth "
+        "short-pass",
     )
     cut_off: float = param(
-        650.0, units="nm", above=0, infinite=True, doc="half transmission of the smooth short-pass; inf for none"
+        650.0,
+        units="nm",
+        above=0,
+        infinite=True,
+        doc="wavelength of half transmission of the smooth short-pass; inf: none",
     )
-    edge: float = param(15.0, units="nm", above=0, doc="width of the cut from 73 to 27 per cent")
+    edge: float = param(15.0, units="nm", above=0, doc="width of the cut-off, from 73 to 27 per cent")
 
     def prepare(self, coordinates: Any) -> Any:
         if self.table:
             transmission = spectra.table_from_csv(self.table, tuple(coordinates["wavelength_edges"]))[1][:, 0]
             if transmission.min() < 0 or transmission.max() > 1 + 1e-9:
                 raise ValueError(
-                    f"{self.table}: transmission {transmission.min():g} to {transmission.max():g}; allowed is 0 to 1; "
-                    f"is it in per cent?"
+                    f"{self.table}: transmission {transmission.min():g} to {transmission.max():g}; it must be between "
+                    "0 and 1; is it in per cent?"
                 )
             return transmission
         return filters.smooth_cut(coordinates["wavelength"], self.cut_off, self.edge)
@@ -132,12 +138,12 @@ class OpticalFilter(Banded, Bounded, Tinting):
         }
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        """What it takes from the bands that the light has; of unknown light, from all."""
+        """Return what the filter removes from the bands that the light has; for unknown light, from all bands."""
         if not self.table and math.isinf(self.cut_off):
-            return 0.0, "it lets everything through"
+            return 0.0, "it transmits everything"
         taken = 1.0 - self.transmission(grid)
         light = np.array(facts.content.high) if facts.content is not None else np.ones(taken.size)
-        return float(np.abs(taken * light).max()), "it lets through nearly all of the light that there is"
+        return float(np.abs(taken * light).max()), "it transmits nearly all of the light"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if not self.table:

@@ -1,7 +1,7 @@
-"""Veiling glare: light that the lens scatters over the picture.
+"""Veiling glare: light that the lens scatters over the image.
 
 In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
-Out: ``irradiance``: the same light, some of it elsewhere.
+Out: ``irradiance`` of the same light, partly scattered.
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ from etendue_camera.optics.stages.lens import Blur
 
 @dataclass(frozen=True, kw_only=True)
 class Glare(Blur, Transfer):
-    """Scattered light: a tail around every point, and a veil over all of the frame. Nothing is lost on the padded
-    frame.
+    """Scatter light into a tail around every point and a uniform veil over the frame. On the padded frame no light is
+    lost.
     """
 
     role: ClassVar = "glare"
-    gain: ClassVar = 1.3  # 1.23 at worst, where the grid cuts a narrow tail's transfer function off
+    gain: ClassVar = 1.3  # at most 1.23, where the grid truncates the transfer function of a narrow tail
 
-    fraction: float = param(0.0, at_least=0, at_most=1, doc="share of the light in the tail; 0: no tail")
+    fraction: float = param(0.0, at_least=0, at_most=1, doc="fraction of the light in the tail; 0: no tail")
     radius: float = param(50.0, units="um", above=0, doc="width r0 of the tail (1 + (r/r0)^2)^(-power/2)")
-    power: float = param(3.0, above=2, at_most=10, doc="power at which the tail falls")
-    veil: float = param(0.0, at_least=0, at_most=1, doc="share of the light spread evenly over the frame; 0: no veil")
+    power: float = param(3.0, above=2, at_most=10, doc="exponent of the decay of the tail")
+    veil: float = param(
+        0.0, at_least=0, at_most=1, doc="fraction of the light spread uniformly over the frame; 0: no veil"
+    )
 
     def __post_init__(self) -> None:
         if self.fraction + self.veil > 1:
             raise ValueError(
-                f"fraction {self.fraction:g} and veil {self.veil:g} are more than all of the light; their sum is at "
-                f"most 1"
+                f"fraction {self.fraction:g} and veil {self.veil:g} sum to more than 1; their sum must be at most 1"
             )
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
@@ -44,8 +45,8 @@ class Glare(Blur, Transfer):
         if self.fraction == 0 and self.veil == 0:
             return 0.0, "no light is scattered"
         if facts.uniform:
-            return 0.0, "the scene is uniform: scatter changes nothing"
-        return (1 + self.gain) * (self.fraction + self.veil), "no more of the light than this is moved"
+            return 0.0, "the scene is uniform: scatter has no effect"
+        return (1 + self.gain) * (self.fraction + self.veil), "at most this fraction of the light is scattered"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         grid = grids["irradiance"]
@@ -54,7 +55,7 @@ class Glare(Blur, Transfer):
         if facts.uniform or outside < 0.01:
             return []
         return [
-            f"{100 * outside:.2g} % of the light would be scattered beyond half the frame; there it comes back from "
+            f"{100 * outside:.2g} % of the light would be scattered beyond half the frame and returns from "
             f"the mirror image that "
-            "continues the scene: give the scene a larger margin, or call that share veil"
+            "continues the scene: give the scene a larger margin, or assign that fraction to veil"
         ]

@@ -1,4 +1,4 @@
-"""The blur of the lens: transfer functions on the light in front of the sensor, the same over the whole field.
+"""Blur of the lens: transfer functions on the light before the sensor, the same over the whole field.
 
 In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
 Out: ``irradiance``, blurred.
@@ -23,17 +23,18 @@ from etendue_camera.optics.undershoot import undershoot
 
 @dataclass(frozen=True, kw_only=True)
 class Blur(Bounded):
-    """A transfer function on irradiance. A uniform scene does not need it: exactly nothing changes."""
+    """Apply a transfer function to irradiance. A uniform scene is unchanged exactly, so the stage is left out for
+    it."""
 
     role: ClassVar = "lens"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar[float | None] = (
-        1.5  # where the grid cuts the transfer function off: 1.13 diffraction, 1.27 Gaussian at worst
+        1.5  # where the grid truncates the transfer function: at most 1.13 for diffraction, 1.27 for a Gaussian
     )
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 25.0
-    # Of the transform pair, relative to full scale: 6e-7 at 1024 x 1500.
+    # Error of the transform pair, relative to full scale: 6e-7 at 1024 x 1500.
     error: ClassVar[Any] = measured(1e-6, 2e-15)
 
     def changes_nothing(self) -> bool:
@@ -41,14 +42,15 @@ class Blur(Bounded):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.changes_nothing():
-            return 0.0, "it changes nothing with these parameters"
+            return 0.0, "no effect with these parameters"
         if facts.uniform:
-            return 0.0, "the scene is uniform: blur changes nothing"
+            return 0.0, "the scene is uniform: blur has no effect"
         return None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """A uniform plane stays as it is. Another may leave its range a little where the grid cuts the transfer
-        function off.
+        """A uniform plane is unchanged. Another plane may leave its range slightly where the grid truncates the
+        transfer
+        function.
         """
         own = facts["irradiance"]
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
@@ -56,10 +58,10 @@ class Blur(Bounded):
 
 @dataclass(frozen=True, kw_only=True)
 class Diffraction(Blur, Cone, Transfer):
-    """The perfect circular aperture (eqs. 2-4), or one with a dark disc in its middle: its transfer function at every
+    """Blur by diffraction at a perfect circular aperture (eqs. 2-4), optionally with a central obstruction, at every
     wavelength.
 
-    The f-number is that of the whole circle; the light that an obstruction takes away belongs to ``transmittance`` or
+    The f-number refers to the whole circle; light blocked by an obstruction belongs to ``transmittance`` or
     ``t_number``.
     """
 
@@ -70,7 +72,7 @@ class Diffraction(Blur, Cone, Transfer):
         at_least=0,
         below=1,
         held=(0, 0.999),
-        doc="diameter of a central dark disc over that of the aperture; 0: clear",
+        doc="diameter of the central obstruction over that of the aperture; 0: clear",
     )
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
@@ -84,7 +86,8 @@ class Diffraction(Blur, Cone, Transfer):
 
 
 def too_coarse(facts: Facts, grid: Grid, f_number: float) -> list[str]:
-    """A note where the lens passes, and the scene holds, frequencies that the grid does not carry."""
+    """Return a note where the lens passes, and the scene contains, frequencies above the Nyquist frequency of the
+    grid."""
     cutoff = 1.0 / (grid.bands().edges[0] * 1e-3 * f_number)
     step = grid.line("x").step
     if facts.uniform or facts.band_limit is None or min(cutoff, facts.band_limit) <= 1.001 * 0.5 / step:
@@ -92,16 +95,15 @@ def too_coarse(facts: Facts, grid: Grid, f_number: float) -> list[str]:
     ratios = {round(0.5e-3 * wavelength * f_number / step, 2) for wavelength in grid.bands().values()}
     point, scene = (max(found) for found in zip(*(undershoot(max(ratio, 0.01)) for ratio in ratios), strict=True))
     return [
-        f"the grid of {step:g} um is too coarse for what the lens passes: behind a clear aperture a point falls up to "
-        f"{point:.2%} of its "
-        f"peak below zero, and any light up to {scene:.1%} of the brightest; give the scene a smaller spacing, or "
-        f"light = 'cells'"
+        f"the grid of {step:g} um is too coarse for the frequencies that the lens passes: for a clear aperture, a "
+        f"point undershoots zero by up to {point:.2%} of its peak, and any scene by up to {scene:.1%} of its brightest "
+        "value; use a smaller spacing in the scene, or light = 'cells'"
     ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class LensGaussian(Blur, Transfer):
-    """A Gaussian lens blur, the same at every wavelength."""
+    """Blur with a Gaussian point spread function, the same at every wavelength."""
 
     radial: ClassVar = True
     sigma: float = param(0.8, units="um", at_least=0, doc="rms width of the point spread function along one axis")
@@ -115,13 +117,13 @@ class LensGaussian(Blur, Transfer):
 
 @dataclass(frozen=True, kw_only=True)
 class LensPsf(Blur, Transfer):
-    """A measured, radially symmetric point spread function from a CSV table ``radius_um,psf``."""
+    """Blur with a measured, rotationally symmetric point spread function from a CSV table ``radius_um,psf``."""
 
     radial: ClassVar = True
-    gain: ClassVar[float | None] = None  # of a ring it has no bound that holds for every grid
+    gain: ClassVar[float | None] = None  # a ring has no bound that holds for every grid
 
     file: str = param(
-        file=True, example="package:etendue_camera/data/examples/psf.csv", doc="CSV with columns radius_um, psf"
+        file=True, example="package:etendue_camera/data/examples/psf.csv", doc="CSV file with columns radius_um, psf"
     )
     nodes: int = param(
         16384,
@@ -129,9 +131,9 @@ class LensPsf(Blur, Transfer):
         held=(64, 1_000_000),
         fidelity=True,
         example=256,
-        reference="262144: direct evaluation but for 1e-8",
+        reference="262144: direct evaluation to within 1e-8",
         settings=(256, 1024, 4096, 16384, 65536, 262_144),
-        doc="radial frequencies at which the transform is evaluated; linear between them",
+        doc="number of radial frequencies at which the transform is evaluated, with linear interpolation between them",
     )
 
     def prepare(self, coordinates: Any) -> Any:
@@ -143,10 +145,11 @@ class LensPsf(Blur, Transfer):
         return np.interp(radial, nodes, lens.radial_psf_otf(nodes, *prepared))
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of straight lines between nodes: an eighth of their distance squared times the second derivative of the
-        transfer function.
+        """Bound the error of linear interpolation: an eighth of the squared node distance times the second derivative
+        of
+        the transfer function.
 
-        That is at most 2 pi^2 times the mean square radius of the spread function.
+        The second derivative is at most 2 pi^2 times the mean square radius of the spread function.
         """
         lines = grid["irradiance"]
         step = 0.5 * math.hypot(*(1.0 / lines.line(dim).step for dim in ("y", "x"))) / (self.nodes - 1)
@@ -161,6 +164,6 @@ def _radial_table(path: str, state: tuple[int, int]) -> tuple[Any, Any]:
     try:
         table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     except ValueError as error:
-        raise ValueError(f"{path}: expected a header and two columns radius_um, psf: {error}") from None
+        raise ValueError(f"{path}: expected a header and two columns, radius_um and psf: {error}") from None
     table.flags.writeable = False
     return table[:, 0], table[:, 1]

@@ -1,7 +1,7 @@
-"""The numbers of a lens: what diffraction allows, how deep it focuses, how much light it gathers.
+"""Lens metrics: diffraction limits, depth of field, light gathering.
 
 In:  camera quantities; the irradiance of a white diffuser.
-Out: scalars, each at the axes that reach it.
+Out: scalars, each over the axes that affect it.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from etendue_camera.optics.stages.conjugates import Cone, Conjugates
 
 @dataclass(frozen=True, kw_only=True)
 class LensNumbers(Cone):
-    """Airy diameter (eq. 4), Rayleigh and Sparrow separations, cut-off; focal length (eq. 9); working numbers; depth of
-    field.
+    """Compute the Airy diameter (eq. 4), Rayleigh and Sparrow separations and cut-off; the focal length (eq. 9);
+    working
+    f-numbers; depth of field.
 
-    The T-number is that of the lens at infinity. Distances are from the front principal plane; ``far_limit`` is
+    The T-number is that of the lens focused at infinity. Distances are from the front principal plane; ``far_limit`` is
     infinite from the hyperfocal distance on.
     """
 
@@ -50,12 +51,15 @@ class LensNumbers(Cone):
     t_number: float = quantity("t_number")
     transmittance: float = quantity("transmittance")
     wavelength: float = param(555.0, units="nm", above=0)
-    half_diagonal: float = param(4.0, units="mm", above=0, doc="half the diagonal of the sensor; 1/2-inch type: 4 mm")
+    half_diagonal: float = param(4.0, units="mm", above=0, doc="half diagonal of the sensor; 1/2-inch type: 4 mm")
     half_field: float = param(
-        30.0, units="deg", above=0, below=90, held=(1e-6, 89.9), doc="half the field of view, for eq. 9"
+        30.0, units="deg", above=0, below=90, held=(1e-6, 89.9), doc="half field of view, for eq. 9"
     )
     circle_of_confusion: float = param(
-        5.0, units="um", above=0, doc="blur that still counts as sharp; of the order of the pitch"
+        5.0,
+        units="um",
+        above=0,
+        doc="circle of confusion: the blur that still counts as sharp, of the order of the pitch",
     )
 
     def run(self) -> dict[str, Any]:
@@ -85,8 +89,8 @@ class LensNumbers(Cone):
 
 @dataclass(frozen=True, kw_only=True)
 class PixelEtendue(Conjugates):
-    """Etendue of a pixel on the axis: light-sensitive area times the projected solid angle of the lens's cone, and
-    that cone.
+    """Compute the etendue of an on-axis pixel: light-sensitive area times projected solid angle of the lens cone, and
+    the half angle of that cone.
     """
 
     role: ClassVar = "figures"
@@ -108,8 +112,8 @@ class PixelEtendue(Conjugates):
 
 @dataclass(frozen=True, kw_only=True)
 class Illuminance(Stage):
-    """Lux on the sensor, on the axis, of a white diffuser in the scene and of a grey one, behind the filters that
-    stand before it.
+    """Compute the on-axis illuminance on the sensor of a white and a grey diffuser, in lux, behind any filters before
+    this stage.
     """
 
     role: ClassVar = "figures"

@@ -1,7 +1,7 @@
-"""A lens by its wavefront: aperture, defocus, Zernike and Seidel terms, as one transfer function for the whole frame.
+"""A lens given by its wavefront: aperture, defocus, Zernike and Seidel terms, as one transfer function per frame.
 
 In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
-Out: ``irradiance``, blurred. It holds diffraction already: in a pipeline it takes the place of ``diffraction``.
+Out: ``irradiance``, blurred. Diffraction is included: use this stage in place of ``diffraction``.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from etendue_camera.optics import annulus, focus, imaging, pupil, wavefront
 from etendue_camera.optics.stages.conjugates import Cone
 from etendue_camera.optics.stages.lens import Blur, too_coarse
 
-COARSE = 64  # cells on which the steepness of the wavefront is looked at
+COARSE = 64  # grid on which the slope of the wavefront is evaluated
 MOST_SAMPLES = 2048
 WAVES: Any = {"units": "um", "held": (-1e3, 1e3)}
 MOVED: Any = {"units": "mm", "held": (-1e3, 1e3)}
-TABLE_BYTES = 64 << 20  # of what is kept for all bands
+TABLE_BYTES = 64 << 20  # size limit of the tables for all bands
 ROUND_WAVES = {
     False: 6.0,
     True: 2.0,
-}  # per pupil radius, clear or obstructed: steeper round wavefronts are summed over cells
+}  # per pupil radius, clear or obstructed: steeper rotationally symmetric wavefronts are summed over cells
 
 
 @dataclass(frozen=True, kw_only=True)
 class Aberrated(Cone):
-    """What stages of an aberrated lens share: defocus and Seidel terms, in um of optical path at the edge of the pupil.
+    """Parameters common to aberrated lenses: defocus and Seidel terms, in um of optical path at the pupil edge.
 
-    Positive paths move light towards where they grow: positive coma throws its tail outwards, positive defocus puts the
-    image behind the sensor. One wave at 550 nm is 0.55 um.
+    Positive paths move light towards where they grow: the tail of positive coma points outwards, and positive defocus
+    puts the image behind the sensor. One wave at 550 nm is 0.55 um.
     """
 
     once: ClassVar = ("diffraction",)
 
     object_distance: float = quantity("object_distance")
     defocus: float = param(
-        0.0, **MOVED, doc="how far behind the sensor the image lies, besides what the object distance makes of it"
+        0.0, **MOVED, doc="distance of the image behind the sensor, in addition to the effect of the object distance"
     )
     spherical: float = param(0.0, **WAVES, doc="spherical aberration W040")
     coma: float = param(0.0, **WAVES, doc="coma W131 at the full image height")
@@ -54,7 +54,7 @@ class Aberrated(Cone):
         units="mm",
         above=0,
         held=(1e-3, 1e3),
-        doc="image height for which coma, astigmatism and field curvature hold",
+        doc="full image height, for which coma, astigmatism and field curvature are given",
     )
 
     def __post_init__(self) -> None:
@@ -62,7 +62,7 @@ class Aberrated(Cone):
         self.shift()  # refuses an object closer than the focal length
 
     def shift(self) -> float:
-        """From the sensor to the image, um. An object distance of inf is that of the focus."""
+        """Return the distance from the sensor to the image, um. An object distance of inf means the focus distance."""
         moved = 0.0
         if math.isfinite(self.object_distance):
             moved = float(focus.defocus_mm(self.focal_length, self.in_focus(), self.object_distance))
@@ -72,58 +72,64 @@ class Aberrated(Cone):
         return wavefront.Seidel(self.spherical, self.coma, self.astigmatism, self.field_curvature)
 
     def path_at(self, y: Any, x: Any, height_y: float, height_x: float) -> Any:
-        """Optical path over the pupil (um) for an image point at these heights, in units of the full height."""
+        """Return the optical path over the pupil (um) for an image point at these heights, relative to the full
+        height."""
         return self.seidel().at(y, x, height_y, height_x) + wavefront.defocus(self.shift(), self.cone_f_number(), y, x)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wavefront(Blur, Aberrated, Transfer):
-    """The lens by its wavefront at one image point, the same over the frame: aperture, defocus, Zernike and Seidel
-    terms.
+    """Blur with one wavefront for the whole frame: aperture, defocus, Zernike and Seidel terms at one image point.
 
-    It replaces ``diffraction``, which it holds: with every term at zero and a clear circle it is the same numbers. With
-    both in one pipeline the aperture would blur twice. A polygon has the area of the f-number's circle, so that its
-    light is the same.
+    It includes and replaces ``diffraction``: with every term at zero and a clear circle the results are identical. With
+    both in one pipeline the aperture would blur twice. A polygon has the area of the f-number's circle, so that it
+    passes the same light.
     """
 
     gain: ClassVar[float | None] = (
-        None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame
+        None  # a point between samples on a coarse grid is truncated: there is no bound for every frame
     )
 
     aperture: str = param("circular", choices=("circular", "annular", "polygonal"), doc="outline of the pupil")
     obstruction: float = param(
-        0.0, at_least=0, below=1, held=(0, 0.999), doc="annular: diameter of the dark disc over that of the aperture"
+        0.0,
+        at_least=0,
+        below=1,
+        held=(0, 0.999),
+        doc="annular: diameter of the central obstruction over that of the aperture",
     )
     blades: int = param(6, at_least=3, at_most=64, doc="polygonal: number of blades")
-    rotation: float = param(0.0, units="deg", doc="polygonal: a corner lies at this angle from +x towards +y")
+    rotation: float = param(0.0, units="deg", doc="polygonal: angle of a corner, from +x towards +y")
     rounding: float = param(
         0.0, at_least=0, at_most=1, doc="polygonal: curvature of the blades, 1 being the circle through the corners"
     )
-    zernike: tuple[float, ...] = param((), **WAVES, doc="rms coefficients over the f-number's circle, piston first")
-    zernike_index: str = param(
-        "noll", choices=("noll", "ansi"), doc="order of the coefficients: Noll's from 1, or ANSI's from 0"
+    zernike: tuple[float, ...] = param(
+        (), **WAVES, doc="Zernike coefficients, rms over the f-number's circle, piston first"
     )
-    distortion: float = param(0.0, **WAVES, doc="distortion W311 at the full image height: it moves the image")
-    field_y: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
-    field_x: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
+    zernike_index: str = param(
+        "noll", choices=("noll", "ansi"), doc="order of the coefficients: Noll from 1, or ANSI from 0"
+    )
+    distortion: float = param(0.0, **WAVES, doc="distortion W311 at the full image height: displaces the image")
+    field_y: float = param(0.0, units="mm", doc="y position of the image point of the wavefront")
+    field_x: float = param(0.0, units="mm", doc="x position of the image point of the wavefront")
     pupil_samples: int = param(
         128,
         at_least=16,
         at_most=MOST_SAMPLES,
         fidelity=True,
-        reference="Gauss quadrature over the shared area, or 2048 samples",
+        reference="Gauss quadrature over the overlap, or 2048 samples",
         settings=(16, 32, 64, 128, 256, 512, 1024, 2048),
-        doc="cells across the pupil for aberrations that are not round; steep ones take more",
+        doc="samples across the pupil for aberrations without rotational symmetry; steep ones use more",
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.shape()  # refuses what contradicts itself
+        self.shape()  # raises on contradictory parameters
         edge = self.shape().reach()
         if self.shift() and 2 * self.cone_f_number() < edge:
             raise ValueError(
-                f"f_number is {self.f_number:g}: the corners of {self.blades} blades lie beyond what an aplanatic lens "
-                f"has"
+                f"f_number is {self.f_number:g}: the corners of {self.blades} blades exceed the largest aperture that "
+                "an aplanatic lens can have"
             )
 
     def shape(self) -> pupil.Aperture:
@@ -134,12 +140,12 @@ class Wavefront(Blur, Aberrated, Transfer):
         return self.field_y / self.full_height, self.field_x / self.full_height
 
     def terms(self) -> list[tuple[int, int, float]]:
-        """Zernike terms (n, m, um) besides piston and tilt."""
+        """Return the Zernike terms (n, m, um) except piston and tilt."""
         orders = wavefront.zernike_orders(len(self.zernike), cast(wavefront.Index, self.zernike_index))
         return [(n, m, value) for (n, m), value in zip(orders, self.zernike, strict=True) if n > 1 and value]
 
     def moved(self) -> tuple[float, float]:
-        """How far tilts move the image, um along y and x: exactly, by a phase."""
+        """Return the image displacement by tilts, um along y and x; it is applied exactly, as a phase."""
         slope_y, slope_x = wavefront.Seidel(w311=self.distortion).tilt(*self.height())
         orders = wavefront.zernike_orders(len(self.zernike), cast(wavefront.Index, self.zernike_index))
         for (n, m), value in zip(orders, self.zernike, strict=True):
@@ -156,56 +162,59 @@ class Wavefront(Blur, Aberrated, Transfer):
 
     @cached_property
     def flat(self) -> bool:
-        """No aberration that changes the shape of the spot."""
+        """Return whether no aberration changes the shape of the PSF."""
         off_axis = self.field_y != 0 or self.field_x != 0
         seidel = self.spherical or (off_axis and (self.coma or self.astigmatism or self.field_curvature))
         return not (self.shift() or seidel or self.terms())
 
     @cached_property
     def round(self) -> bool:
-        """Aperture and wavefront depend on the distance from the centre alone."""
+        """Return whether aperture and wavefront depend only on the distance from the centre."""
         off_axis = self.field_y != 0 or self.field_x != 0
         bent = off_axis and (self.coma or self.astigmatism)
         return self.aperture != "polygonal" and not bent and all(m == 0 for _, m, _ in self.terms())
 
     @property
     def radial(self) -> bool:  # type: ignore[override]
-        """Whether the transfer function depends on the radial frequency alone."""
+        """Return whether the transfer function depends only on the radial frequency."""
         return self.round and self.moved() == (0.0, 0.0)
 
     @cached_property
     def even(self) -> bool:
-        """Pupil and wavefront stay the same when turned by half a turn: the transfer function is real."""
+        """Return whether pupil and wavefront are unchanged by half a turn: the transfer function is then real."""
         off_axis = self.field_y != 0 or self.field_x != 0
         whole = self.aperture != "polygonal" or self.blades % 2 == 0
         return whole and not (off_axis and self.coma) and all(m % 2 == 0 for _, m, _ in self.terms())
 
     @cached_property
     def steepness(self) -> float:
-        """Steepest slope of the wavefront in the open pupil, um per pupil radius."""
+        """Return the steepest slope of the wavefront in the open pupil, um per pupil radius."""
         shape = self.shape()
         centres = pupil.cell_centres(COARSE, shape.reach())
         path = self.path(centres[:, None], centres)
         return imaging.steepest_slope(path, pupil.amplitude(shape, COARSE), shape.reach())
 
     def samples(self, shortest: float) -> int:
-        """Cells across the pupil at a wavelength (um): those asked for, or eight for every wave per pupil radius."""
+        """Return the samples across the pupil at a wavelength (um): as requested, or eight per wave per pupil
+        radius."""
         needed = math.ceil(8.0 * self.shape().reach() * self.steepness / shortest)
         if needed > MOST_SAMPLES:
             raise ValueError(
-                f"the wavefront is {self.steepness / shortest:.0f} waves steep per pupil radius, and {MOST_SAMPLES} "
-                f"samples follow "
-                f"{MOST_SAMPLES // 8}: so far out of focus use lens_psf with a disc, or lens_gaussian"
+                f"the wavefront is {self.steepness / shortest:.0f} waves steep per pupil radius, but {MOST_SAMPLES} "
+                f"samples resolve only "
+                f"{MOST_SAMPLES // 8}: for so much defocus use lens_psf with a disc, or lens_gaussian"
             )
         wanted = max(self.pupil_samples, needed + needed % 2)
-        return min(4 * wanted, MOST_SAMPLES) if self.round else int(wanted)  # rows alone are cheap
+        return min(4 * wanted, MOST_SAMPLES) if self.round else int(wanted)  # rows only are cheap
 
     def by_quadrature(self, shortest: float) -> bool:
-        """Whether a round wavefront is so smooth that Gauss's rule is cheaper than cells, and exact."""
+        """Return whether a rotationally symmetric wavefront is smooth enough for Gauss quadrature: faster, and
+        exact."""
         return self.round and self.steepness <= ROUND_WAVES[self.obstruction > 0] * shortest
 
     def prepare(self, coordinates: Any) -> Any:
-        """Tables by wavelength: (wavelengths um, nodes or None, values), or nothing where they would be too large."""
+        """Return tables by wavelength: (wavelengths um, nodes or None, values), or nothing where they would be too
+        large."""
         bands = np.asarray(coordinates["wavelength"], dtype=float) * 1e-3
         if self.flat:
             return None
@@ -277,7 +286,8 @@ class Wavefront(Blur, Aberrated, Transfer):
         return out
 
     def clear_otf(self, fy: Any, fx: Any) -> Callable[[Any], Any]:
-        """Of the aperture alone at these frequencies, as a function of |f| lambda N_w on the same grid."""
+        """Return the OTF of the aperture alone at these frequencies, as a function of |f| lambda N_w on the same
+        grid."""
         if self.aperture != "polygonal":
             return lambda nu: annulus.annular_otf(nu, 1.0, 1.0, self.obstruction)
         outline = _polygon(self.blades, math.radians(self.rotation), self.rounding)
@@ -285,8 +295,9 @@ class Wavefront(Blur, Aberrated, Transfer):
         return lambda nu: outline.at(2.0 * nu, place)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the transform pair, and rms over scenes by how the transfer function is found (points and edges:
-        `benchmarks/pupil.py`).
+        """Bound the error of the transform pair, and the rms over scenes by how the transfer function is computed
+        (points
+        and edges: `benchmarks/pupil.py`).
         """
         own = super().error(facts, grid, precision)[0]
         if self.aperture == "polygonal":
@@ -296,7 +307,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         shortest = float(grid["irradiance"].bands().values()[0]) * 1e-3
         if self.by_quadrature(shortest):
             return own + 3e-6, "measured"
-        slope = 4e-3 if self.round else 1.2e-4  # a round spot may be dark in its middle: dim against what errs
+        slope = 4e-3 if self.round else 1.2e-4  # a symmetric PSF may be dark in its middle: weak relative to the error
         return min(
             1.0, own + slope * max(1.0, self.steepness / shortest) * (128 / self.samples(shortest)) ** 2
         ), "fitted"
@@ -308,13 +319,13 @@ class Wavefront(Blur, Aberrated, Transfer):
             shortest = float(grid.bands().values()[0]) * 1e-3
             if not self.round and self.samples(shortest) > self.pupil_samples:
                 notes.append(
-                    f"the wavefront is steep: {self.samples(shortest)} pupil samples are taken instead of "
+                    f"the wavefront is steep: {self.samples(shortest)} pupil samples are used instead of "
                     f"{self.pupil_samples}"
                 )
         off_axis = [n for n in ("coma", "astigmatism", "field_curvature", "distortion") if getattr(self, n)]
         if off_axis and self.field_y == self.field_x == 0:
             notes.append(
-                f"{' and '.join(off_axis)} vanish on the axis; give field_y or field_x, or take the stage aberrations"
+                f"{' and '.join(off_axis)} are zero on axis; give field_y or field_x, or use the stage aberrations"
             )
         return notes
 

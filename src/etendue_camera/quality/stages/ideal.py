@@ -1,12 +1,11 @@
-"""The camera without noise, converter and mosaic: stages that studies put in the place of others, for the picture to
-compare with.
+"""The camera without noise, ADC and mosaic: stages that studies substitute for others to get a reference picture.
 
 In:  ``photon_rate`` (channel, y, x) or ``photocurrent`` (y, x), electron/s, of the same pixel stage.
 Out: ``photocurrent``, ``mosaic_linear`` and ``rgb_camera`` of every channel at every pixel, or of the mosaic; 1 where
      pixels saturate.
 
 Full planes are a mosaic run plane by plane: between ``no_mask`` and ``no_demosaicing`` every stage that works on a
-mosaic is given one plane after the other, each as the mosaic of a sensor with one filter.
+mosaic receives one plane after the other, each as the mosaic of a sensor with one filter.
 """
 
 from __future__ import annotations
@@ -23,11 +22,11 @@ from etendue_camera.sensor.crosstalk_planes import diffuse_planes
 from etendue_camera.sensor.stages.crosstalk import Crosstalk, channel_kernels
 from etendue_camera.sensor.stages.masks import mask_of
 
-UNCLIPPED = 1e30  # a level of clipping that no value reaches
+UNCLIPPED = 1e30  # a clipping level that no value reaches
 
 
 class _HandedOn(Stage):
-    """All planes as they are, under another name."""
+    """Pass all planes on unchanged, under another name."""
 
     working: ClassVar = 0.0
     role: ClassVar = "reference"
@@ -39,7 +38,7 @@ class _HandedOn(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class NoMask(_HandedOn):
-    """Behind every pixel all filters at once: every channel at every pixel. Takes the place of ``mosaic``."""
+    """Record every channel at every pixel, as if all filters were behind each pixel. Takes the place of ``mosaic``."""
 
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
     writes: ClassVar = {"photocurrent": "channel y x [electron/s]"}
@@ -55,32 +54,34 @@ class NoMask(_HandedOn):
         mixing = [kind for kind in others.values() if kind.role == CROSSTALK]
         if not mixing or any("photon_rate" in kind.writes for kind in mixing):
             return []
-        return ["charge diffuses behind the filters, but not in these planes: put crosstalk_planes before them"]
+        return [
+            "charge diffuses across filters, but not in these planes: put the stage crosstalk_planes before this one"
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class IdealMosaic(GainChain):
-    """Expected values in place of exposure, noise and converter: the mosaic without noise and rounding, clipped where
+    """Use expected values in place of exposure, noise and ADC: the mosaic without noise and rounding, clipped where
     pixels saturate.
 
-    Without dark charge and the fixed patterns of the sensor (PRNU, DSNU).
+    Dark charge and the fixed patterns of the sensor (PRNU, DSNU) are not included.
     """
 
     role: ClassVar = "reference"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     keeps: ClassVar = ("order",)
-    gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
-    negative: ClassVar = "clip"  # the undershoot of band-limited light, as in front of the Poisson draw
+    gain: ClassVar = None  # where the light exceeds the full well, the unclipped part grows relative to full scale
+    negative: ClassVar = "clip"  # undershoot of band-limited light, as before the Poisson draw
     nanoseconds: ClassVar = 2.0
     error: ClassVar = proved(2e-7, 4e-16)
 
     integration_time: float = quantity("integration_time")
-    clip: bool = param(True, doc="whether pixels end where they saturate; false: nowhere, for pictures to compare with")
+    clip: bool = param(True, doc="whether pixels clip at saturation; false: no clipping, for reference pictures")
 
     def run(self, photocurrent: Any) -> dict[str, Any]:
         kind = photocurrent.dtype.type
-        # photoelectrons per second: times the time and the gain of the converter, over black to white
+        # photoelectrons per second: times exposure time and conversion gain, over the range from black to white
         found = photocurrent * kind(self.integration_time * self.dn_per_electron() / self.white())
         if not self.clip:
             return {"mosaic_linear": found, "clipping_level": np.array(UNCLIPPED)}
@@ -88,7 +89,7 @@ class IdealMosaic(GainChain):
 
 
 class NoDemosaicing(_HandedOn):
-    """Full planes, of which nothing has to be invented, as camera channels. Takes the place of a demosaicer behind
+    """Pass full planes on as camera channels, without interpolation. Takes the place of a demosaicer after
     ``no_mask``.
     """
 
@@ -101,10 +102,10 @@ class NoDemosaicing(_HandedOn):
 
 @dataclass(frozen=True, kw_only=True)
 class CrosstalkPlanes(Crosstalk):
-    """Crosstalk behind the filters for full planes: at every pixel what each channel would collect beside the mask's
-    neighbours.
+    """Apply crosstalk below the filters to full planes: at every pixel, what each channel would collect next to the
+    mask's neighbours.
 
-    Stands in front of ``no_mask`` where ``crosstalk`` stands behind a mosaic (``crosstalk = "through_filter"``).
+    Put it before ``no_mask`` where ``crosstalk`` follows a mosaic (``crosstalk = "through_filter"``).
     """
 
     role: ClassVar = "crosstalk"
@@ -121,7 +122,7 @@ class CrosstalkPlanes(Crosstalk):
         found, channels = tuple(inputs["photon_rate"]["channel"].values()), mask_of(self.pattern).channels
         if found != channels:
             raise ValueError(
-                f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but photon_rate "
+                f"the pattern {self.pattern!r} has the channels {', '.join(channels)}, but photon_rate has "
                 f"{', '.join(map(str, found))}"
             )
         return {}

@@ -1,4 +1,4 @@
-"""The edge spread function by bins of a quarter pixel, as ISO 12233 prescribes it, with each correction as an option.
+"""The edge spread function in quarter-pixel bins, as in ISO 12233, with each correction as an option.
 
 In:  a linear picture (y, x) whose edge is nearer to a column than to a row.
 Out: the line of the edge, and a curve whose response is the e-SFR.
@@ -15,8 +15,8 @@ import numpy as np
 from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.edges.edge_line import lost
 
-BINS = 4  # a pixel
-MOST = 10.0  # the factor for the derivative goes no higher
+BINS = 4  # per pixel
+MOST = 10.0  # upper limit of the factor for the derivative
 WINDOWS = ("tukey", "hamming")
 PASSES = 2
 
@@ -27,7 +27,7 @@ class Binned:
 
     means: FloatArray  # of bins `knot` apart across the rows, the edge in the middle
     knot: float
-    cosine: float  # along the normal a bin is so much narrower
+    cosine: float  # factor by which a bin is narrower along the normal
     window: str
     derivative: bool
     noise: float
@@ -45,7 +45,8 @@ class Binned:
         return 0.5 * len(self.means) * self.knot * self.cosine
 
     def response(self, frequency: FloatArray) -> FloatArray:
-        """|DFT| of the windowed three-point derivative over its value at 0, at any frequency along the normal."""
+        """Return |DFT| of the windowed three-point derivative over its value at 0, at any frequency along the
+        normal."""
         line = 0.5 * (self.means[2:] - self.means[:-2])
         places = (np.arange(len(line)) - 0.5 * (len(line) - 1)) * self.knot
         centre = float((places * line).sum() / line.sum())
@@ -59,7 +60,8 @@ class Binned:
         return np.asarray(found, np.float64)
 
     def crossing(self, share: float) -> float:
-        """Distance along the normal at which the means pass a share of the step, nearest to the middle."""
+        """Return the distance along the normal at which the means pass a fraction of the step, nearest to the
+        middle."""
         values = (self.means - self.low) / (self.high - self.low)
         middle = max(int(np.argmax(values >= 0.5)), 1)
         at = (
@@ -74,7 +76,7 @@ class Binned:
 
 
 def shape(window: str, distance: FloatArray, reach: float) -> FloatArray:
-    """Tukey's window with all of it tapered, or Hamming's, over [-reach, reach]; 0 outside."""
+    """Return a fully tapered Tukey window, or a Hamming window, over [-reach, reach]; 0 outside."""
     t = np.clip(distance / reach, -1, 1)
     value = 0.5 + 0.5 * np.cos(np.pi * t) if window == "tukey" else 0.54 + 0.46 * np.cos(np.pi * t)
     return np.asarray(np.where(np.abs(distance) <= reach, value, 0.0), np.float64)
@@ -90,24 +92,24 @@ def binned(
     cosine: bool = True,
     half_width: float | None = None,
 ) -> tuple[FloatArray, Binned]:
-    """Follow the edge by the centroids of the rows' derivatives, and average what lies at the same distance from it.
+    """Locate the edge by the centroids of the row derivatives, and average pixels at equal distance from it.
 
     Parameters
     ----------
     image : (rows, columns) array
-        Its edge is nearer to a column than to a row.
+        Its edge must be nearer to a column than to a row.
     order : int
-        Of the polynomial through the centroids.
+        Degree of the polynomial through the centroids.
     bins : int
-        A pixel, measured across the rows.
+        Bins per pixel, measured across the rows.
     window : {"tukey", "hamming"}
-        On the derivative of the rows, and on that of the bins.
+        Window on the derivative of the rows, and on that of the bins.
     derivative : bool
-        Whether the loss of the three-point derivative is made good.
+        Whether to correct for the loss of the three-point derivative.
     cosine : bool
-        Whether distances are shortened to the normal of the edge.
+        Whether to project distances on the normal of the edge.
     half_width : float or None, pixels
-        How far from the edge bins go; None: as far as all rows have pixels.
+        Extent of the bins from the edge; None: as far as all rows have pixels.
 
     Returns
     -------
@@ -118,15 +120,15 @@ def binned(
     Raises
     ------
     ValueError
-        For a window of another name; where the edge leaves the picture or more than a half of the bins are empty.
+        For an unknown window, or if the edge leaves the picture or more than half of the bins are empty.
 
     Notes
     -----
-    Averaging over a bin multiplies the response by sinc(f/bins), which the standard leaves in: -1.2 % of the MTF at
-    0.34 cycles/pixel. Empty bins take what is between their neighbours.
+    Averaging over a bin multiplies the response by sinc(f/bins), which the standard does not correct: -1.2 % of the MTF
+    at 0.34 cycles/pixel. Empty bins are interpolated from their neighbours.
     """
     if window not in WINDOWS:
-        raise ValueError(f"window is {window!r}; allowed is one of {', '.join(WINDOWS)}")
+        raise ValueError(f"window is {window!r}; it must be one of {', '.join(WINDOWS)}")
     rows, columns = image.shape
     v, u = np.linspace(-1.0, 1.0, rows), np.arange(columns) - 0.5 * (columns - 1)
     slope = np.gradient(image, axis=1)
@@ -154,7 +156,7 @@ def binned(
     total = np.bincount(number_of[inside], image[inside], 2 * half)
     filled = counts > 0
     if filled.mean() < 0.5:
-        raise ValueError(lost("its pixels lie at too few distances from it"))
+        raise ValueError(lost("its pixels are at too few distances from it"))
     every = np.arange(2 * half)
     means = np.interp(every, every[filled], total[filled] / counts[filled])
     noise = float(np.sqrt(np.mean((image[inside] - means[number_of[inside]]) ** 2)))

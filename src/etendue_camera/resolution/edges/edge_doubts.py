@@ -1,8 +1,8 @@
-"""Whether what was measured is one straight edge between two even fields, seen in what the fit has left and in its
-curve.
+"""Check that a measured edge is one straight edge between two uniform areas, from the fit residuals and the edge
+spread function.
 
 In:  a measured edge.
-Out: names of what speaks against it.
+Out: names of the checks that failed.
 """
 
 from __future__ import annotations
@@ -16,35 +16,35 @@ import scipy
 from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.edges.slanted_edge import MeasuredEdge
 
-PARTS = 6  # along the edge
-CHANGES, SURE = 0.15, 4.0  # of the step along the edge; and standard errors
-SIDE, PATTERN = 6, 0.05  # pixels of a square, and rms of the means of squares about the edge, of the step
-BENT = 0.04  # of its length, distance of the edge from a straight line
-WIDE = 0.3  # of the stretch that was fitted, rise from 10 to 90 %
-FINE = 0.75  # pixels rms, by which noise is taken off the curve
-BEYOND = 0.35  # of the step, how far the curve leaves the plateaus: sharpening does by up to a third
+PARTS = 6  # segments along the edge
+CHANGES, SURE = 0.15, 4.0  # change of the step along the edge, and its significance in standard errors
+SIDE, PATTERN = 6, 0.05  # side of a square in pixels, and rms of the means of squares relative to the step
+BENT = 0.04  # distance of the edge from a straight line, relative to its length
+WIDE = 0.3  # 10 to 90 % rise, relative to the fitted range
+FINE = 0.75  # pixels rms, smoothing of the curve
+BEYOND = 0.35  # overshoot beyond the plateaus, relative to the step: sharpening reaches up to a third
 AGAIN, BETWEEN = 0.15, 0.7  # of the steepest slope: of a second one, and of the lesser of both that stands between them
 NAMES = ("bent", "changes", "pattern", "no_plateau", "line", "double")
 
 
 def doubts(found: MeasuredEdge, rise: float) -> tuple[str, ...]:
-    """What speaks against a single straight edge.
+    """Return the reasons against a single straight edge.
 
     Parameters
     ----------
     found : MeasuredEdge
     rise : float, pixels
-        From 10 to 90 % of the step.
+        10 to 90 % of the step.
 
     Returns
     -------
-    names out of ``NAMES``: the line is bent; the step changes along it; the fields have a pattern; the rise leaves no
-    even fields; the curve leaves its plateaus as that of a line does; it rises twice.
+    names out of ``NAMES``: the line is bent; the step changes along it; the areas have a pattern; the rise leaves no
+    uniform areas; the curve leaves its plateaus like that of a line; it rises twice.
 
     Notes
     -----
-    ``python benchmarks/measure_others.py`` prints what is taken and what is doubted of twenty edges and twenty other
-    things.
+    ``python benchmarks/measure_others.py`` prints which of twenty edges and twenty other objects are accepted and which
+    are doubted.
     """
     seen = {
         "bent": _bend(found) > BENT * found.rows,
@@ -56,7 +56,7 @@ def doubts(found: MeasuredEdge, rise: float) -> tuple[str, ...]:
 
 
 def _bend(found: MeasuredEdge) -> float:
-    """Largest distance of the line from a straight one, pixels."""
+    """Return the largest distance of the line from a straight one, pixels."""
     v = np.linspace(-1.0, 1.0, found.rows)
     own = np.polynomial.polynomial.polyval(v, found.coefficients)
     straight = np.polynomial.polynomial.polyval(v, np.polynomial.polynomial.polyfit(v, own, 1))
@@ -66,7 +66,7 @@ def _bend(found: MeasuredEdge) -> float:
 
 
 def _changes(found: MeasuredEdge) -> bool:
-    """Whether parts of the edge have steps of their own: each by least squares against the curve of all."""
+    """Return whether segments of the edge have different steps: each by least squares against the common curve."""
     fit = found.fit
     spline = fit.value - fit.rest
     part = np.minimum((fit.row - fit.row.min()) * PARTS // max(int(np.ptp(fit.row)), 1), PARTS - 1)
@@ -80,7 +80,7 @@ def _changes(found: MeasuredEdge) -> bool:
 
 
 def _pattern(found: MeasuredEdge) -> bool:
-    """Whether means over squares of what the fit has left are more than noise of single pixels leaves."""
+    """Return whether means of the residuals over squares exceed independent pixel noise."""
     fit, step = found.fit, abs(float(found.curve.high - found.curve.low))
     across = ((fit.distance - fit.distance.min()) / SIDE).astype(np.intp)
     place = (fit.row // SIDE) * (int(across.max()) + 1) + across
@@ -94,7 +94,7 @@ def _pattern(found: MeasuredEdge) -> bool:
 
 
 def _shape(found: MeasuredEdge) -> dict[str, bool]:
-    """Of the curve, noise taken off: whether it leaves the plateaus, and whether it rises more than once."""
+    """Return whether the smoothed curve leaves the plateaus, and whether it rises more than once."""
     reach = float(np.abs(found.fit.distance).max())
     step = 0.25
     place = np.arange(-reach, reach + 0.5 * step, step)
@@ -110,15 +110,15 @@ def _shape(found: MeasuredEdge) -> dict[str, bool]:
 
 
 def _noise(found: MeasuredEdge) -> float:
-    """rms of a step between neighbours of the smoothed curve, of the edge's step; about what pixels' noise makes it."""
+    """Return the rms difference between neighbours of the smoothed curve, relative to the step, expected from noise."""
     fit = found.fit
-    each = fit.distance.size / max(float(np.ptp(fit.distance)), 1.0)  # pixels in a pixel of distance
+    each = fit.distance.size / max(float(np.ptp(fit.distance)), 1.0)  # pixels per pixel of distance
     smoothed = 1 / math.sqrt(2 * math.sqrt(math.pi) * FINE * each)
     return fit.noise / abs(float(found.curve.high - found.curve.low)) * smoothed * 0.25 / (math.sqrt(2) * FINE)
 
 
 def _peaks(slope: FloatArray, least: float) -> tuple[list[float], list[float]]:
-    """Maxima of at least so much, and the lowest value between each and the next."""
+    """Return maxima above a threshold, and the lowest value between each and the next."""
     at = [
         i
         for i in range(1, len(slope) - 1)

@@ -1,8 +1,8 @@
-"""Resolution of one slanted edge with what noise leaves uncertain: MTF50 and its interval by bootstrap, and flags.
+"""Resolution of one slanted edge with its uncertainty from noise: MTF50 with a bootstrap interval, and flags.
 
 In:  a linear picture (y, x) with an edge, or a window of it, or the pixels of one colour of a mosaic.
 Out: MTF50, MTF10 (cycles/pixel along the normal) with intervals, rise, aliasing, angle, flags.
-Sources: the wild bootstrap by rows (Liu 1988; Shao 2010 where rows depend on each other), the bandwidth of Politis and
+Sources: the wild bootstrap by rows (Liu 1988; Shao 2010 for dependent rows), the bandwidth of Politis and
 White (2004).
 """
 
@@ -23,11 +23,11 @@ from etendue_camera.resolution.edges.edge_spread import EdgeSpread, influence, r
 from etendue_camera.resolution.edges.slanted_edge import EdgeResponse, MeasuredEdge, check, checked, measured, said
 
 DRAWS, CONFIDENCE = 400, 0.95
-NOISY = 0.10  # of the MTF50, the width of its interval beyond which it is noisy
-CLIPPED = 1e-3  # share of pixels at the limits of the scale
-LAGS = 3  # rows that must be free of correlation behind the last that is not
-WIDER = 6  # times the last correlated lag: the rows that share draws
-ABOUT = np.array([0.5, 0.7, 0.85, 1.0, 1.15])  # of MTF50: where rows may hang together
+NOISY = 0.10  # interval width relative to MTF50 above which an edge is flagged as noisy
+CLIPPED = 1e-3  # fraction of pixels at the limits of the scale
+LAGS = 3  # uncorrelated rows required after the last correlated one
+WIDER = 6  # block length in multiples of the last correlated lag
+ABOUT = np.array([0.5, 0.7, 0.85, 1.0, 1.15])  # of MTF50: frequencies at which rows are tested for correlation
 AT_A_TIME = 256  # draws
 
 
@@ -35,39 +35,39 @@ AT_A_TIME = 256  # draws
 class EdgeResolution:
     """Resolution of one edge. Frequencies in cycles/pixel along its normal, lengths in pixels."""
 
-    mtf50: float  # NaN where it is not reached
-    mtf50_low: float  # the interval; inf where the draws do not reach one half
+    mtf50: float  # NaN if not reached
+    mtf50_low: float  # the interval; inf where draws do not reach one half
     mtf50_high: float
     mtf10: float
     mtf10_low: float
     mtf10_high: float
     mtf_nyquist: float  # response at 0.5 cycles/pixel
     rise: float  # 10 to 90 % of the step
-    aliasing: float  # share of the line spread's energy above 0.5 cycles/pixel
+    aliasing: float  # fraction of the line spread energy above 0.5 cycles/pixel
     angle: float  # degrees from the nearer axis of the raster, -45 to 45
     vertical: bool  # that axis is y
-    bias: float  # mean of the draws less MTF50: about what noise adds to it, cycles/pixel
-    block: int  # rows whose noise was taken to hang together
-    snr: float  # step over the rms of a pixel about the edge
+    bias: float  # mean of the draws minus MTF50: approximate bias by noise, cycles/pixel
+    block: int  # rows whose noise is treated as correlated
+    snr: float  # step over the rms residual of a pixel
     above_nyquist: bool
     not_reached: bool
-    clipped: bool  # the picture sits at the limits of its scale
+    clipped: bool  # pixels are at the limits of the scale
     noisy: bool  # the interval is wider than a tenth of MTF50
     response: EdgeResponse
-    window: tuple[int, int, int, int]  # top, bottom, left, right of what was measured
-    doubts: tuple[str, ...] = ()  # what speaks against a single straight edge, see `edge_doubts`
+    window: tuple[int, int, int, int]  # top, bottom, left, right of the measured part
+    doubts: tuple[str, ...] = ()  # reasons against a single straight edge, see `edge_doubts`
     written: tuple[Rewritten, Rewritten] | None = (
-        None  # how far a lossy file moves MTF50 and MTF10; within the interval
+        None  # shift of MTF50 and MTF10 by a lossy file; included in the interval
     )
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """Names of the flags that are up."""
+        """Names of the flags that are set."""
         return tuple(name for name in ("above_nyquist", "not_reached", "clipped", "noisy") if getattr(self, name))
 
     @property
     def mtf50_limited(self) -> float:
-        """MTF50, but at most the Nyquist frequency."""
+        """MTF50, capped at Nyquist."""
         return self.response.mtf50_limited
 
 
@@ -89,7 +89,7 @@ def edge_resolution(
     highest: float = 1.0,
     samples: int = 201,
 ) -> EdgeResolution:
-    """Measure an edge, and say within what the answer would stay with other noise.
+    """Measure an edge with an interval for its uncertainty from noise.
 
     Parameters
     ----------
@@ -97,8 +97,9 @@ def edge_resolution(
     order, knots_per_pixel, half_width, tails, highest, samples
         As in `slanted_edge`.
     limits : (float, float) or None, unit of the picture
-        Ends of the scale on which the picture was recorded, such as (0, 1) of a linearised mosaic: where a thousandth
-        of the pixels lie at or beyond them the answer is flagged as clipped. None: nothing is known of a scale.
+        Ends of the scale of the picture, such as (0, 1) for a linearised mosaic: if a thousandth of the pixels lie at
+        or
+        beyond them, the result is flagged as clipped. None: the scale is unknown.
     rng : Generator or int
         Source of the draws, or its seed: the same seed gives the same interval.
     draws : int
@@ -106,14 +107,14 @@ def edge_resolution(
     confidence : float
         Between 0 and 1.
     window : (top, bottom, left, right) or None, pixels
-        The part to look at, as slices count: bottom and right are the first that are left out. None: all.
+        The part to use, as slice limits: bottom and right are exclusive. None: all.
     find : bool
-        Look for the strongest straight edge in the window, and measure a strip about it.
+        Search the strongest straight edge in the window, and measure a strip about it.
     sites : (y, x) array of bool or None
         The pixels to use; see `slanted_edge`.
-    written : function or None
-        Of a picture and a Generator: the picture as the file gives it back that it was kept in, each time at another
-        place of its blocks and between its numbers. The interval is then made of both, as `edge_rewritten` says.
+    Maps a picture and a Generator to the picture as it is read back from its file format, each time at another
+    position of the blocks and between codes. The interval then includes both, see `edge_rewritten`.
+
 
     Returns
     -------
@@ -122,20 +123,20 @@ def edge_resolution(
     Raises
     ------
     ValueError
-        As `slanted_edge`; a window outside the picture; draws or confidence out of range.
+        As `slanted_edge`; for a window outside the picture; for draws or confidence out of range.
 
     Notes
     -----
     The edge spread function is linear in the pixels once the line is known, so that new noise needs no new fit: the
-    residuals of every row are multiplied by a standard normal number, and what they have brought into the curve is
-    known row by row. Rows whose contributions to the response about MTF50 are correlated (a demosaiced picture) share
-    smoothed numbers, over six times the lag at which correlation ends. The interval is that of the percentiles.
+    residuals of every row are multiplied by a standard normal number, and their contribution to the curve is known row
+    by row. Rows whose contributions to the response near MTF50 are correlated (in a demosaiced picture) share smoothed
+    numbers, over six times the lag at which correlation ends. The interval is the percentile interval.
 
-    It holds noise alone: not the method's own error (0.05 % of MTF50), nor texture or a bend that ``order`` does not
-    follow, nor the effect of the line's uncertainty, which is of second order. The truth was inside it in 92.5 to
-    96.5 % of 200 seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, in 93 to 95 % for shot
-    noise and in 91 to 95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and its
-    scatter 6 %: ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
+    It includes noise only: not the method's own error (0.05 % of MTF50), nor texture or a bend that ``order`` does not
+    follow, nor the effect of the line's uncertainty, which is of second order. Coverage was 92.5 to 96.5 % over 200
+    seeds, for steps of 10, 30 and 100 times the noise at 2, 5, 10 and 40 degrees, 93 to 95 % for shot noise and 91 to
+    95 % for noise averaged over 3 x 3 pixels; at 10 the mean error is at most 1 % of MTF50 and its scatter 6 %:
+    ``python benchmarks/resolution.py`` prints all of it. One edge of 200 x 400 pixels takes 0.05 s.
     """
     require.only(draws >= 50, "draws", draws, "at least 50")
     require.only(0 < confidence < 1, "confidence", confidence, "between 0 and 1")
@@ -210,11 +211,13 @@ def _written(
 
 
 def _block(found: MeasuredEdge, rows: EdgeSpread, response: EdgeResponse) -> tuple[int, float]:
-    """Rows to smooth the draws over, 1 where contributions of neighbours to the response are not correlated, and a
+    """Return the rows to smooth the draws over, 1 if contributions of neighbours to the response are uncorrelated, and
+    a
     factor.
 
-    The factor on the draws makes good what smoothing takes off the correlation, what a fit absorbs where few pixels are
-    independent, and that a variance over few blocks is known by few.
+    The factor on the draws compensates the correlation lost by smoothing, the freedom absorbed by the fit where few
+    pixels
+    are independent, and the uncertainty of a variance over few blocks.
     """
     at = response.mtf50_limited * ABOUT
     moved = redrawn(found.curve, rows, np.eye(found.rows)).response(at) - found.curve.response(at)
@@ -245,7 +248,7 @@ def _draws(
     block: int,
     widening: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """MTF50 and MTF10 of curves with other noise, inf where they are not reached."""
+    """Return MTF50 and MTF10 of curves with other noise, inf where they are not reached."""
     count = rows.coefficients.shape[0]
     found: list[FloatArray] = []
     for start in range(0, draws, AT_A_TIME):
@@ -257,12 +260,12 @@ def _draws(
     fifty, ten = np.concatenate(found, axis=1)
     for values, share, exact in ((fifty, 0.5, response.mtf50), (ten, 0.1, response.mtf10)):
         chord = lowest_crossing(response.frequency, response.sfr[None], share)[0]
-        values += exact - chord if math.isfinite(exact) else 0.0  # chords err by 2e-5, and all of them alike
+        values += exact - chord if math.isfinite(exact) else 0.0  # chords err by 2e-5, all alike
     return fifty, ten
 
 
 def lowest_crossing(frequency: FloatArray, sfr: FloatArray, share: float) -> FloatArray:
-    """Where each of many responses (n, frequency) first falls below a share, by chords; inf where it does not."""
+    """Return where each of many responses (n, frequency) first falls below a level, by chords; inf if it does not."""
     below = sfr < share
     at = np.maximum(below.argmax(axis=1), 1)
     each = np.arange(len(sfr))
@@ -273,7 +276,7 @@ def lowest_crossing(frequency: FloatArray, sfr: FloatArray, share: float) -> Flo
 
 
 def _between(values: FloatArray, confidence: float) -> tuple[float, float]:
-    """The percentiles about the middle, each the nearest draw outside."""
+    """Return the central percentiles, each the nearest draw outside."""
     ordered = np.sort(values)
     cut = 0.5 * (1 - confidence) * (len(ordered) - 1)
     return float(ordered[math.floor(cut)]), float(ordered[len(ordered) - 1 - math.floor(cut)])

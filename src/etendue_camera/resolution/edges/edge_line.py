@@ -1,4 +1,4 @@
-"""Where an edge runs through a picture: a polynomial, found from the gradient and refined on the picture itself.
+"""The line of an edge in a picture: a polynomial, found from the gradient and refined on the picture itself.
 
 In:  a linear picture (y, x), or some of its sites.
 Out: whether the edge is nearer to a column than to a row, its polynomial, the distance of every pixel from it.
@@ -18,21 +18,21 @@ CLOSER, NEAREST = (
     (0.25, 0.12, 0.06, 0.04, 0.04),
     8.0,
 )  # of the picture's width, pixels: from where the line is then found again
-STRONG = 0.2  # part of the strongest squared gradient above which a pixel belongs to the edge
+STRONG = 0.2  # fraction of the strongest squared gradient above which a pixel belongs to the edge
 
 
 def lost(why: str) -> str:
-    """The message of every picture in which no edge can be measured."""
+    """Return the message for pictures in which no edge can be measured."""
     return (
-        f"picture shows no edge that can be measured: {why}; allowed is one edge between two even fields, 2 to 43 "
-        f"degrees away "
+        f"picture shows no edge that can be measured: {why}; one edge between two uniform areas is required, 2 to 43 "
+        f"degrees "
         "from rows and columns"
     )
 
 
 def smooth(image: FloatArray, sites: Sites | None = None) -> tuple[FloatArray, Sites | None]:
-    """A mean over 3 x 3 pixels, borders repeated; over the given sites alone twice that, and where its gradient is
-    known.
+    """Return the mean over 3 x 3 pixels, with borders repeated; over the given sites only, twice that, and where its
+    gradient is known.
     """
     if sites is None:
         return _mean(image), None
@@ -40,12 +40,12 @@ def smooth(image: FloatArray, sites: Sites | None = None) -> tuple[FloatArray, S
     value = _mean(_mean(np.where(sites, image, 0.0))) / np.where(held > 0, held, 1.0)
     known = scipy.ndimage.minimum_filter(held > 0, 3)
     if not known.any():
-        raise ValueError("sites names too few pixels; allowed is (y, x) with at least one True in every few pixels")
+        raise ValueError("sites selects too few pixels; it must be (y, x) with at least one True in every few pixels")
     return np.asarray(value, np.float64), known
 
 
 def gradient(image: FloatArray, sites: Sites | None = None) -> tuple[FloatArray, FloatArray]:
-    """Gradient along y and x of the smoothed picture, 0 where it is not known."""
+    """Return the gradient along y and x of the smoothed picture, 0 where it is unknown."""
     value, known = smooth(image, sites)
     gy, gx = (np.asarray(part, np.float64) for part in np.gradient(value))
     return (gy, gx) if known is None else (np.where(known, gy, 0.0), np.where(known, gx, 0.0))
@@ -60,14 +60,15 @@ def _mean(image: FloatArray) -> FloatArray:
 
 
 def first_line(image: FloatArray, sites: Sites | None = None) -> tuple[bool, FloatArray]:
-    """Whether the edge is nearer to a column, and its place at v = 0 and change to v = 1, from the squared gradient."""
+    """Return whether the edge is nearer to a column, its place at v = 0 and change to v = 1, from the squared
+    gradient."""
     gy, gx = gradient(image, sites)
     weight = gx**2 + gy**2
     most = np.partition(weight.ravel(), -max(weight.shape))[
         -max(weight.shape)
     ]  # as many strong pixels as the edge is long
     if not most > 0:
-        raise ValueError(lost("it is even all over"))
+        raise ValueError(lost("it is uniform"))
     weight = np.where(weight > STRONG * most, weight, 0.0)
     vertical = bool((weight * gx**2).sum() >= (weight * gy**2).sum())
     if not vertical:
@@ -76,27 +77,27 @@ def first_line(image: FloatArray, sites: Sites | None = None) -> tuple[bool, Flo
     v = np.linspace(-1.0, 1.0, rows)
     u = np.arange(columns) - 0.5 * (columns - 1)
     line = _moments(weight, v, u)
-    for share in CLOSER:  # strong noise far from the edge pulls the moments to the middle
+    for share in CLOSER:  # strong noise far from the edge biases the moments to the middle
         near = np.abs(u - line[0] - line[1] * v[:, None]) < max(share * columns, NEAREST)
         line = _moments(np.where(near, weight, 0.0), v, u)
     return vertical, line
 
 
 def _moments(weight: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
-    """Place at v = 0 and change to v = 1 of the line through weighted pixels."""
+    """Return place at v = 0 and change to v = 1 of the line through weighted pixels."""
     total = weight.sum()
     if not total > 0:
         raise ValueError(lost("its rows have no step"))
     mean_v, mean_u = (weight.sum(1) @ v) / total, (weight.sum(0) @ u) / total
     spread = weight.sum(1) @ (v - mean_v) ** 2
     if not spread > 0:
-        raise ValueError(lost("it stands in one row"))
+        raise ValueError(lost("it is in one row"))
     slope = float((v - mean_v) @ weight @ (u - mean_u) / spread)
     return np.array([mean_u - slope * mean_v, slope])
 
 
 def distances(coefficients: FloatArray, v: FloatArray, across: FloatArray, rows: int) -> FloatArray:
-    """Signed distance of every pixel from the edge, along its normal, pixels."""
+    """Return the signed distance of every pixel from the edge, along its normal, pixels."""
     polynomial = np.polynomial.polynomial
     slope = polynomial.polyval(v, polynomial.polyder(coefficients)) * 2 / max(rows - 1, 1)
     return np.asarray(
@@ -113,9 +114,10 @@ def movement(
     rest: FloatArray,
     steep: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss-Newton step of the polynomial, what moves the fitted edge onto the picture, and its standard error.
+    """Return the Gauss-Newton step of the polynomial that moves the fitted edge onto the picture, and its standard
+    error.
 
-    ``row``, ``distance``, ``rest`` (picture less fit) and ``steep`` (derivative of the fit) are those of the pixels
+    ``row``, ``distance``, ``rest`` (picture minus fit) and ``steep`` (derivative of the fit) are those of the pixels
     used.
     """
     polynomial = np.polynomial.polynomial

@@ -1,8 +1,8 @@
-"""Where in a picture straight edges are that can be measured, and strips about them that hold nothing else.
+"""Search for measurable straight edges in a picture, and for strips about them without other content.
 
 In:  a linear picture (y, x).
-Out: windows (pixels) and the pixels in them that belong to the strip.
-Sources: the structure tensor; every other threshold is stated beside its name.
+Out: windows (pixels) and the pixels of the strip in them.
+Sources: the structure tensor; every threshold is described at its definition.
 """
 
 from __future__ import annotations
@@ -18,42 +18,42 @@ from etendue_camera.resolution.edges.edge_line import Sites, gradient, lost
 
 AROUND = 15  # pixels over which the tensor is averaged
 FLATTEST, STEEPEST = 1.0, 43.8  # degrees from the raster
-SLANTED = (1.8, 43.2)  # of one among several: 2 to 43 with what it is known to
-ALIVE = 0.35  # part of the seed's strength down to which the edge goes on
-OTHER = 0.02  # part of the edge's strength from which something else begins
-NOISE = 10.0  # times the median strength of the picture, which noise alone hardly reaches
+SLANTED = (1.8, 43.2)  # for one of several edges: 2 to 43 plus its uncertainty
+ALIVE = 0.35  # fraction of the seed's strength at which the edge ends
+OTHER = 0.02  # fraction of the edge's strength at which other content begins
+NOISE = 10.0  # times the median strength of the picture, rarely reached by noise alone
 FAINT = 1e-9  # of the strongest, below which a gradient has no direction
 SMALLEST = 3  # pixels along a side that have a gradient
-ENDS = 6.0  # pixels left out at either end
-SHORTEST, NARROWEST = 24.0, 8.0  # half of the strip's length, and its half width, pixels
-ROUNDS, STILL = 12, 1e-4  # at most, to find an edge's direction, radians
-RAISED = 4.0  # times the strength that four fifths of the picture exceed, below which a seed is noise
+ENDS = 6.0  # pixels omitted at either end
+SHORTEST, NARROWEST = 24.0, 8.0  # half length and half width of the strip, pixels
+ROUNDS, STILL = 12, 1e-4  # largest number of iterations for the direction, and tolerance in radians
+RAISED = 4.0  # times the strength that four fifths of the picture exceed; weaker seeds are noise
 
 
 def find_edge(image: FloatArray, sites: Sites | None = None) -> tuple[tuple[int, int, int, int], Sites]:
-    """The window (top, bottom, left, right) about the strongest straight edge, and the pixels of it in the window.
+    """Return the window (top, bottom, left, right) about the strongest straight edge, and its pixels in the window.
 
     Raises
     ------
     ValueError
-        Where no straight edge longer than 48 pixels stands free for 8 pixels on either side.
+        If no straight edge longer than 48 pixels is isolated by 8 pixels on either side.
 
     Notes
     -----
-    The seed is where the squared gradient, times the square of its coherence, is largest at an angle that can be
-    measured. The strip goes on along the edge while its strength lasts, and across it until the gradient rises again.
+    The seed is where the squared gradient, times the square of its coherence, is largest at a measurable angle. The
+    strip follows the edge until its strength ends, and extends across it until the gradient rises again.
     """
     survey = _surveyed(image, sites)
     row, column = np.unravel_index(int(survey.score.argmax()), survey.score.shape)
     if not survey.score[row, column] > 0:
-        raise ValueError(lost("nothing in it stands at a slant"))
+        raise ValueError(lost("nothing in it is slanted"))
     ridge = _followed(survey, int(row), int(column))
     return _checked_strip(survey, ridge, SHORTEST, sites, (FLATTEST, STEEPEST))
 
 
 @dataclass(frozen=True)
 class FoundEdge:
-    """A straight edge: the window about it, its pixels, and how much may be hoped of it."""
+    """A straight edge: the window about it, its pixels, and its expected quality."""
 
     window: tuple[int, int, int, int]  # top, bottom, left, right
     strip: Sites
@@ -63,7 +63,7 @@ class FoundEdge:
 def find_edges(
     image: FloatArray, sites: Sites | None = None, *, most: int = 8, tries: int = 40, shortest: float = SHORTEST
 ) -> tuple[list[FoundEdge], list[str]]:
-    """Straight edges that stand free, the most promising first, and why others that were looked at are none.
+    """Return isolated straight edges, the most promising first, and why other candidates were rejected.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ def find_edges(
     sites : (y, x) array of bool or None
         The pixels to use; None: all.
     most, tries : int
-        Edges that are enough, and places that are looked at.
+        Largest number of edges, and of candidates.
     shortest : float, pixels
-        Half of the length that a strip must have.
+        Minimum half length of a strip.
 
     Notes
     -----
-    As `find_edge`, from one seed after the other: what an edge, or a place that is none, covers gives no seed again.
+    As `find_edge`, from one seed after the other: pixels covered by an edge, or by a rejected candidate, give no seed.
     """
     try:
         survey = _surveyed(image, sites)
@@ -90,7 +90,7 @@ def find_edges(
     for _ in range(tries):
         row, column = (int(one) for one in np.unravel_index(int(score.argmax()), score.shape))
         if not score[row, column] > 0:
-            why = why or [lost("nothing in it stands at a slant")]
+            why = why or [lost("nothing in it is slanted")]
             break
         if survey.total[row, column] < least:
             why = why or [lost("its step is lost in noise")]
@@ -116,7 +116,7 @@ def find_edges(
 
 @dataclass(frozen=True)
 class _Ridge:
-    """Where an edge runs: a place on it (y, x), its direction, and how far it goes to either side of there."""
+    """The course of an edge: a place on it (y, x), its direction, and its extent to either side."""
 
     place: tuple[float, float]
     turn: float  # radians
@@ -125,13 +125,13 @@ class _Ridge:
 
     @property
     def along(self) -> FloatArray:
-        """A place in every pixel of its length."""
+        """Return one place per pixel of its length."""
         return np.arange(self.start, self.stop + 0.5)
 
 
 @dataclass(frozen=True)
 class _Survey:
-    """Strength of the gradient, its mean over a square, its direction there, and how much of a slanted edge it is."""
+    """Gradient strength, its mean over a square, its direction there, and the weight of a slanted edge."""
 
     energy: FloatArray
     total: FloatArray
@@ -142,7 +142,7 @@ class _Survey:
 def _surveyed(image: FloatArray, sites: Sites | None) -> _Survey:
     if min(image.shape) < SMALLEST:
         raise ValueError(
-            lost(f"it has {image.shape[0]} x {image.shape[1]} pixels, and the least are {SMALLEST} x {SMALLEST}")
+            lost(f"it has {image.shape[0]} x {image.shape[1]} pixels; at least {SMALLEST} x {SMALLEST} are required")
         )
     gy, gx = gradient(image, sites)
     jyy, jxx, jyx = (
@@ -150,7 +150,7 @@ def _surveyed(image: FloatArray, sites: Sites | None) -> _Survey:
     )
     total = jyy + jxx
     if not total.max() > 0:
-        raise ValueError(lost("it is even all over"))
+        raise ValueError(lost("it is uniform"))
     coherent = np.hypot(jxx - jyy, 2 * jyx) / np.maximum(total, FAINT * total.max())
     normal = 0.5 * np.arctan2(2 * jyx, jxx - jyy)
     tilt = np.abs((np.degrees(normal) + 45) % 90 - 45)
@@ -159,10 +159,10 @@ def _surveyed(image: FloatArray, sites: Sites | None) -> _Survey:
 
 
 def _followed(survey: _Survey, row: int, column: int) -> _Ridge:
-    """The ridge from a seed on: its middle, direction, and ends along it."""
+    """Follow the ridge from a seed: return its centre, direction and ends."""
     turn = float(survey.normal[row, column])
     ridge = _Ridge(_centre(survey.energy, float(row), float(column), turn), turn)
-    for _ in range(ROUNDS):  # a longer strip knows the direction better
+    for _ in range(ROUNDS):  # a longer strip gives a better direction
         before = ridge.turn
         ridge = _straightened(survey.energy, _ended(survey.energy, ridge))
         if abs(ridge.turn - before) < STILL:
@@ -175,18 +175,18 @@ def _checked_strip(
 ) -> tuple[tuple[int, int, int, int], Sites]:
     tilt = abs((math.degrees(ridge.turn) + 45) % 90 - 45)
     if not slant[0] < tilt:
-        raise ValueError(lost("the strongest straight one stands along the raster"))
+        raise ValueError(lost("the strongest straight one is parallel to the pixel axes"))
     if not tilt < slant[1]:
-        raise ValueError(lost("the strongest straight one stands nearly along a diagonal"))
+        raise ValueError(lost("the strongest straight one is nearly diagonal"))
     inner = replace(ridge, start=ridge.start + ENDS, stop=ridge.stop - ENDS)
     if inner.stop - inner.start < 2 * shortest:
         raise ValueError(lost(f"the longest straight one is shorter than {2 * shortest:g} pixels"))
     half = _half_width(survey.energy, inner)
     if half < NARROWEST:
-        raise ValueError(lost("something stands within 8 pixels of the strongest one"))
+        raise ValueError(lost("there is something within 8 pixels of the strongest one"))
     inside = _within(survey.energy.shape, inner, half)
     if not inside.any():
-        raise ValueError(lost("what was followed is no single straight edge: it leaves the picture"))
+        raise ValueError(lost("the candidate is not a single straight edge: it leaves the picture"))
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     window = (int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1)
     cut = np.s_[window[0] : window[1], window[2] : window[3]]
@@ -194,7 +194,7 @@ def _checked_strip(
 
 
 def _within(shape: tuple[int, ...], ridge: _Ridge, half: float) -> Sites:
-    """The pixels about a ridge, up to so far to either side."""
+    """Return the pixels within a distance to either side of a ridge."""
     y, x = np.arange(shape[0])[:, None] - ridge.place[0], np.arange(shape[1]) - ridge.place[1]
     s, c = math.sin(ridge.turn), math.cos(ridge.turn)
     along, across = y * c - x * s, y * s + x * c
@@ -202,7 +202,7 @@ def _within(shape: tuple[int, ...], ridge: _Ridge, half: float) -> Sites:
 
 
 def _sampled(energy: FloatArray, ridge: _Ridge, along: FloatArray, across: FloatArray) -> FloatArray:
-    """Strength at distances along and across the edge, (along, across); 0 outside the picture."""
+    """Return the strength at distances along and across the edge, (along, across); 0 outside the picture."""
     s, c = math.sin(ridge.turn), math.cos(ridge.turn)
     y = ridge.place[0] + along[:, None] * c + across * s
     x = ridge.place[1] - along[:, None] * s + across * c
@@ -210,7 +210,7 @@ def _sampled(energy: FloatArray, ridge: _Ridge, along: FloatArray, across: Float
 
 
 def _centre(energy: FloatArray, row: float, column: float, turn: float) -> tuple[float, float]:
-    """The seed moved across onto the ridge."""
+    """Move the seed across onto the ridge."""
     across = np.arange(-AROUND, AROUND + 0.5, 0.5)
     strength = _sampled(energy, _Ridge((row, column), turn), np.arange(-4.0, 5.0), across).sum(0)
     move = float(across[int(strength.argmax())])
@@ -218,7 +218,7 @@ def _centre(energy: FloatArray, row: float, column: float, turn: float) -> tuple
 
 
 def _ended(energy: FloatArray, ridge: _Ridge) -> _Ridge:
-    """With how far it goes on to either side of its place."""
+    """Return the ridge with its extent to either side of its place."""
     reach = math.hypot(*energy.shape)
     along = np.arange(-math.ceil(reach), math.ceil(reach) + 1.0)
     profile = scipy.ndimage.uniform_filter(_sampled(energy, ridge, along, np.arange(-6.0, 6.5)).sum(1), 5)
@@ -232,7 +232,7 @@ def _ended(energy: FloatArray, ridge: _Ridge) -> _Ridge:
 
 
 def _straightened(energy: FloatArray, ridge: _Ridge) -> _Ridge:
-    """With middle and direction by a line through the centroids across it."""
+    """Return the ridge with centre and direction from a line through the centroids across it."""
     along, across = ridge.along, np.arange(-6.0, 6.5)
     if along.size < 3:
         return ridge
@@ -252,11 +252,11 @@ def _straightened(energy: FloatArray, ridge: _Ridge) -> _Ridge:
 
 
 def _half_width(energy: FloatArray, ridge: _Ridge) -> float:
-    """Up to where nothing else begins on either side, on what the picture holds."""
+    """Return the half width up to where other content begins on either side, within the picture."""
     reach = math.ceil(math.hypot(*energy.shape))
     across = np.arange(-reach, reach + 1.0)
     seen = _sampled(energy, ridge, ridge.along, across)
-    profile = np.sort(seen, axis=0)[-max(3, seen.shape[0] // 20)]  # what a twentieth of the length shows
+    profile = np.sort(seen, axis=0)[-max(3, seen.shape[0] // 20)]  # shown by a twentieth of the length
     peak = float(profile.max())
     least = max(OTHER * peak, min(NOISE * float(np.median(energy)), 0.5 * peak))
     found = []

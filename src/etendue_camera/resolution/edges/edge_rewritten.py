@@ -1,8 +1,8 @@
-"""What a lossy file has done to a measured edge: the edge that was found is written again and again, and measured
-again.
+"""The effect of a lossy file on a measured edge: the measured edge is written repeatedly in the same format, and
+measured again.
 
-In:  a measured edge, and who writes a picture as the file was written.
-Out: MTF50 and MTF10 of edges that were written again.
+In:  a measured edge, and a function that writes a picture as the file was written.
+Out: MTF50 and MTF10 of the rewritten edges.
 Source: the parametric bootstrap (Efron and Tibshirani 1993).
 """
 
@@ -21,33 +21,36 @@ from etendue_camera.resolution.edges.edge_spread import EdgeSpread, refitted
 from etendue_camera.resolution.edges.slanted_edge import MeasuredEdge
 
 Written = Callable[[FloatArray, np.random.Generator], FloatArray]
-TIMES, TRIED = 16, 3  # edges that are written, and those that say how much noise they take
+TIMES, TRIED = 16, 3  # rewritten edges, and those used to set their noise
 BY_ROWS, AGAIN = (
     0.93,
     0.57,
-)  # of the bootstrap's reach and of the spread of edges written again: both hold the noise of the picture
-SEEN = 1.05  # times the rest without noise, from which on noise shows in a file
-MOST = 3.0  # times the rest, of the noise in front of the file
+)  # weights of the bootstrap interval and of the spread of rewritten edges: both include the noise of the picture
+SEEN = 1.05  # times the residual without noise, above which noise is visible in a file
+MOST = 3.0  # times the residual, largest noise before the file
 
 
 @dataclass(frozen=True)
 class Rewritten:
-    """How far a file moves a frequency, of it."""
+    """The relative shift of a frequency by a file."""
 
     bias: float
     spread: float  # standard deviation
-    noise: float  # rms in front of the file that was taken, unit of the picture; of the side of the edge that has less
+    noise: float  # rms noise assumed before the file, unit of the picture; on the side of the edge with less
 
     def about(self, value: float, low: float, high: float, confidence: float) -> tuple[float, float]:
-        """The interval about a measured frequency, with that of the bootstrap by rows (low, high) as a part.
+        """Return the interval about a measured frequency, including that of the bootstrap by rows (low, high).
 
         Notes
         -----
-        The parts are added in squares. With noise both see the same, without it the second alone sees what a file does.
-        `BY_ROWS` and `AGAIN` make the interval score (Gneiting and Raftery 2007) smallest of 4,800 edges, 60 kinds of
-        file, blur and noise, which ``benchmarks/measure_coverage.py`` does not draw (other seeds; of half of them other
-        sides, angles and levels), times 1.045: 96 % of these are held, and the shares of the 60 kinds scatter no more
-        than draws do.
+        The parts add in squares. With noise both include the same noise; without it only the second includes the effect
+        of
+        the file. `BY_ROWS` and `AGAIN` minimise the interval score (Gneiting and Raftery 2007) of 4,800 edges, 60 kinds
+        of
+        file, blur and noise, which ``benchmarks/measure_coverage.py`` does not draw (other seeds; for half of them
+        other
+        sides, angles and levels), times 1.045: coverage is 96 %, and the coverage of the 60 kinds scatters no more than
+        expected from the draws.
         """
         if not math.isfinite(self.spread):
             return low, math.inf
@@ -66,14 +69,15 @@ def rewritten(
     crossings: Callable[[EdgeSpread], FloatArray],
     rng: np.random.Generator,
 ) -> list[Rewritten]:
-    """How far each of some frequencies is moved, those that ``crossings`` finds in curves (frequency, curve); inf where
-    one is not reached.
+    """Return the shifts of some frequencies, as found by ``crossings`` in curves (frequency, curve); inf if one is not
+    reached.
 
     Notes
     -----
-    The edge spread function that was found takes the place of the scene. It gets white noise, on either side of the
-    edge so much as leaves behind the file what is left beside the edge; where noise does not come through, none is
-    added.
+    The measured edge spread function replaces the scene. On either side of the edge it gets as much white noise as
+    leaves
+    the measured residual after the file; where noise does not pass the file, none is added.
+
     """
     v, across = np.linspace(-1.0, 1.0, found.rows), np.arange(found.columns) - 0.5 * (found.columns - 1)
     away = distances(found.coefficients, v, across, found.rows)

@@ -1,7 +1,7 @@
-"""What the edge in a picture looks like before it is measured: how it stands, and how far it is from a straight line.
+"""The shape of an edge before it is measured: its orientation, and its deviation from a straight line.
 
 In:  a picture (y, x) with an edge, or some of its sites.
-Out: angle, the axis that it is nearer to, the largest distance from a straight line.
+Out: angle, the nearer axis, the largest distance from a straight line.
 Sources: half-level crossings by row, of a mean over 3 x 3 pixels; least squares.
 """
 
@@ -15,14 +15,14 @@ import numpy as np
 from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.edges.edge_line import Sites, first_line, lost, smooth
 
-DEGREE = 5  # of the polynomial that a bend is seen by: the highest that an edge is measured with
-FAR = 4.0  # times the median distance from the line, beyond which a row says nothing of it
-LEVELS = (10.0, 90.0)  # percentiles whose middle is the half level
+DEGREE = 5  # degree of the polynomial for the bend: the highest used for measuring edges
+FAR = 4.0  # times the median distance from the line, beyond which a row is ignored
+LEVELS = (10.0, 90.0)  # percentiles whose mean is the half level
 
 
 @dataclass(frozen=True)
 class EdgeShape:
-    """How an edge stands."""
+    """Orientation and bend of an edge."""
 
     angle: float  # degrees from the nearer axis of the raster, -45 to 45
     vertical: bool  # that axis is y
@@ -30,7 +30,7 @@ class EdgeShape:
 
 
 def edge_shape(image: FloatArray, sites: Sites | None = None) -> EdgeShape:
-    """Angle and bend of the strongest edge of a picture, also where it cannot be measured.
+    """Return angle and bend of the strongest edge of a picture, even if it cannot be measured.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ def edge_shape(image: FloatArray, sites: Sites | None = None) -> EdgeShape:
     Raises
     ------
     ValueError
-        Where a half of the rows shows no step.
+        If half of the rows show no step.
 
     Notes
     -----
     Error on a Gaussian edge of 1 pixel rms, 120 x 100 pixels, noise of 1 % of the step, 0 to 30 degrees, bent by 0 and
     2.7 pixels: angle within 0.1 degrees, bend within 0.2 pixels. A bent edge that leaves the picture at its sides is
-    seen in part.
+    seen only in part.
     """
     vertical, line = first_line(image, sites)
     value, _ = smooth(image, sites)

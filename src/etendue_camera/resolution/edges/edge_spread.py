@@ -2,7 +2,8 @@
 edge.
 
 In:  distance of every pixel from the edge (pixels), its value (any linear unit).
-Out: a curve that is linear in the values, its Fourier transform in closed form, and how noise of the values moves it.
+Out: a curve that is linear in the values, its Fourier transform in closed form, and its change with noise of the
+values.
 Sources: least squares with uniform cubic B-splines.
 """
 
@@ -19,11 +20,11 @@ from etendue_camera.arrays import FloatArray
 from etendue_camera.resolution.edges.edge_line import Sites, lost
 
 DEGREE = 3
-ENOUGH = 4  # pixels in every interval between knots
-COARSER, WIDEST_KNOT = (1, 1.25, 1.5, 1.75, 2), 0.5  # knots where the pixels lie at few distances
+ENOUGH = 4  # minimum pixels in every interval between knots
+COARSER, WIDEST_KNOT = (1, 1.25, 1.5, 1.75, 2), 0.5  # wider knots where pixels are at few distances
 HALVINGS = 40
 TOGETHER = 4.0  # pixels over which noise may be correlated
-FAINTEST = 2.0  # step of an edge over the noise of a pixel
+FAINTEST = 2.0  # minimum step of an edge over the noise of a pixel
 
 
 @dataclass(frozen=True)
@@ -34,21 +35,23 @@ class Fit:
     knot: float
     distance: FloatArray  # of the pixels used
     row: NDArray[np.intp]
-    rest: FloatArray  # value less spline
+    rest: FloatArray  # value minus spline
     value: FloatArray
     steep: FloatArray  # derivative of the spline at the pixels
     first: NDArray[np.intp]  # of the four coefficients that act at each pixel
-    basis: FloatArray  # (4, pixels): how much they do
+    basis: FloatArray  # (4, pixels): their weights
     factor: FloatArray  # of the normal equations
-    pixel: NDArray[np.intp]  # which those are, in the picture as a row
+    pixel: NDArray[np.intp]  # indices of the pixels in the flattened picture
 
     @property
     def noise(self) -> float:
-        """rms of a pixel about the spline, with the degrees of freedom that the spline takes."""
+        """Rms of a pixel about the spline, corrected for the degrees of freedom of the spline."""
         return float(np.sqrt((self.rest**2).sum() / max(self.rest.size - len(self.coefficients), 1)))
 
     def by_row(self, rows: int) -> FloatArray:
-        """What the residuals of each row add to the right-hand side of the normal equations: (rows, coefficients)."""
+        """Return the contribution of each row's residuals to the right-hand side of the normal equations: (rows,
+        coefficients).
+        """
         size = len(self.coefficients)
         total = np.zeros(rows * size)
         for a in range(DEGREE + 1):
@@ -59,10 +62,11 @@ class Fit:
 def fit(
     distance: FloatArray, values: FloatArray, knot: float, half_width: float | None, sites: Sites | None = None
 ) -> Fit:
-    """Least squares over the widest stretch about the edge in which every interval between knots holds pixels enough.
+    """Fit by least squares over the widest range about the edge where every interval between knots has enough pixels.
 
-    ``distance`` and ``values`` are (rows, columns); only ``sites`` are used where they are given. ValueError where the
-    pixels lie at too few distances.
+    ``distance`` and ``values`` are (rows, columns); only ``sites`` are used if given. Raises ValueError if the pixels
+    are
+    at too few distances.
     """
     limit = min(half_width or math.inf, float(-distance.min()), float(distance.max()))
     near = np.abs(distance) < limit
@@ -73,7 +77,7 @@ def fit(
         if half * spacing >= min(4.0, 0.9 * limit):
             break
     else:
-        raise ValueError(lost("its pixels lie at too few distances from it"))
+        raise ValueError(lost("its pixels are at too few distances from it"))
     inside = np.abs(flat) < half * spacing
     flat, found, row, column = flat[inside], found[inside], row[inside], column[inside]
     place = flat / spacing + half
@@ -89,7 +93,7 @@ def fit(
     try:
         factor = scipy.linalg.cholesky_banded(band, lower=True)
     except scipy.linalg.LinAlgError:
-        raise ValueError(lost("its pixels lie at too few distances from it")) from None
+        raise ValueError(lost("its pixels are at too few distances from it")) from None
     c = scipy.linalg.cho_solve_banded((factor, True), right)
     slopes = np.stack([-((1 - t) ** 2), -4 * t + 3 * t**2, 1 + 2 * t - 3 * t**2, t**2]) / (2 * spacing)
     weights = c[first + np.arange(DEGREE + 1)[:, None]]
@@ -99,7 +103,7 @@ def fit(
 
 
 def _filled(distance: FloatArray, limit: float, spacing: float) -> int:
-    """Intervals on either side of 0 up to which all hold `ENOUGH` pixels."""
+    """Return the intervals on either side of 0 up to which all have `ENOUGH` pixels."""
     most = int(limit / spacing)
     inside = distance[np.abs(distance) < most * spacing]
     counts = np.bincount(np.minimum((inside / spacing + most).astype(np.intp), 2 * most - 1), minlength=2 * most)
@@ -109,7 +113,7 @@ def _filled(distance: FloatArray, limit: float, spacing: float) -> int:
 
 @dataclass(frozen=True)
 class EdgeSpread:
-    """A whole edge spread function: coefficients of a cubic spline about distance 0, plateaus with tails beyond.
+    """A complete edge spread function: coefficients of a cubic spline about distance 0, plateaus with tails beyond.
 
     Or many of them: ``coefficients`` may be (n, coefficients), and the plateaus and the spread (n,).
     """
@@ -126,13 +130,13 @@ class EdgeSpread:
         return centred(self.coefficients.shape[-1]) * self.knot
 
     def response(self, frequency: FloatArray) -> FloatArray:
-        """|Fourier transform of the derivative|, 1 at zero: (..., frequency).
+        """Return |Fourier transform of the derivative|, 1 at zero: (..., frequency).
 
-        That of the spline is the transform of its coefficients' differences times that of a quadratic B-spline; behind
+        For the spline it is the transform of its coefficients' differences times that of a quadratic B-spline; beyond
         its ends the derivative is ``spread``/d^2.
         """
         ends = float(self.places[-1]) + 0.5 * self.knot
-        tail = self.spread / ends  # what is still to come behind the ends
+        tail = self.spread / ends  # the remainder beyond the ends
         whole = [(self.low + tail)[..., None], self.coefficients, (self.high - tail)[..., None]]
         steps = np.diff(np.concatenate(whole, axis=-1))
         places = np.linspace(-ends, ends, steps.shape[-1])
@@ -145,7 +149,7 @@ class EdgeSpread:
         return np.asarray(np.hypot(real, imaginary) / np.abs(self.high - self.low)[..., None], np.float64)
 
     def at(self, distance: FloatArray) -> FloatArray:
-        """Value at distances from the edge."""
+        """Return values at distances from the edge."""
         count = len(self.coefficients)
         place = distance / self.knot + 0.5 * (count - 1) - 1
         first = np.clip(np.floor(place).astype(np.intp), 0, count - DEGREE - 1)
@@ -158,7 +162,7 @@ class EdgeSpread:
         return np.asarray(np.where(inside, spline, far), np.float64)
 
     def crossing(self, share: float) -> float:
-        """Distance at which the spline passes a share of its step: the one nearest to the middle of the edge."""
+        """Return the distance at which the spline passes a fraction of its step, the one nearest to the middle."""
         c = self.coefficients
         values = ((c[:-2] + 4 * c[1:-1] + c[2:]) / 6 - self.low) / (self.high - self.low)
         middle = max(int(np.argmax(values >= 0.5)), 1)
@@ -178,7 +182,7 @@ class EdgeSpread:
 
 
 def cubic(t: FloatArray | float) -> FloatArray:
-    """How much the four coefficients about a place act on it, t of an interval from its knot: (4, ...)."""
+    """Return the weights of the four coefficients about a place, t of an interval from its knot: (4, ...)."""
     t = np.asarray(t)
     return np.stack([(1 - t) ** 3, 4 - 6 * t**2 + 3 * t**3, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3]) / 6
 
@@ -188,11 +192,12 @@ def centred(count: int) -> FloatArray:
 
 
 def whole(found: Fit, half_width: float | None, tails: bool) -> EdgeSpread:
-    """Spline near the edge, plateaus with tails far from it, and a smooth passage between them.
+    """Combine the spline near the edge, plateaus with tails far from it, and a smooth transition between them.
 
-    Where the picture says no more than the tails do, it only brings its noise along: the passage ends at the smallest
-    of some distances behind which the tails describe the pixels no worse than the spline does, or from half of which on
-    the spline strays from them no more than it does farther out, as it does where noise is correlated.
+    Where the picture adds nothing to the tails it only adds noise: the transition ends at the smallest of some
+    distances
+    beyond which the tails describe the pixels as well as the spline does, or from half of which on the spline deviates
+    from them no more than farther out, as with correlated noise.
     """
     reach = float(np.abs(found.distance).max())
     width = reach
@@ -212,7 +217,8 @@ def whole(found: Fit, half_width: float | None, tails: bool) -> EdgeSpread:
 
 
 def _strays(found: Fit, model: FloatArray, width: float, reach: float) -> bool:
-    """Whether the spline leaves plateaus and tails between half a width and a width no farther than it does beyond."""
+    """Return whether the spline deviates from plateaus and tails between half a width and a width no more than
+    beyond."""
     if width > 0.5 * reach:
         return False
     places = np.abs(centred(len(found.coefficients)) * found.knot)
@@ -223,7 +229,7 @@ def _strays(found: Fit, model: FloatArray, width: float, reach: float) -> bool:
 
 
 def _far(found: Fit, width: float, tails: bool) -> tuple[NDArray[np.bool_], FloatArray]:
-    """The pixels that say where the plateaus are, and how these and the tails act on them."""
+    """Return the pixels that determine the plateaus, and the design matrix of plateaus and tails on them."""
     outer = np.abs(found.distance) > 0.5 * width
     distance = found.distance[outer]
     columns = [distance < 0, distance > 0, *([-1 / distance] if tails else [])]
@@ -231,7 +237,7 @@ def _far(found: Fit, width: float, tails: bool) -> tuple[NDArray[np.bool_], Floa
 
 
 def joined(coefficients: FloatArray, knot: float, model: FloatArray, width: float) -> EdgeSpread:
-    """The spline (..., coefficients) passing into the plateaus and the tail (..., 2 or 3) of ``model``."""
+    """Blend the spline (..., coefficients) into the plateaus and the tail (..., 2 or 3) of ``model``."""
     places = centred(coefficients.shape[-1]) * knot
     kept = np.abs(places) <= width
     places = places[kept]
@@ -243,7 +249,7 @@ def joined(coefficients: FloatArray, knot: float, model: FloatArray, width: floa
 
 
 def _plateau(places: FloatArray, model: FloatArray, knot: float) -> FloatArray:
-    """Plateaus and the tail at distances: (..., places)."""
+    """Return plateaus and the tail at distances: (..., places)."""
     far = np.where(places < 0, model[..., 0, None], model[..., 1, None])
     if model.shape[-1] > 2:
         far = far - model[..., 2, None] / np.where(np.abs(places) < knot, knot, places)
@@ -251,10 +257,10 @@ def _plateau(places: FloatArray, model: FloatArray, knot: float) -> FloatArray:
 
 
 def influence(found: Fit, curve: EdgeSpread, rows: int, tails: bool) -> EdgeSpread:
-    """What the residuals of each row have brought into a curve: (rows, ...).
+    """Return the contribution of each row's residuals to a curve: (rows, ...).
 
-    The curve is linear in the values of the pixels as long as line and passage stay. Residuals are scaled up by the
-    freedom that the fit has taken, and the normal equations are those of the fit.
+    The curve is linear in the pixel values as long as line and transition are fixed. Residuals are scaled up for the
+    degrees of freedom of the fit, and the normal equations are those of the fit.
     """
     freedom = math.sqrt(found.rest.size / max(found.rest.size - len(found.coefficients), 1))
     change = scipy.linalg.cho_solve_banded((found.factor, True), found.by_row(rows).T).T * freedom
@@ -267,8 +273,8 @@ def influence(found: Fit, curve: EdgeSpread, rows: int, tails: bool) -> EdgeSpre
 
 
 def refitted(found: Fit, curve: EdgeSpread, values: FloatArray, tails: bool) -> tuple[EdgeSpread, FloatArray]:
-    """Curves of other values (n, pixels) at the pixels of a fit, line and passage being those of the first, and what
-    is left of them.
+    """Return curves for other values (n, pixels) at the pixels of a fit, with line and transition of the first, and
+    their residuals.
     """
     size, acting = len(found.coefficients), found.first + np.arange(DEGREE + 1)[:, None]
     right = np.stack([np.bincount(acting.ravel(), (found.basis * own).ravel(), size) for own in values], axis=1)
@@ -282,7 +288,7 @@ def refitted(found: Fit, curve: EdgeSpread, values: FloatArray, tails: bool) -> 
 
 
 def redrawn(curve: EdgeSpread, rows: EdgeSpread, weights: FloatArray) -> EdgeSpread:
-    """Curves as of new pictures, whose residuals are those of this one times a weight for each row: ``weights`` (n,
+    """Return curves for new pictures whose residuals are those of this one times a weight per row: ``weights`` (n,
     rows).
     """
     return EdgeSpread(

@@ -1,9 +1,9 @@
-"""Spatial frequency response from the picture of one slanted edge.
+"""Spatial frequency response from a picture of one slanted edge.
 
-In:  a linear picture (y, x) with one nearly straight edge at any angle but those of the pixel raster.
+In:  a linear picture (y, x) with one nearly straight edge at any angle except along pixel axes and diagonals.
 Out: frequencies along the edge's normal (cycles/pixel), response, MTF50 with flags, angle and place of the edge.
-Sources: ISO 12233:2023 (e-SFR); its bins of a quarter pixel are replaced by a least-squares spline, see `slanted_edge`,
-and stand beside it as ``method="iso"``.
+Sources: ISO 12233:2023 (e-SFR); its quarter-pixel bins are replaced by a least-squares spline, see `slanted_edge`, and
+available as ``method="iso"``.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ from etendue_camera.resolution.edges.edge_spread import FAINTEST, EdgeSpread, Fi
 
 METHODS = ("spline", "iso")
 ROUNDS = 30
-STILL = 1e-5  # pixels of movement at the ends of the edge below which its line is found
+STILL = 1e-5  # tolerance of the line, pixels of movement at the ends of the edge
 SMALLEST = 32
-NEAR = 16.0  # pixels from the edge that say where it is
+NEAR = 16.0  # pixels from the edge used to locate it
 NYQUIST = 0.5
 EXACT = 1e-12  # cycles/pixel, of a crossing
 
 
 @dataclass(frozen=True)
 class EdgeResponse:
-    """What one edge says. Frequencies in cycles/pixel along the normal of the edge, lengths in pixels."""
+    """Results of one edge. Frequencies in cycles/pixel along the normal of the edge, lengths in pixels."""
 
     frequency: FloatArray
     sfr: FloatArray  # 1 at zero frequency, not negative
-    mtf50: float  # NaN where it is not reached
-    above_nyquist: bool  # half contrast lies above 0.5 cycles/pixel: what is finer has folded back
+    mtf50: float  # NaN if not reached
+    above_nyquist: bool  # MTF50 is above 0.5 cycles/pixel: finer detail is aliased
     not_reached: bool  # the response stays above one half up to the highest frequency
     angle: float  # degrees between the edge and the nearer axis of the raster, -45 to 45
     vertical: bool  # that axis is y: the edge is nearer to a column than to a row
     place: float  # along the other axis, where the edge crosses the middle of the picture, pixels from the first
     contrast: float  # (bright - dark) / (bright + dark)
     knot: float  # spacing of the spline's knots, or of the bins
-    half_width: float  # how far from the edge the picture itself was used, behind which only plateau and tail were
-    residual: float  # rms of the picture about the fitted edge, of the step: noise, texture, curvature
-    mtf10: float = math.nan  # NaN where it is not reached
+    half_width: float  # distance from the edge up to which the picture itself is used; beyond it, plateau and tail
+    residual: float  # rms residual about the fitted edge, relative to the step: noise, texture, curvature
+    mtf10: float = math.nan  # NaN if not reached
     mtf_nyquist: float = math.nan  # the response at 0.5 cycles/pixel
     rise: float = math.nan  # distance from 10 to 90 % of the step
     aliasing: float = (
@@ -55,13 +55,13 @@ class EdgeResponse:
 
     @property
     def mtf50_limited(self) -> float:
-        """MTF50, but at most the Nyquist frequency."""
+        """MTF50, capped at Nyquist."""
         return NYQUIST if self.not_reached else min(self.mtf50, NYQUIST)
 
 
 @dataclass(frozen=True)
 class MeasuredEdge:
-    """What stands behind a response by the spline: enough to measure again with other noise."""
+    """The fit behind a response by the spline: enough to measure again with other noise."""
 
     fit: Fit
     curve: EdgeSpread
@@ -83,27 +83,27 @@ def slanted_edge(
     method: str = "spline",
     sites: ArrayLike | None = None,
 ) -> EdgeResponse:
-    """Measure the response of whatever made a picture of an edge.
+    """Measure the response of an imaging system from a picture of an edge.
 
     Parameters
     ----------
     picture : (y, x) array, any linear unit
-        One edge between two even fields, dark on any side. At least 32 x 32.
+        One edge between two uniform areas, dark on either side. At least 32 x 32.
     order : int
         Degree of the polynomial that the edge follows, 1 (straight) to 5 (bent by distortion).
     knots_per_pixel : float
-        Of the spline, along the normal, 1 to 16. Fewer are taken where the angle puts all pixels at few distances.
+        Knots of the spline along the normal, 1 to 16. Fewer are used if the angle puts all pixels at few distances.
     half_width : float or None, pixels
-        Only pixels so near to the edge are used; None: as far as they say more than plateaus do. At least 4.
+        Only pixels within this distance of the edge are used; None: as far as they add to the plateaus. At least 4.
     tails : bool
-        Whether light beyond ``half_width`` is extrapolated from the outer halves of the fields, as 1/distance^2.
+        Whether light beyond ``half_width`` is extrapolated from the outer halves of the areas, as 1/distance^2.
     highest : float, cycles/pixel
         Last frequency, above 0 and at most 0.5 ``knots_per_pixel``.
     samples : int
         Frequencies from 0 to ``highest``, at least 3.
     method : {"spline", "iso"}
-        ``"iso"``: bins of a quarter pixel as in the standard, with its corrections; `edge_bins.binned` has each of them
-        as an option. ``knots_per_pixel`` and ``tails`` say nothing then.
+        ``"iso"``: quarter-pixel bins as in the standard, with its corrections; `edge_bins.binned` has each of them as
+        an option. ``knots_per_pixel`` and ``tails`` are then ignored.
     sites : (y, x) array of bool or None
         The pixels to use, such as those of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel of
         the picture.
@@ -115,23 +115,25 @@ def slanted_edge(
     Raises
     ------
     ValueError
-        Arguments out of range; no edge to be seen; an edge along a row, a column or a diagonal, whose pixels lie at
-        too few distances from it.
+        If arguments are out of range; if there is no edge; if the edge is along a row, a column or a diagonal, whose
+        pixels are at too few distances from it.
 
     Notes
     -----
     The steps are those of ISO 12233, each made exact. (1) The line of the edge starts from the moments of the squared
     gradient and is refined by Gauss-Newton on the picture itself. (2) Pixels are projected along the edge: their
-    distances d from the line hold the cosine of the slope. (3) Instead of a mean by bin, a cubic spline with uniform
-    knots is fitted to all (d, value) by least squares, so that uneven filling of bins and their averaging leave no
-    trace: the error of the fit in the response is of the order (f/knots_per_pixel)^8. (4) The derivative is that of
-    the spline and its Fourier transform is a closed form, so that no derivative filter needs correction.
+    distances d from the line include the cosine of the slope. (3) Instead of a mean by bin, a cubic spline with uniform
+    knots is fitted to all (d, value) by least squares, so that uneven filling of bins and their averaging have no
+    effect:
+    the error of the fit in the response is of the order (f/knots_per_pixel)^8. (4) The derivative is that of the spline
+    and its Fourier transform is a closed form, so that no derivative filter needs correction.
 
-    What is measured is the transfer function of everything in front of the sampling, pixel aperture included, also
-    beyond 0.5 cycles/pixel: sampling along a slant is fine enough not to fold. Light that a lens spreads farther than
-    ``half_width`` w would be missed, s/(pi^2 w) of it for an MTF of slope -s at zero; ``tails`` puts it back. Uneven
-    lighting of the fields is mistaken for such light: then say ``tails=False``. Far from the edge the picture brings
-    nothing but its noise: it gives way to plateaus and tails where these describe it as well.
+    The result is the transfer function of everything before the sampling, including the pixel aperture, even above 0.5
+    cycles/pixel: sampling along a slant is fine enough to avoid aliasing. Light that a lens spreads farther than
+    ``half_width`` w would be missed, s/(pi^2 w) of it for an MTF of slope -s at zero; ``tails`` restores it.
+    Non-uniform
+    lighting of the areas looks like such light: use ``tails=False`` then. Far from the edge the picture adds only noise
+    and is replaced by plateaus and tails where these describe it equally well.
 
     Error, noise-free, 200 x 400 pixels, 2 to 40 degrees, Gaussians and diffraction with a pixel: MTF50 within 0.05 %,
     response within 1e-3 below 0.5 cycles/pixel; ``python benchmarks/slanted_edge.py`` prints it. With noise of 1 % of
@@ -142,7 +144,7 @@ def slanted_edge(
     check(order, knots_per_pixel, half_width, highest, samples, method)
     if method == "iso":
         if mask is not None:
-            raise ValueError("sites is given with method 'iso', whose rows must be whole; allowed is method 'spline'")
+            raise ValueError("sites is given with method 'iso', which needs complete rows; use method 'spline'")
         vertical, _ = first_line(image)
         turned = image if vertical else image.T
         coefficients, bins = edge_bins.binned(turned, order, half_width=half_width)
@@ -156,8 +158,8 @@ def slanted_edge(
 def measured(
     image: FloatArray, sites: Sites | None, *, order: int, knots_per_pixel: float, half_width: float | None, tails: bool
 ) -> MeasuredEdge:
-    """The line and the edge spread function of a picture by the spline; arguments as `slanted_edge` has checked
-    them.
+    """Return the line and the edge spread function of a picture by the spline; arguments are as checked by
+    `slanted_edge`.
     """
     vertical, line = first_line(image, sites)
     u_image = image if vertical else image.T
@@ -173,12 +175,10 @@ def measured(
         distance = distances(coefficients, v, across, rows)
         near = fit(distance, u_image, knot, min(half_width or NEAR, NEAR), mask)
         step, doubt = movement(coefficients, v, rows, near.row, near.distance, near.rest, near.steep)
-        damping *= 0.5 if step @ last < 0 else 1.0  # pixels that come and go with the line can make it swing
+        damping *= 0.5 if step @ last < 0 else 1.0  # pixels that enter and leave with the line can make it oscillate
         step, last = damping * step, step
         coefficients = coefficients + step
-        if np.all(
-            np.abs(step) < np.maximum(STILL, 0.25 * doubt)
-        ):  # of its turn and bend: a shift is the spline's to follow
+        if np.all(np.abs(step) < np.maximum(STILL, 0.25 * doubt)):  # in rotation and bend: the spline follows a shift
             break
     else:
         raise ValueError(lost("its line could not be found"))
@@ -187,7 +187,7 @@ def measured(
 
 
 def said(found: MeasuredEdge, highest: float, samples: int) -> EdgeResponse:
-    """The figures of a measured edge."""
+    """Return the metrics of a measured edge."""
     return _said(
         found.curve, found.fit.noise, found.coefficients, found.vertical, (found.rows, found.columns), highest, samples
     )
@@ -228,7 +228,8 @@ def _said(
 
 
 def folded(frequency: FloatArray, sfr: FloatArray) -> float:
-    """Share of the line spread's energy (Parseval: the integral of sfr^2) above 0.5 cycles/pixel; 0 where none is
+    """Return the fraction of the line spread energy (Parseval: the integral of sfr^2) above 0.5 cycles/pixel; 0 if none
+    is
     sampled.
     """
     power = sfr**2
@@ -239,7 +240,7 @@ def folded(frequency: FloatArray, sfr: FloatArray) -> float:
 
 
 def _falls_to(curve: EdgeSpread | edge_bins.Binned, share: float, frequency: FloatArray, sfr: FloatArray) -> float:
-    """Lowest frequency at which the response has fallen to a share: bracketed on the samples, then by Brent."""
+    """Return the lowest frequency at which the response has fallen to a level: bracketed on samples, then by Brent."""
     below = np.flatnonzero(sfr < share)
     if below.size == 0:
         return math.nan
@@ -252,7 +253,7 @@ def _falls_to(curve: EdgeSpread | edge_bins.Binned, share: float, frequency: Flo
 
 
 def checked(picture: ArrayLike, sites: ArrayLike | None) -> tuple[FloatArray, Sites | None]:
-    """The picture and its mask as arrays, or ValueError."""
+    """Return picture and mask as arrays, or raise ValueError."""
     image = np.asarray(picture, np.float64)
     require.shape(
         image.ndim == 2 and min(image.shape, default=0) >= SMALLEST,
@@ -261,21 +262,21 @@ def checked(picture: ArrayLike, sites: ArrayLike | None) -> tuple[FloatArray, Si
         f"(y, x) of at least {SMALLEST} x {SMALLEST}",
     )
     if sites is None:
-        require.that(np.isfinite(image).all(), "picture holds values that are no numbers")
+        require.that(np.isfinite(image).all(), "picture contains NaN or infinite values")
         return image, None
     mask = np.asarray(sites)
     require.that(
         mask.shape == image.shape and mask.dtype == np.bool_,
-        f"sites has shape {mask.shape} and type {mask.dtype}; allowed is bool of the picture's shape {image.shape}",
+        f"sites has shape {mask.shape} and type {mask.dtype}; it must be bool with the picture's shape {image.shape}",
     )
-    require.that(np.isfinite(image[mask]).all(), "picture holds values that are no numbers")
+    require.that(np.isfinite(image[mask]).all(), "picture contains NaN or infinite values")
     return image, mask
 
 
 def check(
     order: int, knots_per_pixel: float, half_width: float | None, highest: float, samples: int, method: str = "spline"
 ) -> None:
-    """ValueError for arguments out of range."""
+    """Raise ValueError for arguments out of range."""
     require.only(1 <= order <= 5, "order", order, "1 to 5")
     require.only(1 <= knots_per_pixel <= 16, "knots_per_pixel", knots_per_pixel, "1 to 16")
     require.only(half_width is None or half_width >= 4, "half_width", half_width, "at least 4")

@@ -1,7 +1,7 @@
-"""What a camera resolves up to each stage, from its transfer functions alone, and which part of it limits that.
+"""Analytic resolution after each stage, from transfer functions alone, and the factor that limits it.
 
 In:  the transfer functions of all stages, the pixel's weights.
-Out: MTF, MTF50, MTF10, cut-off, what lies beyond the Nyquist frequency, two-point separations, by ``stage``; MTF, gains
+Out: MTF, MTF50, MTF10, cut-off, energy above Nyquist, two-point separations, by ``stage``; MTF, gains
      by ``factor``.
 """
 
@@ -21,22 +21,22 @@ from etendue_camera.resolution import two_points
 from etendue_camera.resolution.stages import curves
 from etendue_camera.roles import CROSSTALK, PROCESSING, InSilicon
 
-NEARLY = 1e-6  # of a separation, by which its root may err where it is not solved for
+NEARLY = 1e-6  # relative error of a separation whose root is not solved exactly
 FACTORS = ("lens", "diffusion", "geometry", "sampling")
 
 
 def direction(angle: float) -> tuple[float, float]:
-    """(y, x) of a direction in degrees from +x towards +y; exactly an axis where it is one."""
+    """Return the unit vector (y, x) of a direction in degrees from +x towards +y; exact along an axis."""
     whole = {0.0: (0.0, 1.0), 90.0: (1.0, 0.0), -90.0: (-1.0, 0.0), 180.0: (0.0, -1.0)}
     return whole.get(angle, (math.sin(math.radians(angle)), math.cos(math.radians(angle))))
 
 
 @dataclass(frozen=True)
 class Observed:
-    """Whose contrast is asked for.
+    """The channel and light whose contrast is computed.
 
-    ``weights``: (wavelength,) photons of the second channel (green) or the only one; None for all bands alike.
-    ``channels``: (channel, wavelength), those of all channels under light that is equally strong in all bands.
+    ``weights``: (wavelength,) photons of the second channel (green) or the only one; None for equal bands.
+    ``channels``: (channel, wavelength), those of all channels in light equally strong in all bands.
     ``light``: (wavelength,); None for such light.
     """
 
@@ -45,7 +45,8 @@ class Observed:
     light: Any = None
 
     def mean(self, otf: Any, fy: Any, fx: Any) -> Any:
-        """(n,): over wavelength; behind a pixel with the charge that moves there from pixel to pixel."""
+        """Return the mean over wavelength, (n,); after a pixel, including the charge that moves between pixels
+        there."""
         if otf.behind:
             return one_channel(otf.channels_along(fy, fx, self.light, self.channels))
         return resolution.mean_otf(otf.along(fy, fx), self.weights)
@@ -56,7 +57,7 @@ class Observed:
 
 
 def signed(otf: Any, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
-    """The photon-weighted mean along a direction, with the rendering of the chart or without."""
+    """Return the photon-weighted mean along a direction, with or without the rendering of the chart."""
 
     def value(f: Any) -> Any:
         fy, fx = towards[0] * f, towards[1] * f
@@ -67,13 +68,13 @@ def signed(otf: Any, observed: Observed, towards: tuple[float, float], rendering
 
 
 def response(otf: Any, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
-    """Its size: contrast."""
+    """Return its magnitude: the contrast."""
     own = signed(otf, observed, towards, rendering)
     return lambda f: np.abs(own(f))
 
 
 def factor_of(stage: Any) -> str:
-    """Which factor a stage with a transfer function belongs to: what is not of the sensor is in front of it."""
+    """Return the factor that a stage with a transfer function belongs to: all before the sensor are the lens."""
     if ends_in_sum(type(stage)):
         return "geometry"
     return "diffusion" if isinstance(stage, InSilicon | ChannelTransfer) else "lens"
@@ -82,8 +83,8 @@ def factor_of(stage: Any) -> str:
 def half_contrast(
     otf: Any, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True
 ) -> float:
-    """MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up to
-    ``highest``.
+    """Return the MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up
+    to ``highest``.
     """
     own = signed(otf, observed, towards, rendering=False)
     grid = resolution.search_nodes(highest, nodes)
@@ -91,11 +92,12 @@ def half_contrast(
 
 
 def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> Any:
-    """(factor,): MTF50 without each factor over MTF50 with it; of sampling, MTF50 over the Nyquist frequency, where
+    """Return the ratio of MTF50 without each factor to MTF50 with it, (factor,); for sampling, MTF50 over Nyquist where
     above it.
 
-    The rendering of the chart is no part of the camera and is left out. Where contrast then does not fall to one half
-    up to ``highest``, it stands for that MTF50: no more is known. NaN where it does not with all of the camera.
+    The rendering of the chart is not part of the camera and is excluded. Where contrast without a factor does not fall
+    to one half up to ``highest``, that frequency is used for MTF50, as a lower bound. NaN where the whole camera's does
+    not.
     """
     whole = mtf50(otf)
     if math.isnan(whole):
@@ -109,7 +111,7 @@ def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: floa
 
 
 def factor_curves(otf: Any, observed: Observed, towards: tuple[float, float], pitch: float) -> Any:
-    """(factor, frequency): contrast of the stages of each factor alone; 1 where there is none, NaN of sampling."""
+    """Return the contrast of each factor's stages alone, (factor, frequency); 1 without stages, NaN for sampling."""
     names = {name: factor_of(stage) for name, stage in otf.stages}
     alone = [otf.without([name for name, own in names.items() if own != factor]) for factor in FACTORS[:-1]]
     found = [response(one, observed, towards, rendering=False)(curves.PER_PIXEL / pitch) for one in alone]
@@ -117,7 +119,7 @@ def factor_curves(otf: Any, observed: Observed, towards: tuple[float, float], pi
 
 
 def first_largest(values: Any) -> float:
-    """Index of the largest; NaN where nothing is known, or nothing limits."""
+    """Return the index of the largest; NaN where nothing is known, or nothing limits."""
     return (
         float(np.argmax(values))
         if np.isfinite(values).any() and not np.isnan(values).any() and values.max() > 1
@@ -127,24 +129,23 @@ def first_largest(values: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Resolution(Probe):
-    """Analytic resolution up to each stage: the photon-weighted polychromatic transfer function along one direction.
+    """Compute analytic resolution after each stage: the photon-weighted polychromatic MTF along one direction.
 
-    The weights are those of the pixel's second channel (green; of a monochrome sensor its only one) in the light of the
-    scene's white behind the filters, or, of a scene that does not say it, in light that is equally strong in all bands.
-    The row of the pixel holds the charge that wanders, in front of the colour filters or behind them (``crosstalk``).
-    It is the camera's curve: the softness with which the scene's chart was drawn is in every picture of it and in
-    ``edge_resolution``, and here only with ``rendering = true``.
+    The weights are those of the pixel's second channel (green; on a monochrome sensor the only one) in the light of the
+    scene white behind the filters, or, if the scene does not give it, in light equally strong in all bands. The pixel
+    row includes charge diffusion, below the colour filters or per plane (``crosstalk``). The curve is the camera's: the
+    softness with which the chart was drawn is in every picture and in ``edge_resolution``, but here only with
+    ``rendering = true``.
 
     ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half, to a tenth; ``cut_off``: highest
     at which it is ``cut_off_contrast``; NaN where that is not below ``highest``, and from the first stage on that moves
-    light without being a transfer function. ``aliasing``: share of the energy of a line's picture (a white
-    spectrum) beyond the Nyquist frequency, which sampling folds back. ``sparrow`` and ``rayleigh``: separation of two
-    points between which there is no dip, and the dip of two Airy discs at Rayleigh's; the curve along the direction
-    stands for all directions. ``effective_*``: MTF50, but at most the Nyquist frequency. ``limiting_factor`` is the
-    index into ``factor`` with the largest ``resolution_gain``, which is how many times MTF50 would be without that
-    factor; sampling's is MTF50 over the Nyquist frequency. ``mtf`` is the whole curve up to each stage and
-    ``factor_mtf`` that of each factor alone, at 65 frequencies to 1 cycle/pixel (``frequency``; ``frequency_lp_mm`` has
-    them in cycles/mm); sampling has no transfer function and no curve.
+    light without a transfer function. ``aliasing``: fraction of the line spread energy (white spectrum) above Nyquist,
+    which sampling folds back. ``sparrow`` and ``rayleigh``: separation of two points without a dip between them, and
+    with the dip of two Airy discs at Rayleigh's criterion; the curve along the direction is taken for all directions.
+    ``effective_*``: MTF50, capped at Nyquist. ``limiting_factor`` is the index into ``factor`` with the largest
+    ``resolution_gain``, the factor by which MTF50 would grow without it; for sampling, MTF50 over Nyquist. ``mtf`` is
+    the whole curve after each stage and ``factor_mtf`` that of each factor alone, at 65 frequencies up to 1 cycle/pixel
+    (``frequency``; ``frequency_lp_mm`` in cycles/mm); sampling has no transfer function and no curve.
     """
 
     role: ClassVar = "resolution"
@@ -179,9 +180,9 @@ class Resolution(Probe):
     angle: float = param(
         0.0, units="deg", at_least=-180, at_most=180, doc="direction along which detail changes, from x towards y"
     )
-    rendering: bool = param(False, doc="whether the softness or the cells of the scene's chart belong to the curve")
-    cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
-    highest: float = param(4.0, units="cycles/um", above=0, doc="where the search ends")
+    rendering: bool = param(False, doc="whether the curve includes the softness or the cells of the scene's chart")
+    cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that counts as none")
+    highest: float = param(4.0, units="cycles/um", above=0, doc="upper end of the search")
     solved: bool = param(
         True,
         fidelity=True,
@@ -189,8 +190,8 @@ class Resolution(Probe):
         reference="true: on the curve itself",
         settings=(False, True),
         costs=(0.55, 1.0),
-        doc="whether crossings and contrast at the Nyquist frequency are asked of the curve itself; else splines on "
-        "twice the nodes say",
+        doc="whether crossings and contrast at Nyquist are solved on the curve itself; false: on splines with "
+        "twice the nodes",
     )
     point_nodes: int = param(
         160,
@@ -200,7 +201,7 @@ class Resolution(Probe):
         reference="320",
         settings=(48, 64, 96, 160, 240, 320),
         costs=(0.78, 0.78, 0.84, 1.0, 1.08, 1.1),
-        doc="of the integral behind the picture of a point, on which separations rest",
+        doc="nodes of the integral for the point image, on which separations are based",
     )
     nodes: int = param(
         512,
@@ -210,7 +211,7 @@ class Resolution(Probe):
         reference="4096 nodes",
         settings=(32, 64, 128, 256, 512, 1024, 2048, 4096),
         costs=(0.95, 0.95, 0.95, 0.96, 1.0, 1.05, 1.17, 1.36),
-        doc="frequencies at which a crossing is looked for, with splines between them",
+        doc="number of frequencies at which crossings are searched, with splines between them",
     )
 
     def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
@@ -253,8 +254,9 @@ class Resolution(Probe):
         return Observed(_shares(own * light), prepared, light)
 
     def curves(self, otfs: Any, observed: Observed, towards: tuple[float, float]) -> Any:
-        """(stage, frequency): contrast up to each stage, on the curve itself whatever the settings; NaN where no
-        product is all of the camera."""
+        """Return the contrast after each stage, (stage, frequency), on the curve itself whatever the settings; NaN
+        where
+        no product of transfer functions describes the camera."""
         at = curves.PER_PIXEL / self.pixel_pitch
         found = [
             response(otf, observed, towards, self.rendering)(at) if otf.whole else curves.undefined() for otf in otfs
@@ -262,8 +264,8 @@ class Resolution(Probe):
         return np.array(found).reshape(-1, curves.SAMPLES)
 
     def seen(self, otf: Any, observed: Observed, towards: tuple[float, float]) -> CurveFigures | None:
-        """What does not depend on the pitch of the pixels behind, remembered for them; None where no product is all
-        of the camera.
+        """Return what does not depend on the pitch of later pixels, cached for them; None where no product of transfer
+        functions describes the camera.
         """
         if not otf.whole:
             return None
@@ -283,7 +285,7 @@ class Resolution(Probe):
         return cast(CurveFigures, otf.once(("resolution", *observed.key, towards, how), make))
 
     def half(self, otf: Any, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
-        """MTF50 of a camera, remembered where it may come again."""
+        """Return the MTF50 of a camera, cached where it may be needed again."""
         if otf.stages in known:
             return known[otf.stages]
         how = (self.highest, self.places(), self.solved)
@@ -311,15 +313,15 @@ class Resolution(Probe):
         }
 
     def places(self) -> int:
-        """Nodes of the splines."""
+        """Return the number of spline nodes."""
         return self.nodes if self.solved else 2 * self.nodes
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Largest of all figures, relative of frequencies and separations: by splines, crossings of them, and the
-        integral of a point.
+        """Bound the largest error of all metrics, relative for frequencies and separations: of splines, their
+        crossings,
+        and the integral for a point.
 
-        Crossings that are solved are right to 1e-9, where splines are no worse than 1e-3. Below 48 nodes a point may
-        lose its ring.
+        Solved crossings are accurate to 1e-9, where splines reach 1e-3. Below 48 nodes a point may lose its ring.
         """
         on_splines = 0.0 if self.solved else 1.7e-2 * (128 / self.places()) ** 1.5
         points = 8e-5 * (48 / self.point_nodes) ** 2 if self.point_nodes >= 48 else 1.0
@@ -328,7 +330,7 @@ class Resolution(Probe):
 
 @dataclass(frozen=True)
 class CurveFigures:
-    """What is read from one curve, whatever the pitch."""
+    """Metrics of one curve that do not depend on the pitch."""
 
     curve: resolution.ContrastCurve
     mtf50: float
@@ -339,13 +341,13 @@ class CurveFigures:
 
 
 def _shares(weights: Any) -> Any:
-    """Of all photons, to 12 places: pixels of all pitches have the same to rounding, and so the same curves."""
+    """Return fractions of all photons, to 12 places: equal to rounding for all pitches, so that curves are shared."""
     weights = np.asarray(weights, dtype=float)
     return np.round(weights / weights.sum(), 12)
 
 
 def one_channel(values: Any) -> Any:
-    """The second of some channels: green, or the only one."""
+    """Return the second of some channels: green, or the only one."""
     return values[min(1, len(values) - 1)]
 
 
@@ -353,7 +355,7 @@ _FIGURES = ("mtf50", "mtf10", "cut_off", "mtf_nyquist", "aliasing", "rayleigh", 
 
 
 def picture_height(transfers: Any) -> float:
-    """Of the pixels that are read, um; NaN without a pixel stage."""
+    """Return the height of the pixels that are read, um; NaN without a pixel stage."""
     for _, otf in transfers:
         if otf.weights is not None and otf.grid is not None:
             line = otf.grid.line("y")

@@ -1,14 +1,14 @@
-"""Whole curves beside the figures of resolution: contrast at shared frequencies, from transfer functions or of a
-measured edge.
+"""Curves for the resolution metrics: contrast at common frequencies, from transfer functions or from a measured
+edge.
 
 In:  transfer functions, measured edges; the pitch of the pixels.
 Out: contrast over ``frequency`` (cycles/pixel), and the same frequencies in cycles/mm.
 
-Frequencies are counted by the pixel: 65 from 0 to 1, so that the Nyquist frequency is the 33rd whatever the pitch,
-cells of a sweep over it share one coordinate, and every sample is a binary fraction. At 1 cycle/pixel a pixel without
-gaps has its first zero, and a measured edge ends there. A straight line between two of them errs by less than 1e-3 of
-contrast where the cut-off of the lens lies above half a cycle a pixel, and the more the slower the lens: 3e-2 where all
-its contrast is in the first five samples.
+Frequencies are in cycles/pixel: 65 from 0 to 1, so that Nyquist is the 33rd whatever the pitch, cells of a sweep over
+the pitch share one coordinate, and every sample is a binary fraction. At 1 cycle/pixel a pixel without gaps has its
+first zero, and a measured edge ends there. Linear interpolation between samples errs by less than 1e-3 of contrast
+where the lens cut-off is above half a cycle per pixel, and more for slower lenses: 3e-2 where all contrast is in the
+first five samples.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FREQUENCY = Labels(tuple(PER_PIXEL.tolist()), "cycles/pixel")
 
 
 def beside(pitch: float) -> dict[str, Any]:
-    """The frequencies in cycles/mm, and that of Nyquist, of pixels of ``pitch`` um."""
+    """Return the frequencies, and Nyquist, in cycles/mm, for pixels of ``pitch`` um."""
     return {"frequency_lp_mm": PER_PIXEL / pitch * 1e3, "nyquist_lp_mm": np.array(0.5 / pitch * 1e3)}
 
 
@@ -36,11 +36,11 @@ def undefined() -> Any:
 
 
 def of_edge(frequency: Any, sfr: Any, per_pixel: float) -> Any:
-    """(frequency,): a response at samples of its picture (cycles/sample) at the camera's; NaN where the picture does
-    not see so far.
+    """Resample the response of a picture (cycles/sample) to the camera's frequencies, (frequency,); NaN above the
+    picture's range.
 
-    ``per_pixel``: samples of the picture a pixel. By a cubic spline through the 201 samples of the response: within
-    2e-4 of what the edge itself says where its MTF50 is above 0.05 cycles/sample, within 2e-3 at 0.015.
+    ``per_pixel``: samples of the picture per pixel. A cubic spline through the 201 samples of the response is within
+    2e-4 of the edge itself where MTF50 is above 0.05 cycles/sample, within 2e-3 at 0.015.
     """
     wanted = PER_PIXEL / per_pixel
     seen = wanted <= frequency[-1] * (1 + 1e-12)

@@ -1,8 +1,8 @@
-"""What a run resolves: a slanted edge measured in every picture of it, beside what the transfer functions say.
+"""Measured resolution: a slanted edge in every picture of a run, compared with the transfer functions.
 
 In:  the pictures, transfer functions and white of all stages.
 Out: measured MTF50 with its interval, the analytic one along the same normal, their difference, flags, by ``stage``;
-     what limits.
+     the limiting factor.
 """
 
 from __future__ import annotations
@@ -43,38 +43,39 @@ from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import mask_of
 
 EVERY_FACTOR = (*FACTORS, "demosaic", "noise")
-NOISY = 0.1  # width of an interval from which on noise limits
+NOISY = 0.1  # interval width above which noise limits
 
 
 @dataclass(frozen=True, kw_only=True)
 class EdgeProbe(PictureProbe):
-    """The slanted edge of the pipeline's own scene, measured at every stage that has a picture.
+    """Measure the slanted edge of the pipeline's own scene at every stage that has a picture.
 
-    One edge between even fields is looked for in every picture (2 to 43 degrees from rows and columns), or in a region
-    about a place on the image plane. Measured is luminance: of light, the photons of the pixel's second channel
-    (green); behind the filters that channel's plane, or its sites in the mosaic; of camera channels Y through the
-    fitted matrix where there is a ``colour_fit`` and ``white`` (green where not); Y of tristimulus values; Y of display
-    primaries taken as sRGB's, encoded ones decoded first with ``encoding``.
+    One edge between uniform areas is searched in every picture (2 to 43 degrees from rows and columns), or in a region
+    around a position on the image plane. The measured signal is luminance: for light, the photons of the pixel's second
+    channel (green); after the filters that channel's plane, or its sites in the mosaic; for camera channels Y through
+    the fitted matrix if there are ``colour_fit`` and ``white`` (otherwise green); Y of tristimulus values; Y of display
+    RGB taken as sRGB, with encoded values decoded first by ``encoding``.
 
-    ``edge_mtf50`` and its 95 % interval (bootstrap of the rows; NaN where a picture has no noise) and
-    ``edge_mtf50_cycles`` are along the edge's normal. A pixel is the camera's, also where the picture is light in front
-    of it, on a grid of its own: so it is of ``edge_mtf50_cycles``, of ``edge_aliasing`` (share of the line spread's
-    energy above Nyquist), of the flag, and of ``edge_effective_*``: MTF50, but at most Nyquist. ``edge_analytic`` is
-    the frequency of half contrast of the transfer functions up to there under the scene's own white, the rendering of
-    its chart included: NaN from the first stage on that is not linear and shift-invariant, the mosaic at the latest.
-    ``edge_difference`` is measured minus analytic. ``edge_flags`` adds 1 (half contrast above Nyquist), 2 (not
-    reached), 4 (clipped: in this picture, or in the mosaic in front of it), 8 (interval wider than a tenth), 16 (no
-    edge to be measured). ``esfr`` is the whole measured response at 65 frequencies to 1 cycle/pixel (``frequency``;
-    ``frequency_lp_mm`` has them in cycles/mm), NaN beyond 1 cycle/sample of light on a grid coarser than the pixels,
-    and ``esfr_analytic`` that of the transfer functions.
+    ``edge_mtf50``, its 95 % interval (bootstrap over rows; NaN where a picture has no noise) and ``edge_mtf50_cycles``
+    are along the edge normal. A pixel is the camera's, even where the picture is light before it, on its own grid. This
+    applies to ``edge_mtf50_cycles``, ``edge_aliasing`` (fraction of the line spread energy above Nyquist), the flags
+    and
+    ``edge_effective_*``: MTF50, capped at Nyquist. ``edge_analytic`` is the MTF50 of the transfer functions up to the
+    stage under the scene's own white, including the rendering of the chart: NaN from the first stage on that is not
+    linear and shift-invariant, at the latest the mosaic.
+    ``edge_difference`` is measured minus analytic. ``edge_flags`` adds 1 (MTF50 above Nyquist), 2 (not reached), 4
+    (clipped: in this picture, or in the mosaic before it), 8 (interval wider than a tenth), 16 (no edge to measure).
+    ``esfr`` is the measured response at 65 frequencies up to 1 cycle/pixel (``frequency``; ``frequency_lp_mm`` in
+    cycles/mm), NaN above 1 cycle/sample for light on a grid coarser than the pixels, and ``esfr_analytic`` that of the
+    transfer functions.
 
-    ``limiting_factor`` is an index into ``factor``: noise where the interval of the mosaic and that of the first
-    picture in camera channels, both ended at Nyquist, are wider than a tenth, or hide an edge that the pixels do show;
-    else the largest ``resolution_gain``: how many times MTF50 would be without the factor. Lens, diffusion, geometry
-    and sampling are analytic (see ``resolution``), demosaic is MTF50 of the pixels over that of the first
-    ``rgb_camera``, each at most Nyquist, noise 1 and the width of the narrower interval over MTF50. It is NaN where
-    pixels are clipped, where the analytic gains are not known (a lens that is no transfer function), and where the
-    pixels' own picture, free of noise, shows no edge.
+    ``limiting_factor`` is an index into ``factor``. It is noise where the intervals of the mosaic and of the first
+    picture in camera channels, both capped at Nyquist, are wider than a tenth, or hide an edge that the pixels show;
+    otherwise the factor with the largest ``resolution_gain``, by which MTF50 would grow without it. Lens, diffusion,
+    geometry and sampling are analytic (see ``resolution``); demosaic is MTF50 of the pixels over that of the first
+    ``rgb_camera``, each capped at Nyquist; noise is 1 plus the width of the narrower interval over MTF50. It is NaN
+    where pixels are clipped, where the analytic gains are unknown (a lens without a transfer function), and where the
+    pixels' own noise-free picture shows no edge.
     """
 
     writes: ClassVar = {
@@ -101,15 +102,17 @@ class EdgeProbe(PictureProbe):
     creates: ClassVar = {"factor": Labels(EVERY_FACTOR), "frequency": curves.FREQUENCY}
     nanoseconds: ClassVar = 9e5
 
-    centre_y: float = param(0.0, units="um", doc="middle of the region on the image plane, where it has a size")
-    centre_x: float = param(0.0, units="um", doc="the same along x")
+    centre_y: float = param(0.0, units="um", doc="y centre of the region on the image plane, if it has a size")
+    centre_x: float = param(0.0, units="um", doc="x centre of the region on the image plane")
     region_height: float = param(
-        0.0, units="um", at_least=0, doc="size of the region; 0: the strongest edge is looked for"
+        0.0, units="um", at_least=0, doc="height of the region; 0: the strongest edge is searched"
     )
-    region_width: float = param(0.0, units="um", at_least=0, doc="the same along x")
-    encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"), doc="of rgb_display, as the stage encode has it")
-    exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
-    tails: bool = param(True, doc="whether light beyond the region is extrapolated; not under uneven light")
+    region_width: float = param(0.0, units="um", at_least=0, doc="width of the region")
+    encoding: str = param(
+        "sRGB", choices=("sRGB", "BT.709", "power"), doc="encoding of rgb_display, as in the stage encode"
+    )
+    exponent: float = param(0.45, above=0, at_most=5, doc="exponent of encoding 'power'")
+    tails: bool = param(True, doc="whether light beyond the region is extrapolated; set false under non-uniform light")
     draws: int = param(
         400,
         at_least=50,
@@ -118,9 +121,9 @@ class EdgeProbe(PictureProbe):
         reference="6400 draws",
         studied=True,
         settings=(50, 100, 200, 400, 1600, 6400),
-        doc="of the bootstrap",
+        doc="number of bootstrap draws",
     )
-    highest: float = param(4.0, units="cycles/um", above=0, doc="where the search for the analytic MTF50 ends")
+    highest: float = param(4.0, units="cycles/um", above=0, doc="upper end of the search for the analytic MTF50")
     nodes: int = param(
         512,
         at_least=16,
@@ -128,15 +131,15 @@ class EdgeProbe(PictureProbe):
         fidelity=True,
         reference="1024 nodes",
         settings=(64, 128, 256, 512, 1024),
-        doc="frequencies at which a crossing is looked for",
+        doc="number of frequencies at which crossings are searched",
     )
 
     def __post_init__(self) -> None:
         if (self.region_height > 0) != (self.region_width > 0):
             raise ValueError(
                 f"region_height is {self.region_height:g} and region_width {self.region_width:g}; give both, or "
-                f"neither to have the edge "
-                "found"
+                f"neither to search the edge "
+                "automatically"
             )
 
     # -- pictures ------------------------------------------------------------------------------------------------
@@ -160,7 +163,7 @@ class EdgeProbe(PictureProbe):
         channels, green = channels_of(transfers), second_of(transfers)
         observed = Observed(
             green if light is None or green is None else green * light, channels, light
-        )  # of a grey chart
+        )  # for a grey chart
         taken = weighed(transfers, matrices, whites, lambda a: decoded(a, self.encoding, self.exponent))
         check_encoding(rgb_linear, rgb_display, self.encoding, self.exponent)
         given = {
@@ -203,7 +206,7 @@ class EdgeProbe(PictureProbe):
         }
 
     def measured(self, variable: str, array: Any, taken: Callable[[Any], Any], grid: Any) -> Edge | None:
-        """The edge of a picture, None where there is none."""
+        """Return the edge of a picture, None where there is none."""
         y, x = grid.line("y"), grid.line("x")
         sites = None
         if variable == "mosaic_linear":
@@ -227,11 +230,11 @@ class EdgeProbe(PictureProbe):
 
         if variable != "irradiance" or not isinstance(array, np.ndarray):
             return make()
-        weighed = taken(np.eye(len(array), dtype=array.dtype)).tobytes()  # with what the bands are weighed
+        weighed = taken(np.eye(len(array), dtype=array.dtype)).tobytes()  # the weights of the bands
         return once_for(array, (window, self.tails, weighed), make)
 
     def window(self, grid: Any) -> Window | None:
-        """The region in a picture, as slices count; None where there is none."""
+        """Return the region in a picture as slice limits; None where there is none."""
         if not self.region_height > 0:
             return None
         y, x = grid.line("y"), grid.line("x")
@@ -241,16 +244,17 @@ class EdgeProbe(PictureProbe):
         return top, bottom, left, right
 
     def clips(self, mosaic: Any, grid: Any) -> bool:
-        """Whether pixels of any colour are clipped where the edge is looked for, in the exposure that is measured."""
+        """Return whether pixels of any colour are clipped around the edge, in the measured exposure."""
         top, bottom, left, right = self.window(grid) or (0, grid.line("y").size, 0, grid.line("x").size)
         seen = first_exposure(mosaic, "mosaic_linear")[top:bottom, left:right]
         return bool(np.count_nonzero(seen >= 1) > SATURATED * seen.size)
 
-    # -- what the transfer functions say --------------------------------------------------------------------------
+    # -- results of the transfer functions ------------------------------------------------------------------------
 
     def analytic(self, transfers: Any, observed: Observed, found: Any) -> dict[str, tuple[float, Any]]:
-        """MTF50 and the curve along each picture's own normal, NaN where no product of transfer functions is what
-        made the picture.
+        """Return MTF50 and the curve along the normal of each picture's edge, NaN where no product of transfer
+        functions
+        describes the picture.
         """
         by_name = dict(transfers)
         values: dict[str, tuple[float, Any]] = {}
@@ -259,7 +263,7 @@ class EdgeProbe(PictureProbe):
         for number, (name, variable, edge) in enumerate(found):
             if name in by_name:
                 pixel = by_name[name]
-                current = replace(pixel, behind=())  # its own picture: charge moves later
+                current = replace(pixel, behind=())  # its own picture: charge moves in a later stage
                 ended = ended or not current.whole
             elif pixel is not None and name in dict(pixel.behind):
                 last = list(dict(pixel.behind)).index(name)
@@ -275,7 +279,7 @@ class EdgeProbe(PictureProbe):
         return values
 
     def limits(self, transfers: Any, observed: Observed, found: Any, clipped: bool) -> tuple[Any, float]:
-        """(factor,) gains, and the index of what limits, NaN where that is not known."""
+        """Return the gains, (factor,), and the index of the limiting factor, NaN where it is unknown."""
         gain = np.full(len(EVERY_FACTOR), math.nan)
         edges = [edge for *_, edge, _ in found if edge is not None]
         gain[: len(FACTORS)], spread = self.known_gains(transfers, observed, edges)
@@ -283,7 +287,7 @@ class EdgeProbe(PictureProbe):
             return gain, math.nan
         first = {
             variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)
-        }  # picture of each kind
+        }  # first picture of each kind
         (before, pixels), (after, behind) = (
             first.get(variable, (None, 1.0)) for variable in ("photon_rate", "rgb_camera")
         )
@@ -293,13 +297,14 @@ class EdgeProbe(PictureProbe):
         gain[EVERY_FACTOR.index("noise")] = 1.0 + noise if math.isfinite(noise) else math.nan
         if np.isnan(gain[: len(FACTORS)]).any() or (before is None and not math.isnan(noise)):
             return gain, math.nan
-        if noise > NOISY:  # or noise hides an edge that is there
+        if noise > NOISY:  # or noise hides an existing edge
             return gain, float(EVERY_FACTOR.index("noise"))
         return gain, first_largest(np.where(np.isnan(gain), 0.0, gain)[:-1])
 
     def known_gains(self, transfers: Any, observed: Observed, edges: list[Edge]) -> tuple[Any, float]:
-        """Gains of what the transfer functions know, along the first edge, NaN where they do not say all; and what
-        charge that moves between pixels leaves of MTF50.
+        """Return the gains of the transfer functions along the first edge, NaN where they are incomplete, and the part
+        of
+        MTF50 that remains after charge moves between pixels.
         """
         pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
         if pixel is None or not pixel.whole or not edges:
@@ -313,15 +318,15 @@ class EdgeProbe(PictureProbe):
         return gain, half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of a noise-free edge before the mosaic; with noise the interval says more. Of what the transfer functions
-        say, by the nodes.
+        """Bound the error for a noise-free edge before the mosaic; with noise the interval tells more. For the transfer
+        functions, by the number of nodes.
         """
         return 5e-3 + 1e-6 * (64 / self.nodes) ** 3, "measured"
 
 
 def _noise(first: dict[str, tuple[Edge | None, float]]) -> float:
-    """The least doubt of the mosaic and of the first picture in camera channels; inf where noise hides their edges,
-    NaN where no picture has noise.
+    """Return the smaller uncertainty of the mosaic and of the first picture in camera channels; inf where noise hides
+    their edges, NaN where no picture has noise.
     """
     read_out = [seen for variable, seen in first.items() if variable not in NOISE_FREE]
     two = [first[variable] for variable in ("mosaic_linear", "rgb_camera") if variable in first] or read_out[:1]
@@ -330,7 +335,7 @@ def _noise(first: dict[str, tuple[Edge | None, float]]) -> float:
 
 
 def _span(centre: float, size: float, start: float, step: float, count: int) -> tuple[int, int]:
-    """First and last pixel, as slices count, of a stretch on the image plane; none where it lies outside."""
+    """Return the slice limits of the pixels in a range on the image plane; empty where it lies outside."""
     low = round((centre - 0.5 * size - start) / step + 0.5)
     high = round(low + size / step)
     return min(max(low, 0), count), min(max(high, 0), count)

@@ -1,4 +1,4 @@
-"""Figures of one measured edge, counted by the camera's pixels, and what they are worth.
+"""Metrics of one measured edge, in camera pixels, and their reliability.
 
 In:  an ``Edge`` in samples of its picture.
 Out: columns of the probe ``edge_resolution``, flags, the direction across it.
@@ -28,7 +28,7 @@ COLUMNS = (
 
 
 def row(edge: Edge | None, step: float, pitch: float) -> dict[str, float]:
-    """Of an edge in samples of ``step`` um, with pixels of ``pitch`` um."""
+    """Return the columns for an edge in samples of ``step`` um, with pixels of ``pitch`` um."""
     if edge is None:
         return {**dict.fromkeys(COLUMNS, math.nan), "edge_flags": FLAGS["no_edge"]}
     per_pixel = pitch / step
@@ -51,7 +51,7 @@ def row(edge: Edge | None, step: float, pitch: float) -> dict[str, float]:
 
 
 def carry_clipped(rows: dict[str, dict[str, float]], mosaic: list[str], stage: Any, clipped: bool) -> None:
-    """What is clipped in the mosaic is so in all that is made of it."""
+    """Mark every picture derived from a clipped mosaic as clipped."""
     names = [str(name) for name in stage]
     if not mosaic or not (clipped or int(rows[mosaic[0]]["edge_flags"]) & FLAGS["clipped"]):
         return
@@ -60,9 +60,9 @@ def carry_clipped(rows: dict[str, dict[str, float]], mosaic: list[str], stage: A
 
 
 def effective(edge: Edge, per_pixel: float, spread: float = 1.0) -> float:
-    """MTF50 in cycles/pixel, but at most Nyquist; NaN where a coarse grid does not see so far.
+    """Return MTF50 in cycles/pixel, capped at Nyquist; NaN above the range of a coarse grid.
 
-    ``spread``: what charge that moves between pixels behind the picture leaves of it.
+    ``spread``: the part of it that remains after charge moves between pixels.
     """
     if edge.not_reached:
         return NYQUIST if edge.frequency[-1] * per_pixel >= NYQUIST else math.nan
@@ -70,13 +70,14 @@ def effective(edge: Edge, per_pixel: float, spread: float = 1.0) -> float:
 
 
 def normal(edge: Edge) -> tuple[float, float]:
-    """(y, x) across a measured edge."""
+    """Return the unit vector (y, x) across a measured edge."""
     turn = math.radians(edge.angle)
     return (-math.sin(turn), math.cos(turn)) if edge.vertical else (math.cos(turn), -math.sin(turn))
 
 
 def doubt(edge: Edge, per_pixel: float) -> float:
-    """Width of the interval of the effective MTF50, at most Nyquist as it is itself, over it; 0 without noise."""
+    """Return the interval width of the effective MTF50, with both ends capped at Nyquist, over MTF50; 0 without
+    noise."""
     if math.isnan(edge.mtf50_high):
         return 0.0
     low, high = (min(end * per_pixel, NYQUIST) for end in (edge.mtf50_low, edge.mtf50_high))

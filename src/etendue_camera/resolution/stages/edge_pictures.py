@@ -1,7 +1,7 @@
-"""One edge of one picture, found, measured and remembered: what the probe `edge_resolution` does at every stage.
+"""One edge of one picture, searched, measured and cached: the work of `edge_resolution` at every stage.
 
 In:  a linear plane (y, x), with or without noise; a window (pixels) or none.
-Out: an ``Edge``, or None where there is none that can be measured.
+Out: an ``Edge``, or None where none can be measured.
 """
 
 from __future__ import annotations
@@ -20,20 +20,18 @@ from etendue_camera.resolution.edges.edge_interval import EdgeResolution, edge_r
 from etendue_camera.resolution.edges.edge_region import find_edge
 from etendue_camera.resolution.edges.slanted_edge import EdgeResponse, slanted_edge
 
-Window = tuple[int, int, int, int]  # top, bottom, left, right, as slices count
-LONGEST = 400  # pixels along the edge: more make it slower and hardly better
-SMALL = 96  # pixels below which a picture that shows no free-standing edge is taken for all edge
-CERTAIN = 1e4  # step over what is left about the fitted edge, from which on there is no noise
-FAINTEST = 0.02  # contrast of an edge; what is fainter is stray light
-INNER = 0.4  # of a frame of light, within which its border hardly tells
+Window = tuple[int, int, int, int]  # top, bottom, left, right, as slice limits
+LONGEST = 400  # pixels along the edge: more is slower and hardly better
+SMALL = 96  # pixels; a smaller picture without an isolated edge is taken as a whole
+CERTAIN = 1e4  # ratio of step to fit residual above which there is no noise
+FAINTEST = 0.02  # smallest contrast of an edge; below it is stray light
+INNER = 0.4  # of a frame of light, within which its border has little influence
 REMEMBERED = 512
 
 
 @dataclass(frozen=True)
 class Edge:
-    """Frequencies in cycles per sample of the picture, along the normal; the interval is NaN where there is no
-    noise.
-    """
+    """Frequencies in cycles per sample of the picture, along the normal; the interval is NaN without noise."""
 
     mtf50: float
     mtf50_low: float
@@ -49,7 +47,7 @@ class Edge:
 
 
 class KnownPicture:
-    """A picture known by what it holds: an edge that many cells of a sweep look at is measured once."""
+    """A picture identified by its content: an edge that many cells of a sweep share is measured once."""
 
     def __init__(self, plane: Any, sites: Any = None) -> None:
         self.plane, self.sites = plane, sites
@@ -64,7 +62,7 @@ _lock = threading.Lock()
 
 
 def once_for(array: Any, asked: Any, make: Callable[[], Edge | None]) -> Edge | None:
-    """What ``make`` finds in an array: cells of a sweep that look at the very same one need not read it again."""
+    """Return the result of ``make`` for an array, once: cells of a sweep with the same array share it."""
     key = (id(array), asked)
     with _lock:
         known = _seen.get(key)
@@ -86,7 +84,7 @@ def known_edge(
     tails: bool,
     bordered: bool = False,
 ) -> Edge | None:
-    """The edge in a window, or the strongest there is; ``draws`` 0 for a picture without noise, ``bordered`` for one
+    """Return the edge in a window, or the strongest; ``draws`` is 0 for a picture without noise, ``bordered`` marks one
     that is continued by its mirror image."""
     key = (picture.digest, window, limits, draws, tails, bordered)
     with _lock:
@@ -94,7 +92,7 @@ def known_edge(
             return _known[key]
     try:
         found = _measured(picture.plane, picture.sites, window, limits, draws, tails, bordered)
-    except ValueError:  # what the kernel says of pictures without an edge
+    except ValueError:  # raised by the kernel for pictures without an edge
         found = None
     with _lock:
         while len(_known) >= REMEMBERED:
@@ -119,7 +117,7 @@ def _measured(
             try:
                 cut = np.s_[inner[0] - window[0] : inner[1] - window[0], inner[2] - window[2] : inner[3] - window[2]]
                 return _certain(_straight(plane[_slices(inner)], None if sites is None else sites[cut], tails))
-            except ValueError:  # the edge stands somewhere else
+            except ValueError:  # the edge is elsewhere
                 pass
     elif sites is not None:
         sites = sites[_slices(window)]
@@ -147,10 +145,10 @@ def _slices(window: Window) -> tuple[slice, slice]:
 
 
 def _inner(window: Window, shape: tuple[int, ...]) -> Window | None:
-    """The part of a window in the middle of the frame, None where it is too small to measure in.
+    """Return the part of a window in the middle of the frame, None where it is too small to measure.
 
-    Behind the border of the light stands its mirror image: near it the light that a lens has thrown far is not that of
-    an edge.
+    Beyond the border of the light is its mirror image: near it, light that a lens scatters far does not come from an
+    edge.
     """
     found: list[int] = []
     for low, high, size in ((*window[:2], shape[0]), (*window[2:], shape[1])):
@@ -166,12 +164,13 @@ def _straight(plane: Any, sites: Any, tails: bool) -> EdgeResponse:
 
 def _strong(found: EdgeResponse) -> EdgeResponse:
     if not found.contrast >= FAINTEST:
-        raise ValueError(f"picture shows an edge of contrast {found.contrast:.2g}; allowed is at least {FAINTEST}")
+        raise ValueError(f"picture shows an edge of contrast {found.contrast:.2g}; at least {FAINTEST} is required")
     return found
 
 
 def _middle(plane: Any) -> tuple[slice, slice]:
-    """No more than so much of the edge, about its middle."""
+    """Return the slices of the middle of the edge, of limited length."""
+
     gy, gx = (float(np.square(np.diff(plane, axis=axis)).sum()) for axis in (0, 1))
     cut = [slice(None), slice(None)]
     along = 0 if gx >= gy else 1

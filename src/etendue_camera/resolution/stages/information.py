@@ -1,7 +1,7 @@
-"""What a camera tells of fine detail, in every cell of a sweep: information capacity, NEQ, SNRi, from its own figures.
+"""Information metrics of a camera, in every cell of a sweep: information capacity, NEQ, SNRi.
 
-In:  the transfer functions of all stages, the white of the light, the expected charge of the picture.
-Out: bits a pixel and SNRi by ``stage``, NEQ of the whole camera by frequency.
+In:  the transfer functions of all stages, the white of the light, the expected charge.
+Out: bits per pixel and SNRi by ``stage``, NEQ of the whole camera by frequency.
 """
 
 from __future__ import annotations
@@ -24,21 +24,23 @@ FREQUENCIES = 33  # from 0 to Nyquist
 
 @dataclass(frozen=True, kw_only=True)
 class Information(KnownNoise, Probe):
-    """Information capacity up to each stage, noise equivalent quanta and the ideal observer, of grey detail about the
-    picture's mean.
+    """Compute the information capacity after each stage, noise-equivalent quanta and the ideal observer's SNR, for grey
+    detail about the picture's mean.
 
-    The mean charge of every channel is that of the picture (``expected_charge``), and the light's part of it that of
-    ``photocurrent`` beside the dark current. Its noise is shot noise, ``read_noise``, ``dsnu``, rounding, and what the
-    stages in front say of PRNU, of the spread of the dark current, and of rows and columns. All pixels of the mosaic
-    are taken together, each by its own noise; the stages behind the mosaic are not looked at, see
-    ``etendue information``.
+    The mean charge of each channel is that of the picture (``expected_charge``), and its light-induced part that of
+    ``photocurrent`` without the dark current. Noise is shot noise, ``read_noise``, ``dsnu``, rounding, and what
+    preceding
+    stages state for PRNU, dark current non-uniformity, rows and columns. All pixels of the mosaic are combined, each
+    with
+    its own noise; stages after the mosaic are ignored, see ``etendue information``.
 
-    ``information_capacity``: bits a pixel, half the integral over the Nyquist square of log2(1 + variance NEQ), with
-    the blurs up to a stage and all of the noise; ``information_of_light`` is that of the photoelectrons alone, without
-    blur and with their shot noise. The signal is light between two levels of ``contrast_ratio``, all equally likely,
-    with the same power up to Nyquist: variance (range/mean)^2 / 12. ``neq`` is along x, in quanta a pixel. ``snri``: of
-    a Gaussian spot ``object_size`` pixels wide at half height. NaN from the first stage on that moves light without
-    being a transfer function.
+    ``information_capacity``: bits per pixel, half the integral over the Nyquist square of log2(1 + variance NEQ), with
+    the blurs up to a stage and all of the noise; ``information_of_light`` is limited by photon shot noise alone,
+    without
+    blur. The signal is light between two levels of ``contrast_ratio``, all equally likely, with equal power up to
+    Nyquist: variance (range/mean)^2 / 12. ``neq`` is along x, in quanta per pixel. ``snri`` is for a Gaussian spot
+    ``object_size`` pixels wide at half height. NaN from the first stage on that moves light without a transfer
+    function.
     """
 
     role: ClassVar = "resolution"
@@ -62,16 +64,18 @@ class Information(KnownNoise, Probe):
     )
     creates: ClassVar = {"detail": Line(FREQUENCIES, 0.0, 0.5 / (FREQUENCIES - 1), "cycles/pixel")}
     nanoseconds: ClassVar = 2e7
-    # Of bits, relative: largest where a diffraction cut-off lies inside the square.
+    # Relative error of the bits: largest where a diffraction cut-off lies inside the Nyquist square.
     error: ClassVar[Any] = measured(2e-4)
 
     pattern: str = quantity("pattern")
     prnu: float = param(
-        0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel, where no stage says it"
+        0.01, at_least=0, at_most=1, doc="photo-response non-uniformity, relative rms, where no stage states it"
     )
-    contrast_ratio: float = param(4.0, above=1, at_most=1e6, doc="of the brightest to the darkest detail")
-    object_size: float = param(4.0, at_least=0.5, at_most=12, units="pixel", doc="width of the spot at half height")
-    object_contrast: float = param(0.05, above=0, at_most=1, doc="of the spot, at its peak")
+    contrast_ratio: float = param(4.0, above=1, at_most=1e6, doc="ratio of the brightest to the darkest detail")
+    object_size: float = param(
+        4.0, at_least=0.5, at_most=12, units="pixel", doc="full width of the spot at half maximum"
+    )
+    object_contrast: float = param(0.05, above=0, at_most=1, doc="peak contrast of the spot")
 
     def run(self, transfers: Any, lights: Any, charges: Any, currents: Any = (), sheets: Sheets = ()) -> dict[str, Any]:
         count = len(transfers)
@@ -90,7 +94,7 @@ class Information(KnownNoise, Probe):
         shares, (light, noise) = self.shares(), self.light_and_noise(charge, currents, sheets)
 
         def quanta(otf: Any, fy: Any, fx: Any) -> Any:
-            """(m, n): of all channels together."""
+            """Return the quanta of all channels together, (m, n)."""
             return sum(
                 share * information.neq(e * contrast, variance)
                 for share, e, variance, contrast in zip(
@@ -111,7 +115,7 @@ class Information(KnownNoise, Probe):
         }
 
     def contrasts(self, otf: Any, colours: Any, white: Any, fy: Any, fx: Any) -> Any:
-        """(channel, m, n) at frequencies in cycles/pixel."""
+        """Return the contrast (channel, m, n) at frequencies in cycles/pixel."""
         fy, fx = np.asarray(fy) / self.pixel_pitch, np.asarray(fx) / self.pixel_pitch
         if otf.behind:
             return otf.channels(fy, fx, white)
@@ -119,7 +123,7 @@ class Information(KnownNoise, Probe):
         return [np.tensordot(colour, blurs, 1) for colour in colours]
 
     def light_and_noise(self, charge: Any, currents: Any, sheets: Sheets) -> tuple[Any, Any]:
-        """(channel,) charge of the light, electron, and variance of a pixel, electron^2."""
+        """Return the charge of the light, electron, and the variance of a pixel, electron^2, both (channel,)."""
         figures = [sheet.figures for _, sheet in sheets]
         dark, spread = (sum(own.get(name, 0.0) for own in figures) for name in ("dark_current", "dark_spread"))
         said = [own["prnu"] for own in figures if "prnu" in own]
@@ -137,13 +141,13 @@ class Information(KnownNoise, Probe):
         return light, charge + floor + patterns[0] ** 2 + patterns[1] ** 2
 
     def shares(self) -> Any:
-        """(channel,): of the pixels of the mosaic."""
+        """Return each channel's fraction of the mosaic's pixels, (channel,)."""
         mask = mask_of(self.pattern)
         letters = "".join("".join(row) for row in mask.rows)
         return np.array([letters.count(channel) / len(letters) for channel in mask.channels])
 
     def by_channel(self, mosaic: Any, grid: Any) -> Any:
-        """(channel,) means of a mosaic, of the first exposure."""
+        """Return the channel means (channel,) of a mosaic, for the first exposure."""
         mosaic = mosaic.reshape(-1, *mosaic.shape[-2:])[0]
         y, x, mask = grid.line("y"), grid.line("x"), mask_of(self.pattern)
         index = cfa.channel_index(mask, y.size, x.size, round(y.start), round(x.start))
@@ -153,6 +157,6 @@ class Information(KnownNoise, Probe):
 
     @staticmethod
     def colours(weights: Any, light: Any) -> Any:
-        """(channel, wavelength): shares of the photons of a grey surface."""
+        """Return the photon distribution of a grey surface, (channel, wavelength)."""
         own = np.asarray(weights, dtype=float) * (1.0 if light is None else light)
         return own / own.sum(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The luminance of every picture of a run: which weights make one plane of bands, channels and display values.
+"""The luminance of every picture of a run: the weights that combine bands, channels and display values to a plane.
 
 In:  transfer functions, matrices and white of all stages, pictures.
 Out: planes (y, x), linear in light.
@@ -17,13 +17,13 @@ from etendue_camera.colour import encoding as transfer
 from etendue_camera.resolution.stages.analytic import one_channel
 
 NOISE_FREE = ("irradiance", "photon_rate")
-SATURATED = 1e-3  # share of pixels at clipping from which on a mosaic says nothing of its edge
+SATURATED = 1e-3  # fraction of clipped pixels above which a mosaic gives no valid edge
 LUMINANCE = (0.2126390058715104, 0.7151686787677559, 0.0721923153607337)  # of sRGB primaries
 
 
 @dataclass(frozen=True, kw_only=True)
 class PictureProbe(Probe):
-    """A probe of the pictures of all stages, beside what the camera says of them."""
+    """A probe of the pictures of all stages, with the camera's transfer functions, matrices and white."""
 
     role: ClassVar = "resolution"
     with_grids: ClassVar = True
@@ -49,7 +49,7 @@ class PictureProbe(Probe):
 def weighed(
     transfers: Any, matrices: Any, whites: Any, decode: Callable[[Any], Any]
 ) -> dict[str, Callable[[Any], Any]]:
-    """What makes the luminance of each variable; ``decode``: of encoded display values."""
+    """Return the function that computes the luminance of each variable; ``decode`` is for encoded display values."""
     green = second_of(transfers)
     y_row, display = _luminance(matrices, whites), np.array(LUMINANCE)
     return {
@@ -64,38 +64,38 @@ def weighed(
 
 
 def decoded(picture: Any, encoding: str, exponent: float) -> Any:
-    """Linear values of display values."""
+    """Return linear values from display values."""
     if encoding == "power":
         return transfer.gamma_signed(picture, 1 / exponent)
     return (transfer.srgb_decode if encoding == "sRGB" else transfer.bt709_decode)(picture)
 
 
 def check_encoding(linear: Any, encoded: Any, encoding: str, exponent: float) -> None:
-    """Refuse an encoding that is not the one between the last linear and the last encoded picture."""
+    """Raise ValueError for an encoding other than the one between the last linear and the last encoded picture."""
     if not linear or not encoded:
         return
     apart = float(np.abs(np.clip(linear[-1][1], 0, 1) - decoded(encoded[-1][1], encoding, exponent)).max(initial=0.0))
     if apart > 0.01:
         raise ValueError(
-            f"rgb_display decoded as {encoding} is {apart:.2g} from rgb_linear: give this stage the encoding "
+            f"rgb_display decoded as {encoding} differs from rgb_linear by {apart:.2g}: give this stage the encoding "
             f"and the exponent of "
             "the stage encode"
         )
 
 
 def channels_of(transfers: Any) -> Any:
-    """(channel, wavelength): weights of the pixel; None without one."""
+    """Return the weights of the pixel, (channel, wavelength); None without one."""
     return next((otf.weights for _, otf in transfers if otf.weights is not None), None)
 
 
 def second_of(transfers: Any) -> Any:
-    """(wavelength,): of the weights of channels those of the second, or of the only one."""
+    """Return the second channel's weights, or the only one's, (wavelength,)."""
     weights = channels_of(transfers)
     return None if weights is None else np.asarray(one_channel(weights), dtype=float)
 
 
 def first_exposure(array: Any, variable: str) -> Any:
-    """Of several exposures the first."""
+    """Return the first of several exposures."""
     dims = 2 if variable == "mosaic_linear" else 3
     array = np.asarray(array)
     return array.reshape(-1, *array.shape[-dims:])[0]
@@ -109,7 +109,7 @@ def _mixed(weights: Any, planes: Any) -> Any:
 
 
 def _luminance(matrices: Any, whites: Any) -> Any:
-    """(channel,): Y of camera primaries through the fitted matrix; None without one."""
+    """Return Y of camera RGB through the fitted matrix, (channel,); None without one."""
     if not matrices or not whites or len(whites[-1][1]) != matrices[-1][1].shape[1] or not np.all(whites[-1][1] > 0):
         return None
     return np.asarray(matrices[-1][1], dtype=float)[1] / np.asarray(whites[-1][1], dtype=float)

@@ -1,7 +1,7 @@
-"""What a run resolves of a star and of texture: a Siemens star and dead leaves measured in every picture of it.
+"""Measured resolution of star and texture: a Siemens star and dead leaves in every picture of a run.
 
 In:  the pictures and white of all stages.
-Out: MTF50 and MTF10 of the star, MTF50 of the texture, by ``stage``; NaN where there is nothing to be measured.
+Out: MTF50 and MTF10 of the star, MTF50 of the texture, by ``stage``; NaN where nothing can be measured.
 """
 
 from __future__ import annotations
@@ -29,28 +29,31 @@ from etendue_camera.resolution.stages.luminance import (
 from etendue_camera.resolution.texture import SMALLEST, TextureResponse, texture_response
 from etendue_camera.sensor.stages.masks import mask_of
 
-MARGIN = 1.0  # pixels between the outermost ring and the border, in which the centre may move
-OUTERMOST = 0.75  # response of the outermost ring, below which it says too little of a contrast that is not known
-REFERENCE = 1.0  # rms width, in pixels, of the Gaussian that keeps a reference on a coarser grid from folding
-TAIL, ORDER = 6.0, 5  # rms widths after which it is left out; of the spline that reads it between samples
-EVEN = 0.2  # least over most of the energy of slopes along any two directions, from which on a picture is no edge
-DOUBTFUL = 0.05  # standard error of the response at half contrast from which on there is no telling where it is
+MARGIN = 1.0  # pixels between the outermost ring and the border, for the centre to move
+OUTERMOST = 0.75  # smallest response of the outermost ring from which an unknown contrast can be found
+REFERENCE = 1.0  # rms width, in pixels, of the Gaussian that prevents aliasing of a reference on a coarser grid
+TAIL, ORDER = 6.0, 5  # truncation in rms widths; order of the spline that interpolates it
+EVEN = 0.2  # min/max energy of slopes over directions, above which a picture is not an edge
+DOUBTFUL = 0.05  # standard error of the response at MTF50 above which MTF50 is undefined
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Pictures(PictureProbe):
-    """The luminance of every picture of a run, as `edge_resolution` has it. Cycles per pixel count camera pixels at
-    every stage.
+    """The luminance of every picture of a run, as in `edge_resolution`. Cycles per pixel refer to camera pixels at
+    every
+    stage.
     """
 
-    encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"), doc="of rgb_display, as the stage encode has it")
-    exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
+    encoding: str = param(
+        "sRGB", choices=("sRGB", "BT.709", "power"), doc="encoding of rgb_display, as in the stage encode"
+    )
+    exponent: float = param(0.45, above=0, at_most=5, doc="exponent of encoding 'power'")
 
     def planes(
         self, transfers: Any, matrices: Any, whites: Any, given: dict[str, Any]
     ) -> Iterator[tuple[str, str, Any, Any]]:
-        """(stage, variable, plane, grid); the plane is None where it is clipped or shows one colour here and another
-        there.
+        """Yield (stage, variable, plane, grid); the plane is None where it is clipped or its sites have different
+        colours.
         """
         check_encoding(given["rgb_linear"], given["rgb_display"], self.encoding, self.exponent)
         taken = weighed(transfers, matrices, whites, lambda a: decoded(a, self.encoding, self.exponent))
@@ -70,18 +73,18 @@ class _Pictures(PictureProbe):
 
 @dataclass(frozen=True, kw_only=True)
 class StarProbe(_Pictures):
-    """The sinusoidal Siemens star of the pipeline's own scene, measured at every stage that has a picture.
+    """Measure the sinusoidal Siemens star of the pipeline's own scene at every stage that has a picture.
 
-    Luminance is measured as in ``edge_resolution``, over the whole of every picture: the mosaic of several colours is
-    left out. ``cycles`` and ``radius`` are those of the scene; of a star that does not fit into a picture what fits is
-    measured. Frequencies are means over all directions, the rendering of the chart included.
+    Luminance is measured as in ``edge_resolution``, over the whole of every picture; a mosaic of several colours is
+    skipped. ``cycles`` and ``radius`` are those of the scene; if a star does not fit into a picture, the part that fits
+    is measured. Frequencies are means over all directions, including the rendering of the chart.
 
-    Contrast is divided by that of the star in front of the lens (what the outer rings of the first ``irradiance`` tend
-    to towards frequency 0), so that a camera's veiling glare counts as contrast lost.
+    Contrast is relative to the star before the lens (the limit of the outer rings of the first ``irradiance`` towards
+    frequency 0), so that veiling glare counts as lost contrast.
 
-    NaN where there is no star of so many cycles about that centre, where it is fainter than 2 % or than what is left
-    about the fitted star, where the picture is too small for rings below half contrast, clipped, or half contrast is
-    not reached at ``highest``.
+    NaN where there is no star with this many cycles about that centre, where it is fainter than 2 % or than the fit
+    residual, where the picture is too small for rings below half contrast or is clipped, or where half contrast is not
+    reached at ``highest``.
     """
 
     writes: ClassVar = {
@@ -90,18 +93,21 @@ class StarProbe(_Pictures):
         "star_mtf10": "stage [cycles/um] nan",
     }
     nanoseconds: ClassVar = 1e8
-    error: ClassVar[Any] = measured(2e-3)  # of a noise-free star of 36 cycles
+    error: ClassVar[Any] = measured(2e-3)  # for a noise-free star of 36 cycles
 
-    cycles: int = param(36, at_least=8, doc="of the star, as the scene has it")
-    radius: float = param(400.0, units="um", above=0, doc="of the star on the image plane, as the scene has it")
+    cycles: int = param(36, at_least=8, doc="cycles of the star, as in the scene")
+    radius: float = param(400.0, units="um", above=0, doc="radius of the star on the image plane, as in the scene")
     centre_y: float = param(
-        0.0, units="um", doc="its centre on the image plane, right to a quarter of the finest cycle"
+        0.0, units="um", doc="y centre of the star on the image plane, accurate to a quarter of the finest cycle"
     )
-    centre_x: float = param(0.0, units="um", doc="the same along x")
+    centre_x: float = param(0.0, units="um", doc="x centre of the star on the image plane")
     contrast: float = param(
-        0.0, at_least=0, at_most=1, doc="(light - dark)/(light + dark) of the star; 0: that of the first irradiance"
+        0.0,
+        at_least=0,
+        at_most=1,
+        doc="contrast of the star, (light - dark)/(light + dark); 0: that of the first irradiance",
     )
-    highest: float = param(0.7, above=0, at_most=1, doc="cycles/pixel of the innermost ring")
+    highest: float = param(0.7, above=0, at_most=1, doc="frequency of the innermost ring, cycles/pixel")
 
     def run(
         self,
@@ -140,12 +146,12 @@ class StarProbe(_Pictures):
         return {"star_mtf50": rows[:, 0], "star_mtf50_cycles": rows[:, 1], "star_mtf10": rows[:, 2]}
 
     def measured(self, plane: Any, grid: Any, contrast: float) -> StarResponse | None:
-        """The star of a picture, None where there is none; contrast 0 where it is not known."""
+        """Return the star of a picture, None where there is none; contrast 0 where it is unknown."""
         places = [
             (c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)
         ]
         room = min(min(place, size - 1 - place) for place, size in zip(places, plane.shape, strict=True)) - MARGIN
-        radius = min(self.radius / grid.line("x").um()[1], room / 0.95)  # the kernel leaves the last twentieth out
+        radius = min(self.radius / grid.line("x").um()[1], room / 0.95)  # the kernel omits the outer twentieth
         if not radius > 0:
             return None
         low = [math.floor(place - radius - MARGIN) for place in places]
@@ -158,7 +164,7 @@ class StarProbe(_Pictures):
                 star = star_response(
                     part, Star(self.cycles, radius), centre=centre, contrast=contrast or None, highest=self.highest
                 )
-        except (ValueError, np.linalg.LinAlgError):  # what the kernel says of pictures without a star
+        except (ValueError, np.linalg.LinAlgError):  # raised by the kernel for pictures without a star
             return None
         moved = math.hypot(star.centre[0] - centre[0], star.centre[1] - centre[1])
         outermost = 0.0 if contrast else OUTERMOST
@@ -174,22 +180,24 @@ class StarProbe(_Pictures):
 
 @dataclass(frozen=True, kw_only=True)
 class LeavesProbe(_Pictures):
-    """The texture of the pipeline's own scene, measured at every stage that has a picture by its cross spectrum with
-    the light in front of the lens.
+    """Measure the dead-leaves texture of the pipeline's own scene at every stage that has a picture, by its
+    cross-spectrum with the light before the lens.
 
-    That reference is the first ``irradiance``: taken as it is on the same grid, else blurred by a Gaussian of one
-    pixel, which is taken out again, and read at the pixels' centres. The rendering of the chart is in both and cancels:
-    it is the response of what stands behind, mean over all directions. Noise and aliases, which the reference does not
-    explain, do not count.
+    That reference is the first ``irradiance``: used as it is on the same grid, otherwise blurred by a Gaussian of one
+    pixel, which is divided out again, and interpolated at the pixel centres. The rendering of the chart is in both and
+    cancels: the result is the response of the stages after it, averaged over all directions. Noise and aliases, which
+    the
+    reference does not explain, do not count.
 
-    Luminance is measured as in ``edge_resolution``, over the whole of every picture: the mosaic of several colours is
-    left out. NaN where there is no texture (even light, or edges of one direction), a picture of fewer than 64 x 64
-    pixels, a clipped one, or half contrast that is not reached below 0.5 cycles/pixel or is hidden by noise.
+    Luminance is measured as in ``edge_resolution``, over the whole of every picture; a mosaic of several colours is
+    skipped. NaN where there is no texture (uniform light, or edges of one direction), for pictures below 64 x 64
+    pixels,
+    for clipped ones, or where half contrast is not reached below 0.5 cycles/pixel or is hidden by noise.
     """
 
     writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}
     nanoseconds: ClassVar = 1e8
-    # Of a noise-free picture of 144 x 144 pixels at 0.49 cycles/pixel, where aliases are near; 4e-3 up to 0.38.
+    # For a noise-free picture of 144 x 144 pixels at 0.49 cycles/pixel, where aliases are near; 4e-3 up to 0.38.
     error: ClassVar[Any] = measured(4e-2)
 
     def run(
@@ -237,13 +245,13 @@ def _clipped(array: Any) -> bool:
 
 
 def _lines(grid: Any) -> tuple[tuple[float, float], tuple[float, float]]:
-    """(start, step) of y and of x, um."""
+    """Return (start, step) of y and of x, um."""
     return grid.line("y").um(), grid.line("x").um()
 
 
 def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tuple[Any, float]:
-    """The light at the places of another grid, and the rms width (pixels) of what it was blurred with; None where it
-    is no texture.
+    """Return the light at the positions of another grid, and the rms width (pixels) of its blur; None where it has no
+    texture.
     """
     own, other = _lines(grid), _lines(wanted)
     if shape == plane.shape and np.allclose(own, other, rtol=1e-9, atol=1e-9 * own[1][1]):
@@ -256,7 +264,7 @@ def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tu
 
 
 def _textured(plane: Any) -> bool:
-    """Whether a picture has slopes in all directions."""
+    """Return whether a picture has slopes in all directions."""
     down, across = np.gradient(plane)
     tensor = np.array([[np.sum(down**2), np.sum(down * across)], [np.sum(down * across), np.sum(across**2)]])
     least, most = np.linalg.eigvalsh(tensor)
@@ -264,7 +272,7 @@ def _textured(plane: Any) -> bool:
 
 
 def _half(plane: Any, reference: Any, width: float) -> float:
-    """MTF50 in cycles/pixel of a picture against its reference."""
+    """Return the MTF50 of a picture against its reference, cycles/pixel."""
     if reference is None:
         return math.nan
     try:
@@ -275,7 +283,7 @@ def _half(plane: Any, reference: Any, width: float) -> float:
                 known=lambda f: np.exp(-2 * (np.pi * width * f) ** 2),
                 rings=min(64, min(plane.shape) // 4),
             )
-    except (ValueError, np.linalg.LinAlgError):  # what the kernel says of pictures without texture
+    except (ValueError, np.linalg.LinAlgError):  # raised by the kernel for pictures without texture
         return math.nan
     if math.isnan(found.mtf50) or not np.interp(found.mtf50, found.frequency, found.doubt) <= DOUBTFUL:
         return math.nan

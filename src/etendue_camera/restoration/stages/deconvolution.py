@@ -1,7 +1,7 @@
-"""The inverse problem: deconvolution with the pipeline's own transfer function.
+"""Deconvolution with the pipeline's own transfer function.
 
-In:  ``rgb_camera`` (channel, y, x), linear, 1 at clipping; the transfer functions of all stages in front.
-Out: ``rgb_camera``; where they are asked for, ``mtf50_gain`` and ``noise_gain``.
+In:  ``rgb_camera`` (channel, y, x), linear, 1 at clipping; the transfer functions of all preceding stages.
+Out: ``rgb_camera``; on request, ``mtf50_gain`` and ``noise_gain``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from etendue_camera.restoration.stages.figures import (
 
 @dataclass(frozen=True, kw_only=True)
 class Inverse(KnownNoise):
-    """A restoration by the camera's own transfer function and noise."""
+    """A restoration that uses the camera's own transfer function and noise."""
 
     role: ClassVar = "sharpening"
 
@@ -43,17 +43,18 @@ class Inverse(KnownNoise):
         fidelity=True,
         reference="0: at every frequency of the picture",
         settings=(16, 32, 64, 128, 0),
-        doc="frequencies per cycle/pixel at which the transfer function is evaluated, cubic between them: 128 for "
-        "frames above 1 Mpixel",
+        doc="frequencies per cycle/pixel at which the transfer function is evaluated, with cubic interpolation: 128 "
+        "for frames above 1 Mpixel",
     )
 
     def __post_init__(self) -> None:
         if 0 < self.nodes < 16:
-            raise ValueError(f"nodes is {self.nodes}; allowed are 0 (every frequency) and numbers from 16")
+            raise ValueError(f"nodes is {self.nodes}; it must be 0 (every frequency) or at least 16")
 
     def table_error(self) -> float:
-        """Of the picture, by the table: worst where the lens' cut-off lies inside, f/22 at 2 um; 1e-5 at f/4 and 4
-        um.
+        """Return the error of the picture by the table: largest where the lens cut-off lies inside, f/22 at 2 um; 1e-5
+        at
+        f/4 and 4 um.
         """
         return 1.5e-3 * max((128 / self.nodes) ** 3, 128 / self.nodes) if self.nodes else 0.0
 
@@ -61,20 +62,19 @@ class Inverse(KnownNoise):
         return System.of(transfers, len(picture), self.pixel_pitch, self.nodes)
 
     def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
-        return unknown_blur(others, "only the blur of other stages is undone, and its figures are NaN")
+        return unknown_blur(others, "only the blur of other stages is inverted, and its metrics are NaN")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wiener(Inverse):
-    """Wiener deconvolution by the pipeline's own transfer function: the least mean-square error a linear filter can
-    have.
+    """Wiener deconvolution with the pipeline's own transfer function: the linear filter of least mean-square error.
 
-    What the filter takes for a picture is a power law over frequency with a known contrast; noise is the camera's at
-    the white level, and what folds onto a frequency from beyond the pixel's Nyquist frequency. Each channel has its own
-    transfer function. The mean is kept. ``mtf50_gain`` is along x of the second channel (green), ``noise_gain`` the
-    factor on white noise there; both are NaN where a stage in front blurs without a transfer function. At the Nyquist
-    frequency half of what is seen is folded: there the filter gives back at most half of the contrast, so that its
-    MTF50 does not pass the Nyquist frequency.
+    The filter models the picture as a power law over frequency with a known contrast. The noise is the camera's at the
+    white level plus what aliases from above the pixel's Nyquist frequency. Each channel has its own transfer function.
+    The mean is preserved. ``mtf50_gain`` is along x of the second channel (green), ``noise_gain`` the factor on white
+    noise there; both are NaN where a preceding stage blurs without a transfer function. At the Nyquist frequency half
+    of the signal is aliased, so the filter restores at most half of the contrast there, and its MTF50 does not exceed
+    Nyquist.
     """
 
     reads: ClassVar = LOOKS
@@ -85,20 +85,23 @@ class Wiener(Inverse):
     working: ClassVar = 17.0
 
     noise_variance: float = param(
-        0.0, at_least=0, doc="of the noise, 1 = the square of clipping; 0: the camera's own at clipping"
+        0.0, at_least=0, doc="noise variance, 1 = the square of clipping; 0: the camera's own at clipping"
     )
     contrast: float = param(0.2, above=0, at_most=10, doc="rms contrast of the picture, 1 = clipping")
     exponent: float = param(
-        2.0, at_least=0, at_most=8, doc="power of the picture falls as 1/f^exponent; 0: noise over signal is constant"
+        2.0,
+        at_least=0,
+        at_most=8,
+        doc="the power spectrum of the picture falls as 1/f^exponent; 0: constant noise-to-signal ratio",
     )
     aliasing: str = param(
-        "noise", choices=("noise", "ignored"), doc="what folds back from beyond the Nyquist frequency"
+        "noise", choices=("noise", "ignored"), doc="whether content aliased from above Nyquist counts as noise"
     )
-    largest_gain: float = param(10.0, at_least=1, at_most=1e6, doc="of any frequency")
+    largest_gain: float = param(10.0, at_least=1, at_most=1e6, doc="largest gain at any frequency")
 
     def response(self, system: System, fy: Any, fx: Any) -> Any:
-        """(channel or 1, m, n) at frequencies fy (m,), fx (n,) up to 1/2 cycle/pixel."""
-        rows, columns = (fy, _beside(fy)), (fx, _beside(fx))  # the frequencies themselves, and what folds onto them
+        """Return the response (channel or 1, m, n) at frequencies fy (m,), fx (n,) up to 1/2 cycle/pixel."""
+        rows, columns = (fy, _beside(fy)), (fx, _beside(fx))  # the frequencies, and those that alias onto them
         if self.aliasing == "ignored":
             transfer = [system.plane(fy, fx)]
         else:
@@ -108,7 +111,7 @@ class Wiener(Inverse):
         ratio = (self.noise_variance or sum(self.noise_model())) / self.contrast**2 / power[0]
         for folded, strength in zip(transfer[1:], power[1:], strict=False):
             ratio = ratio + np.abs(folded) ** 2 * (strength / power[0])
-        still = (fy[:, None] == 0) & (fx == 0)  # the mean is known: it is kept
+        still = (fy[:, None] == 0) & (fx == 0)  # the mean is known and preserved
         gain = deconvolution.wiener_gain(transfer[0], np.where(still, 0.0, ratio))
         return deconvolution.limited(gain, self.largest_gain)
 
@@ -126,7 +129,7 @@ class Wiener(Inverse):
         return {"rgb_camera": picture, **figures(asked, system, response, noise_gain)}
 
     def restored(self, picture: Any, system: System) -> tuple[Any, Any]:
-        """The picture, and the gain (channel or 1, Ny, Nx // 2 + 1) it was multiplied with."""
+        """Return the picture and the gain applied to it, (channel or 1, Ny, Nx // 2 + 1)."""
         gain = self.response(system, *deconvolution.frequencies(*picture.shape[-2:]))
         return deconvolution.apply(picture, gain), gain
 
@@ -136,14 +139,14 @@ class Wiener(Inverse):
 
 @dataclass(frozen=True, kw_only=True)
 class RichardsonLucy(Inverse):
-    """Richardson-Lucy deconvolution by the pipeline's own transfer function: iterative, positive, keeps the sum.
+    """Richardson-Lucy deconvolution with the pipeline's own transfer function: iterative, positive, preserves the sum.
 
-    Ends where the blurred estimate differs from the picture by no more than the camera's noise, times ``stop``, or
-    after ``iterations``; the default of ``stop`` is below 1 since demosaicing evens out some of the noise. Values below
-    0 are kept, on a pedestal. Starting from the picture, it is never less sharp than that. Each channel has its own
-    transfer function and number of iterations. Its figures are those of small contrasts on an even ground after the
-    iterations done, where it is a linear filter of known response; total variation lowers the price in noise, which is
-    not counted.
+    Iteration ends when the blurred estimate differs from the picture by no more than the camera's noise times ``stop``,
+    or after ``iterations``; the default of ``stop`` is below 1 because demosaicing averages some of the noise. Negative
+    values are kept, by a pedestal. The iteration starts from the picture, so the result is never less sharp. Each
+    channel has its own transfer function and number of iterations. The metrics are those of small contrasts on a
+    uniform background after the iterations done, where the method is a linear filter of known response; total variation
+    reduces the noise gain, which they do not include.
     """
 
     reads: ClassVar = LOOKS
@@ -153,15 +156,20 @@ class RichardsonLucy(Inverse):
     nanoseconds: ClassVar = 1000.0
     working: ClassVar = 5.8
 
-    iterations: int = param(10, at_least=1, at_most=1000, doc="at most so many")
-    stop: float = param(0.7, at_least=0, at_most=100, doc="times the known noise: ends where no more remains; 0: never")
+    iterations: int = param(10, at_least=1, at_most=1000, doc="largest number of iterations")
+    stop: float = param(
+        0.7, at_least=0, at_most=100, doc="stops when the residual falls to this multiple of the known noise; 0: never"
+    )
     start: str = param(
         "data",
         choices=("data", "mean"),
-        doc="first estimate: the picture itself, or an even plane, which also evens out noise",
+        doc="first estimate: the picture itself, or a uniform plane, which also smooths noise",
     )
     total_variation: float = param(
-        0.0, at_least=0, at_most=0.2, doc="favours flat parts between edges; 0.002 is weak, 0.01 strong"
+        0.0,
+        at_least=0,
+        at_most=0.2,
+        doc="total-variation weight, which favours flat areas between edges; 0.002 is weak, 0.01 strong",
     )
 
     def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
@@ -179,8 +187,8 @@ class RichardsonLucy(Inverse):
         return {"rgb_camera": picture, **figures(asked, system, response, noise_gain)}
 
     def restored(self, picture: Any, system: System) -> tuple[Any, Any, Any]:
-        """The picture, the transfer function (channel or 1, Ny, Nx // 2 + 1) it was freed of, and the iterations by
-        channel.
+        """Return the picture, the transfer function (channel or 1, Ny, Nx // 2 + 1) that was deconvolved, and the
+        iterations by channel.
         """
         transfer = system.plane(*deconvolution.frequencies(*picture.shape[-2:]))
         shot, floor = self.noise_model()
@@ -197,8 +205,8 @@ class RichardsonLucy(Inverse):
         return estimate, transfer, done
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Rounding grows with each iteration, more so about the edges that total variation makes; where the end
-        falls hangs on all.
+        """Bound the rounding error. It grows with each iteration, more so at edges created by total variation; the
+        stopping point depends on all of it.
         """
         rounding = (
             (1e-6 if precision == "float32" else 3e-15) * (10 + self.iterations) * (1 + 10 * self.total_variation)
@@ -207,5 +215,5 @@ class RichardsonLucy(Inverse):
 
 
 def _beside(frequency: Any) -> Any:
-    """The nearest frequency beyond the Nyquist frequency that folds onto each, cycles/pixel."""
+    """Return the nearest frequency above Nyquist that aliases onto each frequency, cycles/pixel."""
     return frequency - np.where(frequency >= 0, 1.0, -1.0)

@@ -1,6 +1,6 @@
-"""What a restoration gains and costs: the camera in front of a picture, and figures of a filter behind it.
+"""Gain and cost of a restoration: the camera before it, and the metrics of its filter.
 
-In:  the transfer functions of all stages in front, a filter's response.
+In:  the transfer functions of all preceding stages, a filter's response.
 Out: ``mtf50_gain`` and ``noise_gain``, optional outputs of every sharpening and deconvolution.
 """
 
@@ -20,28 +20,28 @@ from etendue_camera.resolution import restoration_gain
 from etendue_camera.roles import CROSSTALK, PROCESSING
 
 UNSEEN = {"mtf50_gain": (CROSSTALK, *PROCESSING)}
-BLOCK = 4_000_000  # values of transfer functions held at once
+BLOCK = 4_000_000  # values of transfer functions in memory at once
 LOOKS = {"rgb_camera": "channel y x [1]", "transfers": "*.transfer [1]"}
 FIGURES = {"rgb_camera": "channel y x [1]", "mtf50_gain": "[1] nan optional", "noise_gain": "[1] nan optional"}
 
 
 @dataclass(frozen=True)
 class System:
-    """The camera in front of a picture: each channel's photon-weighted mean over wavelength, at frequencies of its
-    pixels.
+    """The transfer function of the camera before a picture: each channel's photon-weighted mean over wavelength, at
+    frequencies of its pixels.
 
-    The baseband: the transfer function at the frequency itself. What folds onto it from beyond is noise to a
+    Only the baseband counts: the transfer function at the frequency itself. What aliases onto it is noise to a
     restoration.
     """
 
-    otf: Any  # None: nothing blurs
+    otf: Any  # None: no blur
     channels: int
     pitch: float
     nodes: int = 0
 
     @property
     def whole(self) -> bool:
-        """Whether this is all of the blur: no stage in front moves light without being a transfer function."""
+        """Return whether this is all of the blur: every preceding stage that moves light has a transfer function."""
         return self.otf is None or bool(self.otf.whole)
 
     @classmethod
@@ -49,7 +49,7 @@ class System:
         return cls(transfers[-1][1] if transfers else None, channels, pitch, nodes)
 
     def shares(self) -> Any:
-        """(channel, wavelength), each row with the sum 1: under light that is equally strong in all bands."""
+        """Return (channel, wavelength) weights, each row with sum 1, for light equally strong in all bands."""
         weights = self.otf.weights
         if weights is None:
             return None
@@ -57,13 +57,14 @@ class System:
             raise ValueError(
                 f"the pixel stage has {len(weights)} channels and rgb_camera {self.channels}: a restoration with the "
                 f"camera's own "
-                "transfer function needs planes of the pixel's channels; put it in front of what mixes them"
+                "transfer function requires planes of the pixel's channels; put it before the stage that mixes them"
             )
         total = weights.sum(axis=1, keepdims=True)
         return np.where(total > 0, weights, 1.0) / np.where(total > 0, total, weights.shape[1])
 
     def plane(self, fy: Any, fx: Any) -> Any:
-        """(channel or 1, m, n) at frequencies fy (m,), fx (n,) in cycles/pixel: exactly, or from a table up to 1."""
+        """Return the OTF (channel or 1, m, n) at frequencies fy (m,), fx (n,), cycles/pixel: exact, or from a table up
+        to 1."""
         if self.otf is None:
             return np.ones((1, fy.size, fx.size))
         if not self.nodes:
@@ -87,20 +88,20 @@ class System:
         return np.concatenate(parts, axis=1)
 
     def along(self, fx: Any) -> Any:
-        """(n,) along x, of the second channel: green, or the only one of a monochrome sensor."""
+        """Return the OTF (n,) along x of the second channel: green, or the only one of a monochrome sensor."""
         return one_channel(replace(self, nodes=0).plane(np.zeros(1), np.asarray(fx, dtype=float)))[0]
 
 
 def one_channel(values: Any) -> Any:
-    """The second of some channels: green, or the only one."""
+    """Return the second of some channels: green, or the only one."""
     return values[min(1, len(values) - 1)]
 
 
 def figures(
     asked: frozenset[str], system: System, response: Callable[[Any], Any], noise_gain: Callable[[], float]
 ) -> dict[str, Any]:
-    """Of ``mtf50_gain`` and ``noise_gain`` of a filter with this response (n,) along x what is asked for; no gain of
-    a blur half known.
+    """Return those of ``mtf50_gain`` and ``noise_gain`` that are asked for, for a filter with this response (n,) along
+    x; NaN for a blur that is only partly known.
     """
     found: dict[str, Any] = {}
     if "mtf50_gain" in asked:
@@ -113,12 +114,12 @@ def figures(
 
 
 def baseband(frequency: Any) -> Any:
-    """What a frequency is to a filter that works on pixels, cycles/pixel: 0 to 1/2."""
+    """Map a frequency to the one a filter on pixels sees, 0 to 1/2 cycles/pixel."""
     return np.abs(frequency - np.rint(frequency))
 
 
 def half_plane_gain(gain: Any, columns: int) -> float:
-    """Noise gain from the half spectrum (m, n // 2 + 1) of a padded plane with so many columns."""
+    """Return the noise gain from the half spectrum (m, n // 2 + 1) of a padded plane with the given columns."""
     twice = np.full(gain.shape, 2.0)
     twice[:, 0] = 1.0
     if columns % 2 == 0:
@@ -127,13 +128,11 @@ def half_plane_gain(gain: Any, columns: int) -> float:
 
 
 def unknown_blur(others: Mapping[str, type[Stage]], so: str) -> list[str]:
-    """The warning of a stage that knows the camera by its transfer functions, where light is moved by something
-    else.
+    """Return the warning of a stage that uses the camera's transfer functions, where another kind of stage moves
+    light.
     """
     found = [use for use, kind in others.items() if moves_light(kind)]
-    return (
-        [f"what {' and '.join(found)} does to light is no transfer function, and unknown here: {so}"] if found else []
-    )
+    return [f"{' and '.join(found)} has no transfer function, so its effect is unknown here: {so}"] if found else []
 
 
 def padded_columns(picture: Any) -> int:

@@ -1,7 +1,7 @@
-"""Frames merged: what a burst or a bracket of exposures knows together.
+"""Merge frames of a burst or an exposure bracket into one.
 
 In:  ``rgb_camera`` of every frame, its ``integration_time``, ``white`` and ``clipping_level``.
-Out: the same of one picture, and the variance that is left.
+Out: the same for one picture, and its remaining variance.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from etendue_camera.restoration import merging
 
 @dataclass(frozen=True, kw_only=True)
 class MergeFrames(KnownNoise):
-    """Frames of one scene to one picture, at the scale and the time of the shortest.
+    """Merge frames of one scene into one picture, at the scale and time of the shortest exposure.
 
-    ``mean`` takes all light over all time, for bursts of one exposure; ``sigma_clipped`` leaves out what lies too far
-    from the median of the frames (something that moved, a cosmic ray); ``hdr`` weights every frame by its known noise
-    and leaves out what is cut off there. ``clipping_level`` stays that of the shortest frame, the last to saturate.
-    ``merged_variance`` is that of a mosaic's value with this weighting, from shot noise and the noise of read-out; a
-    demosaicer that averages neighbours leaves less.
+    ``mean`` divides all light by all time, for bursts of equal exposures; ``sigma_clipped`` rejects values too far from
+    the median of the frames (motion, cosmic rays); ``hdr`` weights every frame by its known noise and rejects clipped
+    values. ``clipping_level`` remains that of the shortest frame, the last to saturate. ``merged_variance`` is the
+    variance of a mosaic value with this weighting, from shot noise and read-out noise; a demosaicer that averages
+    neighbours leaves less.
     """
 
     role: ClassVar = "merging"
@@ -42,25 +42,27 @@ class MergeFrames(KnownNoise):
         "clipping_level": "[1]",
         "merged_variance": "channel y x [1]",
     }
-    gain: ClassVar = None  # a frame that is left out may be the one with the error
+    gain: ClassVar = None  # a rejected frame may be the one with the error
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 40.0
     working: ClassVar = 3.5
     error: ClassVar = measured(2e-6, 1e-14)
 
-    method: str = param("hdr", choices=("mean", "sigma_clipped", "hdr"), doc="which frames count how much")
-    sigmas: float = param(3.0, above=0, at_most=100, doc="of 'sigma_clipped': distance from the median, in known noise")
-    around: int = param(
-        2, at_least=0, at_most=64, doc="of 'hdr': pixels around cut-off ones that are left out with them"
+    method: str = param("hdr", choices=("mean", "sigma_clipped", "hdr"), doc="how frames are weighted or rejected")
+    sigmas: float = param(
+        3.0,
+        above=0,
+        at_most=100,
+        doc="for 'sigma_clipped': rejection distance from the median, in sigmas of the known noise",
     )
+    around: int = param(2, at_least=0, at_most=64, doc="for 'hdr': pixels around clipped ones that are also rejected")
 
     def run(
         self, rgb_camera: Any, integration_time: Any, white: Any, clipping_level: Any, balance_gains: Any = None
     ) -> dict[str, Any]:
         if not np.all(integration_time > 0):
             raise ValueError(
-                f"the times of the frames are {', '.join(f'{t:g}' for t in integration_time)} s; allowed are times "
-                f"above 0"
+                f"the frame times are {', '.join(f'{t:g}' for t in integration_time)} s; all must be greater than 0"
             )
         shot, floor = self.noise_model()
         gains = np.ones(rgb_camera.shape[1]) if balance_gains is None else balance_gains[0]

@@ -1,7 +1,7 @@
-"""Restoration from the picture alone: sharpening, in front of the demosaicer or behind it, and denoising.
+"""Restoration from the picture alone: sharpening, before or after demosaicing, and denoising.
 
 In:  ``rgb_camera`` (channel, y, x), linear, 1 at clipping; ``mosaic_linear`` (y, x) for the paper's other order.
-Out: the same variable. What knows the camera's transfer function is in ``deconvolve``.
+Out: the same variable. Stages that use the camera's transfer function are in ``deconvolve``.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from etendue_camera.sensor.stages.masks import mask_of
 
 @dataclass(frozen=True, kw_only=True)
 class Laplacian(Stage):
-    """Identity + strength x Laplacian (eq. 11)."""
+    """Sharpen with identity + strength x Laplacian (eq. 11)."""
 
     role: ClassVar = "sharpening"
     gain: ClassVar = 1.0 + 16 * 4.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
 
-    strength: float = param(0.15, at_least=0, at_most=4, doc="k of identity + k L; the paper's picture has 1")
+    strength: float = param(0.15, at_least=0, at_most=4, doc="k in identity + k L; the paper's picture uses 1")
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 3e-15) * (1 + 16 * self.strength), "proved"
@@ -36,8 +36,8 @@ class Laplacian(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Sharpen(Laplacian, Bounded, Haloed):
-    """Identity + strength x Laplacian (eq. 11). No clipping inside. ``mtf50_gain`` is along x of green,
-    ``noise_gain`` of white noise.
+    """Sharpen with identity + strength x Laplacian (eq. 11), without clipping. ``mtf50_gain`` is along x of green,
+    ``noise_gain`` refers to white noise.
     """
 
     reads: ClassVar = LOOKS
@@ -60,12 +60,13 @@ class Sharpen(Laplacian, Bounded, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class SharpenMosaic(Laplacian, Bounded, Haloed):
-    """The Laplacian in front of the demosaicer, the order of the paper's section 2.8 (its other sections sharpen
-    behind).
+    """Sharpen the mosaic with a Laplacian before demosaicing, the order of the paper's section 2.8 (its other sections
+    sharpen after it).
 
-    ``planes = "own"`` takes neighbours behind the same filter, a period of the mask apart, so that colours stay apart:
-    it lifts a quarter of the sampling frequency most. ``"mixed"`` is the printed kernel across the colours: their
-    differences become a pattern with the period of the mask, which no demosaicer removes.
+    ``planes = "own"`` uses neighbours of the same colour, a mask period apart, which keeps colours separate: the gain
+    is
+    largest at a quarter of the sampling frequency. ``"mixed"`` is the printed kernel across colours: their differences
+    become a pattern with the period of the mask, which no demosaicer removes.
     """
 
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
@@ -73,7 +74,9 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
 
     pattern: str = quantity("pattern")
     planes: str = param(
-        "own", choices=("own", "mixed"), doc="neighbours: of the same colour, or the nearest pixels as printed"
+        "own",
+        choices=("own", "mixed"),
+        doc="neighbours: of the same colour (own), or the nearest pixels as printed (mixed)",
     )
 
     def __post_init__(self) -> None:
@@ -83,7 +86,7 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
         return {"mosaic_linear": sharpening.sharpen_mosaic(mosaic_linear, self.strength, self.period())}
 
     def period(self) -> tuple[int, int]:
-        """Rows and columns between neighbours, the same wherever a window starts."""
+        """Return the rows and columns between neighbours, the same wherever a window starts."""
         return mask_of(self.pattern).period if self.planes == "own" else (1, 1)
 
     def halo(self) -> int:
@@ -92,8 +95,8 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Unsharp(Bounded, Haloed):
-    """Unsharp mask: ``amount`` times the difference from a Gaussian blur. No clipping inside. Figures are those
-    above the threshold.
+    """Sharpen with an unsharp mask: add ``amount`` times the difference from a Gaussian blur, without clipping. The
+    metrics are those above the threshold.
     """
 
     role: ClassVar = "sharpening"
@@ -106,9 +109,9 @@ class Unsharp(Bounded, Haloed):
 
     pixel_pitch: float = quantity("pixel_pitch")
     radius: float = param(0.7, units="pixel", above=0, at_most=100, doc="standard deviation of the Gaussian")
-    amount: float = param(0.8, at_least=0, at_most=10, doc="of the difference that is added; 0: nothing")
+    amount: float = param(0.8, at_least=0, at_most=10, doc="factor on the difference that is added; 0: none")
     threshold: float = param(
-        0.0, at_least=0, at_most=1, doc="differences are brought this much nearer to 0 first, 1 = clipping"
+        0.0, at_least=0, at_most=1, doc="differences are first reduced by this much towards 0, 1 = clipping"
     )
 
     def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
@@ -131,10 +134,11 @@ class Unsharp(Bounded, Haloed):
 
 @dataclass(frozen=True, kw_only=True)
 class Denoise(KnownNoise, Bounded):
-    """Denoising that keeps edges, by the camera's own noise: what varies no more than the noise becomes its local mean.
+    """Denoise with an edge-preserving filter based on the camera's noise: areas that vary by no more than the noise
+    become their local mean.
 
-    The noise is that of the mosaic; demosaicing has evened out some of it, so that the default strength errs on the
-    strong side. Each channel on its own. The mean of each channel is kept.
+    The noise is that of the mosaic. Demosaicing averages some of it, so the default strength is on the strong side.
+    Channels are processed separately, and the mean of each is preserved.
     """
 
     role: ClassVar = "denoising"
@@ -143,14 +147,14 @@ class Denoise(KnownNoise, Bounded):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 80.0
     working: ClassVar = 3.6
-    # Of the arithmetic. In single precision the input's own rounding is seen as noise of 3e-8.
+    # Arithmetic error. In single precision the rounding of the input appears as noise of 3e-8.
     error: ClassVar[Any] = measured(1e-6, 1e-13)
 
     strength: float = param(
-        1.0, at_least=0, at_most=10, doc="factor on the known standard deviation of the noise; 0: nothing"
+        1.0, at_least=0, at_most=10, doc="factor on the known standard deviation of the noise; 0: no denoising"
     )
     radius: int = param(
-        1, at_least=1, at_most=32, units="pixel", doc="windows have 2 radius + 1 pixels along each axis"
+        1, at_least=1, at_most=32, units="pixel", doc="window radius: 2 radius + 1 pixels along each axis"
     )
 
     def run(self, rgb_camera: Any) -> dict[str, Any]:

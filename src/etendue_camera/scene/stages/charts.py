@@ -1,4 +1,4 @@
-"""Scenes: radiance on the image-plane grid, in front of the lens, at an absolute level.
+"""Scenes: radiance on the image-plane grid, before the lens, at an absolute level.
 
 In:  a chart's geometry (um on the image plane), an illuminant, the luminance of a white diffuser.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
@@ -24,7 +24,7 @@ DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(Source, Banded):
-    """What all scenes share: level, light, grid."""
+    """Parameters common to all scenes: level, light, grid."""
 
     role: ClassVar = "scene"
     reads: ClassVar = {}
@@ -40,14 +40,15 @@ class Scene(Source, Banded):
         units="cd m-2",
         at_least=0,
         example=1000.0,
-        doc="luminance of a perfect white diffuser in the scene, of all its light, rendered or not; 0: give radiance",
+        doc="luminance of a perfect white diffuser in the scene, over its full spectrum, rendered or not; 0: give "
+        "radiance",
     )
     radiance: float = param(
         0.0,
         units="W m-2 sr-1",
         at_least=0,
-        doc="radiance of a perfect white diffuser in the wavelengths rendered, in place of white_luminance: for light "
-        "that no eye sees",
+        doc="radiance of a perfect white diffuser over the rendered wavelengths, instead of white_luminance: for light "
+        "outside the visible range",
     )
     illuminant: str = quantity("illuminant")
     width: float = param(1000.0, units="um", above=0, example=21.0, doc="width of the light on the image plane")
@@ -57,18 +58,19 @@ class Scene(Source, Banded):
         units="um",
         above=0,
         fidelity=True,
-        reference="a quarter of a um",
+        reference="0.25 um",
         studied=True,
         settings=(4.0, 2.0, 1.0, 0.5, 0.25),
-        doc="distance between samples; half of it resolves twice the frequency",
+        doc="sample spacing; halving it doubles the resolved frequency",
     )
     light: str = param(
         "bandlimited",
         choices=("bandlimited", "cells"),
-        doc="a value is a sample of band-limited light, or the mean over a grid cell: points, hard edges, coarse grids",
+        doc="meaning of a value: a sample of band-limited light, or the mean over a grid cell (for points, hard "
+        "edges, coarse grids)",
     )
-    centre_y: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
-    centre_x: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
+    centre_y: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="y position of the window centre from the axis")
+    centre_x: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="x position of the window centre from the axis")
     wavelength_from: float = param(380.0, units="nm", above=0)
     wavelength_to: float = param(780.0, units="nm", above=0)
     bin_width: float = param(
@@ -80,16 +82,16 @@ class Scene(Source, Banded):
         reference="1 nm bins",
         studied=True,
         settings=(40.0, 20.0, 10.0, 5.0, 2.0, 1.0),
-        doc="width of a wavelength bin",
+        doc="width of the wavelength bins",
     )
 
     def __post_init__(self) -> None:
         spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
         require.that(
             (self.white_luminance > 0) != (self.radiance > 0),
-            f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of "
-            f"them gives the "
-            "level of the light, and the other is 0",
+            f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; give one of "
+            f"them for the "
+            "level of the light, and set the other to 0",
         )
         if self.white_luminance > 0:
             spectra.check_luminance(self.illuminant)
@@ -102,7 +104,7 @@ class Scene(Source, Banded):
         count = round(quotient)
         require.that(
             count >= 1 and abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) <= 1e-6,
-            f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm "
+            f"bin_width {self.bin_width:g} nm must divide {self.wavelength_from:g}-{self.wavelength_to:g} nm "
             f"into whole bins",
         )
         return tuple(self.wavelength_from + i * self.bin_width for i in range(count + 1))
@@ -111,7 +113,7 @@ class Scene(Source, Banded):
         lines = {}
         for dim, length, centre in (("y", self.height, self.centre_y), ("x", self.width, self.centre_x)):
             too_many = beyond(
-                length / self.spacing, f"samples along {dim}", MOST_POINTS, "take a wider spacing or a smaller scene"
+                length / self.spacing, f"samples along {dim}", MOST_POINTS, "use a larger spacing or a smaller scene"
             )
             if too_many:
                 raise ValueError(too_many)
@@ -122,11 +124,11 @@ class Scene(Source, Banded):
         return Grid.of({"wavelength": Bands(self.edges()), **lines})
 
     def known(self) -> Facts:
-        """Facts about the chart; contrast is that of the reflectances."""
-        raise TypeError(f"{type(self).__name__} must say what is known of it")
+        """Return facts about the chart; its contrast is that of the reflectances."""
+        raise TypeError(f"{type(self).__name__} must implement known")
 
     def band_limit(self) -> float | None:
-        """Frequency at which the rendering leaves a hundredth; not known where nothing limits it."""
+        """Return the frequency at which the rendering passes one hundredth; None where nothing limits the band."""
         softness = self.softness_um(getattr(self, "softness", 0.0))
         return math.sqrt(0.5 * math.log(100.0)) / (math.pi * softness) if softness > 0 else None
 
@@ -134,14 +136,14 @@ class Scene(Source, Banded):
         grid = self.plane()
         require.that(
             not self.white_luminance or DIMMEST <= self.white_luminance <= BRIGHTEST,
-            f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}",
+            f"white_luminance is {self.white_luminance:g} cd m-2; it must be between {DIMMEST:g} and {BRIGHTEST:g}",
         )
         limit = self.band_limit() if self.light == "bandlimited" else None
         facts = replace(self.known(), band_limit=limit, rendered=self.rendered())
         return facts, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
 
     def rendered(self) -> tuple[float, float] | None:
-        """With what the ideal chart is drawn: rms width of a Gaussian and side of the cells, um."""
+        """Return the rendering of the ideal chart: rms width of a Gaussian and side of the cells, um."""
         return self.softness_um(getattr(self, "softness", 0.0)), self.cell
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
@@ -149,11 +151,11 @@ class Scene(Source, Banded):
         if self.white_luminance > 0:
             said += spectra.luminance_notes(self.illuminant, self.wavelength_from, self.wavelength_to)
         if not (self.light == "cells" or facts.uniform or getattr(self, "softness", 1.0) > 0):
-            said.append("without softness nothing limits the band of its edges; give it some, or light = 'cells'")
+            said.append("without softness the edges are not band-limited; set softness above 0, or light = 'cells'")
         return said
 
     def error(self, facts: Facts, grid: Any, precision: str) -> tuple[float, str]:
-        """Tables are interpolated to 1 nm: 1.2e-4 in the chromaticity of D65 at 10 nm bins."""
+        """Bound the interpolation of tables to 1 nm: 1.2e-4 in the chromaticity of D65 at 10 nm bins."""
         return 1.2e-4 * self.bin_width / 10, "measured"
 
     def prepare(self, coordinates: Any) -> Any:
@@ -179,14 +181,14 @@ class Scene(Source, Banded):
 
     @property
     def cell(self) -> float:
-        """Side of the cells over which values are means, um; 0 where they are samples."""
+        """Return the side of the cells over which values are means, um; 0 where they are samples."""
         return self.spacing if self.light == "cells" else 0.0
 
     def centred(self, y: Any, x: Any) -> tuple[Any, Any]:
         return y - self.centre_y * 1e3, x - self.centre_x * 1e3
 
     def grey(self, reflectance: Any, white: Any) -> dict[str, Any]:
-        """A chart whose reflectance is the same at every wavelength."""
+        """Return the radiance of a chart whose reflectance is the same at every wavelength."""
         return {"radiance": white[:, None, None] * reflectance, "white_radiance": white}
 
 
@@ -198,14 +200,14 @@ def softness_knob() -> Any:
         reference="the ideal chart",
         studied=True,
         settings=(4.0, 2.0, 1.0, 0.5, 0.25, 0.0),
-        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: "
-        "ideal, for cells",
+        doc="rms width in samples of the Gaussian that band-limits the rendered chart; 0: "
+        "ideal chart, for light = 'cells'",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Uniform(Scene, FlatScene):
-    """The same light everywhere."""
+    """Give the same light everywhere."""
 
     reflectance: float = param(1.0, at_least=0, at_most=1)
 
@@ -218,19 +220,19 @@ class Uniform(Scene, FlatScene):
 
 @dataclass(frozen=True, kw_only=True)
 class _TwoLevels(Scene):
-    """Charts between a dark and a light reflectance."""
+    """A chart between a dark and a light reflectance."""
 
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
     softness: float = softness_knob()
 
     def known(self) -> Facts:
-        charts.require_levels(self.low, self.high)  # refused before anything is drawn if they stand the wrong way round
+        charts.require_levels(self.low, self.high)  # rejects reversed levels before anything is drawn
         return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
 
     def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
-        """(y, x): its reflectance, about the middle of the window."""
-        raise TypeError(f"{type(self).__name__} must say how it is drawn")
+        """Return the reflectance (y, x), about the centre of the window."""
+        raise TypeError(f"{type(self).__name__} must implement chart")
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         return self.grey(
@@ -240,7 +242,7 @@ class _TwoLevels(Scene):
 
 @dataclass(frozen=True, kw_only=True)
 class SlantedEdge(_TwoLevels, EdgeScene):
-    """A straight edge, dark left and light right, tilted from the vertical (ISO 12233)."""
+    """Draw a straight edge, dark left and light right, tilted from the vertical (ISO 12233)."""
 
     angle: float = param(5.0, units="deg", above=-90, below=90)
 
@@ -250,7 +252,7 @@ class SlantedEdge(_TwoLevels, EdgeScene):
 
 @dataclass(frozen=True, kw_only=True)
 class SiemensStar(_TwoLevels):
-    """A star whose reflectance is sinusoidal in the angle (ISO 12233)."""
+    """Draw a Siemens star whose reflectance is sinusoidal in the angle (ISO 12233)."""
 
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     radius: float = param(400.0, units="um", above=0)
@@ -261,9 +263,9 @@ class SiemensStar(_TwoLevels):
 
 @dataclass(frozen=True, kw_only=True)
 class ZonePlate(_TwoLevels):
-    """Circles whose frequency grows with the radius: aliasing made visible."""
+    """Draw a zone plate: circles whose frequency grows with the radius, which makes aliasing visible."""
 
-    highest_frequency: float = param(0.25, units="cycles/um", above=0, doc="local frequency at the radius")
+    highest_frequency: float = param(0.25, units="cycles/um", above=0, doc="local frequency at the rim")
     radius: float = param(400.0, units="um", above=0)
 
     def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
@@ -272,7 +274,7 @@ class ZonePlate(_TwoLevels):
 
 @dataclass(frozen=True, kw_only=True)
 class StepWedge(Scene):
-    """Equal bars from dark to light, in equal steps of density."""
+    """Draw a step wedge: equal bars from dark to light, in equal steps of density."""
 
     steps: int = param(12, at_least=2, held=(2, 1000))
     low: float = param(0.01, above=0, at_most=1)
@@ -291,7 +293,7 @@ class StepWedge(Scene):
 
 @dataclass(frozen=True, kw_only=True)
 class Points(Scene):
-    """A regular grid of small Gaussian spots on a dark ground."""
+    """Draw a regular grid of small Gaussian spots on a dark background."""
 
     pitch: float = param(100.0, units="um", above=0, doc="distance between spots")
     spot_sigma: float = param(1.0, units="um", above=0, doc="rms width of a spot")
@@ -314,7 +316,7 @@ class Points(Scene):
 
 @dataclass(frozen=True, kw_only=True)
 class _Coloured(Scene):
-    """Charts with the ColorChecker's measured reflectances."""
+    """A chart with the measured reflectances of the ColorChecker."""
 
     working: ClassVar = 1.1
 
@@ -332,13 +334,13 @@ class _Coloured(Scene):
         ]
 
     def known(self) -> Facts:
-        # The darkest patch of the chart reflects 0.029 at least and the lightest 0.93 at most, at every wavelength.
+        # At every wavelength the darkest patch reflects at least 0.029 and the lightest at most 0.93.
         return Facts(uniform=False, contrast=40.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ColorChecker(_Coloured):
-    """The 24 patches with their measured reflectance spectra, on grey."""
+    """Draw the ColorChecker: 24 patches with measured reflectance spectra, on grey."""
 
     background: float = param(0.18, above=0.025, at_most=1)
     gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in patch pitches")
@@ -361,16 +363,23 @@ class ColorChecker(_Coloured):
 
 @dataclass(frozen=True, kw_only=True)
 class CompositeChart(_Coloured):
-    """ColorChecker, slanted edges, Siemens star, zone plate and step wedge in one frame."""
+    """Draw a ColorChecker, slanted edges, a Siemens star, a zone plate and a step wedge in one frame."""
 
     highest_frequency: float = param(0.1, units="cycles/um", above=0, doc="frequency at the rim of the zone plate")
     angle: float = param(
-        5.0, units="deg", above=-45, below=45, held=(-10, 10), doc="of the tilted square; beyond 10 it leaves its place"
+        5.0,
+        units="deg",
+        above=-45,
+        below=45,
+        held=(-10, 10),
+        doc="angle of the tilted square; beyond 10 it overlaps its neighbours",
     )
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     low: float = param(0.05, above=0.025, at_most=1)
     high: float = param(0.9, above=0, at_most=1)
-    margin: float = param(0.0, units="um", at_least=0, doc="mid-grey around the chart, inside width and height")
+    margin: float = param(
+        0.0, units="um", at_least=0, doc="width of the mid-grey border of the chart, inside width and height"
+    )
     softness: float = softness_knob()
 
     def known(self) -> Facts:

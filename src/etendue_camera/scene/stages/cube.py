@@ -1,6 +1,6 @@
 """Measured or computed spectral radiance from a Zarr store, read one wavelength band at a time.
 
-In:  a Zarr store with a variable (wavelength, y, x), as xarray writes it: another archive's scene, a hyperspectral
+In:  a Zarr store with a variable (wavelength, y, x), as xarray writes it: the scene of another archive, a hyperspectral
      camera's cube.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1.
 """
@@ -23,11 +23,11 @@ SPECTRAL = "W m-2 sr-1 nm-1"
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceCube(Source, Banded):
-    """Spectral radiance from a Zarr store: its own wavelengths and positions, at its own level or at a stated one.
+    """Read spectral radiance from a Zarr store, with its own wavelengths and positions, at its own or a given level.
 
-    Coordinates ``wavelength`` (nm; bins by ``wavelength_bounds``, else midway between the centres) and ``y``, ``x`` (um
-    on the image plane, evenly spaced; else ``spacing`` says). An attribute ``actual_range`` = [lowest, highest] lets
-    the plan choose the precision. ``white_radiance`` is read where the store has it.
+    Coordinates are ``wavelength`` (nm; bins from ``wavelength_bounds``, otherwise midway between centres) and ``y``,
+    ``x`` (um on the image plane, evenly spaced; otherwise give ``spacing``). An attribute ``actual_range`` = [lowest,
+    highest] lets the plan choose the precision. ``white_radiance`` is read if the store has it.
     """
 
     role: ClassVar = "scene"
@@ -43,21 +43,19 @@ class RadianceCube(Source, Banded):
         example="package:etendue_camera/data/examples/cube.zarr",
         doc="the Zarr store, such as another archive's data.zarr",
     )
-    variable: str = param("radiance", doc="the variable in it, such as 'scene/radiance'")
+    variable: str = param("radiance", doc="name of the variable in the store, such as 'scene/radiance'")
     illuminant: str = quantity("illuminant")
     white_luminance: float = param(
         0.0,
         units="cd m-2",
         at_least=0,
-        doc="luminance of a perfect white diffuser under the illuminant: the cube is relative to it, 1 = white; 0: the "
-        "cube is radiance",
+        doc="luminance of a perfect white diffuser under the illuminant, to which the cube is relative, 1 = white; 0: "
+        "the cube is in absolute radiance",
     )
-    spacing: float = param(
-        0.0, units="um", at_least=0, doc="distance between samples; 0: from the coordinates of the store"
-    )
+    spacing: float = param(0.0, units="um", at_least=0, doc="sample spacing; 0: from the coordinates of the store")
 
     def _open(self) -> tuple[Any, Any]:
-        """The array, and its group."""
+        """Return the array and its group."""
         import zarr
 
         group_path, _, name = self.variable.rpartition("/")
@@ -65,9 +63,9 @@ class RadianceCube(Source, Banded):
         try:
             group = zarr.open_group(self.file, mode="r", path=group_path or None, use_consolidated=False)
             array = group[name]
-        except Exception as error:  # metadata may be damaged in any way
+        except Exception as error:  # damaged metadata can raise anything
             raise ValueError(
-                f"{self.file} holds no variable {self.variable!r}: {' '.join(str(error).split())[:150]}"
+                f"{self.file} has no variable {self.variable!r}: {' '.join(str(error).split())[:150]}"
             ) from None
         cube_store.check_array(self.file, self.variable, array, "" if self.white_luminance else SPECTRAL)
         return array, group
@@ -83,7 +81,7 @@ class RadianceCube(Source, Banded):
             spectra.check_luminance(self.illuminant)
         require.that(
             "white_radiance" in group or self.white_luminance,
-            f"{self.file} holds no white_radiance, so nobody knows what is white; give white_luminance: the cube "
+            f"{self.file} has no white_radiance, so white is unknown; give white_luminance: the cube "
             f"is then "
             "relative to a white diffuser under the illuminant",
         )
@@ -108,24 +106,23 @@ class RadianceCube(Source, Banded):
         return spectra.luminance_notes(self.illuminant, edges[0], edges[-1])
 
     def _white(self, array: Any, group: Any) -> Any:
-        """Radiance of a white diffuser by band, as the store has it."""
+        """Return the radiance of a white diffuser by band, from the store."""
         white = cube_store.values_of(self.file, group, "white_radiance", (array.shape[0],), SPECTRAL)
         if not (white >= 0).all() or not (white > 0).any():
             raise ValueError(
-                f"white_radiance in {self.file} is {white.min():g} to {white.max():g}; allowed is light, nowhere below "
-                f"0"
+                f"white_radiance in {self.file} is {white.min():g} to {white.max():g}; it must not be below 0"
             )
         return white
 
     def _line(self, group: Any, dim: str, size: int) -> Line:
         if self.spacing:
             return Line(size, -0.5 * (size - 1) * self.spacing, self.spacing)
-        require.that(dim in group and size >= 2, f"{self.file} has no coordinate {dim!r}; give the spacing in um")
+        require.that(dim in group and size >= 2, f"{self.file} has no coordinate {dim!r}; give spacing")
         values = cube_store.values_of(self.file, group, dim, (size,), "um")
         step = (values[-1] - values[0]) / (size - 1)
         require.that(
             step > 0 and not np.abs(np.diff(values) - step).max() > 1e-6 * step,
-            f"{dim} in {self.file} is not evenly spaced and ascending; resample the cube, or give the spacing in um",
+            f"{dim} in {self.file} is not evenly spaced and ascending; resample the cube, or give spacing",
         )
         return Line(size, float(values[0]), float(step))
 
@@ -149,9 +146,9 @@ class RadianceCube(Source, Banded):
         read, bands, white, scale = prepared
         try:
             light = read(bands)
-        except Exception as error:  # of a store or a codec
+        except Exception as error:  # raised by a store or a codec
             raise ValueError(
-                f"{self.variable} in {self.file} cannot be read: {' '.join(str(error).split())[:150]}"
+                f"{self.variable} in {self.file} could not be read: {' '.join(str(error).split())[:150]}"
             ) from None
         cube_store.check_values(self.file, self.variable, light, range(white.size)[bands])
         if not np.all(scale == 1):
@@ -160,7 +157,7 @@ class RadianceCube(Source, Banded):
 
 
 def _range(given: Any) -> tuple[float, float]:
-    """Lowest and highest value of an attribute ``actual_range``; (0, 0) where it says nothing that can be."""
+    """Return the lowest and highest value of an attribute ``actual_range``; (0, 0) where it is missing or invalid."""
     try:
         low, high = (float(v) for v in given)
     except (TypeError, ValueError):
@@ -177,7 +174,7 @@ def _edges(path: str, group: Any, size: int, variable: str) -> tuple[float, ...]
             and np.allclose(bounds[1:, 0], bounds[:-1, 1], rtol=1e-9)
         ):
             raise ValueError(
-                f"wavelength_bounds of {variable} must ascend without gaps, in nm; they begin with "
+                f"wavelength_bounds of {variable} must ascend without gaps, in nm; they start with "
                 f"{bounds[:2].tolist()}"
             )
         return (*map(float, bounds[:, 0]), float(bounds[-1, 1]))
@@ -186,6 +183,6 @@ def _edges(path: str, group: Any, size: int, variable: str) -> tuple[float, ...]
         raise ValueError(f"{variable}{one}")
     centres = cube_store.values_of(path, group, "wavelength", (size,), "nm")
     if not np.all(np.diff(centres) > 0) or not 100 < centres[0] < math.inf:
-        raise ValueError(f"wavelength of {variable} must ascend, in nm; it begins with {centres[:3].tolist()}")
+        raise ValueError(f"wavelength of {variable} must ascend, in nm; it starts with {centres[:3].tolist()}")
     middle = 0.5 * (centres[:-1] + centres[1:])
     return (float(2 * centres[0] - middle[0]), *map(float, middle), float(2 * centres[-1] - middle[-1]))

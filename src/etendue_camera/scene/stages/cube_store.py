@@ -1,11 +1,11 @@
-"""What a Zarr store must be before its numbers count as light: whole, of the right dims and units, finite, nowhere
-below 0.
+"""Validation of a Zarr store before its values count as light: complete, correct dims and units, finite, not
+negative.
 
-In:  a store, an array in it, values that were read.
-Out: nothing, or a ValueError that names the file, what it holds and what is allowed.
+In:  a store, an array in it, the values read.
+Out: nothing, or a ValueError that names the file, its content and what is allowed.
 
-A chunk that is not there reads as the fill value without an error, so every chunk is looked for: one listing of the
-array's folder (0.1 s for 10,000 chunks) and 16 bytes a chunk of every shard's index.
+A missing chunk reads as the fill value without an error, so every chunk is checked: one listing of the array's folder
+(0.1 s for 10,000 chunks) and 16 bytes per chunk from the index of every shard.
 """
 
 from __future__ import annotations
@@ -26,29 +26,34 @@ from etendue.contract.values.units import UnitError, parse_unit
 
 DIMS = ("wavelength", "y", "x")
 MOST_CHUNKS = 1_000_000
-MISSING = 2**64 - 1  # offset and length of a chunk that a shard does not hold
+MISSING = 2**64 - 1  # offset and length of a chunk missing from a shard
 
 
 def refuse_links(path: str) -> None:
-    """Links inside a store lead out of it: what is read would not be what is kept and hashed. Pipes are never read."""
+    """Reject links and special files: a link leads out of the store, so that its data would not be kept and hashed."""
     for folder, names, files in os.walk(path):
         for name in (*names, *files):
             kind = os.lstat(own := os.path.join(folder, name)).st_mode
             if stat.S_ISLNK(kind):
-                raise ValueError(f"{path} holds a link, {os.path.relpath(own, path)}; copy what it points to there")
+                raise ValueError(
+                    f"{path} contains a link, {os.path.relpath(own, path)}; replace it by a copy of its target"
+                )
             if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):
-                raise ValueError(f"{path} holds what is no plain file, {os.path.relpath(own, path)}; take it out")
+                raise ValueError(
+                    f"{path} contains {os.path.relpath(own, path)}, which is not a regular file; remove it"
+                )
 
 
 def check_array(path: str, variable: str, array: Any, unit: str) -> None:
-    """Dims, size, dtype, packing and, where one is given, unit."""
+    """Check dims, size, dtype, packing and, where one is given, unit."""
     shape = getattr(array, "shape", ())
-    require.that(len(shape) == 3, f"{variable} in {path} must have the dims wavelength, y, x; it has the shape {shape}")
+    require.that(len(shape) == 3, f"{variable} in {path} must have the dims wavelength, y, x; its shape is {shape}")
     attributes = dict(array.attrs)
     names = tuple(getattr(array.metadata, "dimension_names", None) or attributes.get("_ARRAY_DIMENSIONS") or DIMS)
     require.that(
         names == DIMS,
-        f"{variable} in {path} must have the dims wavelength, y, x in this order; it has {', '.join(map(str, names))}",
+        f"{variable} in {path} must have the dims wavelength, y, x in this order; its dims are "
+        f"{', '.join(map(str, names))}",
     )
     for dim, size in zip(DIMS, shape, strict=True):
         text = beyond(size, f"points along {dim}", MOST_POINTS, "cut it") or ("" if size else f"no points along {dim}")
@@ -57,12 +62,12 @@ def check_array(path: str, variable: str, array: Any, unit: str) -> None:
     require.that(not too_many, f"{variable} in {path} has {too_many}")
     require.that(
         getattr(array.dtype, "kind", "?") in "fiu",
-        f"{variable} in {path} holds {array.dtype}; allowed are floats and integers",
+        f"{variable} in {path} has dtype {array.dtype}; it must be float or integer",
     )
     packed = [name for name in ("scale_factor", "add_offset") if name in attributes]
     require.that(
         not packed,
-        f"{variable} in {path} is packed ({', '.join(packed)}), and its packed numbers would be read; store it as "
+        f"{variable} in {path} is packed ({', '.join(packed)}), and would be read without unpacking; store it as "
         f"floats",
     )
     _check_unit(variable, path, attributes, unit)
@@ -76,27 +81,27 @@ def _check_unit(name: str, path: str, attributes: Any, unit: str) -> None:
         same = parse_unit(str(written)) == parse_unit(unit)
     except UnitError:
         same = False
-    require.that(same, f"{name} in {path} is in {str(written)!r}; allowed is {unit!r}: convert it")
+    require.that(same, f"{name} in {path} is in {str(written)!r}; convert it to {unit!r}")
 
 
 def values_of(path: str, group: Any, name: str, shape: tuple[int, ...], unit: str) -> Any:
-    """A coordinate, whole and finite."""
+    """Return a coordinate, complete and finite."""
     array = group[name]
     if getattr(array, "shape", None) != shape:
-        raise ValueError(f"{name} has the shape {getattr(array, 'shape', ())}; its cube asks for {shape}")
+        raise ValueError(f"{name} has the shape {getattr(array, 'shape', ())}; the cube requires {shape}")
     _check_unit(name, path, dict(array.attrs), unit)
     check_chunks(path, name, array)
     try:
         values = np.asarray(array[...], dtype=float)
     except Exception as error:
-        raise ValueError(f"{name} cannot be read: {' '.join(str(error).split())[:150]}") from None
+        raise ValueError(f"{name} could not be read: {' '.join(str(error).split())[:150]}") from None
     if not np.isfinite(values).all():
-        raise ValueError(f"{name} holds {int((~np.isfinite(values)).sum())} values that are NaN or infinite")
+        raise ValueError(f"{name} has {int((~np.isfinite(values)).sum())} values that are NaN or infinite")
     return values
 
 
 def check_chunks(path: str, variable: str, array: Any) -> None:
-    """Refuse an array of which a chunk is not there."""
+    """Raise ValueError for an array with a missing chunk."""
     outer = getattr(array, "shards", None) or array.chunks
     counts = [-(-size // chunk) for size, chunk in zip(array.shape, outer, strict=True)]
     inner = [-(-size // chunk) for size, chunk in zip(array.shape, array.chunks, strict=True)]
@@ -118,22 +123,21 @@ def check_chunks(path: str, variable: str, array: Any) -> None:
 
 
 def _check_size(chunk: Path, size: int) -> None:
-    """Refuse a chunk that says it unfolds to more than its numbers are."""
+    """Raise ValueError for a chunk that declares a larger decompressed size than its values need."""
     said, length = plain_files.size_unfolded(chunk)
     if (said is not None and said > 2 * size + plain_files.SMALL) or length > 2 * size + plain_files.SMALL:
-        raise ValueError(f"{chunk} unfolds to {said} bytes, from {length}; its numbers are {size}")
+        raise ValueError(f"{chunk} decompresses from {length} to {said} bytes, but its values take {size}")
 
 
 def _missing(path: str, key: str, array: Any) -> str:
     return (
-        f"{path} lacks the chunk {key}, which would read as {array.fill_value}; restore it, or, if all of it has that "
-        f"value, "
-        "write the store with empty chunks (write_empty_chunks = True)"
+        f"{path} is missing the chunk {key}, which would read as {array.fill_value}; restore it, or, if all its values "
+        "are that, write the store with empty chunks (write_empty_chunks = True)"
     )
 
 
 def _names(path: Path) -> set[str]:
-    """Every file of an array, by its path inside."""
+    """Return every file of an array, by its path inside."""
     return {
         os.path.relpath(os.path.join(folder, name), path).replace(os.sep, "/")
         for folder, _, files in os.walk(path)
@@ -142,7 +146,7 @@ def _names(path: Path) -> set[str]:
 
 
 def _lost_inside(shard: Path, array: Any) -> str:
-    """The first chunk that a shard's index says is not there and that lies inside the array's shape, or ''."""
+    """Return the first chunk inside the array's shape that a shard's index marks as missing, or ''."""
     codec = next((c for c in array.metadata.codecs if type(c).__name__ == "ShardingCodec"), None)
     if codec is None or [type(c).__name__ for c in codec.index_codecs] != ["BytesCodec", "Crc32cCodec"]:
         return ""
@@ -163,14 +167,14 @@ def _lost_inside(shard: Path, array: Any) -> str:
 
 
 def check_values(path: str, variable: str, light: Any, bands: range) -> None:
-    """Refuse NaN, infinity and negative radiance, with the first place."""
+    """Raise ValueError for NaN, infinity or negative radiance, with the first position."""
     with np.errstate(invalid="ignore"):
         if light.size == 0 or (np.isfinite(light.min()) and np.isfinite(light.max()) and light.min() >= 0):
             return
         bad = ~(np.isfinite(light) & (light >= 0))
     band, row, column = np.unravel_index(int(np.argmax(bad)), bad.shape)
     raise ValueError(
-        f"{variable} in {path} holds {float(light[band, row, column]):g} in band {bands[int(band)]}, row {row}, column "
+        f"{variable} in {path} has {float(light[band, row, column]):g} in band {bands[int(band)]}, row {row}, column "
         f"{column} "
-        f"({int(bad.sum())} such values); radiance is finite and nowhere below 0"
+        f"({int(bad.sum())} such values); radiance must be finite and not negative"
     )

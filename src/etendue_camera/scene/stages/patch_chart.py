@@ -1,6 +1,6 @@
-"""Scenes of patches whose reflectance somebody has measured: a colour chart of one's own, paints, leaves, skin.
+"""Scenes of patches with user-supplied reflectances: your own colour chart, paints, leaves, skin.
 
-In:  a table of reflectances, a column a patch; the chart's geometry (um on the image plane), an illuminant, a
+In:  a table of reflectances, one column per patch; the chart's geometry (um on the image plane), an illuminant, a
      luminance.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
@@ -21,10 +21,10 @@ from etendue_camera.scene.stages.charts import Scene, softness_knob
 
 @dataclass(frozen=True, kw_only=True)
 class PatchChart(Scene):
-    """Even patches of reflectances of one's own, row by row from the upper left, on grey.
+    """Draw uniform patches with user-supplied reflectances, row by row from the upper left, on grey.
 
-    Whatever a table says holds: end values beyond its rows, and more than 1 (up to 2) where a surface fluoresces. What
-    is left of the last row is background.
+    Table values are used as given: end values outside its rows, and more than 1 (up to 2) for fluorescent surfaces. The
+    rest of the last row is background.
     """
 
     nanoseconds: ClassVar = 12.0
@@ -32,24 +32,24 @@ class PatchChart(Scene):
     reflectances: str = param(
         file=True,
         example="package:etendue_camera/data/examples/reflectances.csv",
-        doc="CSV wavelength_nm, then a column of reflectance (0 to 1) for each patch",
+        doc="CSV file: wavelength_nm, then a column of reflectance (0 to 1) for each patch",
     )
     across: int = param(
         0,
         at_least=0,
         held=(0, 1000),
-        doc="patches in a row; 0: so many that they come out nearly square, and few places empty",
+        doc="patches per row; 0: chosen for nearly square patches and few empty places",
     )
     background: float = param(0.18, at_least=0, at_most=1)
     gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in pitches of the shorter side")
     softness: float = softness_knob()
 
     def known(self) -> Facts:
-        """Contrast is that of the reflectances, over all wavelengths."""
+        """Return facts; the contrast is that of the reflectances over all wavelengths."""
         names, _, values = spectra.csv_rows(self.reflectances)
         if values.min() < 0:
             worst = names[int(np.argmin(values.min(axis=0)))]
-            raise ValueError(f"reflectances: {worst} falls to {values.min():g}; a reflectance is 0 or more")
+            raise ValueError(f"reflectances: {worst} falls to {values.min():g}; reflectances must not be negative")
         spectra.require_shares("reflectances", self.reflectances)
         rows, columns = self.layout(len(names))
         if min(rows, columns) < 1:
@@ -58,7 +58,7 @@ class PatchChart(Scene):
         return Facts(uniform=bool(low == high), contrast=float(high / low) if low > 0 else math.inf)
 
     def layout(self, count: int) -> tuple[int, int]:
-        """Rows and columns of so many patches."""
+        """Return the rows and columns for this many patches."""
         columns = self.across or _squarest(count, self.width / self.height)
         return -(-count // columns), min(columns, count)
 
@@ -95,8 +95,8 @@ class PatchChart(Scene):
 
 
 def _squarest(count: int, aspect: float) -> int:
-    """Columns with which patches of a frame (width over height ``aspect``) are nearest to squares, and few places
-    empty.
+    """Return the number of columns with which patches in a frame (width over height ``aspect``) are most nearly square,
+    with few empty places.
     """
 
     def waste(columns: int) -> float:

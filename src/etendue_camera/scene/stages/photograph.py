@@ -1,6 +1,6 @@
-"""Photographs as light: a picture file as a reflecting surface under an illuminant.
+"""Photographs as scenes: a picture file as a reflecting surface under an illuminant.
 
-In:  a picture file and what all scenes take.
+In:  a picture file and the common parameters of scenes.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
@@ -24,15 +24,15 @@ from etendue_camera.scene.stages.charts import Scene
 
 
 def _linear_photograph(path: str, rows: int, columns: int) -> Any:
-    """What ``_read_photograph`` gives, remembered as long as the file stays as it is."""
+    """Return ``_read_photograph``, cached until the file changes."""
     state = os.stat(path)
     return _read_photograph(path, rows, columns, (state.st_mtime_ns, state.st_size))
 
 
 @lru_cache(maxsize=4)
 def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
-    """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light;
-    what to note.
+    """Return linear sRGB (3, rows, columns) from the largest centred crop of the right shape, area-averaged in linear
+    light, and a note.
     """
     picture = read_picture(path)
     height, width = picture.values.shape[:2]
@@ -49,16 +49,16 @@ def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int])
 
 @dataclass(frozen=True, kw_only=True)
 class Photograph(Scene):
-    """A picture (PNG, JPEG, TIFF; sRGB-encoded, at its full depth) as a reflecting surface under the illuminant.
+    """Use a picture (PNG, JPEG, TIFF; sRGB-encoded, at full bit depth) as a reflecting surface under the illuminant.
 
-    Decoded to linear light, area-averaged onto the grid, and given spectra by a basis whose colours under D65 are
-    those of the picture (to rounding, over the whole light). The picture's own band limit is that of its samples.
+    The picture is decoded to linear light, area-averaged onto the grid, and given spectra from a basis that reproduces
+    its colours under D65 (to rounding, over the full spectrum). Its band limit is that of its samples.
     """
 
     file: str = param(
         file=True,
         example="package:etendue_camera/data/examples/picture.png",
-        doc="the picture; package:matplotlib/... names a file of an installed distribution",
+        doc="path of the picture; package:matplotlib/... refers to a file of an installed distribution",
     )
     working: ClassVar = 1.0
     libraries: ClassVar = ("colour-science", "pillow", "tifffile")
@@ -67,7 +67,7 @@ class Photograph(Scene):
         return 0.5 / self.spacing
 
     def rendered(self) -> None:
-        """What a camera and a file format have done to it nobody knows."""
+        """Return None: the processing by camera and file format is unknown."""
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         _, note = _linear_photograph(self.file, *self.size())
@@ -81,7 +81,7 @@ class Photograph(Scene):
         grid = self.plane()
         rows, columns = grid["y"].size, grid["x"].size
         too_many = beyond(
-            rows * columns, "samples in a photograph", MOST_PIXELS, "take a wider spacing or a smaller scene"
+            rows * columns, "samples in a photograph", MOST_PIXELS, "use a larger spacing or a smaller scene"
         )
         if too_many:
             raise ValueError(too_many)
@@ -103,7 +103,7 @@ class Photograph(Scene):
         white, basis = prepared
         linear, _ = _linear_photograph(self.file, *self.size())
         weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]
-        cube = weights[:, 0] * linear[0]  # not a matrix product: its bits would hang on the number of bands
+        cube = weights[:, 0] * linear[0]  # not a matrix product: its rounding would depend on the number of bands
         cube += weights[:, 1] * linear[1]
         cube += weights[:, 2] * linear[2]
         return {"radiance": cube, "white_radiance": white}

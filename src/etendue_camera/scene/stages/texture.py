@@ -1,4 +1,4 @@
-"""Scenes of random texture: what shows whether fine detail survives where no edge tells.
+"""Random texture scenes: they show whether fine detail survives where there is no edge to measure.
 
 In:  a chart's geometry (um on the image plane), an illuminant, the luminance of a white diffuser.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
@@ -13,24 +13,25 @@ from etendue.api import Facts, Grid, param
 from etendue_camera.scene import charts, dead_leaves
 from etendue_camera.scene.stages.charts import Scene
 
-SOFT_ERROR, HARD_ERROR = 0.06, 0.25  # largest, of the range of levels, at 1-fold oversampling, falling with its square
-FEW_SAMPLES = 4.0  # in the radius of the smallest leaf: smaller ones err more
+SOFT_ERROR, HARD_ERROR = (
+    0.06,
+    0.25,
+)  # largest error relative to the range of levels, at 1-fold oversampling; it falls with the square of oversampling
+FEW_SAMPLES = 4.0  # samples in the radius of the smallest leaf: smaller leaves have larger errors
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeadLeaves(Scene):
-    """Discs of all sizes and greys that cover each other; the same ones for the same seed, whatever noise a camera
+    """Draw dead leaves: overlapping discs of all sizes and greys, fixed by the chart's seed whatever noise a camera
     adds.
     """
 
     nanoseconds: ClassVar = 40.0
 
-    seed: int = param(1, at_least=0, doc="of the chart; noise has streams of its own")
+    seed: int = param(1, at_least=0, doc="seed of the chart, independent of the noise")
     smallest: float = param(5.0, units="um", above=0, doc="radius of the smallest leaves")
     largest: float = param(100.0, units="um", above=0, doc="radius of the largest leaves")
-    exponent: float = param(
-        3.0, at_least=-10, at_most=10, doc="radii have density r^-exponent; 3 looks alike at every scale"
-    )
+    exponent: float = param(3.0, at_least=-10, at_most=10, doc="radii have density r^-exponent; 3 is scale-invariant")
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
     softness: float = param(
@@ -41,8 +42,8 @@ class DeadLeaves(Scene):
         reference="the ideal chart",
         studied=True,
         settings=(4.0, 2.0, 1.0, 0.5, 0.25, 0.0),
-        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: "
-        "ideal, for cells",
+        doc="rms width in samples of the Gaussian that band-limits the rendered chart; 0: "
+        "ideal chart, for light = 'cells'",
     )
     oversampling: int = param(
         4,
@@ -51,7 +52,7 @@ class DeadLeaves(Scene):
         fidelity=True,
         reference="32",
         settings=(1, 2, 4, 8, 16, 32),
-        doc="leaves are painted on cells so many times finer than the samples",
+        doc="oversampling of the cells on which leaves are painted",
     )
 
     def chart(self) -> dead_leaves.Leaves:
@@ -70,13 +71,13 @@ class DeadLeaves(Scene):
         said = super().warn(facts, grids)
         if self.smallest < self.spacing:
             said.append(
-                f"leaves down to {self.smallest:g} um are drawn on samples {self.spacing:g} um apart, which cannot "
-                f"show them"
+                f"leaves down to {self.smallest:g} um are drawn with a sample spacing of {self.spacing:g} um, which "
+                "does not resolve them"
             )
         return said
 
     def error(self, facts: Facts, grid: Grid, precision: str) -> tuple[float, str]:
-        """Largest error of a sample against 32-fold painting, and that of the tables."""
+        """Bound the error of a sample against 32-fold painting, and that of the tables."""
         worst = SOFT_ERROR if self.softness >= 1 else HARD_ERROR
         crowded = max(1.0, FEW_SAMPLES * self.spacing / self.smallest)
         painted = min(1.0, worst * crowded / self.oversampling**2) * (self.high - self.low)

@@ -1,5 +1,5 @@
-"""The sensor up to charge: photodiode, silicon, colour filters, crosstalk, defects.
+"""Sensor stages up to charge: photodiode, silicon, colour filters, crosstalk, defects.
 
 In:  ``irradiance``.
-Out: ``photon_rate`` by channel or as a mosaic, and what is known of single pixels.
+Out: ``photon_rate`` by channel or as a mosaic, and maps of defective pixels.
 """

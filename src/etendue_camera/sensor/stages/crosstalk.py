@@ -1,6 +1,6 @@
-"""Crosstalk behind the colour filters: charge that wanders into neighbouring pixels, of whatever colour they are.
+"""Crosstalk below the colour filters: charge that diffuses into neighbouring pixels of any colour.
 
-In:  ``photocurrent`` (y, x) behind the mosaic; ``white_irradiance``, which weighs the wavelengths.
+In:  ``photocurrent`` (y, x) after the mosaic; ``white_irradiance``, which weights the wavelengths.
 Out: ``photocurrent``; the transfer functions between channels.
 """
 
@@ -23,19 +23,19 @@ LARGEST_REACH = 256  # pixels
 
 @dataclass(frozen=True, kw_only=True)
 class Crosstalk(Collecting, Bounded, ChannelTransfer):
-    """Charge that diffuses behind the colour filters (``crosstalk = "through_filter"``), by a pixel kernel for each
+    """Apply charge diffusion below the colour filters (``crosstalk = "through_filter"``), with one pixel kernel per
     channel.
 
-    A kernel says where the charge made under a pixel's filter is collected: the square under the filter lit evenly,
-    diffusion as in the stage ``diffusion``, neighbours as wide as the pitch. It is the mean over wavelength, weighted
-    with the photons of the channel under the scene's white. Charge is conserved.
+    A kernel gives where the charge generated under a pixel's filter is collected: the area under the filter is lit
+    uniformly, diffusion is as in the stage ``diffusion``, and neighbours are as wide as the pitch. The kernel is the
+    mean over wavelength, weighted with the photons of the channel under the scene white. Charge is conserved.
     """
 
     role: ClassVar = "crosstalk"
     reads: ClassVar = {"photocurrent": "y x [electron/s]", "white_irradiance": "wavelength [W m-2 nm-1]"}
     writes: ClassVar = {"photocurrent": "y x [electron/s]"}
     keeps: ClassVar = ("sum",)
-    gain: ClassVar = 2.0  # a pixel that keeps its charge, all of its neighbours' on top
+    gain: ClassVar = 2.0  # a pixel that keeps its own charge and also receives all of its neighbours'
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 150.0
     working: ClassVar = 0.1
@@ -46,10 +46,10 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         above=0,
         at_most=0.1,
         fidelity=True,
-        reference="1e-14: kernels as wide as the charge wanders",
+        reference="1e-14: kernels as wide as the diffusion reaches",
         settings=(0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-14),
-        doc="share of the charge that may go farther than the kernels reach; it is spread over them, and none wanders "
-        "where that is all",
+        doc="fraction of the charge allowed beyond the kernels; it is spread over them, and nothing diffuses  "
+        "where that is all the charge",
     )
 
     def prepare(self, coordinates: Any) -> Any:
@@ -66,7 +66,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         return self.crosstalk == "through_filter"
 
     def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
-        """Of kernels as wide as the charge wanders, whatever ``beyond`` is."""
+        """Return the transfer of kernels as wide as the diffusion reaches, whatever ``beyond`` is."""
         electrons, (kept, moved, along_y, along_x) = prepared
         share = shares_of(electrons * light)
         per_pixel = np.asarray(fy) * self.pixel_pitch, np.asarray(fx) * self.pixel_pitch
@@ -76,7 +76,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.crosstalk == "per_plane":
-            return 0.0, "charge diffuses in front of the filters (crosstalk = per_plane): stage diffusion"
+            return 0.0, "charge diffusion is applied per plane (crosstalk = per_plane), by the stage diffusion"
         if facts.uniform and len(self.channels) == 1:
             return 0.0, "the light is uniform and the sensor has one channel"
         return None
@@ -85,8 +85,8 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         return facts["photocurrent"] if self.crosstalk == "per_plane" else Facts()
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """What goes farther than the largest kernel, counted where it lacks and where it is put; the transforms'
-        rounding.
+        """Bound the charge beyond the largest kernel, both where it is missing and where it is added, plus the rounding
+        of the transforms.
         """
         if self.crosstalk == "per_plane":
             return 0.0, "proved"
@@ -96,7 +96,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
 
 
 def tables_of(stage: Any, edges: tuple[float, ...]) -> Any:
-    """Charge kept and moved by wavelength, and where what moves arrives along both axes."""
+    """Return the charge kept and moved, by wavelength, and where moved charge arrives along both axes."""
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
     pixel = (stage.pixel_pitch, stage.aperture_fraction, stage.aperture_offset_y, stage.aperture_offset_x)
     return _tables(tuple(edges), diode, pixel)
@@ -116,20 +116,21 @@ def _tables(edges: tuple[float, ...], diode: tuple[Any, ...], pixel: tuple[float
 
 
 def channel_kernels(photons: Any, tables: Any, beyond: float) -> Any:
-    """Kernels of the channels: means over wavelength with these weights, (channel, wavelength)."""
+    """Return the kernels of the channels: means over wavelength with these weights, (channel, wavelength)."""
     kept, moved, along_y, along_x = tables
     share = shares_of(photons)
     return crosstalk.kernels(share @ kept, share @ moved, along_y, along_x, beyond)[0]
 
 
 def shares_of(photons: Any) -> Any:
-    """(channel, wavelength) of all photons of a channel; of one without any the same everywhere."""
+    """Return each channel's photon distribution over wavelength, (channel, wavelength); uniform if it has no
+    photons."""
     total = photons.sum(axis=1, keepdims=True)
     return np.where(total > 0, photons / np.where(total > 0, total, 1), 1 / photons.shape[1])
 
 
 def mixing_of(stage: Any, edges: tuple[float, ...], photons: Any) -> Any:
-    """What uniform light becomes behind the filters: (channel, channel); the identity where charge stays in its
+    """Return what uniform light becomes after crosstalk, (channel, channel); the identity where charge stays in its
     plane.
     """
     if stage.crosstalk == "per_plane":

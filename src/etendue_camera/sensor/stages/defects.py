@@ -1,7 +1,7 @@
-"""Defective pixels: fixed per sensor, drawn or listed.
+"""Defective pixels, drawn or listed, fixed per sensor.
 
 In:  ``photocurrent``, electron/s (hot, dead); ``raw``, DN (stuck).
-Out: the same with its defects, and the map of them, which nothing in a camera knows but a test may.
+Out: the same with defects, and their map, which no camera stage reads but a test may.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ from etendue_camera.sensor import defects
 
 @dataclass(frozen=True, kw_only=True)
 class Defects(Sampled):
-    """Hot pixels have a dark current of their own, exponentially distributed and growing with temperature; dead ones
+    """Add hot pixels, with exponentially distributed dark current that grows with temperature, and dead pixels, which
     see no light.
 
-    In front of the exposure, so that a hot pixel grows with the time, has shot noise and saturates. A list of pixels
-    (``row,column,kind`` with kind hot or dead; others are left to ``stuck_pixels``) is added to those drawn.
+    The stage comes before the exposure, so that the signal of a hot pixel grows with time, has shot noise and
+    saturates. Pixels from a list (``row,column,kind`` with kind hot or dead; other kinds are for ``stuck_pixels``) are
+    added to the drawn ones.
     """
 
     role: ClassVar = "sensor defects"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"photocurrent": "y x [electron/s]", "defect_map": "y x [1] uint8"}
-    gain: ClassVar = None  # the brightest hot pixel is no part of the light's full scale
+    gain: ClassVar = None  # the brightest hot pixel does not count towards the full scale of the light
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
     working: ClassVar = 2.3
@@ -39,8 +40,8 @@ class Defects(Sampled):
     temperature: float = quantity("temperature")
     dark_reference_temperature: float = quantity("dark_reference_temperature")
     dark_doubling: float = quantity("dark_doubling")
-    hot: float = param(1e-4, at_least=0, at_most=0.5, doc="share of hot pixels")
-    dead: float = param(1e-5, at_least=0, at_most=0.5, doc="share of dead pixels")
+    hot: float = param(1e-4, at_least=0, at_most=0.5, doc="fraction of hot pixels")
+    dead: float = param(1e-5, at_least=0, at_most=0.5, doc="fraction of dead pixels")
     hot_rate: float = param(
         1e4, units="electron/s", at_least=0, doc="mean dark current of hot pixels, at the reference temperature"
     )
@@ -60,8 +61,8 @@ class Defects(Sampled):
         return {"photocurrent": light, "defect_map": found.astype(np.uint8)}
 
     def mean(self, photocurrent: Any, prepared: Any) -> dict[str, Any]:
-        """Over many sensors: defects that are drawn are spread over all pixels, and the map holds those that are
-        listed.
+        """Return the mean over many sensors: drawn defects are spread over all pixels, and the map contains the listed
+        ones only.
         """
         kind = photocurrent.dtype.type
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
@@ -76,7 +77,7 @@ class Defects(Sampled):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckPixels(Sampled):
-    """Pixels that give one code, whatever the light, the time and the noise: each its own, or all the same."""
+    """Make pixels stuck at one code, whatever the light, time and noise: each at its own code, or all at the same."""
 
     role: ClassVar = "stuck pixels"
     reads: ClassVar = {"raw": "y x [DN] uint16"}
@@ -89,9 +90,12 @@ class StuckPixels(Sampled):
 
     sensor_serial: str = quantity("sensor_serial")
     bits: int = quantity("bits")
-    stuck: float = param(1e-5, at_least=0, at_most=0.5, doc="share of stuck pixels")
+    stuck: float = param(1e-5, at_least=0, at_most=0.5, doc="fraction of stuck pixels")
     level: float = param(
-        -1.0, at_least=-1, at_most=1, doc="share of the top code at which all stand; -1: each at a level of its own"
+        -1.0,
+        at_least=-1,
+        at_most=1,
+        doc="level of all stuck pixels as a fraction of the top code; -1: each has its own",
     )
     file: str = param("", file=True, doc="CSV list of defective pixels: row,column,kind")
 
@@ -109,8 +113,8 @@ class StuckPixels(Sampled):
         return {"raw": codes, "stuck_map": found.astype(np.uint8)}
 
     def mean(self, raw: Any, prepared: Any) -> dict[str, Any]:
-        """Over many sensors: those that are drawn are spread over all pixels, and the map holds those that are
-        listed.
+        """Return the mean over many sensors: drawn pixels are spread over all pixels, and the map contains the listed
+        ones only.
         """
         level = (0.5 if self.level < 0 else self.level) * (2**self.bits - 1)
         stuck = prepared == defects.STUCK

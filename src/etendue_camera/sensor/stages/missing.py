@@ -1,8 +1,8 @@
-"""What a pixel that reads gathered bands and few frequencies does not see.
+"""The error of a pixel stage that expands the bands in few terms and keeps few frequencies.
 
-In:  weights of the channels, the stages in front, what the light holds; numbers of terms and the share of frequencies
-     kept.
-Out: the rms of what is missing, relative to what a channel reads in the brightest light.
+In:  weights of the channels, preceding stages, the content of the light, the number of terms and the fraction of
+     frequencies kept.
+Out: the rms of what is missing, relative to the channel signal in the brightest light.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from etendue.transfer import rings as scene_rings
 from etendue_camera.sensor import photodiode
 
 PART = 0.25
-"""Of light that could be strong at any frequency: a picture between black and full scale has at most half of it in its
-waves, rms, and never all at the worst frequency. Of random scenes and spectra, narrow ones too, an eighth of the whole
-is the most."""
+"""Amplitude assumed for light of unknown content, which may be strong at any frequency. A picture between black and
+full scale has at most half of full scale in its waves, rms, and never all of it at the worst frequency. Over random
+scenes and spectra, including narrow ones, the maximum is an eighth."""
 
 Weights = tuple[tuple[float, ...], ...]
 
@@ -36,28 +36,28 @@ def of_the_light(
     terms: int,
     kept: float,
 ) -> float:
-    """Of the worst channel.
+    """Return the error of the worst channel.
 
     Parameters
     ----------
-    weights : (channel, wavelength), a sum of 1 for each channel
+    weights : (channel, wavelength), with a sum of 1 for each channel
     before : stages between the segment's input and the pixel
     light : Grid
-        Of the light.
+        Grid of the light.
     content : Content or None
-        Of the segment's input; None: equally strong in every band, a quarter of it at the frequency where that is
-        worst.
+        Content of the segment's input; None: equally strong in every band, a quarter of full scale at the worst
+        frequency.
     width : float
-        Of the light-sensitive square, um.
+        Width of the light-sensitive square, um.
     terms : int
-        0: every band is read for itself.
+        Number of expansion terms; 0: every band is read separately.
     kept : float
-        Share of the Nyquist frequency of the grid.
+        Fraction of the grid's Nyquist frequency that is kept.
 
     Returns
     -------
     float
-        Root mean square over the frame, the bands' errors added up as if they were in phase.
+        Root mean square over the frame, with the errors of the bands added in phase.
     """
     edges = light.bands().edges
     steps = (light.line("y").step, light.line("x").step)
@@ -75,14 +75,14 @@ def of_the_light(
 
 @lru_cache(64)
 def _amplitudes(content: Content) -> Any:
-    """(wavelength, ring): rms of what every ring holds."""
+    """Return the rms amplitude in every ring, (wavelength, ring)."""
     return np.sqrt(np.array(content.power))
 
 
 @lru_cache(256)
 def passed(width: float, rings: tuple[float, ...]) -> Any:
-    """(frequency,): the largest value of the aperture's transfer function at a radial frequency, over all
-    directions.
+    """Return the largest value over all directions of the aperture's transfer function, (frequency,), at radial
+    frequencies.
     """
     frequency = scene_rings.frequencies_in(np.array(rings))
     found = np.zeros_like(frequency)
@@ -104,7 +104,7 @@ def _missing(
     terms: int,
     limit: float,
 ) -> Any:
-    """(channel, wavelength, frequency): the largest part of every band that is lost, over all directions."""
+    """Return the largest part lost from every band, over all directions, (channel, wavelength, frequency)."""
     own = np.array(weights)
     own = own[own.max(axis=1) > 0]
     points = scene_rings.frequencies_in(np.array(rings))
@@ -126,7 +126,7 @@ def _missing(
 def basis_of(
     weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, terms: int
 ) -> Any:
-    """(terms, wavelength): the functions of wavelength in which the light is gathered."""
+    """Return the functions of wavelength in which the light is expanded, (terms, wavelength)."""
     own = np.array(weights)
     frequency = np.linspace(0.0, corner, expansion.FITTED)
     transfer = effects.in_directions(before, edges, frequency)[0].real

@@ -1,4 +1,4 @@
-"""The colour filter array: one channel for each pixel.
+"""The colour filter array: one channel per pixel.
 
 In:  ``photon_rate`` (channel, y, x), electron/s, behind each filter of the sensor.
 Out: ``photocurrent`` (y, x), electron/s.
@@ -16,7 +16,7 @@ from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 
 @dataclass(frozen=True, kw_only=True)
 class Mosaic(Haloed):
-    """The colour filter array: each pixel keeps one channel, by its index on the sensor, whatever window is read."""
+    """Apply the colour filter array: each pixel keeps one channel, by its index on the sensor, whatever the window."""
 
     role: ClassVar = "colour filter array"
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
@@ -38,13 +38,13 @@ class Mosaic(Haloed):
         found = tuple(planes["channel"].values())
         if found != channels:
             raise ValueError(
-                f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but photon_rate has "
+                f"the pattern {self.pattern!r} has the channels {', '.join(channels)}, but photon_rate has "
                 f"{', '.join(map(str, found))}"
             )
         return {"photocurrent": planes.take(("y", "x"))}
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """Values of one plane or another: in the range of them all."""
+        """Return the range of all planes: a value comes from one of them."""
         return Facts(low=facts["photon_rate"].low, high=facts["photon_rate"].high)
 
     def run(self, photon_rate: Any, y: Any, x: Any) -> dict[str, Any]:

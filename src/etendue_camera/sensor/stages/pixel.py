@@ -36,13 +36,13 @@ from etendue_camera.sensor.stages.sensitivity import (
 
 @dataclass(frozen=True, kw_only=True)
 class Diffusion(Transfer, Bounded, InSilicon):
-    """Charge that wanders before it is collected: D(f)/D(0) of the photodiode (eqs. 6-8) by wavelength."""
+    """Blur by charge diffusion before collection: D(f)/D(0) of the photodiode (eqs. 6-8) at each wavelength."""
 
     role: ClassVar = "diffusion"
     once: ClassVar = ("diffusion of charge",)
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    gain: ClassVar = 1.2  # 1.09 at worst, on a grid that cuts its transfer function off
+    gain: ClassVar = 1.2  # at most 1.09, on a grid that truncates its transfer function
     radial: ClassVar = True
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
@@ -60,7 +60,8 @@ class Diffusion(Transfer, Bounded, InSilicon):
         reference="0: evaluated at every frequency",
         settings=(64, 128, 256, 512, 1024, 4096, 0),
         costs=(0.85, 0.85, 0.86, 0.88, 0.9, 1.0, 1.6),
-        doc="radial frequencies at which D is evaluated for a whole frame; cubic between them",
+        doc="number of radial frequencies at which D is evaluated for a whole frame, with cubic interpolation between "
+        "them",
     )
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
@@ -79,12 +80,12 @@ class Diffusion(Transfer, Bounded, InSilicon):
         if self.crosstalk == "through_filter":
             return (
                 0.0,
-                "charge diffuses behind the filters (crosstalk = through_filter): stage crosstalk, after the mosaic",
+                "charge diffuses across filters (crosstalk = through_filter), in the stage crosstalk after the mosaic",
             )
         return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """As for every blur: only a uniform plane is sure to stay in its range."""
+        """As for every blur: only a uniform plane is certain to stay within its range."""
         return facts["irradiance"] if facts["irradiance"].uniform else Facts(uniform=facts["irradiance"].uniform)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
@@ -93,7 +94,7 @@ class Diffusion(Transfer, Bounded, InSilicon):
 
 
 class _Extent(NamedTuple):
-    """How many pixels there are along one axis, and which of them are read."""
+    """The number of pixels along one axis, and the window that is read."""
 
     pixels: int
     size_mm: float
@@ -105,11 +106,11 @@ class _Extent(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Pixel(Collecting, Summed):
-    """Light on each pixel's photodiode, summed over wavelength, at the pixel centres.
+    """Integrate light over each pixel's light-sensitive square and sum over wavelength, at the pixel centres.
 
-    What lies beyond the pixel's Nyquist frequency folds back: aliasing is part of the answer. The number of pixels
-    is fixed (``rows``, ``columns``), or follows from a fixed sensor (``sensor_height``, ``sensor_width``), or is
-    that of the scene's samples (``sampling = "paper"``).
+    Content beyond the pixel's Nyquist frequency folds back: aliasing is part of the result. The number of pixels is
+    fixed (``rows``, ``columns``), or follows from the sensor size (``sensor_height``, ``sensor_width``), or equals the
+    number of scene samples (``sampling = "paper"``).
     """
 
     role: ClassVar = "pixel"
@@ -120,15 +121,17 @@ class Pixel(Collecting, Summed):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 8.0
     libraries: ClassVar = ("colour-science",)
-    # Of the sum over wavelength and the evaluation between samples: 3e-6 at worst, up to 1024 x 1500.
+    # Error of the sum over wavelength and of the evaluation between samples: at most 3e-6, up to 1024 x 1500.
     error: ClassVar[Any] = measured(5e-6, 2e-14)
 
     sampling: str = param(
-        "physical", choices=("physical", "paper"), doc="pixels of their own, or one scene sample = one pixel"
+        "physical",
+        choices=("physical", "paper"),
+        doc="physical: independent pixel grid; paper: one scene sample = one pixel",
     )
-    rows: int = param(0, at_least=0, doc="pixels along y; 0: as many as the sensor's size or the light hold")
-    columns: int = param(0, at_least=0, doc="pixels along x")
-    sensor_height: float = param(0.0, units="mm", at_least=0, doc="fixed size of the sensor; 0: not fixed")
+    rows: int = param(0, at_least=0, doc="pixels along y; 0: as many as fit the sensor size or the light")
+    columns: int = param(0, at_least=0, doc="pixels along x; 0: as many as fit")
+    sensor_height: float = param(0.0, units="mm", at_least=0, doc="sensor height; 0: not fixed")
     sensor_width: float = param(0.0, units="mm", at_least=0)
     first_row: int = param(0, doc="first row of the window that is read")
     first_column: int = param(0, doc="first column of the window that is read")
@@ -139,10 +142,10 @@ class Pixel(Collecting, Summed):
         at_least=0,
         at_most=32,
         fidelity=True,
-        reference="0: every band its own transform",
+        reference="0: a transform for every band",
         settings=(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 32, 0),
-        doc="planes in which the bands are gathered before the transforms, as many as channels or more: 7 to 9 serve "
-        "most lenses",
+        doc="number of planes that the bands are expanded in before the transforms, at least the number of channels; "
+        "7 to 9 suit most lenses",
     )
     kept_frequencies: float = param(
         1.0,
@@ -150,18 +153,18 @@ class Pixel(Collecting, Summed):
         at_most=1,
         fidelity=True,
         exact=True,
-        reference="1: all that the grid carries",
+        reference="1: all frequencies of the grid",
         settings=(0.125, 0.1875, 0.25, 0.375, 0.5, 0.75, 1.0),
         costs=(0.23, 0.24, 0.25, 0.26, 0.27, 0.35, 1.0),
-        doc="share of the grid's Nyquist frequency beyond which light is left out",
+        doc="frequency above which light is left out, as a fraction of the grid's Nyquist frequency",
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require.that(
             not 0 < self.wavelength_terms < len(self.channels),
-            f"wavelength_terms is {self.wavelength_terms}, but the sensor has {len(self.channels)} channels; give "
-            f"as many or more, or 0",
+            f"wavelength_terms is {self.wavelength_terms}, but the sensor has {len(self.channels)} channels; use "
+            f"at least as many terms, or 0",
         )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
@@ -178,14 +181,12 @@ class Pixel(Collecting, Summed):
         if self.sampling == "paper":
             if abs(light.step - self.pixel_pitch) > 1e-9 * self.pixel_pitch:
                 raise ValueError(
-                    f"sampling 'paper' takes one scene sample for one pixel, but the scene's spacing is {light.step:g} "
+                    f"sampling = 'paper' maps one scene sample to one pixel, but the scene's spacing is {light.step:g} "
                     f"um and the pitch "
                     f"{self.pixel_pitch:g} um; make them equal, or use sampling = 'physical'"
                 )
             return Line(light.size, 0.0, 1.0, "1", (light.start, light.step))
-        require.that(
-            not count or not size_mm, f"{what} and {size_name} are both given; one follows from the other and the pitch"
-        )
+        require.that(not count or not size_mm, f"{what} and {size_name} are both given; give only one of them")
         length = light.size * light.step
         total = count or (
             math.floor(size_mm * 1e3 / self.pixel_pitch + 1e-9)
@@ -202,9 +203,8 @@ class Pixel(Collecting, Summed):
             or high > light.start + (light.size - 0.5) * light.step + 1e-6
         ):
             raise ValueError(
-                f"{size} pixels of {self.pixel_pitch:g} um reach from {low:g} to {high:g} um, but the scene's light is "
-                f"{length:g} um long; "
-                f"widen the scene or take fewer {what}"
+                f"{size} pixels of {self.pixel_pitch:g} um extend from {low:g} to {high:g} um, but the light from the "
+                f"scene is {length:g} um long; widen the scene or reduce {what}"
             )
         return Line(size, float(first), 1.0, "1", (start, self.pixel_pitch))
 
@@ -225,8 +225,8 @@ class Pixel(Collecting, Summed):
         return prepared
 
     def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """With what an expansion and the frequencies left out take from the light: of what the scene holds, where that
-        is known; else of light equally strong in every band, at the frequency where that is most."""
+        """Bound the error including the expansion and the omitted frequencies: for the content of the scene where it is
+        known, otherwise for light equally strong in every band, at the worst frequency."""
         bound, how = self.error(facts, grid, precision)
         light = grid["irradiance"]
         few = 0 < self.wavelength_terms < light.bands().size and bool(before)
@@ -244,8 +244,8 @@ class Pixel(Collecting, Summed):
         return bound + lost, "fitted"
 
     def normalised(self, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
-        """(channel, wavelength): the weights of every channel with a sum of 1, whatever the size of the pixel; 0
-        where nothing is seen.
+        """Return the weights of every channel with a sum of 1, (channel, wavelength), whatever the pixel size; 0 where
+        the channel sees nothing.
         """
         return shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], edges)
 
@@ -256,7 +256,7 @@ class Pixel(Collecting, Summed):
         return self.kept_frequencies
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """Charge between that of the darkest and of the brightest light, in any channel."""
+        """Return the charge range, from the darkest to the brightest light in any channel."""
         light = facts["irradiance"]
         if light.content is None or light.low is None or light.high is None:
             return Facts(uniform=light.uniform)
@@ -279,15 +279,15 @@ class Pixel(Collecting, Summed):
         if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in others.values()):
             return []
         return [
-            "crosstalk = 'through_filter', but no stage crosstalk stands after the mosaic: charge does not diffuse at "
-            "all"
+            "crosstalk = 'through_filter', but there is no stage crosstalk after the mosaic: charge does not diffuse "
+            "at all"
         ]
 
     def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
-        """What the sensor sees outside the wavelengths of the scene; narrow light is taken for what it is."""
+        """Warn about sensitivity outside the wavelengths of the scene; narrow-band light needs no more bands."""
         known = self.sensitivity == FLAT or spectra.spectrum(
             self.sensitivity
-        )  # tables of colour-science end where their filters do
+        )  # tables of colour-science end with their filters
         if edges[-1] - edges[0] < 200 or not known:
             return []
         bins = tuple(300.0 + 10 * i for i in range(91))
@@ -300,9 +300,8 @@ class Pixel(Collecting, Summed):
         if share <= 0.02:
             return []
         return [
-            f"{100 * share:.0f} % of a channel's sensitivity lies outside {edges[0]:g} to {edges[-1]:g} nm: such light "
-            f"is left out; widen "
-            "the scene's wavelengths (wavelength_to = 1100), unless a filter cuts it"
+            f"{100 * share:.0f} % of a channel's sensitivity lies outside {edges[0]:g} to {edges[-1]:g} nm: light "
+            "there is ignored; widen the scene's wavelengths (wavelength_to = 1100), unless a filter blocks it"
         ]
 
     def _charge_under_other_filters(self, facts: Facts, grids: Any) -> list[str]:
@@ -315,8 +314,8 @@ class Pixel(Collecting, Summed):
         if self.pixel_pitch >= 3 and left >= 0.8:
             return []
         return [
-            "wandering charge reaches pixels of other colours (pixels below 3 um, or less than 0.8 of the contrast "
-            "left at their Nyquist "
-            "frequency in green light); crosstalk = 'through_filter', with the stage crosstalk after the mosaic, has "
-            "that"
+            "charge diffuses into pixels of other colours (pixel pitch below 3 um, or an MTF of diffusion below 0.8 "
+            "at the Nyquist "
+            "frequency in green light); crosstalk = 'through_filter', with the stage crosstalk after the mosaic, "
+            "models this"
         ]

@@ -1,4 +1,4 @@
-"""Quantum efficiency of a sensor's channels from a sensitivity table: shared by the pixel, the white and the colour
+"""Quantum efficiency of the sensor channels from a sensitivity table, shared by the pixel, the white and the colour
 fit.
 
 In:  camera quantities of filters and photodiode; the colour filter array; bin edges, nm.
@@ -19,20 +19,20 @@ from etendue_camera.light.radiometry import photons_from_energy
 from etendue_camera.sensor import photodiode, silicon
 from etendue_camera.sensor.stages.masks import mask_of
 
-FLAT = "flat"  # the sensitivity that is the same for photons of every wavelength
+FLAT = "flat"  # the name of a sensitivity equal for photons of every wavelength
 CLEAR = "WC"  # letters of pixels without a filter
 WORDS = {"red": "R", "green": "G", "blue": "B", "white": "W", "clear": "C"}
 CAMERA_COLUMNS = ("R", "G", "B")
 OF_THE_SAME, SAME_PEAK = (
     0.005,
     0.01,
-)  # columns whose peaks are so near to 1 are relative; a table's peak is so near to peak_qe
-FINE = tuple(300.0 + 0.25 * i for i in range(3601))  # nm, bins in which the peak of a table is looked for
+)  # a table whose column peaks are this close to 1 is relative; a peak this close to peak_qe equals it
+FINE = tuple(300.0 + 0.25 * i for i in range(3601))  # nm, bins in which the peak of a table is searched
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sensitive(Stage):
-    """A stage that knows filters and photodiode."""
+    """A stage that uses filters and photodiode."""
 
     pattern: str = quantity("pattern")
     sensitivity: str = quantity("sensitivity")
@@ -47,27 +47,27 @@ class Sensitive(Stage):
 
     def __post_init__(self) -> None:
         spectra.check_camera(self.sensitivity)
-        if not isinstance(self.peak_qe, tuple):  # one for all, as the value of an axis
+        if not isinstance(self.peak_qe, tuple):  # one value for all, as on an axis
             object.__setattr__(self, "peak_qe", (float(self.peak_qe),))
         channels = self.channels
         if len(self.peak_qe) not in (1, len(channels)):
             raise ValueError(
                 f"peak_qe has {len(self.peak_qe)} values, but the pattern {self.pattern!r} has {len(channels)} "
                 f"channels: "
-                f"{', '.join(channels)}; give one value for each, or one for all"
+                f"{', '.join(channels)}; give one value per channel, or one for all"
             )
         if not spectra.spectrum(self.sensitivity) and self.sensitivity != FLAT:
             _columns_of(self, CAMERA_COLUMNS)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Letters of the sensor's channels in the order of its planes."""
+        """Return the letters of the sensor's channels in the order of its planes."""
         return mask_of(self.pattern).channels
 
 
 @dataclass(frozen=True, kw_only=True)
 class Collecting(Sensitive):
-    """One that knows the pixel as well."""
+    """A sensitive stage that also uses the pixel geometry."""
 
     pixel_pitch: float = quantity("pixel_pitch")
     aperture_fraction: float = quantity("aperture_fraction")
@@ -85,20 +85,20 @@ class Collecting(Sensitive):
         ):
             if abs(offset) > room + 1e-12:
                 raise ValueError(
-                    f"{name} = {offset:g} moves the light-sensitive square out of its pixel: with aperture_fraction = "
-                    f"{self.aperture_fraction:g} it may move by {room:g} pitches"
+                    f"{name} = {offset:g} shifts the light-sensitive square out of its pixel: with aperture_fraction = "
+                    f"{self.aperture_fraction:g} the offset may be at most {room:g} pitches"
                 )
         fill = self.aperture_fraction**2
         if self.microlens_gain * fill > 1 + 1e-12:
             raise ValueError(
-                f"microlens_gain = {self.microlens_gain:g} times the fill factor {fill:.3g} is above 1, but a "
-                f"microlens collects no more "
-                f"than the light on its pixel: {1 / fill:.4g} at most"
+                f"microlens_gain = {self.microlens_gain:g} times the fill factor {fill:.3g} exceeds 1, but a "
+                f"microlens cannot collect more "
+                f"than the light on its pixel; the maximum is {1 / fill:.4g}"
             )
 
 
 def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
-    """For each channel its column in a table with these names; None for a clear pixel that needs none."""
+    """Return each channel's column in a table with these names; None for a clear pixel that needs none."""
     channels = mask_of(stage.pattern).channels
     if len(channels) == len(names) == 1:
         return [0]
@@ -111,25 +111,25 @@ def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
             found.append(None)
         else:
             clear = (
-                ", or take sensitivity_kind = 'filter_transmittance', where a clear pixel needs none"
+                ", or use sensitivity_kind = 'filter_transmittance', where a clear pixel needs none"
                 if channel in CLEAR
                 else ""
             )
             raise ValueError(
                 f"the pattern {stage.pattern!r} has a channel {channel}, but the sensitivity {stage.sensitivity!r} has "
                 f"columns "
-                f"{', '.join(names)} only; give the path of a CSV table with a column {channel}{clear}"
+                f"{', '.join(names)} only; use a CSV table with a column {channel}{clear}"
             )
     return found
 
 
 def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> Any:
-    """Electrons per photon that arrives, (channel, wavelength), at zero spatial frequency.
+    """Return electrons per incident photon, (channel, wavelength), at zero spatial frequency.
 
-    A relative table is brought to ``peak_qe`` per channel at its own peak, whichever bins the light has; a clear pixel
+    A relative table is scaled to ``peak_qe`` per channel at its own peak, whatever the bins of the light; a clear pixel
     without a column transmits everything.
-    ``system_qe`` tables hold the silicon already; ``filter_transmittance`` tables are multiplied by the collection D(0)
-    and the surface transmission.
+    ``system_qe`` tables include the silicon; ``filter_transmittance`` tables are multiplied by the collection D(0) and
+    the surface transmission.
     """
     if stage.sensitivity == FLAT:
         return _of_the_silicon(stage, edges, np.ones((len(mask_of(stage.pattern).channels), len(edges) - 1)))
@@ -145,7 +145,7 @@ def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> Any:
 
 
 def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: Any) -> Any:
-    """Curves with a peak of 1 to electrons per photon: ``peak_qe``, and where the table knows filters alone,
+    """Convert curves with a peak of 1 to electrons per photon: apply ``peak_qe`` and, for tables of filters alone,
     collection and surface.
     """
     efficiency = relative * np.broadcast_to(np.array(stage.peak_qe), relative.shape[0])[:, None]
@@ -155,7 +155,7 @@ def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: Any) -> Any:
 
 
 def _relative(stage: Any, columns: list[int | None], table: Any, edges: tuple[float, ...]) -> Any:
-    """(channel, wavelength): the columns of the channels, per photon up to a factor."""
+    """Return the channels' columns per photon up to a factor, (channel, wavelength)."""
     centres = _centres(edges)
     found = np.stack([np.ones(centres.size) if column is None else table[:, column] for column in columns])
     if stage.sensitivity_per == "energy":
@@ -165,24 +165,23 @@ def _relative(stage: Any, columns: list[int | None], table: Any, edges: tuple[fl
 
 
 def unused_notes(stage: Any) -> list[str]:
-    """What is said of quantities that were given and change nothing."""
+    """Return notes on quantities that were given but have no effect."""
     said = []
     if stage.sensitivity_kind == "system_qe" and stage.surface_transmission != 1:
         said.append(
-            f"surface_transmission = {stage.surface_transmission:g} changes nothing: sensitivity_kind = 'system_qe' "
-            f"holds the surface "
-            "already; take sensitivity_kind = 'filter_transmittance', or lower peak_qe"
+            f"surface_transmission = {stage.surface_transmission:g} has no effect: sensitivity_kind = 'system_qe' "
+            f"includes the surface "
+            "already; use sensitivity_kind = 'filter_transmittance', or lower peak_qe"
         )
     if stage.sensitivity == FLAT and stage.sensitivity_per == "energy":
         said.append(
-            "sensitivity_per = 'energy' changes nothing: sensitivity = 'flat' is the same for photons of every "
-            "wavelength"
+            "sensitivity_per = 'energy' has no effect: sensitivity = 'flat' is the same for photons of every wavelength"
         )
     return said
 
 
 def peaks_note(stage: Any) -> list[str]:
-    """What is said of a table that looks absolute (columns between 0 and 1, of peaks other than 1) and is scaled to
+    """Return a note for a table that looks absolute (columns between 0 and 1, with peaks other than 1) but is scaled to
     other peaks.
     """
     if stage.sensitivity == FLAT or not spectra.spectrum(stage.sensitivity) or stage.sensitivity_kind != "system_qe":
@@ -209,15 +208,14 @@ def peaks_note(stage: Any) -> list[str]:
     return [
         f"the columns of {what} peak at {found} ({', '.join(letter for letter, _ in channels)}) and are scaled to "
         f"peak_qe = [{given}]; "
-        f"to take them as they stand: peak_qe = [{found}]"
+        f"to use them unscaled, set peak_qe = [{found}]"
     ]
 
 
 def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
-    """What is said of a table that ends where a channel still sees: beyond, the channel sees nothing.
+    """Return notes on a table that ends where a channel still responds: beyond its end the channel sees nothing.
 
-    Filters in front of silicon are looked at for themselves: how much charge hangs on their ends depends on the silicon
-    too.
+    Filters over silicon are judged separately: the charge at their ends depends on the silicon too.
     """
     if stage.sensitivity == FLAT:
         return []
@@ -234,14 +232,15 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
 
 
 def collection_at_zero(stage: Any, wavelength_nm: Any) -> Any:
-    """D(0) by wavelength."""
+    """Return D(0) at each wavelength."""
     alphas = silicon.absorption(np.asarray(wavelength_nm) * 1e-3)
     diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
     return np.array([float(photodiode.collection(0.0, float(a), *diode)) for a in alphas])
 
 
 def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
-    """(channel, wavelength): electron/s of a pixel per W m-2 nm-1 in each bin: width x lambda/hc x area x efficiency.
+    """Return electron/s of a pixel per W m-2 nm-1 in each bin, (channel, wavelength): width x lambda/hc x area x
+    efficiency.
 
     The area is that of the light-sensitive square, times the gain of its microlens.
     """
@@ -250,7 +249,7 @@ def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
 
 
 def _photons(edges: tuple[float, ...]) -> Any:
-    """(wavelength,): photons of one W m-2 nm-1 in each bin, per second and m2."""
+    """Return the photons per second and m2 of 1 W m-2 nm-1 in each bin, (wavelength,)."""
     return np.diff(np.array(edges)) * photons_from_energy(1.0, _centres(edges) * 1e-3)
 
 
@@ -260,15 +259,15 @@ def _centres(edges: tuple[float, ...]) -> Any:
 
 SEEN_BY = tuple(
     field.name for field in fields(Sensitive)
-)  # what the colours of a sensor follow from, whatever the size of its pixels
+)  # what determines the colours of a sensor, whatever the pixel size
 
 
 @lru_cache(64)
 def shares(seen_by: tuple[Any, ...], files: Any, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
-    """(channel, wavelength): electrons per irradiance of a sensor, with a sum of 1 for each channel; 0 where nothing is
-    seen.
+    """Return each channel's electrons per irradiance, normalised to a sum of 1, (channel, wavelength); 0 where it sees
+    nothing.
 
-    ``seen_by`` are the values of ``SEEN_BY``, ``files`` the state of the files that they name.
+    ``seen_by`` contains the values of ``SEEN_BY``, ``files`` the state of the files that they name.
     """
     weights = quantum_efficiency(Sensitive(**dict(zip(SEEN_BY, seen_by, strict=True))), edges)
     weights = weights * _photons(edges)
