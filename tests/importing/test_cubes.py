@@ -216,7 +216,11 @@ def test_axes_that_are_named_are_put_in_order():
         (lambda p: (p / "a.npy").write_bytes(b"no"), (), "a.npy could not be read as .npy"),
         (lambda p: np.save(p / "a.npy", LIGHT[0]), (), "expected a numeric array with three axes"),
         (lambda p: np.save(p / "a.npy", LIGHT), (), "does not give its wavelengths: use --wavelengths"),
-        (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:50"), "does not give its level: use --level"),
+        (
+            lambda p: np.save(p / "a.npy", LIGHT),
+            ("--wavelengths", "450:600:50"),
+            "does not give its level: use --level",
+        ),
         (
             lambda p: np.save(p / "a.npy", LIGHT),
             ("--wavelengths", "450:600:75", "--level", "radiance"),

@@ -49,9 +49,7 @@ def run(tmp_path, monkeypatch):
     )
 
 
-SENTENCE = (
-    "white_estimate has channels of the white raised to the floor: in 1 of 2 cells, at most 1 in a cell"
-)
+SENTENCE = "white_estimate has channels of the white raised to the floor: in 1 of 2 cells, at most 1 in a cell"
 
 
 def test_a_channel_that_was_lifted_is_said_in_words_also_when_the_cells_are_reused(run):

@@ -502,9 +502,7 @@ def test_every_row_has_its_picture_and_what_is_not_drawn_is_said(run, tmp_path):
 def test_channels_that_were_lifted_to_a_floor_are_a_note():
     lifting = 'method = "preset"\ngains = [1, 1, 1e4]\nfloor = 0.01\n'
     found = quality(read([*WHITE, *BEHIND], scene="uniform", white_estimate=lifting), installed_stages())
-    assert any(
-        "white_estimate has channels of the white raised to the floor" in note for note in found.notes
-    )
+    assert any("white_estimate has channels of the white raised to the floor" in note for note in found.notes)
 
 
 def dead(self, xyz_scene, prepared):
