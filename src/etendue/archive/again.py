@@ -71,8 +71,8 @@ def input_fault(folder: Path, name: str) -> str:
                 f"there under this name"
             )
         return (
-            f"{copy} is missing. Put the file whose SHA-256 is this name there, or run: etendue verify {folder} --repair "
-            f"--from FOLDER"
+            f"{copy} is missing. Put the file whose SHA-256 is this name there, or run: "
+            f"etendue verify {folder} --repair --from FOLDER"
         )
     try:
         found = digest_now(copy)
@@ -107,13 +107,14 @@ def recorded(folder: Path) -> Recorded:
     ]
     if any(path.startswith("runs/") for path in newer):
         raise ArchiveError(
-            f"{folder / max(newer)} is missing: it is the record of the last run. Repair it with: etendue verify {folder} "
-            f"--repair"
+            f"{folder / max(newer)} is missing: it is the record of the last run. "
+            f"Repair it with: etendue verify {folder} --repair"
         )
     known = manifest.files.get(f"runs/{paths[-1].name}") if manifest else None
     if record is None or not is_record(record) or known not in (None, digest_of(paths[-1])):
         raise ArchiveError(
-            f"{paths[-1]} is damaged: it is the record of the last run. Repair it with: etendue verify {folder} --repair"
+            f"{paths[-1]} is damaged: it is the record of the last run. "
+            f"Repair it with: etendue verify {folder} --repair"
         )
     if not isinstance(record.get("resolved"), str):
         what = "holds no complete pipeline: it was written by an early version"

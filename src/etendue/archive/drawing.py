@@ -79,7 +79,6 @@ def _rows(pattern: str, start: tuple[int, int]) -> str:
 
 def _moving(found: Mapping[tuple[int, ...], Any], axes: int) -> list[int]:
     """Return the axes along which something differs; all axes if there are too few cells to tell."""
-
     moving = []
     for number in range(axes):
         rest: dict[tuple[int, ...], Any] = {}

@@ -40,9 +40,7 @@ TABLE = "objects.json"  # the objects of an archive, with the tag that each had 
 PACK = "documents.zip"  # the small ones of these objects in one, for readers that would fetch them all
 SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes; the largest document and the largest shard in the pack
 AT_ONCE = 16  # concurrent requests
-State = tuple[
-    int, int, int
-]  # size, mtime (ns) and inode of a file: a file that replaces it has another inode
+State = tuple[int, int, int]  # size, mtime (ns) and inode of a file: a file that replaces it has another inode
 Known = tuple[str, int, int, int]  # the tag of an object, and the state of the file with the same content
 
 

@@ -38,9 +38,7 @@ class Resolved:
     """A pipeline that depends only on files in its archive."""
 
     text: str
-    inputs: dict[str, str] = field(
-        default_factory=dict
-    )  # name below inputs/ -> path of the original file or folder
+    inputs: dict[str, str] = field(default_factory=dict)  # name below inputs/ -> path of the original file or folder
     written: dict[str, str] = field(default_factory=dict)  # name of a file in the pipeline -> its name in this text
 
 

@@ -187,7 +187,8 @@ class ArchiveKeeper:
             attrs = {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at}
             tables = {**tables, "frames": {**sheet.table, "attrs": attrs}}
         if sheet:
-            drawn = place.with_name(".contact_sheet.partial.png")  # drawn beside its place and then moved: a link in its place is not followed
+            # drawn beside its place and then moved: a link in its place is not followed
+            drawn = place.with_name(".contact_sheet.partial.png")
             drawn.unlink(missing_ok=True)
             sheet.draw(drawn)
             store.change()

@@ -110,9 +110,7 @@ class Look:
 
     def manifest(self) -> Iterator[Damage]:
         if self.known is None and (self.folder / MANIFEST).exists():
-            yield Damage(
-                "changed", MANIFEST, "differs from what was written; its digests of other files are ignored"
-            )
+            yield Damage("changed", MANIFEST, "differs from what was written; its digests of other files are ignored")
         elif self.known is None:
             yield Damage("unfinished", MANIFEST, "missing: a run was interrupted, or the file was removed")
 

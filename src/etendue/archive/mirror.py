@@ -110,7 +110,7 @@ class Mirror(Behind):
         if self.seen.held() and self.seen.run != self.here.run:
             raise in_use(self.objects.url, self.seen)
         if found and not {ROOT, JOURNAL, OWNER, MANIFEST} & found.keys():
-            raise ArchiveError(f"{self.objects.url} holds objects but is not an archive; choose another URL with --archive URL")
+            raise ArchiveError(f"{self.objects.url} holds objects but no archive; choose another with --archive URL")
         self.new = ROOT not in found
         self.unfinished = self.seen.state != CLOSED
         if self.here.run not in ("", self.seen.run) and (self.here.changed() or self.here.gone()):
@@ -128,9 +128,9 @@ class Mirror(Behind):
             else:
                 self._leave()
             if error is not None and isinstance(error, StoreLost) and error.args:
-                error.args = (f"{error.args[0]}. Finished results are kept in {self.here.place}; run again to continue",)
+                error.args = (f"{error.args[0]}. Finished results are in {self.here.place}; run again to continue",)
         except StoreLost as lost:
-            raise StoreLost(f"{lost}. Finished results are kept in {self.here.place}; run again to continue") from None
+            raise StoreLost(f"{lost}. Finished results are in {self.here.place}; run again to continue") from None
         finally:
             self._stop()
             stand(self.folder, None)
@@ -164,8 +164,8 @@ class Mirror(Behind):
         self.lease, self.here.run = lease, lease.run
         if not lease.guarded:
             self.notes.append(
-                f"{self.objects.url}: this store does not support conditional writes, so nothing prevents two runs from "
-                f"writing at once"
+                f"{self.objects.url}: this store does not support conditional writes, so nothing prevents two runs "
+                f"from writing at once"
             )
         self.here.save()
         if self.manifest_there:
@@ -317,7 +317,6 @@ class Mirror(Behind):
 
 def _order(path: str) -> int:
     """Return the upload level of a file: files that vouch for others go up after them."""
-
     if not path.startswith(f"{DATA}/"):
         return {JOURNAL: 5, MANIFEST: 6}.get(path, 1)
     if path == ROOT:

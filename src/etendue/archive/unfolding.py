@@ -60,7 +60,6 @@ def refuse_other_size(body: bytes, size: int) -> None:
 
 def refuse_codecs(node: Mapping[str, Any]) -> None:
     """Refuse an array with a codec that no run uses."""
-
     found = node.get("codecs", [])
     for one in found if isinstance(found, list) else [found]:
         name = one.get("name") if isinstance(one, dict) else one

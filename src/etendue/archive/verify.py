@@ -58,9 +58,7 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))
     if found.damages and is_written(folder, before):
-        raise ArchiveInUse(
-            f"a run has started writing to {folder} meanwhile; verify it after the run has ended"
-        )
+        raise ArchiveInUse(f"a run has started writing to {folder} meanwhile; verify it after the run has ended")
     found.partial = left_by_compact(folder)
     found.seconds = time.perf_counter() - began
     return found
