@@ -1,7 +1,7 @@
 """``run --hold``: the loosest local tolerance whose global error stays within a given one, found on pilot cells.
 
 In:  a pipeline, and the global error asked for.
-Out: a local tolerance from a fixed ladder, the errors measured with it, and the causes if no tolerance is strict enough.
+Out: a local tolerance from a fixed ladder, the errors measured with it, and the causes if none is strict enough.
 """
 
 from __future__ import annotations

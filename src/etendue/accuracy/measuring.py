@@ -273,7 +273,7 @@ class Measurement:
                     "unknown",
                     own.at,
                     None,
-                    f"{who} draws or rounds, and does not define its mean",
+                    f"{who} draws or rounds, and states no mean",
                 )
             plain = names.count(name) == 1 and (stage, name) in plan.wanted
             errors[name if plain else f"{stage}.{name}"] = own

@@ -34,8 +34,8 @@ class NotChecked:
 NOT_CHECKED = (
     NotChecked(
         "seconds",
-        "another run takes different times; ledger and journal are compared with each other, those in the summary are of "
-        "the last run only",
+        "another run takes different times; ledger and journal are compared with each other, those in the summary are "
+        "of the last run only",
         rf"{DATA}/summary/seconds/c/.*",
     ),
     NotChecked(
@@ -98,7 +98,7 @@ def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, int
         )
     if stored.manifest is None:
         found.append(
-            NotChecked("status, tables, pictures", "the last run was interrupted; complete it with: etendue rerun")
+            NotChecked("status, tables, pictures", "its last run was interrupted; complete it with: etendue rerun")
         )
     elif again.sheet is None:
         why = (

@@ -110,7 +110,7 @@ def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewher
             found.largest,
             None,
             allowed,
-            f"{found.undefined} values are undefined in only one of the two",
+            f"{found.undefined} values are undefined in one of them only",
         )
     if not elsewhere:
         return CellResult(
