@@ -291,7 +291,9 @@ def test_one_run_at_a_time(plan, machine, monkeypatch):
         real(self)
         with monkeypatch.context() as patch:
             elsewhere(machine, patch)
-            with pytest.raises(ArchiveInUse, match=r"in use by another run; if that run was killed, the archive is free in \d+ s"):
+            with pytest.raises(
+                ArchiveInUse, match=r"in use by another run; if that run was killed, the archive is free in \d+ s"
+            ):
                 run(plan, url)
             monkeypatch.setattr(lease, "LEASE", 0.0)  # from now on
             patch.setattr(mirror.Mirror, "begun", real)
@@ -394,7 +396,10 @@ def test_a_url_that_is_none_is_refused_in_one_line(plan, url, words):
 
 
 def test_what_is_missing_is_said_in_one_line(plan, machine, monkeypatch):
-    with pytest.raises(ArchiveError, match="memory:///none is not an etendue archive"), places.reading("memory:///none"):
+    with (
+        pytest.raises(ArchiveError, match="memory:///none is not an etendue archive"),
+        places.reading("memory:///none"),
+    ):
         pass
     objects.Objects("memory:///full").put("holiday.jpg", b"x")
     with pytest.raises(ArchiveError, match="holds objects but no archive"):

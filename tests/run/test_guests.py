@@ -133,7 +133,7 @@ def etendue_stages():
 IMPORTED = {  # what a distribution does when it is imported, of which nobody uses anything -> what is said
     "hidden": (
         "os.umask(0o777); sys.setrecursionlimit(87_654)",
-        "hidden 1.0, when it was imported, has set the umask to 777",
+        "hidden 1.0, when it was imported, changed the umask to 777",
     ),
     "leaving": ("os._exit(0)", ""),
     "forking": ("os.fork()", "a process that forking 1.0, when it was imported, had forked returned from it"),

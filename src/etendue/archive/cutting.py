@@ -70,7 +70,7 @@ def blocks_of(variables: Sequence[tuple[tuple[int, ...], int, int]]) -> list[tup
     number of shards small.
     """
     largest = LARGEST
-    # Doubling the size limit of a shard bounds the number of files, which dominates the cost of small-cell sweeps.
+    # Double the size limit until all variables together have few shards: each shard is a file to open and to index.
     while True:
         blocks = [block_of(*one, largest) for one in variables]
         extra = sum(shards_of(one[0], block) - 1 for one, block in zip(variables, blocks, strict=True))

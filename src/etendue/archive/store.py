@@ -229,9 +229,9 @@ class Archive:
     def _change(self, gone: Iterable[str]) -> None:
         """Make the store match the plan; ``gone``: cells to remove."""
         self.change()
+        # The journal first says which arrays are ours and which results are replaced or given up; only then do files
+        # change. A run that is killed in between leaves nothing that wrongly reads as a result.
         names = {
-            # The order of the writes below keeps the archive readable if the run is killed: the journal first says what
-            # may change, then files change.
             path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path]
             for path in self.layout.groups
         }

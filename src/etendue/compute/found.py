@@ -58,8 +58,7 @@ def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) ->
 
 @lru_cache(256)
 def _seed_of(seed: int, node: str, lines: frozenset[str]) -> bytes:
-    # Cached: most frames of a burst have the same words.
-    """Return the seed from its lines."""
+    """Return the seed from its lines; cached, because most frames of a burst have the same words."""
     return seed_of(seed, node, set(lines))
 
 
