@@ -397,7 +397,7 @@ def test_a_url_that_is_none_is_refused_in_one_line(plan, url, words):
 
 def test_what_is_missing_is_said_in_one_line(plan, machine, monkeypatch):
     with (
-        pytest.raises(ArchiveError, match="memory:///none is not an etendue archive"),
+        pytest.raises(ArchiveError, match="memory:///none is not an archive of etendue"),
         places.reading("memory:///none"),
     ):
         pass

@@ -69,7 +69,7 @@ def test_a_folder_that_is_no_archive_is_refused_and_nothing_is_written(tmp_path)
         ["view", str(tmp_path / "empty"), "--no-browser"],
     ):
         result = CliRunner().invoke(main, command)
-        assert result.exit_code == 2 and "is not an etendue archive" in result.output
+        assert result.exit_code == 2 and "is not an archive of etendue" in result.output
     assert not (tmp_path / "out.html").exists()
 
 

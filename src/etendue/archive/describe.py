@@ -49,7 +49,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     root = folder / "data.zarr"
     manifest, records = read_manifest(folder), record_paths(folder) if folder.is_dir() else []
     if not root.is_dir() or (not records and not manifest and not (folder / JOURNAL).is_file()):
-        raise ArchiveError(f"{folder} is not an etendue archive (it holds no data.zarr with a run record)")
+        raise ArchiveError(f"{folder} is not an archive of etendue (it holds no data.zarr with a run record)")
     listing = disk.Listing(folder)
     running = is_running(folder)
     refuse_changed(folder, running)

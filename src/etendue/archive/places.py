@@ -81,7 +81,7 @@ def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
     objects = Objects(url)
     here, found = Here(own, objects.url), objects.list()
     if not {"journal.jsonl", "data.zarr/zarr.json", "manifest.json"} & found.keys():
-        raise ArchiveError(f"{objects.url} is not an etendue archive")
+        raise ArchiveError(f"{objects.url} is not an archive of etendue")
     seen = look(objects)
     fetch(objects, here, seen, found, exact, inputs)
     here.save()

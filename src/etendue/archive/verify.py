@@ -39,7 +39,7 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
     """
     began, found = time.perf_counter(), Verified(folder)
     if not any((folder / name).exists() for name in (DATA, JOURNAL, MANIFEST)) or not folder.is_dir():
-        raise ArchiveError(f"{folder} is not an etendue archive (it holds neither {DATA} nor {JOURNAL})")
+        raise ArchiveError(f"{folder} is not an archive of etendue (it holds neither {DATA} nor {JOURNAL})")
     if is_running(folder):
         raise ArchiveInUse(f"{folder}: a run is writing to it; verify it after the run has ended")
     before, odd = owner_of(folder), dict[str, str]()
@@ -58,7 +58,9 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))
     if found.damages and is_written(folder, before):
-        raise ArchiveInUse(f"a run has started writing to {folder} meanwhile; verify it after the run has ended")
+        raise ArchiveInUse(
+            f"{folder} is being written by a run that has just started; verify it after the run has ended"
+        )
     found.partial = left_by_compact(folder)
     found.seconds = time.perf_counter() - began
     return found

@@ -18,7 +18,7 @@ BRINGS = "scipy.linalg"  # loads a library of its own; kernels import it on thei
 
 
 class OneThread(MetaPathFinder):
-    """Use as a context manager, in any number of threads. Meanwhile it watches imports, which may load another library."""
+    """Use as a context manager, in any number of threads. It watches imports, which may load more libraries."""
 
     def __init__(self) -> None:
         self.lock, self.count = threading.RLock(), 0

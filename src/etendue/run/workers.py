@@ -243,7 +243,7 @@ class Crew:
 
 
 def quiet_tracker() -> None:
-    """Start Python's resource tracker without its warnings: it cleans up after killed workers, which is expected here."""
+    """Start Python's resource tracker without warnings: cleaning up after killed workers is expected here."""
     option = "ignore:resource_tracker:UserWarning"
     sys.warnoptions.append(option)
     try:

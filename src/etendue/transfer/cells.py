@@ -252,7 +252,7 @@ def _rows(otf: Transfer, reach: Reach, y: Axis, x: Axis) -> Iterator[tuple[NDArr
 
 
 def _fold(values: Array, weights: Array, size: int) -> tuple[Array, Array]:
-    """Sum weighted columns K = 0, 1, ... onto k = 0...size//2: those with K = k, and those with K = -k modulo ``size``."""
+    """Sum weighted columns K = 0, 1, ... onto k = 0...size//2: those with K = k and with K = -k modulo ``size``."""
     half, count = size // 2, values.shape[1]
     weighted = values * weights
     plus = np.zeros((values.shape[0], half + 1), dtype=weighted.dtype)

@@ -45,7 +45,7 @@ def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Conte
 
 
 def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
-    """Return (direction, band, n): the product of transfer functions along rays; a single direction if all are radial."""
+    """Return (direction, band, n): the product of transfer functions along rays; one direction if all are radial."""
     points = tuple(map(float, frequency))
     found: Any = np.ones((1, len(edges) - 1, len(points)))
     for stage in stages:
