@@ -58,9 +58,7 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))
     if found.damages and is_written(folder, before):
-        raise ArchiveInUse(
-            f"{folder} is being written by a run that has just started; verify it after the run has ended"
-        )
+        raise ArchiveInUse(f"{folder} is being written by a run that just started; verify it after the run has ended")
     found.partial = left_by_compact(folder)
     found.seconds = time.perf_counter() - began
     return found
