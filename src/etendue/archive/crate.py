@@ -190,7 +190,7 @@ def _run(
         "@id": _action(run),
         "@type": "CreateAction",
         "name": f"run {run.path.stem} of {run.record['pipeline']}",
-        "description": "etendue run: what was asked for stands in its instrument, how it was done in its record",
+        "description": "etendue run: its instrument is the request, its record the details",
         "instrument": {"@id": name},
         "object": _ids(used),
         "result": {"@id": f"{DATA}/"},
@@ -334,11 +334,7 @@ def _persons(about: About) -> list[str]:
 def _people(about: About) -> Iterator[Entity]:
     """Yield the licence and the persons."""
     said = about.license or "not stated"
-    why = (
-        "whose terms hold"
-        if about.license
-        else "nobody has said what others may do with it: [about] license in the pipeline file"
-    )
+    why = "whose terms apply" if about.license else "reuse is not licensed; set [about] license in the pipeline file"
     yield {"@id": _license(about), "@type": "CreativeWork", "name": said, "description": f"licence: {said}, {why}"}
     places = list(dict.fromkeys(one.affiliation for one in about.authors if one.affiliation))
     for name, one in zip(_persons(about), about.authors, strict=True):

@@ -92,12 +92,12 @@ class StageBands(Banded):
     def __getitem__(self, band: int) -> Any:
         arrays = run_bands(self.job, self.given, slice(band, band + 1))
         if not isinstance(arrays, Mapping) or self.variable not in arrays:
-            raise PluginError(f"{self.job.ref[0]!r} returned no {self.variable} for band {band}")
+            raise PluginError(f"{self.job.ref[0]!r} gave no {self.variable} for band {band}")
         with foreign(f"{self.job.ref[0]!r}"):
             plane = np.asarray(arrays[self.variable])[0]
         if plane.shape != self.shape[1:]:
             raise PluginError(
-                f"{self.job.ref[0]!r} returned band {band} of {self.variable} with shape {plane.shape}, not "
+                f"{self.job.ref[0]!r} gave band {band} of {self.variable} with shape {plane.shape}, not "
                 f"{self.shape[1:]}"
             )
         plane = plane.astype(self.dtype, copy=False)

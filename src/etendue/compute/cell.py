@@ -36,9 +36,9 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
     """
     form, name = form_of(job), type(job.stage).__name__
     if not isinstance(arrays, dict):
-        raise PluginError(f"{name}.run returned {type(arrays).__name__}, not a dict of the variables it writes")
+        raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
     if arrays.keys() != (form.writes.keys() if outputs is None else {output.variable for output in outputs}):
-        raise PluginError(f"{name}.run returned {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
+        raise PluginError(f"{name}.run gave {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
     checked, arrays = {}, dict(arrays)
     for output in form.outputs if outputs is None else outputs:
         variable, wanted = output.variable, output.dtype
@@ -50,16 +50,14 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
             array = as_array(name, variable, array)
         if array.shape != output.shape:
             dims = output.declaration.dims
-            raise PluginError(
-                f"{name} returned {variable} with shape {array.shape}, but declares {dims} = {output.shape}"
-            )
+            raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {dims} = {output.shape}")
         if array.dtype != wanted:
             if wanted.kind != "f" and job.expected and array.dtype.kind == "f":
                 wanted = np.dtype(job.precision)  # a mean is not rounded
             if wanted.kind != "f":
-                raise PluginError(f"{name} returned {variable} as {array.dtype}, but declares {wanted}")
+                raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares {wanted}")
             if array.dtype.kind not in "fiub":
-                raise PluginError(f"{name} returned {variable} as {array.dtype}, but declares floats")
+                raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares floats")
             array = array.astype(wanted)  # infinite values are found and reported below
         if form.transfer:  # computed by the engine, or its unchanged input: no copy needed
             checked[variable] = frozen(array if array.flags.c_contiguous else array.copy(order="C"))

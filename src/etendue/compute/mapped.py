@@ -61,7 +61,7 @@ def _put(arrays: dict[str, Any], found: Any, slices: _Slices, at: tuple[int, ...
     """Put one more slice in its place; it must have the form of the first one."""
     name = type(slices.core.stage).__name__
     if not isinstance(found, dict) or found.keys() != arrays.keys():
-        raise PluginError(f"{name}.run returned other variables for slice {at} than for the first")
+        raise PluginError(f"{name}.run gave other variables for slice {at} than for the first")
     for variable in slices.led:
         array, place = found[variable], arrays[variable]
         if type(array) is not np.ndarray:
@@ -69,7 +69,7 @@ def _put(arrays: dict[str, Any], found: Any, slices: _Slices, at: tuple[int, ...
         fits = array.dtype == place.dtype or (place.dtype.kind == "f" and array.dtype.kind in "fiub")
         if not fits or array.shape != place.shape[len(at) :]:
             expected = f"the first is {place.dtype} {place.shape[len(at) :]}"
-            raise PluginError(f"{name} wrote slice {at} of {variable} as {array.dtype} {array.shape}, but {expected}")
+            raise PluginError(f"{name} gave slice {at} of {variable} as {array.dtype} {array.shape}, but {expected}")
         place[at] = array
 
 

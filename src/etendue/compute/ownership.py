@@ -103,15 +103,12 @@ def as_array(name: str, variable: str, value: Any) -> Any:
     """Return a value that a stage returned, as a plain array of numbers."""
     if isinstance(value, np.ma.MaskedArray):
         raise PluginError(
-            f"{name} returned {variable} as a masked array, whose mask would be lost; fill it, or write NaN and "
-            f"declare nan"
+            f"{name} gave {variable} as a masked array, whose mask would be lost; fill it, or write NaN and declare nan"
         )
     try:
         array = np.asarray(value)
     except Exception as error:
-        raise PluginError(
-            f"{name} returned {variable} as {type(value).__name__}, which is not an array: {error}"
-        ) from None
+        raise PluginError(f"{name} gave {variable} as {type(value).__name__}, which is not an array: {error}") from None
     return array
 
 

@@ -80,10 +80,10 @@ def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any
         given = (fy, fx, middles) if prepared is None else (fy, fx, middles, prepared)
         found = np.asarray(stage.transfer(*given))
     if found.dtype.kind not in "fiubc" or found.ndim > 3:
-        raise PluginError(f"{name} returned {found.dtype} of shape {found.shape}; expected numbers over (band, y, x)")
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (band, y, x)")
     shape = (np.size(middles), np.shape(fy)[0], np.shape(fx)[1])
     if any(n not in (1, most) for n, most in zip(found.shape[::-1], shape[::-1], strict=False)):
-        raise PluginError(f"{name} returned shape {found.shape}, but {shape} was requested")
+        raise PluginError(f"{name} gave shape {found.shape}, but {shape} was requested")
     return found.reshape((1,) * (3 - found.ndim) + found.shape)
 
 
@@ -100,7 +100,7 @@ def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any)
         or found.shape[2:] != (len(fy), len(fx))
     ):
         raise PluginError(
-            f"{name} returned {found.dtype} of shape {found.shape}; expected numbers over (channel, channel, "
+            f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (channel, channel, "
             f"{len(fy)}, {len(fx)})"
         )
     return found
@@ -139,6 +139,6 @@ def weights(stage: Summed, prepared: Any) -> Any:
     with foreign(name):
         found = np.array(stage.weights(prepared))
     if found.dtype.kind not in "fiub" or found.ndim != 2:
-        raise PluginError(f"{name} returned {found.dtype} of shape {found.shape}; expected numbers by (channel, band)")
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers by (channel, band)")
     found.flags.writeable = False
     return found
