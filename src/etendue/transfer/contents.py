@@ -1,4 +1,4 @@
-"""The spectrum of a scene's light, computed before planning with one transform per band.
+"""What a scene's light holds by frequency, computed before planning with one transform per band.
 
 In:  a source and the grid of its output.
 Out: a ``Content``, with every number rounded up to three digits.

@@ -1,4 +1,4 @@
-"""The effect of a blur on light with a known spectrum: sums over rings of radial frequency.
+"""The effect of a blur on light whose content is known: sums over rings of radial frequency.
 
 In:  transfer stages, edges of bands, the ``Content`` of their input.
 Out: how much leaving them out changes, rms over the frame and at the largest pixel; the content after them.

@@ -1,4 +1,4 @@
-"""The spectrum of light by radial frequency, in rings: it bounds how much of a blur a scene can show.
+"""What light holds by radial frequency, in rings: it bounds how much of a blur a scene can show.
 
 In:  planes of light; factors 1 - H of a transfer function at the ends of the rings.
 Out: mean squares and amplitudes by ring; bounds for light times the factors.
