@@ -215,7 +215,7 @@ def test_a_worker_says_in_what_it_differs(tmp_path):
     other = replace(common, code={**common.code, (module, kind): ("another", "etendue-demosaic-malvar 9")})
     assert (
         "different code of the stage" in other.differences()[0]
-        and "here of etendue-demosaic-malvar 9" in other.differences()[0]
+        and "here etendue-demosaic-malvar 9" in other.differences()[0]
     )
     other = replace(common, code={("no_such_module", "Kind"): ("", "theirs 2.0")})
     assert other.differences()[0].startswith("no stage Kind of theirs 2.0")
