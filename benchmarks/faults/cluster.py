@@ -192,7 +192,7 @@ def bad_cells(place: Place, *_: object) -> Iterator[Seen]:
     """Cells that kill their worker, take more memory than it may hold, or hang: each fails alone, in words."""
     cases: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
         ("cell that calls os._exit", "leaves", "os._exit(7)", ()),
-        ("poison cell (ends its worker)", "is killed", "every worker died", ()),
+        ("poison cell (ends its worker)", "is killed", "every worker that computed it died", ()),
         ("cell beyond the worker's memory", "grows", "more memory than a worker may hold (0.40 GB)", ()),
         ("cell that hangs", "hangs", "no answer within 2 s", ("--cell-timeout", "2")),
     )
@@ -241,7 +241,7 @@ def lost_schedulers(place: Place, *_: object) -> Iterator[Seen]:
             for pid in (worker.pid, *children(worker.pid)):
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
-        seen.count(unless(*ended(in_time(process), 5, "no worker has been there")))
+        seen.count(unless(*ended(in_time(process), 5, "there has been no worker")))
         place.patience = PATIENT
         there.add()
         there.add()
@@ -303,7 +303,7 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
             "worker with another plugin",
             environment(other),
             (),
-            "another code of the stage Toil of toil 1.1 (here of toil 1.0)",
+            "different code of the stage Toil in toil 1.1 (here toil 1.0)",
         ),
         ("worker without the plugin", environment(), (), "no stage Lamp of toil 1.0"),
         ("worker without etendue", environment(without), (), "no answer"),
@@ -333,7 +333,7 @@ def strangers(place: Place, *_: object) -> Iterator[Seen]:
         )  # longer than a worker takes to start
         place.begun("s", 2)
         late = there.add(env=environment(other))
-        seen.count(unless(*ended(in_time(process), 5, "another code of the stage", "the worker tcp://127.0.0.1:")))
+        seen.count(unless(*ended(in_time(process), 5, "different code of the stage", "the worker tcp://127.0.0.1:")))
         for pid in (*children(late.pid), late.pid):
             os.kill(pid, signal.SIGKILL)
         yield mended(place, seen, there.address)

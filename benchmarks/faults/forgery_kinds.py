@@ -370,11 +370,11 @@ SAID: dict[str, tuple[Forge, str]] = {
     ),
     "the platform": (
         record(lambda found: found["platform"].update(machine="sparc")),
-        "versions, platform and code of then",
+        "recorded versions, platform and code",
     ),
     "a version": (
         record(lambda found: found["distributions"].update(etendue="9.9")),
-        "versions, platform and code of then",
+        "recorded versions, platform and code",
     ),
     "an author": (
         entity("./", lambda one: one.update(author={"@id": "#a"})),
@@ -389,5 +389,5 @@ SAID: dict[str, tuple[Forge, str]] = {
         "contact_sheet.png",
     ),
     "how a run was done": (record(lambda found: found["options"].update(scheduler="dask")), "how a run was done"),
-    "a file beside": (lambda archive: (archive / "README").write_text("calibrated"), "what is beside it"),
+    "a file beside": (lambda archive: (archive / "README").write_text("calibrated"), "foreign files"),
 }

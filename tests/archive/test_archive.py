@@ -552,12 +552,12 @@ def test_what_to_type_for_other_stages_or_axes_is_said(tmp_path):
     (tmp_path / "x-2").mkdir()
     record = {"overrides": {"wanted": '["b.one"]'}}
     text = other_stages(tmp_path / "x", old, new, ["c.two"], record)
-    assert "it lacks: c; this run lacks: b" in text
-    assert "--archive x-3; for both in one: --archive x-3 --want b.one --want c.two" in text
+    assert "not in the archive: c; not in this run: b" in text
+    assert "--archive x-3; or get both in one archive: --archive x-3 --want b.one --want c.two" in text
     assert other_stages(tmp_path / "x", old, {"a": ["f"]}, ["a.one"], None).endswith(
-        "--archive x-3; or, without --want a.one, go on in x"
+        "--archive x-3; or continue in x without --want a.one"
     )
-    assert "this run sweeps also: g)" in other_stages(tmp_path / "x", old, {"a": ["f"], "b": ["f", "g"]}, None, {})
+    assert "swept only in this run: g)" in other_stages(tmp_path / "x", old, {"a": ["f"], "b": ["f", "g"]}, None, {})
 
 
 def test_another_platform_is_refused_and_nothing_changes(copy, plan, monkeypatch):

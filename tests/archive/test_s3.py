@@ -178,7 +178,7 @@ def test_what_is_wrong_is_said_in_one_line(machine, place, plan):
     file = place / "tiny.toml"
     for words, said in (
         (("run", file, "--archive", "s3://nowhere/x", "--quiet"), "there is no bucket 'nowhere'"),
-        (("show", "s3://bucket/none"), "holds no archive"),
+        (("show", "s3://bucket/none"), "is not an archive of etendue"),
     ):
         done = command(*words)
         assert done.returncode == 2, (words, done.stderr)

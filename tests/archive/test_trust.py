@@ -350,7 +350,7 @@ def test_nothing_is_read_in_the_place_of_what_is_lost(tmp_path, capsys):
     data = shard.read_bytes()
     flip(shard, len(data) // 3)
     code, _, err = etendue(capsys, *words)
-    assert (code, "not as they were written" in err, "--repair" in err) == (2, True, True)
+    assert (code, "differ from what was written" in err, "--repair" in err) == (2, True, True)
     shard.unlink()
     for command in (words, ("show", tmp_path / "a")):
         code, _, err = etendue(capsys, *command)

@@ -48,7 +48,7 @@ def test_a_chunk_unfolds_to_its_numbers_or_is_refused():
     assert decode(data, "f8", (10_000,)).size == 10_000
     for size in (2**31 - 1, 79_992, 0, 2**32 - 1):
         forged = kinds.crc(data[:4] + size.to_bytes(4, "little") + data[8:-4])
-        with pytest.raises(ArchiveError, match="say that they unfold to"):
+        with pytest.raises(ArchiveError, match="claim to decompress"):
             decode(forged, "f8", (10_000,))
     with pytest.raises(ArchiveError):
         decode(kinds.crc(data[:-40]), "f8", (10_000,))  # shorter than its header says
@@ -56,10 +56,10 @@ def test_a_chunk_unfolds_to_its_numbers_or_is_refused():
 
 def test_texts_are_no_more_than_their_bytes(monkeypatch):
     assert texts_of(text_chunk(["a", "", "b" * 1000])) == ["a", "", "b" * 1000]
-    with pytest.raises(ArchiveError, match="more of them"):
+    with pytest.raises(ArchiveError, match="more texts than"):
         texts_of(kinds.crc(kinds.texts_claimed(b"")))
     monkeypatch.setattr(unfolding, "MOST", 1 << 20)
-    with pytest.raises(ArchiveError, match="unfold"):
+    with pytest.raises(ArchiveError, match="decompress"):
         texts_of(kinds.crc(bytes(Zstd().encode(bytes(3 << 20)))))
 
 

@@ -114,7 +114,7 @@ BROKEN_MANIFESTS = {
     "exits": ("import sys; sys.exit(7)", "SystemExit"),
     "has_no_hook": ("x = 1", "has no @hookimpl of etendue"),
     "misspells_its_hook": (hook("stagez", "{}"), "unknown hook 'etendue_stagez'"),
-    "breaks_off": (hook("stages", "1 / 0"), "etendue_stages breaks off: ZeroDivisionError"),
+    "breaks_off": (hook("stages", "1 / 0"), "etendue_stages failed: ZeroDivisionError"),
     "gives_a_list": (hook("stages", "['twice']"), "etendue_stages gives list; expected a mapping by name"),
 }
 

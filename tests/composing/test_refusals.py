@@ -36,7 +36,7 @@ REFUSED = {
     "one variable": (lambda p, t: etendue.simulate(p, want="foo"), "no stage of this pipeline writes 'foo'"),
     "one variable to run": (lambda p, t: p.run(want="foo"), "no stage of this pipeline writes 'foo'"),
     "a parameter of a stage": (lambda p, t: s.uniform(lumen=3), "uniform.lumen: unknown parameter"),
-    "a scheduler": (lambda p, t: p.run(scheduler="thread"), "scheduler='thread': there is no such scheduler"),
+    "a scheduler": (lambda p, t: p.run(scheduler="thread"), "scheduler='thread': unknown scheduler"),
     "an axis to compare": (lambda p, t: p.compare("irradiance"), "axis='irradiance': irradiance is a stage"),
     "a stage to leave out": (lambda p, t: p.quality(without=["foo"]), "without='foo': there is no stage of this name"),
     "a call of simulate": (lambda p, t: etendue.simulate(p, f_numbr=3), "camera.f_numbr"),

@@ -18,7 +18,7 @@ from etendue.run.peak_memory import peak_memory
 
 PIPELINE = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 CELL, SWEEP = (
-    "a wider spacing of what it begins with, wider bands, a smaller window",
+    "a coarser spacing or wider bands in the first stage, a smaller window",
     "20 values; shorten 'keep' or the sweep",
 )
 

@@ -156,7 +156,7 @@ def test_of_a_batch_of_which_workers_die_only_the_guilty_cell_fails():
     whole = run(plan)
     failed = {ref for ref, report in reports.items() if report.status == "failed"}
     assert failed == {guilty}
-    assert "every worker died that computed it, though it was alone" in reports[guilty].message
+    assert "every worker that computed it died, though it ran alone" in reports[guilty].message
     skipped = {ref for ref, report in reports.items() if report.status == "skipped"}
     assert skipped == {ref for ref in plan.cells if jobs[ref].ref != guilty and _reads(jobs, ref, guilty)}
     rest = {ref: own for ref, own in arrays.items() if ref not in failed | skipped}
@@ -189,10 +189,10 @@ def test_without_workers_and_with_paused_ones_a_run_ends_in_words(monkeypatch):
     monkeypatch.setattr(watching, "AGAIN", 0.05)
     plan, client = plan_of(), Client()
     client.workers = {}
-    with pytest.raises(MachineError, match="no worker has been there for"):
+    with pytest.raises(MachineError, match="there has been no worker for"):
         sent(plan, client)
     client.workers = {"tcp://1": {"nthreads": 0, "memory_limit": 1, "status": "paused"}}
-    with pytest.raises(MachineError, match="no worker has worked for .*they are paused"):
+    with pytest.raises(MachineError, match="no worker has been running for .*they are paused"):
         sent(plan, client)
 
 
@@ -214,8 +214,8 @@ def test_a_worker_says_in_what_it_differs(tmp_path):
     module, kind = next(key for key in common.code if "malvar" in key[0])
     other = replace(common, code={**common.code, (module, kind): ("another", "etendue-demosaic-malvar 9")})
     assert (
-        "another code of the stage" in other.differences()[0]
-        and "here of etendue-demosaic-malvar 9" in other.differences()[0]
+        "different code of the stage" in other.differences()[0]
+        and "here etendue-demosaic-malvar 9" in other.differences()[0]
     )
     other = replace(common, code={("no_such_module", "Kind"): ("", "theirs 2.0")})
     assert other.differences()[0].startswith("no stage Kind of theirs 2.0")

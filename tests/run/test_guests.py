@@ -31,7 +31,7 @@ UPWARD = {"x86_64": 0x800, "aarch64": 0x400000}.get(os.uname().machine)
 CHANGES = {
     "the umask to 077": lambda: os.umask(0o077),
     "the recursion limit to 4321": lambda: sys.setrecursionlimit(4321),
-    "how numbers are rounded": lambda: LIBRARY.fesetround(UPWARD),
+    "the floating-point rounding mode": lambda: LIBRARY.fesetround(UPWARD),
 }
 
 
@@ -45,7 +45,7 @@ def state():
 @pytest.mark.skipif(UPWARD is None or not hasattr(LIBRARY, "fesetround"), reason="other names of ways to round")
 def test_what_a_guest_has_set_is_put_back_and_said_by_its_name(what):
     before = state()
-    with pytest.warns(RuntimeWarning, match=f"guest {what} has set {what}; put back"), Guest(f"guest {what}"):
+    with pytest.warns(RuntimeWarning, match=f"guest {what} changed {what}; restored"), Guest(f"guest {what}"):
         CHANGES[what]()
     assert state() == before
 
@@ -65,7 +65,7 @@ def test_numbers_below_the_smallest_normal_one_are_there_again():
             LIBRARY.fesetenv(flushing)
             seen.append(ordinary())
 
-    with pytest.warns(RuntimeWarning, match="how numbers are rounded"):
+    with pytest.warns(RuntimeWarning, match="the floating-point rounding mode"):
         fast()
     assert seen == [False]
     assert ordinary() and np.nextafter(np.float32(0), np.float32(1)) * np.float32(1) > 0
@@ -133,10 +133,10 @@ def etendue_stages():
 IMPORTED = {  # what a distribution does when it is imported, of which nobody uses anything -> what is said
     "hidden": (
         "os.umask(0o777); sys.setrecursionlimit(87_654)",
-        "hidden 1.0, when it was imported, has set the umask to 777",
+        "hidden 1.0, when it was imported, changed the umask to 777",
     ),
     "leaving": ("os._exit(0)", ""),
-    "forking": ("os.fork()", "a process that forking 1.0, when it was imported, had forked came back"),
+    "forking": ("os.fork()", "a process that forking 1.0, when it was imported, had forked returned from it"),
     "late": (
         "threading.Timer(0.3, os._exit, (0,)).start(); atexit.register(os._exit, 0)",
         "a plugin called os._exit(0) in a thread",

@@ -67,7 +67,7 @@ OTHER = "lens_numbers"
 def test_two_distributions_that_bring_one_quantity_are_a_fault_of_what_takes_it(bring):
     registry = bring(("theirs", "quantities", {"pixel_pitch": {"default": 5.4, "units": "um"}}))
     said = faults(registry, PIXEL)
-    assert "camera.pixel_pitch" in said and f"{PIXEL} takes it" in said and "offered by etendue and theirs" in said
+    assert "camera.pixel_pitch" in said and f"{PIXEL} takes it" in said and "provided by etendue and theirs" in said
     make_plan(from_document({"stages": [{"use": OTHER}]}), registry)
 
 
@@ -81,14 +81,14 @@ def test_a_variable_is_a_fault_only_where_two_distributions_disagree(bring):
 
 def test_two_distributions_that_bring_one_sensor_are_a_fault_of_what_names_it(bring):
     registry = bring(("theirs", "sensors", {"sony-imx174": {}}))
-    assert "offered by etendue and theirs" in faults(registry, PIXEL, camera={"sensor": "sony-imx174"})
+    assert "provided by etendue and theirs" in faults(registry, PIXEL, camera={"sensor": "sony-imx174"})
     make_plan(from_document({"camera": {"sensor": "sony-imx250"}, "stages": [{"use": PIXEL}]}), registry)
 
 
 @pytest.mark.parametrize("name", ["D65", "Nikon 5100 (NPL)", "flat"])
 def test_a_spectrum_in_the_place_of_one_of_the_library_is_refused(bring, name, tmp_path):
     bring(("theirs", "spectra", {name: tmp_path / "a.csv"}))
-    with pytest.raises(ValueError, match="offered by etendue and theirs"):
+    with pytest.raises(ValueError, match="provided by etendue and theirs"):
         spectra.spectrum(name)
     assert spectra.spectrum("D50") == ""
 
@@ -131,7 +131,7 @@ def test_a_near_miss_of_a_brought_name_is_told(bring, tmp_path):
 
 
 WRONG = {
-    "a word nobody reads": ({"unit": "um"}, "has no word 'unit'; did you mean 'units'?"),
+    "a word nobody reads": ({"unit": "um"}, "has an unknown key 'unit'; did you mean 'units'?"),
     "no unit": ({"units": "furlong"}, "unknown unit 'furlong'"),
     "an end that is no number": ({"above": "0"}, "above is '0'; expected a number"),
     "no mapping": (3, "is int; expected a mapping"),

@@ -211,7 +211,7 @@ def charge_stage(pipeline):
     ("asked", "message"),
     [
         ({"diffusion.node": ()}, "diffusion.nodes"),
-        ({"sharpen.strength": ()}, "no stage of this pipeline has such a fidelity parameter"),
+        ({"sharpen.strength": ()}, "no stage of this pipeline has this fidelity parameter"),
         ({"diffusion.nodes": (64,)}, "two or more"),
         ({"diffusion.nodes": (64, "many")}, "many"),
         ({"diffusion.nodes": (-1, 0)}, "at least 0"),

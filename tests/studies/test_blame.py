@@ -59,4 +59,4 @@ def test_a_stage_of_which_nothing_finer_is_to_be_had_is_named():
     lens = '[[stages]]\nuse = "aberrations"\nheights = 2\nbands = 1\npupil_samples = 32\ncoma = "20 nm"\n'
     text = TEXT.replace('[[stages]]\nuse = "diffraction"\n', lens)
     found, _ = blame(1e-6, text, tolerance=0, **EXACT)
-    assert next(iter(found)) == "aberrations.accuracy, of which nothing finer is to be had"
+    assert next(iter(found)) == "aberrations.accuracy, which has no finer setting"

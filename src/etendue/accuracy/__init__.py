@@ -1,1 +1,1 @@
-"""Error against run time: errors measured against the reference, settings that hold a tolerance."""
+"""Error against run time: errors measured against the reference, and settings that keep within a tolerance."""

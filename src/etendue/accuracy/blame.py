@@ -1,10 +1,10 @@
-"""Whose share an error is: what was decided for one stage at a time is undone, and the rest measured again.
+"""Attribute an error to stages: undo the decisions for one stage at a time and measure what remains.
 
-In:  a pipeline beside its reference, a plan of it that does not keep what was asked for.
-Out: by stage, and what was decided for it, how much of the error it brings.
+In:  a pipeline with its reference, and a plan of it that exceeds the error asked for.
+Out: by stage, with what was decided for it, its share of the error.
 
-A stage that is not to blame may state a large error of its own: errors that both runs have in common are no difference
-between them.
+A stage with a large error of its own may have no share: errors that both runs have in common do not show in their
+difference.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from etendue.contract.stage import parameters_of
 from etendue.plan.ancestry import in_front
 from etendue.plan.model import Plan
 
-SHARE = 0.05  # of the error, below which nobody is named
+SHARE = 0.05  # of the largest share; smaller ones are not listed
 
 
 def blamed(
     measurement: Measurement, plan: Plan, found: MeasuredErrors, missed: tuple[str, ...], asked: float, norm: str
 ) -> dict[str, float]:
-    """What brings the variables in ``missed`` further from the reference than ``asked``, the largest share first.
+    """Return what puts the variables in ``missed`` further from the reference than ``asked``, largest share first.
 
-    Of variables that are too far off: by how much the worst of them comes nearer when everything that was decided for a
-    stage is as in the reference. Of those that are near enough and not held, because the reference itself is in doubt:
-    by how much each stage of it moves them with its last refinement, or what it states where none may be had.
+    For variables that are too far off: how much nearer the worst of them comes if all decisions for a stage are as in
+    the reference. For variables that are near enough but not held, because the reference itself is uncertain: how far
+    the last refinement of each reference stage moves them, or the error it states if it has no finer setting.
     """
     far = [name for name in missed if _error(found.errors[name], norm) > asked]
     shares = _of_decisions(measurement, plan, found, far, norm) if far else {}
@@ -40,9 +40,7 @@ def blamed(
 def _of_decisions(
     measurement: Measurement, plan: Plan, found: MeasuredErrors, far: list[str], norm: str
 ) -> dict[str, float]:
-    """By how much the worst variable comes nearer, by stage; where no single stage brings it nearer, all of them
-    together.
-    """
+    """Return, by stage, how much nearer the worst variable comes; if no single stage matters, all stages together."""
     worst = max(_error(found.errors[name], norm) for name in far)
     shares: dict[str, float] = {}
     decisions = decided(measurement, plan, _stages_of(plan, far))
@@ -62,8 +60,8 @@ def _of_decisions(
 
 
 def decided(measurement: Measurement, plan: Plan, wanted: Iterable[str]) -> dict[tuple[str, tuple[str, ...]], str]:
-    """What is done otherwise than in the reference for the stages that ``wanted`` ones depend on: by stage and
-    decisions, its name.
+    """Return what differs from the reference in the stages that ``wanted`` ones depend on: by stage and decisions, a
+    name.
     """
     exact, needed = measurement.exact, in_front(plan, wanted)
     found: dict[str, list[str]] = {}
@@ -85,7 +83,7 @@ def decided(measurement: Measurement, plan: Plan, wanted: Iterable[str]) -> dict
 
 
 def _of_the_reference(measurement: Measurement, plan: Plan, missed: tuple[str, ...], norm: str) -> dict[str, float]:
-    """By how much the reference is in doubt, by stage."""
+    """Return the uncertainty of the reference by stage."""
     shares: dict[str, float] = {}
     needed = in_front(plan, _stages_of(plan, missed))
     for node in measurement.exact.nodes:
@@ -100,7 +98,7 @@ def _of_the_reference(measurement: Measurement, plan: Plan, missed: tuple[str, .
                 for cell in measurement.exact.of(node.name)
                 if cell.error[0] is not None and not cell.left_out
             ]
-            shares[f"{_name(node.name, list(dict.fromkeys(dear)))}, of which nothing finer is to be had"] = max(
+            shares[f"{_name(node.name, list(dict.fromkeys(dear)))}, which has no finer setting"] = max(
                 stated, default=0.0
             )
         finite = [
@@ -118,7 +116,7 @@ def _of_the_reference(measurement: Measurement, plan: Plan, missed: tuple[str, .
 
 
 def _name(stage: str, what: list[str]) -> str:
-    """As a message names decisions of one stage."""
+    """Return how a message names decisions of one stage."""
     return (
         f"{stage} {LEFT_OUT}"
         if what == [LEFT_OUT]
@@ -129,7 +127,7 @@ def _name(stage: str, what: list[str]) -> str:
 
 
 def _stages_of(plan: Plan, names: Iterable[str]) -> list[str]:
-    """The stages that write wanted variables, as measured errors name them."""
+    """Return the stages that write the wanted variables named by measured errors."""
     every = set(names)
     return [stage for stage, name in plan.wanted if name in every or f"{stage}.{name}" in every]
 

@@ -1,11 +1,11 @@
-"""How far one run of a variable is from another, relative to full scale.
+"""Measure how far a variable of one run is from another run, relative to full scale.
 
 In:  the same variable of two runs, its declaration, the stage that writes it.
 Out: ``Difference``: rms over the picture and the largest pixel.
 
-Full scale is 1 for pictures without a unit, white - black for codes that have a black (``Variable.black``), and the
-largest value of the reference for all else. What has no place is relative: figures by stage each to itself, vectors and
-matrices to their largest element. ``Variable.full`` says otherwise: a share of pixels is a share of the frame.
+Full scale is 1 for pictures without a unit, white - black for codes with a black level (``Variable.black``), and else
+the largest value of the reference. Values without a place are relative: metrics per stage each to itself, vectors and
+matrices to their largest element. ``Variable.full`` overrides this: a share of pixels is a share of the frame.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from etendue.contract.wording import Unit, units
 
 @dataclass(frozen=True)
 class VariableError:
-    """``rms`` and ``largest`` relative to ``scale``; None where the two cannot be compared, and ``why``."""
+    """``rms`` and ``largest`` relative to ``scale``; None if the two cannot be compared, for the reason in ``why``."""
 
     rms: float | None
     largest: float | None
@@ -32,14 +32,14 @@ class VariableError:
 
 
 def difference(found: Any, reference: Any, declaration: Declaration, stage: Stage) -> VariableError:
-    """Of two arrays of one variable that ``stage`` has written.
+    """Return the difference of two arrays of one variable that ``stage`` has written.
 
-    Values that are undefined in both runs do not count; where only one of them is undefined, nothing can be said. Of
-    codes without a unit (flags, maps, places in a list) the error is the share that differs, as its root.
+    Values that are undefined in both runs are ignored; if a value is undefined in only one, the arrays cannot be
+    compared. For codes without a unit (flags, maps, positions in a list) the rms is the root of the share that differs.
     """
     found, reference = np.asarray(found), np.asarray(reference)
     if found.shape != reference.shape:
-        return VariableError(None, None, math.nan, f"{found.shape} values beside {reference.shape} of the reference")
+        return VariableError(None, None, math.nan, f"shape {found.shape}, but the reference has {reference.shape}")
     if (declaration.dtype != "float" and declaration.unit == "1") or variable(declaration.variable).index:
         same = (found == reference) | ((found != found) & (reference != reference))
         share = 1.0 - float(np.mean(same)) if found.size else 0.0
@@ -47,7 +47,7 @@ def difference(found: Any, reference: Any, declaration: Declaration, stage: Stag
     found, reference = found.astype(np.float64), reference.astype(np.float64)
     known = np.isfinite(reference)
     if not np.array_equal(known, np.isfinite(found)):
-        return VariableError(None, None, math.nan, "undefined at other places than the reference")
+        return VariableError(None, None, math.nan, "undefined at different places than the reference")
     if not known.any():
         return VariableError(0.0, 0.0, 1.0)
     scale = full_scale(reference, known, declaration, stage)
@@ -58,7 +58,7 @@ def difference(found: Any, reference: Any, declaration: Declaration, stage: Stag
 
 
 def full_scale(reference: Any, known: Any, declaration: Declaration, stage: Stage) -> Any:
-    """What errors of a variable are relative to: a number, or one for each value."""
+    """Return the full scale of a variable: a number, or one per value."""
     said = variable(declaration.variable)
     if said.full is not None:
         return said.full

@@ -1,6 +1,6 @@
-"""Which settings are worth their time: orders of convergence, the front of error against seconds, combinations to try.
+"""Choose settings worth their time: orders of convergence, the Pareto front of error and seconds, combinations to try.
 
-In:  settings with an error and seconds each.
+In:  settings with their errors and seconds.
 Out: numbers and choices; nothing is run here.
 """
 
@@ -14,9 +14,9 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.optimize import brentq
 
-ROUNDING = 3e-15  # errors below are those of 64 bits
-LARGEST = 0.1  # errors above do not converge yet
-PLATEAU = 0.9  # errors that fall by less have ended falling
+ROUNDING = 3e-15  # smaller errors are rounding in 64 bits
+LARGEST = 0.1  # larger errors do not converge yet
+PLATEAU = 0.9  # errors that fall by less have reached a plateau
 _Point = TypeVar("_Point")
 
 
@@ -27,25 +27,24 @@ class Convergence:
 
     order: float | None
     law: str
-    settings: tuple[float, ...] = ()  # from which it follows
+    settings: tuple[float, ...] = ()  # the settings it is fitted to
 
 
 def convergence(
     settings: Sequence[Any], errors: Sequence[float | None], floor: float = 0.0, reference: float | None = None
 ) -> Convergence:
-    """The law by which errors fall from setting to setting; of the two the one with the smaller residual in log error.
+    """Return the law by which errors fall from setting to setting: the one with the smaller residual in log error.
 
-    An order is the median of those between neighbours among the finest four settings that show it. Settings do not
-    count from which on the error falls by less than a tenth: something else is larger there.
+    The order is the median of those between neighbours among the finest four settings that show it. Settings beyond
+    which the error falls by less than a tenth are ignored: another error dominates there.
 
     Parameters
     ----------
-    settings : from the cheapest to the finest; those that are no positive finite number (a closed form) do not count
-    errors : of each
-    floor : how far the reference itself may be wrong: errors below ten times that do not count
-    reference : the setting that errors are differences to, where that is a finite one: of a power law h^p they are h^p
-    - r^p, which falls
-        faster than the error itself
+    settings : from the cheapest to the finest; only positive finite numbers count (no closed forms)
+    errors : of each setting
+    floor : possible error of the reference itself; errors below ten times that are ignored
+    reference : the setting that errors are differences to, if it is finite: under a power law h^p they are h^p - r^p,
+        which falls faster than the error itself
     """
     used = _falling(settings, errors, max(10 * floor, ROUNDING))
     if len(used) < 3:
@@ -65,7 +64,7 @@ def convergence(
 
 
 def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: float) -> list[tuple[float, float]]:
-    """Settings and errors as far as the error falls from each to the next."""
+    """Return settings and errors as long as the error falls from each to the next."""
     used = [
         (float(s), float(e))
         for s, e in zip(settings, errors, strict=True)
@@ -76,13 +75,15 @@ def _falling(settings: Sequence[Any], errors: Sequence[float | None], least: flo
         and least < e < LARGEST
     ]
     falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
-    if not falling or falling[-1] < len(used) - 2:  # behind these something else is larger
+    if not falling or falling[-1] < len(used) - 2:  # beyond these another error dominates
         return used[: falling[-1] + 1] if falling else []
     return used
 
 
 def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -> Any:
-    """Orders between neighbours of which h^p - r^p falls as the errors do; as they were where no order does."""
+    """Correct local orders for a finite reference: find p with h^p - r^p falling as measured; unchanged if none
+    does.
+    """
     found = []
     for i, plain in enumerate(local):
         fallen = math.log(error[i] / error[i + 1])
@@ -90,7 +91,7 @@ def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -
         def lacking(
             order: float, large: float = step[i] / last, small: float = step[i + 1] / last, fallen: float = fallen
         ) -> float:
-            ratio = math.log(large / small) * order  # of what is to be expected, without overflow
+            ratio = math.log(large / small) * order  # log of the expected ratio, without overflow
             return ratio + math.log1p(-(large**-order)) - math.log1p(-(small**-order)) - fallen
 
         solvable = step[i] > step[i + 1] > last and plain > 0 and lacking(1e-3) < 0 < lacking(plain)
@@ -99,8 +100,8 @@ def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -
 
 
 def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> float:
-    """How far a finite reference may be from the limit: what its last refinement moved, or where an order is known
-    what is left of it.
+    """Return how far a finite reference may be from the limit: the change of its last refinement or, if an order is
+    known, the remainder that follows from it.
     """
     before, last = settings[-2:]
     if found.order is None or found.order < 0.5 or isinstance(last, bool | str):
@@ -112,8 +113,8 @@ def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> floa
 
 
 def front(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]], worth: float = 1.0) -> list[_Point]:
-    """The points that no other beats in both (error, seconds), from the cheapest on; each has less than ``worth`` times
-    the error of the one before."""
+    """Return the points that no other point beats in both (error, seconds), the cheapest first; each has less than
+    ``worth`` times the error of the one before."""
     chosen: list[_Point] = []
     for point in sorted(points, key=lambda p: (of(p)[1], of(p)[0])):
         if not chosen or of(point)[0] < worth * of(chosen[-1])[0]:
@@ -122,16 +123,16 @@ def front(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]],
 
 
 def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most: int) -> list[dict[str, Any]]:
-    """Combinations of settings worth a trial, from the finest to the cheapest, none twice.
+    """Return combinations of settings worth a trial, from the finest to the cheapest, without duplicates.
 
-    For every price of error each knob takes by itself the setting with the least seconds + price x error: where errors
-    add up and seconds too, these are the corners of the front's hull. Between them stand those in which every knob
-    takes the cheapest setting whose error is within one tolerance.
+    For every price of error each knob takes the setting with the least seconds + price x error: if errors and seconds
+    add up, these are the corners of the front's convex hull. Between them are combinations in which every knob takes
+    its cheapest setting with an error within one tolerance.
 
     Parameters
     ----------
     choices : by knob: (setting, error, seconds)
-    most : combinations
+    most : largest number of combinations
     """
     found: dict[tuple[tuple[str, int], ...], dict[str, Any]] = {}
     for exponent in np.linspace(16, -4, 201):
@@ -162,6 +163,6 @@ def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most
 
 
 def cheapest(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]], tolerance: float) -> _Point | None:
-    """The point with the least seconds whose error is within a tolerance."""
+    """Return the point with the least seconds whose error is within a tolerance; None if there is none."""
     within = [point for point in points if of(point)[0] <= tolerance]
     return min(within, key=lambda point: (of(point)[1], of(point)[0]), default=None)

@@ -1,7 +1,7 @@
 """``run --hold``: the loosest local tolerance whose global error stays within a given one, found on pilot cells.
 
-In:  a pipeline, the global error that is asked for.
-Out: a local tolerance from a fixed ladder, what was measured with it, and who is to blame where none is strict enough.
+In:  a pipeline, and the global error asked for.
+Out: a local tolerance from a fixed ladder, the errors measured with it, and the causes if none is strict enough.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ LADDER = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 
 
 @dataclass(frozen=True)
 class HeldTolerance:
-    """What was found: with ``tolerance`` the wanted variables are as far from the reference as ``measured`` says.
+    """The result: with ``tolerance``, the wanted variables are as far from the reference as ``measured`` says.
 
-    ``missed`` are variables whose error is larger than asked for, or not known; ``blame`` the stages that this is due
-    to, the largest share first (`studies.blame`).
+    ``missed`` are variables whose error is larger than asked for, or unknown; ``blame`` the stages that cause it,
+    largest share first (`studies.blame`).
     """
 
     asked: float
@@ -70,13 +70,13 @@ def hold(
     progress: Any = None,
     archive: Path | None = None,
 ) -> HeldTolerance:
-    """Find the tolerance for a pipeline. What ``keep`` has put into an archive is used until a cell that it was found
-    on changes.
+    """Find the tolerance for a pipeline. A result that ``keep`` has stored in an archive is reused until one of its
+    cells changes.
 
     Raises
     ------
     RequestError
-        The pipeline is wrong.
+        The pipeline is invalid.
     """
     pipeline = replace(pipeline, tolerance=_rung(asked))
     measurement = Measurement(pipeline, registry, cells, options, progress)
@@ -87,18 +87,18 @@ def hold(
 
 
 def keep(held: HeldTolerance, archive: Path) -> None:
-    """Remember in an archive that exists now what was found for it."""
+    """Store the result in an archive, which exists by now."""
     if not held.remembered:
         remember(archive, held.key, finite({**held.document(), "measured": held.measured.document()}))
 
 
 def _rung(asked: float) -> float:
-    """The strictest rung of the ladder that is no stricter than what is asked for."""
+    """Return the strictest rung of the ladder that is no stricter than what is asked for."""
     return min((rung for rung in LADDER if rung >= asked), default=LADDER[0])
 
 
 def _search(measurement: Measurement, asked: float, norm: str) -> HeldTolerance:
-    """Up the ladder as long as the error is held, down it until it is."""
+    """Loosen the tolerance as long as the error is held, or tighten it until it is."""
     tried: dict[float, MeasuredErrors] = {}
     plans: dict[float, Plan] = {}
 
@@ -124,7 +124,7 @@ def _search(measurement: Measurement, asked: float, norm: str) -> HeldTolerance:
 
 
 def missed(found: MeasuredErrors, asked: float, norm: str) -> tuple[str, ...]:
-    """The variables of which it is not known that they are within what is asked for."""
+    """Return the variables that are not known to be within what is asked for."""
     return tuple(name for name, error in found.errors.items() if error.held(asked, norm) is not True)
 
 
@@ -133,7 +133,7 @@ def _equal(one: Plan, other: Plan) -> bool:
 
 
 def _remembered(document: Mapping[str, Any] | None, asked: float, norm: str) -> HeldTolerance | None:
-    """What an earlier run has found; None where it is no such thing."""
+    """Return the result of an earlier run; None if the document has another form."""
     try:
         if document is None:
             return None

@@ -1,10 +1,10 @@
-"""Global errors, measured: what everything that was left out or approximated does to the variables that are wanted.
+"""Measure global errors: what everything that is left out or approximated does to the wanted variables.
 
 In:  a pipeline.
-Out: for every wanted variable how far it is from the reference (`reference`), on some cells of the sweep (`pilot`).
+Out: for every wanted variable its distance from the reference (`reference`), on some cells of the sweep (`pilot`).
 
-Both runs are of expected values: samplers give their mean and nothing is rounded (`Sampled`). An error d in front of
-rounding by q is sqrt(d q) behind it, and two draws differ by their noise, so nothing else is well posed.
+Both runs are of expected values: samplers give their mean and nothing is rounded (`Sampled`). Otherwise the comparison
+would be ill-posed: an error d becomes sqrt(d q) after rounding by q, and two draws differ by their noise.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from etendue.plan.wiring.graph import build_graph
 from etendue.result_files import finite
 from etendue.session import Collected, Options, collect
 
-FORM = 1  # of what is remembered: another number, and it is measured again
+FORM = 1  # version of the cached documents: increase it to discard earlier ones
 LEFT_OUT, PRECISION = "left out", "precision"
 Wanted = tuple[str, str]  # stage and variable
 
 
 @dataclass(frozen=True)
 class GlobalError:
-    """Of one wanted variable, of the worst cell that was measured. None: not known, and ``why``.
+    """The error of one wanted variable in the worst measured cell. None: unknown, for the reason in ``why``.
 
-    ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: so much the reference itself may be wrong by.
+    ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: the possible error of the reference itself.
     ``below`` is how far the last refinement of the reference moves it. ``rms`` is over the picture, ``max`` of the
-    largest pixel, both relative to ``scale``; ``linear`` is (rms, max) of an encoded variable in front of its encoding.
+    largest pixel, both relative to ``scale``; ``linear`` is (rms, max) of an encoded variable before its encoding.
     """
 
     rms: float | None
@@ -55,10 +55,10 @@ class GlobalError:
     at: Mapping[str, Any] = field(default_factory=dict)
     linear: tuple[float | None, float | None] | None = None
     why: str = ""
-    below: float = 0.0  # so much the reference itself may be wrong by
+    below: float = 0.0  # possible error of the reference itself
 
     def held(self, tolerance: float, norm: str = "rms") -> bool | None:
-        """Whether it is within a tolerance; None where that is not known, or the reference is in doubt by as much."""
+        """Return whether it is within a tolerance; None if unknown, or if the reference is as uncertain as that."""
         value = self.rms if norm == "rms" else self.max
         if value is None or (value <= tolerance and self.below > tolerance):
             return None
@@ -67,7 +67,7 @@ class GlobalError:
 
 @dataclass(frozen=True)
 class MeasuredErrors:
-    """``errors`` by the variable's name (with its stage in front where two stages write a variable of that name)."""
+    """``errors`` by variable name (``stage.name`` if two stages write a variable of that name)."""
 
     errors: dict[str, GlobalError]
     cells: int  # places of the sweep
@@ -75,7 +75,7 @@ class MeasuredErrors:
     remembered: bool = False  # from an earlier run
 
     def document(self) -> dict[str, Any]:
-        """As it is remembered."""
+        """Return the document that is stored."""
         errors = {name: {**asdict(error), "at": dict(error.at)} for name, error in self.errors.items()}
         return {"errors": errors, "cells": self.cells, "seconds": self.seconds}
 
@@ -86,7 +86,7 @@ class MeasuredErrors:
 
 
 def from_document(document: Mapping[str, Any]) -> MeasuredErrors | None:
-    """What was remembered; None where it has another form."""
+    """Return the stored result; None if it has another form."""
     try:
         errors = {
             str(name): GlobalError(**{**own, "linear": None if own["linear"] is None else tuple(own["linear"])})
@@ -105,29 +105,29 @@ def measure(
     progress: Any = None,
     archive: Path | None = None,
 ) -> MeasuredErrors:
-    """The global error of every wanted variable of a pipeline, on so many places of its sweep.
+    """Return the global error of every wanted variable of a pipeline, on ``cells`` places of its sweep.
 
-    ``archive``: where it is remembered: what depends on nothing that has changed is not measured again.
+    ``archive``: where results are cached; they are measured again only if something they depend on has changed.
     """
     measurement = Measurement(pipeline, registry, cells, options, progress)
     return measurement.errors() if archive is None else measurement.remembered(archive)
 
 
 class Measurement:
-    """A pipeline beside its reference, which is computed once for any number of tolerances.
+    """A pipeline with its reference, which is computed once for any number of tolerances.
 
     Parameters
     ----------
     pipeline : as read
     registry : of installed stages
-    cells : places of the sweep at most
+    cells : largest number of places of the sweep
     options : how the runs are done
     progress : ``plan -> Progress``, or None
-    reference : another reference than that of all knobs which the file does not write
+    reference : replaces the reference of all knobs that the file does not write
 
     Attributes
     ----------
-    also : variables (stage, name) that are measured though nobody wants them
+    also : variables (stage, name) to measure in addition to the wanted ones
     """
 
     also: tuple[Wanted, ...] = ()
@@ -160,23 +160,23 @@ class Measurement:
         return make_plan(pipeline, self.registry, expected=True, computed=computed)
 
     def possible(self, reference: ReferencePipeline) -> ReferencePipeline:
-        """The reference; a knob whose best setting its stage refuses in this pipeline stands at the best that it takes.
+        """Return the reference, with each knob whose best setting its stage refuses here set to the best it accepts.
 
         Raises
         ------
         RequestError
-            The pipeline itself is wrong.
+            The pipeline itself is invalid.
         """
         try:
             self.plan(reference.pipeline)
             return reference
         except RequestError:
-            self.plan(self.pipeline)  # the pipeline's own faults
+            self.plan(self.pipeline)  # raises if the pipeline itself is at fault
         return reference_of(self.pipeline, self.registry, [self.within(knob) for knob in reference.knobs])
 
     def within(self, knob: Knob) -> Knob:
-        """A knob with those of its settings that its stage takes; where the best is not among them, its reference is
-        a finite one.
+        """Return a knob with only the settings that its stage accepts; if the best is not among them, its reference is
+        finite.
         """
         for count in range(len(knob.settings), 0, -1):
             try:
@@ -198,20 +198,20 @@ class Measurement:
 
     @cached_property
     def coarser(self) -> tuple[Plan, Collected] | None:
-        """The reference one refinement below itself, where a knob of it ends in a finite setting."""
+        """The reference one refinement below itself, if one of its knobs ends in a finite setting."""
         if self.reference.coarser is None:
             return None
         plan = self.plan(self.reference.coarser)
         return plan, self.run(plan)
 
     def run(self, plan: Plan) -> Collected:
-        """The wanted variables of a plan at every place, and what stands in front of those that are encoded."""
+        """Compute the wanted variables of a plan at every place, and the variables from which encoded ones are made."""
         found = collect(plan, self.asked(plan), self.options, self.progress(plan) if self.progress else None)
         self.seconds += sum(report.seconds for report in found.reports.values())
         return found
 
     def measured(self, plan: Plan) -> tuple[Wanted, ...]:
-        """What is measured of a plan."""
+        """Return the variables to measure in a plan."""
         return tuple(dict.fromkeys((*plan.wanted, *self.also)))
 
     def asked(self, plan: Plan) -> dict[CellRef, set[str]]:
@@ -225,7 +225,7 @@ class Measurement:
         return asked
 
     def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, Mapping[str, Any]]]:
-        """The cells of a stage at the places, each once, and their axis values."""
+        """Return the cells of a stage at the places, each once, with their axis values."""
         axes = [plan.axis(dim) for dim in plan.node(stage).axes]
         found: dict[CellRef, Mapping[str, Any]] = {}
         for place in self.places:
@@ -240,8 +240,8 @@ class Measurement:
         computed: frozenset[str] = frozenset(),
         precision: str | None = None,
     ) -> MeasuredErrors:
-        """The global errors as planned: with another local tolerance, with knobs written in, with stages that are
-        not left out.
+        """Return the global errors as planned, or with another local tolerance, knobs written in, or stages computed
+        instead of left out.
         """
         pipeline = with_settings(self.pipeline, settings)
         pipeline = replace(
@@ -254,7 +254,7 @@ class Measurement:
         return self.compared(plan, self.run(plan), before)
 
     def compared(self, plan: Plan, found: Collected, before: float = 0.0) -> MeasuredErrors:
-        """A run of this plan, held against the reference."""
+        """Compare a run of this plan with the reference."""
         errors, truth, coarser = {}, self.truth, self.coarser
         unknown = behind(
             plan, (node.name for node in plan.nodes if any(has_no_mean(a.kind) for a in node.alternatives))
@@ -267,7 +267,13 @@ class Measurement:
                     n.name for n in plan.nodes if n.name in unknown and any(has_no_mean(a.kind) for a in n.alternatives)
                 )
                 own = GlobalError(
-                    None, None, own.scale, "unknown", own.at, None, f"{who} draws or rounds, and does not say its mean"
+                    None,
+                    None,
+                    own.scale,
+                    "unknown",
+                    own.at,
+                    None,
+                    f"{who} draws or rounds, and states no mean",
                 )
             plain = names.count(name) == 1 and (stage, name) in plan.wanted
             errors[name if plain else f"{stage}.{name}"] = own
@@ -276,7 +282,7 @@ class Measurement:
     def _error(
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
     ) -> GlobalError:
-        """The worst cell of one variable."""
+        """Return the error of the worst cell of one variable."""
         worst: tuple[VariableError, CellRef, Mapping[str, Any]] | None = None
         doubt = self.own_error_behind(stage)
         for ref, at in self.cells_of(plan, stage):
@@ -298,8 +304,8 @@ class Measurement:
         )
 
     def own_error_behind(self, stage: str) -> float:
-        """What stages in front state of their own error that no reference betters: so much the reference itself may
-        be wrong by.
+        """Return the error stated by earlier stages that no reference setting reduces: the possible error of the
+        reference itself.
         """
         plan, found = self.exact, 0.0
         for node in plan.nodes:
@@ -318,7 +324,7 @@ class Measurement:
         return found
 
     def remembered(self, archive: Path) -> MeasuredErrors:
-        """The errors as planned; what an archive remembers of the same cells is not measured again."""
+        """Return the errors as planned, taken from the cache of an archive if the same cells were measured before."""
         key = self.key()
         known = from_document(recall(archive, key) or {})
         if known is not None:
@@ -328,7 +334,7 @@ class Measurement:
         return found
 
     def key(self) -> str:
-        """What a measurement depends on: the keys of all cells that are held against each other."""
+        """Return the key of a measurement: it depends on the keys of all cells that are compared."""
         plans = [self.plan(self.pipeline), self.exact]
         if self.reference.coarser is not None:
             plans.append(self.plan(self.reference.coarser))
@@ -341,7 +347,7 @@ class Measurement:
 
 
 def in_front(plan: Plan, ref: CellRef, name: str) -> tuple[CellRef, str] | None:
-    """Of an encoded variable what its stage encodes."""
+    """Return the variable that the stage of an encoded variable encodes; None if it is not encoded."""
     cell = plan.cells[ref]
     if known(name).shown != "encoded" or not cell.inputs or known(cell.inputs[0][2]).shown == "encoded":
         return None
@@ -358,6 +364,6 @@ def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref
             )
             return VariableError(None, None, float("nan"), f"{who} {what}")
     if plan.cells[ref].grids[name] != exact.cells[ref].grids[name]:
-        return VariableError(None, None, float("nan"), "the reference stands on another grid")
+        return VariableError(None, None, float("nan"), "the reference has another grid")
     cell = exact.cells[ref]
     return difference(found.arrays[ref][name], truth.arrays[ref][name], exact.node(ref[0]).writes[name], cell.stage)

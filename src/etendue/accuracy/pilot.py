@@ -1,8 +1,7 @@
-"""Which cells of a sweep are measured: corners, the middle, and some places in between. The same ones whenever it is
-asked.
+"""Choose the cells of a sweep that are measured: corners, the middle, and places in between; always the same ones.
 
-In:  the axes of a pipeline, how many places at most.
-Out: places as positions on each axis; the pipeline with a sweep over the values at these places alone.
+In:  the axes of a pipeline, and the largest number of places.
+Out: places as positions on each axis; the pipeline with its sweep reduced to these values.
 """
 
 from __future__ import annotations
@@ -16,16 +15,16 @@ from typing import Any
 from etendue.pipeline.file import PipelineFile
 from etendue.plan.model import Axis
 
-MOST = 8  # places, unless somebody asks for more
+MOST = 8  # places by default
 _BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 
 
 def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = MOST) -> tuple[tuple[int, ...], ...]:
-    """Positions on axes of these sizes: all where they are few, else both ends, the middle, further corners, places
-    inside. A single one is the middle.
+    """Return positions on axes of these sizes: all of them if few, else both ends, the middle, further corners, and
+    places inside. A single one is the middle.
 
-    Every value of a ``categorical`` axis (a stage that is swapped, a word) is among them, whatever ``most`` is: one
-    says nothing of another.
+    Every value of a ``categorical`` axis (a swapped stage, a word) is included, whatever ``most`` is: one such value
+    tells nothing about another.
     """
     if math.prod(sizes) <= most:
         return tuple(itertools.product(*(range(size) for size in sizes)))
@@ -35,7 +34,7 @@ def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = M
     ends = [(*some, *(0,) * (len(sizes) - varied)) for some in itertools.product((0, 1), repeat=varied)]
     corners = [tuple(end * (size - 1) for end, size in zip(one, sizes, strict=True)) for one in ends]
     ordered = [corners[0], corners[-1], middle] if most > 1 else [middle]
-    for number in range(1, len(corners) // 2):  # each beside the one opposite to it
+    for number in range(1, len(corners) // 2):  # each together with its opposite
         ordered += [corners[number], corners[-1 - number]]
     for place in ordered[: max(most - max(most // 4, 1), 1)]:
         chosen.setdefault(place)
@@ -65,14 +64,14 @@ def _halton(number: int, base: int) -> float:
 
 
 def chosen_places(axes: Sequence[Axis], most: int = MOST) -> tuple[dict[str, Any], ...]:
-    """The axis values at each place, by dim."""
+    """Return the axis values at each place, by dim."""
     categorical = [any(isinstance(value, str | bool) for value in axis.values) for axis in axes]
     found = places([len(a.values) for a in axes], categorical, most)
     return tuple({axis.dim: axis.values[i] for axis, i in zip(axes, place, strict=True)} for place in found)
 
 
 def narrowed(pipeline: PipelineFile, axes: Sequence[Axis], chosen: Sequence[dict[str, Any]]) -> PipelineFile:
-    """The pipeline with a sweep over the values at some places alone, in the order of the file."""
+    """Return the pipeline with its sweep reduced to the values at some places, in the order of the file."""
     sweep = {key: written for key, written in pipeline.sweep.items() if key in {axis.key for axis in axes}}
     for axis in axes:
         needed = {place[axis.dim] for place in chosen}

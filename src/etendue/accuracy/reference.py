@@ -1,10 +1,10 @@
 """The reference of a pipeline: every knob at its best setting, nothing left out, 64 bits.
 
 In:  a pipeline, the registry.
-Out: the same pipeline with the knobs written in; what each knob was set to, and which of them end in a finite setting.
+Out: the same pipeline with the knobs written in; the setting of each knob, and which of them end in a finite setting.
 
-Values that stand in the file (or are set, or swept) are the model, no knobs. So is the drawing of the scene
-(``Parameter.studied``): its samples and bands are those of the light that is stored.
+Values that are written in the file (or set, or swept) belong to the model and are not knobs. Neither is the drawing of
+the scene (``Parameter.studied``): its samples and bands are those of the stored light.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ class Knob:
     stage: str
     use: str
     name: str
-    settings: tuple[Any, ...]  # from the cheapest to the reference; () where it has no order
-    closed_form: bool  # the reference is no finite setting
-    value: Any  # as the file has it, else its default
+    settings: tuple[Any, ...]  # from the cheapest to the reference; () if it has no order
+    closed_form: bool  # the reference is not a finite setting
+    value: Any  # from the file, else its default
     written: bool  # in the file, by --set, or swept
-    studied: bool  # it changes a grid or what a scene shows, or its finer settings may not be had
+    studied: bool  # it changes a grid or what a scene shows, or finer settings are too costly
     units: str
 
     @property
@@ -48,14 +48,14 @@ class Knob:
 
     @property
     def before_reference(self) -> Any:
-        """The setting one refinement below the reference, where that is a finite one; else the reference."""
+        """The setting one refinement below the reference if the reference is finite; else the reference."""
         return self.settings[-2] if len(self.settings) > 1 and not self.closed_form else self.reference
 
 
 @dataclass(frozen=True)
 class ReferencePipeline:
-    """``pipeline`` with the knobs written in; ``coarser``: the same one refinement below, None where every reference
-    is a closed form.
+    """``pipeline`` with the knobs written in; ``coarser``: the same one refinement below, None if every reference is a
+    closed form.
     """
 
     pipeline: PipelineFile
@@ -64,12 +64,12 @@ class ReferencePipeline:
 
 
 def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[Knob, ...]:
-    """Every fidelity parameter of every stage, those of stages that a sweep swaps in too."""
+    """Return every fidelity parameter of every stage, including stages that a sweep swaps in."""
     found = []
     for entry in pipeline.stages:
         for use, values in _uses(pipeline, entry):
             if use not in registry:
-                continue  # a fault that the planner names
+                continue  # a fault that the planner reports
             try:
                 declared = parameters_of(registry.load(use))
             except PluginError:
@@ -90,8 +90,8 @@ def knobs_of(pipeline: PipelineFile, registry: Registry) -> tuple[Knob, ...]:
 
 
 def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
-    """Settings from the cheapest to the reference; without declared ones a number is doubled (counts) or halved (all
-    others) in steps.
+    """Return settings from the cheapest to the reference. Without declared ones a number is doubled (counts) or halved
+    (all others) in steps.
     """
     if parameter.settings or isinstance(default, str | bool) or not isinstance(default, int | float):
         return parameter.settings
@@ -104,7 +104,7 @@ def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
 
 
 def reference_of(pipeline: PipelineFile, registry: Registry, knobs: Iterable[Knob] | None = None) -> ReferencePipeline:
-    """The reference of a pipeline; of ``knobs`` where they are given, else of all that the file does not write."""
+    """Return the reference of a pipeline, for ``knobs`` if given, else for all that the file does not write."""
     chosen = (
         tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied))
         if knobs is None
@@ -118,7 +118,7 @@ def reference_of(pipeline: PipelineFile, registry: Registry, knobs: Iterable[Kno
 
 
 def with_settings(pipeline: PipelineFile, settings: Mapping[tuple[str, str, str], Any]) -> PipelineFile:
-    """The pipeline with values for (stage, use, parameter) written in, in its sweep too where it swaps stages."""
+    """Return the pipeline with values for (stage, use, parameter) written in, also in a sweep that swaps stages."""
 
     def own(stage: str, use: Any, but: Collection[str] = ()) -> dict[str, Any]:
         return {name: v for (at, of, name), v in settings.items() if (at, of) == (stage, use) and name not in but}
@@ -137,7 +137,7 @@ def with_settings(pipeline: PipelineFile, settings: Mapping[tuple[str, str, str]
 
 
 def _uses(pipeline: PipelineFile, entry: StageEntry) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """What may stand at an entry, each once, and the values written for it."""
+    """Yield each stage class that may be used at an entry, once, with the values written for it."""
     swapped = pipeline.sweep.get(f"{entry.name}.use")
     if not isinstance(swapped, list | tuple):
         yield entry.use, entry.values

@@ -1,8 +1,7 @@
-"""The error that is stated for cells that nobody measured: from those that were, and from what the plan decided for
-either.
+"""State an error for cells that were not measured, from those that were and from what the plan decided for both.
 
-In:  the plan of a whole sweep, what was measured at some of its places.
-Out: for every wanted variable a number that the worst of its cells hardly exceeds.
+In:  the plan of a whole sweep, and errors measured at some of its places.
+Out: for every wanted variable, a number that the worst of its cells is unlikely to exceed.
 """
 
 from __future__ import annotations
@@ -13,16 +12,16 @@ from typing import Any
 from etendue.accuracy.measuring import MeasuredErrors
 from etendue.plan.model import CellRef, Plan
 
-MARGIN = 3.0  # times the worst that was measured: a few cells stand for many
+MARGIN = 3.0  # factor on the worst measured error: a few cells represent many
 
 
 def stated_elsewhere(
     plan: Plan, measured: MeasuredErrors, places: Sequence[Mapping[str, Any]]
 ) -> dict[str, float | None]:
-    """By variable, rms relative to full scale; None where it is not known, or where every cell was measured.
+    """Return the stated error by variable, rms relative to full scale; None if unknown, or if every cell was measured.
 
-    The bounds of all decisions on the way to a cell are added up; a cell that may be wrong by more than those that were
-    measured is stated in proportion.
+    The bounds of all decisions on the way to a cell are added up. If that sum exceeds those of the measured cells, the
+    stated error grows in proportion.
     """
     bounds: dict[CellRef, float] = {}
     for ref, cell in plan.cells.items():

@@ -1,11 +1,11 @@
-"""Error against run time: each knob of a pipeline alone, and the front over their combinations.
+"""Error against run time: each knob of a pipeline alone, and the Pareto front over their combinations.
 
-In:  a pipeline, which knobs.
+In:  a pipeline, and the knobs to try.
 Out: an ``Accuracy``: curves, trials, the front, the cheapest setting for a list of tolerances, the noise floor.
 
-Every trial is a run of expected values beside the reference (`measuring`); all knobs but those that are tried stand at
-their reference. Seconds are thread time in one thread with no table made before, of each stage the least of all runs in
-which the knobs that affect its work stand alike.
+Every trial is a run of expected values compared with the reference (`measuring`); knobs that are not tried stay at
+their reference. Seconds are thread time in one thread without cached tables; for each stage, the minimum over all runs
+with the same settings of the knobs that affect it.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from etendue.pipeline.file import PipelineFile
 from etendue.plan.wiring.parameters import Unfit, resolve
 
 TOLERANCES = tuple(10.0**-n for n in range(1, 9))
-WORTH = 0.9  # by so much a slower setting betters the error, or it is not on the front
+WORTH = 0.9  # a slower setting is on the front only if its error is below this fraction of the faster one's
 
 
 @dataclass
 class Accuracy:
-    """What came of it."""
+    """The result of the study."""
 
     pipeline: str
     at: Mapping[str, Any]  # axis values of the cells
     curves: list[SettingCurve]
-    trials: list[SettingTrial]  # all, the reference first
+    trials: list[SettingTrial]  # all trials, the reference first
     frontier: list[SettingTrial]
-    planned: SettingTrial  # as the file has it
+    planned: SettingTrial  # the pipeline as the file has it
     cheapest: list[tuple[float, SettingTrial | None]]
-    floor: float  # how far the reference itself may be wrong
+    floor: float  # possible error of the reference itself
     noise_floor: float | None
     noise_of: str
     verified: list[tuple[float, float | None, str]] = field(
         default_factory=list
-    )  # error of the cheapest settings elsewhere
+    )  # error of the cheapest settings on the other source
     verified_at: Mapping[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
@@ -65,20 +65,18 @@ def accuracy(
     ----------
     pipeline : as read
     registry : of installed stages
-    asked : by knob (``stage.knob``, also such as the file writes, and ``precision``) settings from the cheapest to the
-    reference, ()
-        for those that it declares; nothing: all knobs that the file does not write
+    asked : by knob (``stage.knob``, including those that the file writes, and ``precision``) settings from the cheapest
+        to the reference, () for those that it declares; if empty, all knobs that the file does not write
     cells : places of the sweep
-    repeat : runs of each trial, whose least seconds count
-    most : combinations at most
-    told : hears what is being tried
-    elsewhere : the same stages behind another source, on which the cheapest settings are tried too; ``verify`` says
-    which
+    repeat : runs of each trial; the fastest counts
+    most : largest number of combinations
+    told : called with what is being tried
+    elsewhere : the same stages with another source, on which the cheapest settings are tried too; ``verify`` names it
 
     Raises
     ------
     RequestError
-        The pipeline is wrong, or has no such knob.
+        The pipeline is invalid, or has no such knob.
     """
     given = frozenset(key for key, values in asked.items() if values)
     effort = Effort(cells, repeat, told)
@@ -117,13 +115,12 @@ def accuracy(
 
 
 def chosen_knobs(pipeline: PipelineFile, registry: Registry, asked: Mapping[str, tuple[Any, ...]]) -> tuple[Knob, ...]:
-    """The knobs that are tried: those that are asked for, else all that the file does not write and that change no
-    grid.
+    """Return the knobs to try: those asked for, else all that the file does not write and that change no grid.
 
     Raises
     ------
     RequestError
-        There is no such knob, or its settings have no order.
+        A knob does not exist, or its settings have no order.
     """
     known = {knob.key: knob for knob in knobs_of(pipeline, registry)}
     known[PRECISION] = Knob(
@@ -135,16 +132,16 @@ def chosen_knobs(pipeline: PipelineFile, registry: Registry, asked: Mapping[str,
     for key, values in asked.items():
         if key not in known:
             hint = nearest(key, known) or f"; it has {', '.join(known)}"
-            faults.append(Fault(f"--knob {key}", f"no stage of this pipeline has such a fidelity parameter{hint}"))
+            faults.append(Fault(f"--knob {key}", f"no stage of this pipeline has this fidelity parameter{hint}"))
             continue
         knob = known[key]
         if len(values) == 1:
-            faults.append(Fault(f"--knob {key}", "expected settings from the cheapest to the reference, two or more"))
+            faults.append(Fault(f"--knob {key}", "expected two or more settings, from the cheapest to the reference"))
         elif not (values or knob.settings):
             faults.append(
                 Fault(
                     f"--knob {key}",
-                    "its settings have no order from cheap to exact; compare them: etendue compare --axis",
+                    "its settings have no order from cheap to exact; compare them with: etendue compare --axis",
                 )
             )
         try:
@@ -160,7 +157,7 @@ def chosen_knobs(pipeline: PipelineFile, registry: Registry, asked: Mapping[str,
 
 
 def _resolved(knob: Knob, values: tuple[Any, ...], pipeline: PipelineFile, registry: Registry) -> tuple[Any, ...]:
-    """Settings in the unit of the knob; ``Unfit`` where it does not take one."""
+    """Return settings in the unit of the knob; raise ``Unfit`` if it does not accept one."""
     if not knob.stage:
         if not set(values) <= set(knob.settings):
             raise Unfit(f"expected {' and '.join(knob.settings)}")
@@ -170,5 +167,5 @@ def _resolved(knob: Knob, values: tuple[Any, ...], pipeline: PipelineFile, regis
 
 
 def figures(trial: SettingTrial, floor: float) -> tuple[float, float]:
-    """Error and seconds; errors below what the reference may be wrong by are all the same."""
+    """Return error and seconds of a trial; errors below the possible error of the reference count as equal."""
     return (float("inf") if trial.error is None else max(trial.error, floor)), trial.whole

@@ -1,6 +1,6 @@
-"""Runs of a pipeline at settings of its knobs, each once: their errors and their seconds.
+"""Run a pipeline at settings of its knobs, each combination once, and record errors and seconds.
 
-In:  a pipeline, the knobs that are tried.
+In:  a pipeline, and the knobs to try.
 Out: a ``Trial`` for a combination of settings, a ``Curve`` for a knob alone.
 """
 
@@ -26,20 +26,20 @@ from etendue.plan.planner import make_plan
 from etendue.session import Collected, Options, collect
 
 PRECISION = "precision"
-COARSEST = 0.5  # settings cheaper than one with such an error are not tried
+COARSEST = 0.5  # if a setting has a larger error, cheaper ones are not tried
 Told = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class SettingTrial:
-    """One combination of settings, by knob; those that are not named stand at their reference."""
+    """One combination of settings, by knob; knobs that are not named are at their reference."""
 
     settings: Mapping[str, Any]
-    error: float | None  # rms of the wanted variable that is furthest from the reference, relative to full scale
-    variable: str  # which that is
-    stage_errors: Mapping[str, float | None]  # by knob: at the first picture or figures behind its stage
+    error: float | None  # rms of the worst wanted variable, relative to full scale
+    variable: str  # name of that variable
+    stage_errors: Mapping[str, float | None]  # by knob: at the first picture or metrics after its stage
     seconds: Mapping[str, float]  # by stage
-    why: str = ""  # where it could not be run
+    why: str = ""  # set if it could not be run
 
     def setting(self, knob: Knob) -> Any:
         return self.settings.get(knob.key, knob.reference)
@@ -54,9 +54,9 @@ class SettingCurve:
     """A knob alone, from its cheapest setting to its reference."""
 
     knob: Knob
-    measured_at: str  # where the error of the stage is found
+    measured_at: str  # where the error of the stage is measured
     trials: tuple[SettingTrial, ...]
-    affected: frozenset[str]  # stages whose work it may change
+    affected: frozenset[str]  # stages whose computation it may change
     convergence: Convergence
 
     def seconds(self, trial: SettingTrial, stages: Iterable[str] | None = None) -> float:
@@ -66,7 +66,7 @@ class SettingCurve:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is run, and who hears of it."""
+    """How much is run, and who is informed."""
 
     cells: int  # places of the sweep
     repeat: int  # runs of each trial
@@ -74,7 +74,7 @@ class Effort:
 
 
 class Trials:
-    """All trials of a pipeline, run beside its reference."""
+    """All trials of a pipeline, compared with its reference."""
 
     def __init__(
         self, pipeline: PipelineFile, registry: Registry, knobs: tuple[Knob, ...], given: frozenset[str], effort: Effort
@@ -102,7 +102,7 @@ class Trials:
         self.floor = 0.0
 
     def trial(self, settings: Mapping[str, Any]) -> SettingTrial:
-        """A combination, run once or remembered."""
+        """Return a combination, run once and cached."""
         moved = {k.key: settings[k.key] for k in self.knobs if k.key in settings and settings[k.key] != k.reference}
         name = tuple(sorted(moved.items()))
         if name not in self.trials:
@@ -116,7 +116,7 @@ class Trials:
         return self.trials[name]
 
     def planned(self, pipeline: PipelineFile) -> SettingTrial:
-        """The pipeline as its file has it."""
+        """Return a trial of the pipeline as its file has it."""
         self.effort.told("as planned")
         own = replace(
             self.measurement.pipeline,
@@ -152,7 +152,7 @@ class Trials:
         return SettingTrial(dict(settings), known.get(worst), worst, stage_errors, seconds)
 
     def known(self, plan: Plan, errors: Mapping[str, GlobalError]) -> dict[str, float]:
-        """The rms error of what is wanted, as far as it is known; a note where it is not."""
+        """Return the rms errors of the wanted variables that are known; add a note for each unknown one."""
         names = [name for _, name in plan.wanted]
         wanted = {name: e for name, e in errors.items() if name in names or tuple(name.split(".")) in plan.wanted}
         for name, e in wanted.items():
@@ -162,7 +162,7 @@ class Trials:
         return {name: e.rms for name, e in wanted.items() if e.rms is not None}
 
     def curve(self, knob: Knob, reference: SettingTrial) -> SettingCurve:
-        """From the reference towards cheaper settings, as long as anything is left of the picture."""
+        """Return the curve of a knob, from the reference towards cheaper settings while the picture is recognisable."""
         trials = [reference]
         for setting in reversed(knob.settings[:-1]):
             trials.insert(0, self.trial({knob.key: setting}))
@@ -176,8 +176,8 @@ class Trials:
         finite = not knob.closed_form and len(used) > 1
         number = finite and isinstance(shown[-1], int | float) and not isinstance(shown[-1], bool)
         last = shown[-1] if number and shown[-1] > 0 else None
-        power = last is not None and last < shown[0]  # of a width: the law says what a finite reference lacks itself
-        lost = 0 if not finite else 1 if power else 2  # one refinement before the reference shows half of its error
+        power = last is not None and last < shown[0]  # a width: the fitted law itself accounts for the finite reference
+        lost = 0 if not finite else 1 if power else 2  # one refinement below the reference shows only half of its error
         counted = len(used) - lost
         law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)
         if finite:
@@ -185,15 +185,15 @@ class Trials:
         return SettingCurve(knob, where, tuple(used), self.affected[knob.key], law)
 
     def choices(self, curves: Sequence[SettingCurve]) -> dict[str, list[tuple[Any, float, float]]]:
-        """By knob: settings, their error, and the seconds of the stages that it affects."""
+        """Return, by knob, settings with their error and the seconds of the stages that the knob affects."""
         return {
             c.knob.key: [(t.setting(c.knob), t.error or 0.0, c.seconds(t)) for t in c.trials if t.error is not None]
             for c in curves
         }
 
     def settled(self) -> list[SettingTrial]:
-        """All trials. The work of a stage hangs on the knobs that affect it: where these stand alike, the least of
-        its times counts.
+        """Return all trials. The time of a stage depends on the knobs that affect it; among trials with the same
+        settings of these, the minimum counts.
         """
         least: dict[tuple[Any, ...], float] = {}
         for trial in self.trials.values():
@@ -212,7 +212,9 @@ class Trials:
         return [replace(c, trials=tuple(settled[tuple(sorted(t.settings.items()))] for t in c.trials)) for c in curves]
 
     def noise(self) -> tuple[float | None, str]:
-        """How far a frame is from its mean: rms of the last wanted picture behind a draw, of the reference."""
+        """Return the distance of one frame from its mean: rms of the last wanted picture after a draw, at the
+        reference.
+        """
         self.effort.told("the noise of a frame")
         exact = self.measurement.exact
         drawing = behind(exact, (node.name for node in exact.nodes if node.is_random))
@@ -246,21 +248,21 @@ def seconds_by_stage(found: Collected) -> dict[str, float]:
 
 
 def affected(plan: Plan, knob: Knob) -> frozenset[str]:
-    """The stages whose work a knob may change: its own, those that are joined with it into one pass, and behind
-    another grid all.
+    """Return the stages whose computation a knob may change: its own, those joined with it into one pass, and after a
+    change of grid all later ones.
     """
     if not knob.stage:
         return frozenset(node.name for node in plan.nodes)
     found = behind(plan, [knob.stage]) if knob.studied else {knob.stage}
-    if knob.studied:  # other bands or another grid are other work for those too that look at transfer functions
+    if knob.studied:  # other bands or grids also change stages that look at transfer functions
         found |= {node.name for node in plan.nodes if any(set(names) & found for _, _, names in node.looks_at)}
     joined = [set(node.segment) for node in plan.nodes if knob.stage in node.segment]
     return frozenset(found.union(*joined))
 
 
 def own_variables(plan: Plan, stage: str) -> tuple[Wanted, ...]:
-    """Where the error of a stage is found: all figures of a probe, else the first variable without bands from the
-    stage on.
+    """Return where the error of a stage is measured: at all metrics of a probe, else at the first variable without
+    bands from that stage on.
     """
     reached = behind(plan, [stage])
     for node in plan.nodes:

@@ -1,6 +1,6 @@
-"""Where results are kept: one Zarr store with its journal, records and copies of input files; or the same tree in
+"""Storage of results: one Zarr store with its journal, run records and copies of input files, or the same tree in
 memory.
 
-In:  a plan, reports and arrays of cells (``keeper``, ``memory``).
-Out: what is left to compute; a store that xarray opens without etendue.
+In:  a plan, the reports and arrays of cells (``keeper``, ``memory``).
+Out: the cells left to compute; a store that xarray opens without etendue.
 """

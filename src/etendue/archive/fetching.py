@@ -1,11 +1,11 @@
-"""An archive on an object store made a folder: small documents are fetched, shards are stood in for.
+"""Make a local folder of an archive on an object store: small documents are fetched, shards become stand-ins.
 
-In:  what is on the store, what of it the folder has already.
-Out: the folder as a run or a reader expects an archive; by path, which object each file equals.
+In:  the listing of the store, and what the folder has already.
+Out: the folder as a run or reader expects an archive; by path, the object that each file equals.
 
-A shard whose object is still the one that was put needs no request: its index follows from the journal. Of one that
-nobody vouches for the index is fetched; one that is another than was put is fetched whole, and judged like any damaged
-file.
+A shard whose object is still the one that was put needs no request: its index follows from the journal. If nothing
+vouches for a shard, its index is fetched. An object that differs from the one that was put is fetched whole and judged
+like any damaged file.
 """
 
 from __future__ import annotations
@@ -36,24 +36,22 @@ from etendue.archive.sharding.shards import Shard, index_bytes, index_size
 from etendue.archive.write.clearing import CHUNK
 from etendue.contract.ports import WrittenChunk
 
-TABLE = "objects.json"  # which objects belong to an archive: the tag of each as it was put
-PACK = "documents.zip"  # the small ones of these objects once more, for whoever would fetch them all
-SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes of what is in it
-AT_ONCE = 16  # requests under way
-State = tuple[
-    int, int, int
-]  # size, last change (ns) and number of a file: a file that is put in its place anew has another
-Known = tuple[str, int, int, int]  # the tag of an object, and the state of the file that equals it
+TABLE = "objects.json"  # the objects of an archive, with the tag that each had when it was put
+PACK = "documents.zip"  # the small ones of these objects in one, for readers that would fetch them all
+SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes; the largest document and the largest shard in the pack
+AT_ONCE = 16  # concurrent requests
+State = tuple[int, int, int]  # size, mtime (ns) and inode of a file: a file that replaces it has another inode
+Known = tuple[str, int, int, int]  # the tag of an object, and the state of the file with the same content
 
 
 @dataclass
 class Here:
-    """A working folder: ``place`` holds the folder of the archive and what is known of it.
+    """A working folder: ``place`` holds the folder of the archive and the record of what the store has.
 
     Attributes
     ----------
-    run : the run that has written to it last; '' where nothing of it is newer than the store
-    there : by path, the object that a file equals, and the file as it was then
+    run : the last run that has written to it; '' if nothing in it is newer than the store
+    there : by path, the tag of the object that a file equals, and the file's state at that time
     """
 
     place: Path
@@ -78,7 +76,7 @@ class Here:
         disk.write(self.place, STORE, json.dumps({"url": self.url, "run": self.run, "there": self.there}).encode())
 
     def state(self, path: str) -> State | None:
-        """The state of a file; None where there is none."""
+        """Return the state of a file; None if there is none."""
         try:
             found = os.lstat(self.folder / path)
         except OSError:
@@ -86,12 +84,12 @@ class Here:
         return found.st_size, found.st_mtime_ns, found.st_ino
 
     def equal(self, path: str, tag: str) -> None:
-        """Say that a file is as the object is."""
+        """Record that a file equals the object with this tag."""
         if state := self.state(path):
             self.there[path] = (tag, *state)
 
     def files(self, every: bool = False) -> dict[str, State]:
-        """The state of every file of the archive; unless ``every``, without shards in the making."""
+        """Return the state of every file of the archive; without unfinished shards unless ``every``."""
         found = {}
         for top, _, names in os.walk(self.folder):
             for name in names:
@@ -101,11 +99,11 @@ class Here:
         return found
 
     def changed(self) -> list[str]:
-        """Files that are not as on the store."""
+        """Return the files that differ from the store."""
         return [path for path, state in self.files().items() if self.there.get(path, ("", 0, 0, 0))[1:] != state]
 
     def gone(self) -> list[str]:
-        """Objects whose files have been removed."""
+        """Return the objects whose files have been removed."""
         return [path for path in self.there if self.state(path) is None]
 
 
@@ -114,17 +112,17 @@ def is_shard(path: str) -> bool:
 
 
 def is_ours(path: str) -> bool:
-    """Whether an object has the name of a file of an archive."""
+    """Return True if an object has the name of a file of an archive."""
     return path in disk.FILES or path.partition("/")[0] in disk.FOLDERS
 
 
 def fetch(
     objects: Objects, here: Here, seen: SeenOwner, found: Mapping[str, StoredObject], exact: bool, inputs: bool = True
 ) -> None:
-    """Make a folder what is on the store; what a run of this folder has not put yet stays.
+    """Make a folder match the store; results of a run of this folder that are not on the store yet stay.
 
-    ``exact``: the index of every shard as it is on the store, for whoever looks at all; ``inputs``: also the files of
-    pipelines.
+    ``exact``: fetch the index of every shard from the store, for callers that verify; ``inputs``: fetch the input
+    files of pipelines too.
     """
     ours = bool(here.run) and here.run == seen.run
     wanted = {path: one for path, one in found.items() if is_ours(path) and (inputs or not path.startswith("inputs/"))}
@@ -133,7 +131,7 @@ def fetch(
     _clear(here, wanted, ours)
     todo = [path for path, one in wanted.items() if _lacks(here, path, one, ours)]
     vouched = _vouched(objects) if TABLE in found and todo else {}
-    if JOURNAL in todo:  # first: it says of shards what their indexes are
+    if JOURNAL in todo:  # first: the indexes of shards follow from it
         todo.remove(JOURNAL)
         data, one = objects.get(JOURNAL)
         disk.write(here.folder, JOURNAL, data if seen.state == CLOSED else _backed(data, wanted))
@@ -162,23 +160,23 @@ def fetch(
 
 
 def _clear(here: Here, wanted: Collection[str], ours: bool) -> None:
-    """Remove what is not on the store, but not what a run of this folder has yet to put there."""
+    """Remove files that are not on the store, except those that a run of this folder has yet to upload."""
     for path, state in here.files(every=not ours).items():
         if path not in wanted and (not ours or state[1] == disk.ELSEWHERE):
             disk.remove(here.folder, path)
             here.there.pop(path, None)
     for top, _, _ in os.walk(here.folder, topdown=False):
-        with suppress(OSError):  # only where it is empty
+        with suppress(OSError):  # removes empty folders only
             os.rmdir(top)
     (here.folder / DATA).mkdir(parents=True, exist_ok=True)
 
 
 def _lacks(here: Here, path: str, one: StoredObject, ours: bool) -> bool:
-    """Whether an object is to be fetched."""
+    """Return True if an object must be fetched."""
     known, state = here.there.get(path), here.state(path)
     same = known is not None and known[0] == one.tag
     if ours and state is None:
-        return not same  # else a run has removed it
+        return not same  # else a run of this folder has removed the file
     if ours and state is not None and state[1] != disk.ELSEWHERE:
         if not same:
             here.there.pop(path, None)
@@ -187,7 +185,7 @@ def _lacks(here: Here, path: str, one: StoredObject, ours: bool) -> bool:
 
 
 def at_once(do: Callable[[str], Any], paths: Iterable[str], threads: int = AT_ONCE) -> list[Any]:
-    """Do something with many paths; what goes wrong with one of them ends it."""
+    """Call ``do`` for many paths in threads; the first exception stops the rest."""
     own = list(paths)
     if len(own) < 2:
         return [do(path) for path in own]
@@ -201,7 +199,7 @@ def at_once(do: Callable[[str], Any], paths: Iterable[str], threads: int = AT_ON
 
 
 def _vouched(objects: Objects) -> dict[str, str]:
-    """The tags of the objects as they were put."""
+    """Return the tags of the objects at the time they were put."""
     try:
         known = json.loads(objects.get(TABLE)[0])["objects"]
         return {str(path): str(tag) for path, tag in known.items()}
@@ -210,7 +208,7 @@ def _vouched(objects: Objects) -> dict[str, str]:
 
 
 def packed(here: Here) -> bytes:
-    """The small documents of an archive in one, the same for the same documents."""
+    """Return the small documents of an archive as one zip file; the same documents give the same bytes."""
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as file:
         for path, state in sorted(here.files().items()):
@@ -223,8 +221,8 @@ def packed(here: Here) -> bytes:
 def _pack(
     objects: Objects, found: Mapping[str, StoredObject], vouched: Mapping[str, str], todo: Collection[str]
 ) -> dict[str, bytes]:
-    """The documents that a run has packed, while the table has the tag of the pack: a run that has begun since has
-    taken it out.
+    """Return the packed documents among ``todo``. The pack counts only while the object table has its tag: a run that
+    has started since has removed it from there.
     """
     if PACK not in found or vouched.get(PACK) != found[PACK].tag or len(todo) < AT_ONCE:
         return {}
@@ -236,14 +234,14 @@ def _pack(
 
 
 class _Indexes:
-    """What the indexes of shards have to say, by the journal."""
+    """The indexes that shards must have according to the journal."""
 
     def __init__(self, archive: StoredArchive) -> None:
         self.archive, self.journal = archive, archive.journal
         self.written = {} if self.journal.files_a_cell else self.journal.said.by_shard()  # numbers of chunks
 
     def slots(self, path: str) -> int:
-        """How many chunks a shard has room for; 0: nothing is known of it."""
+        """Return how many chunks a shard has room for; 0 if nothing is known of it."""
         return self.archive.slots_of([path]).get(path, 0) if path in self.journal.shards else 0
 
     def bytes(self, path: str, slots: int) -> bytes:
@@ -254,8 +252,8 @@ class _Indexes:
 
 
 def _backed(data: bytes, found: Mapping[str, StoredObject]) -> bytes:
-    """The lines of a journal of which the bytes are on the store too: cells of a run that was broken off may lie in
-    its own folder only.
+    """Return the journal lines whose bytes are on the store too. Cells of an interrupted run may exist only in the
+    folder of that run.
     """
     lines = data.split(b"\n")[:-1]
     decoded = [_document(line) for line in lines]

@@ -1,14 +1,14 @@
-"""An archive on an object store while it is written: a run works in a folder here, and every file of it goes up as an
-object, whole.
+"""An archive on an object store while it is being written: a run works in a local folder, and each of its files is
+uploaded whole, as one object.
 
 In:  a URL.
-Out: the working folder; when all is over, objects that hold an archive in order, byte for byte the files of the folder.
+Out: the working folder; at the end, objects that hold a valid archive, byte for byte the files of the folder.
 
-Order of puts: ``owner.json`` (on the condition that nobody else has put it), the manifest goes; what is known before
-anything is computed; shards as soon as nothing of them is left to be computed, behind them the journal that names them;
-at the end status and tables, metadata, the journal, the manifest, the table of objects, and ``owner.json``, which says
-that all is in order. What is no longer of the archive is removed before the manifest is put. A shard that has gone up
-leaves a stand-in here.
+Order of uploads: ``owner.json``, put on the condition that nobody else has put it; the manifest is deleted; what is
+known before computing; each shard as soon as it is complete, and then the journal that names it; at the end status
+and tables, metadata, the journal, the manifest, the table of objects, and ``owner.json`` again, which marks the archive
+as closed. Objects that no longer belong to the archive are deleted before the manifest is put. An uploaded shard
+leaves a stand-in in the local folder.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ from etendue.archive.sharding.shards import index_size
 from etendue.errors import ArchiveError, ArchiveInUse, EtendueError, MachineError, StoreLost
 
 ROOT = f"{DATA}/zarr.json"
-UPLOADS = 3  # shards under way
+UPLOADS = 3  # shards uploaded at a time
 MOST_WAITING = 12
-STOOD_FOR = 1 << 20  # shards above it leave a stand-in once they have gone up
-SHARE = 20  # of the time, one part may go into saying what is finished
+STOOD_FOR = 1 << 20  # bytes; larger shards are replaced by a stand-in once they are uploaded
+SHARE = 20  # at most 1 part in 20 of the time goes into publishing the journal
 LOOK = 1.0
 
 
 def work_place() -> Path:
-    """Where working folders are: ``ETENDUE_WORK``, else the user's folder for caches."""
+    """Return the folder for working folders: ``ETENDUE_WORK``, else the user's cache folder."""
     own = os.environ.get("ETENDUE_WORK")
     return (Path(own) if own else cache.folder() / "objects").resolve()
 
 
 def working_folder(url: str) -> Path:
-    """The place of one URL, at one endpoint."""
+    """Return the working folder of one URL at one endpoint."""
     plain = plain_url(url)
     return (
         work_place()
@@ -61,15 +61,15 @@ def working_folder(url: str) -> Path:
 
 
 class Mirror(Behind):
-    """Use as a context manager: gives the working folder. What has changed in it is on the store when it ends in order.
+    """Use as a context manager: gives the working folder. On a normal exit its changes are on the store.
 
     Attributes
     ----------
-    notes : what the user is to be told
+    notes : messages for the user
     """
 
     def __init__(self, url: str, exact: bool = False) -> None:
-        super().__init__()  # not running: a reader is not told of other runs here
+        super().__init__()  # not running: the lock of the folder already excludes other local runs
         self.objects, self.exact = Objects(url), exact
         self.here = Here(working_folder(url), self.objects.url)
         self.folder = self.here.folder
@@ -78,7 +78,7 @@ class Mirror(Behind):
         self.lock = threading.Lock()
         self.going: dict[str, Future[None]] = {}
         self.sealed_since = False
-        self.said: list[str] = []  # shards that the store has, and what it has of the journal names
+        self.said: list[str] = []  # uploaded shards that the uploaded journal names
         self.error: BaseException | None = None
         self.over = threading.Event()
         self.pool: ThreadPoolExecutor | None = None
@@ -91,8 +91,8 @@ class Mirror(Behind):
             self.here.place.mkdir(parents=True, exist_ok=True)
             self.held = os.open(self.here.place / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         except OSError as error:
-            where = f"the working folder {self.here.place} cannot be written: {error.strerror}"
-            raise MachineError(f"{where}; name another: ETENDUE_WORK=DIR") from None
+            where = f"cannot write the working folder {self.here.place}: {error.strerror}"
+            raise MachineError(f"{where}; choose another with ETENDUE_WORK=DIR") from None
         try:
             try:
                 fcntl.flock(self.held, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -111,12 +111,12 @@ class Mirror(Behind):
         if self.seen.held() and self.seen.run != self.here.run:
             raise in_use(self.objects.url, self.seen)
         if found and not {ROOT, JOURNAL, OWNER, MANIFEST} & found.keys():
-            raise ArchiveError(f"{self.objects.url} holds objects and is no archive; name another with --archive URL")
+            raise ArchiveError(f"{self.objects.url} holds objects but no archive; choose another with --archive URL")
         self.new = ROOT not in found
         self.unfinished = self.seen.state != CLOSED
         if self.here.run not in ("", self.seen.run) and (self.here.changed() or self.here.gone()):
             self.notes.append(
-                "what an earlier run has left here was given up: another one has written to the archive since"
+                "results that an earlier run left here were discarded: another run has written to the archive since"
             )
         self.manifest_there = MANIFEST in found
         fetch(self.objects, self.here, self.seen, found, self.exact)
@@ -129,9 +129,9 @@ class Mirror(Behind):
             else:
                 self._leave()
             if error is not None and isinstance(error, StoreLost) and error.args:
-                error.args = (f"{error.args[0]}. What is finished is kept in {self.here.place}: run again to go on",)
+                error.args = (f"{error.args[0]}. Finished results are in {self.here.place}; run again to continue",)
         except StoreLost as lost:
-            raise StoreLost(f"{lost}. What is finished is kept in {self.here.place}: run again to go on") from None
+            raise StoreLost(f"{lost}. Finished results are in {self.here.place}; run again to continue") from None
         finally:
             self._stop()
             stand(self.folder, None)
@@ -147,15 +147,15 @@ class Mirror(Behind):
         self.thread = self.pool = None
 
     def _leave(self) -> None:
-        """A run has ended before its end: the store holds what it holds, the rest stays here, and anybody may go on."""
+        """End a failed run: the store keeps what it has, the rest stays in the folder, and any run may continue."""
         self._stop()
         if self.lease:
             try:
                 self.lease.say(LEFT)
-            except EtendueError:  # it ends by itself
+            except EtendueError:  # the lease expires anyway
                 pass
 
-    # -- told by the run ----------------------------------------------------------------------------------------------
+    # -- called by the run --------------------------------------------------------------------------------------------
 
     def own(self) -> None:
         if self.lease:
@@ -165,8 +165,8 @@ class Mirror(Behind):
         self.lease, self.here.run = lease, lease.run
         if not lease.guarded:
             self.notes.append(
-                f"{self.objects.url}: this store puts nothing on conditions: nothing keeps two runs from writing at "
-                f"once"
+                f"{self.objects.url}: this store does not support conditional writes, so nothing prevents two runs "
+                f"from writing at once"
             )
         self.here.save()
         if self.manifest_there:
@@ -183,16 +183,16 @@ class Mirror(Behind):
         self._put(path for path in changed if not path.startswith(f"{DATA}/"))
         self._put(
             path for path in changed if path == ROOT and not self.new
-        )  # consolidated metadata would go on saying what was the case
+        )  # the old consolidated metadata would go on describing the archive as it was
         with self.lock:
             moved = list(self.going.values())
         for one in (
             moved
-        ):  # shards under another name: the journal names them when they are there, and their old objects go behind it
+        ):  # renamed shards: the journal may name them only once they are there; their old objects are deleted after it
             one.result()
         self._say_journal(
             (self.folder / JOURNAL).stat().st_size
-        )  # in front of arrays that are new: it says that they are ours
+        )  # before the new arrays: the journal marks them as ours
         if not self.new:
             for level in (2, 3):
                 self._put(path for path in changed if _order(path) == level)
@@ -213,16 +213,18 @@ class Mirror(Behind):
                 if len(waiting) > MOST_WAITING:
                     wait(waiting, return_when="FIRST_COMPLETED")
 
-    # -- while it goes on ---------------------------------------------------------------------------------------------
+    # -- while the run computes ---------------------------------------------------------------------------------------
 
     def _tend(self) -> None:
-        """Stay the owner, and say now and then what is finished."""
+        """Renew the lease, and publish the journal from time to time."""
         not_before, snapshot = 0.0, None
         assert self.lease is not None
         try:
             while not self.over.wait(LOOK):
                 self.lease.renew()
                 with self.lock:
+                    # A snapshot is the journal's size with the uploads under way at that moment: once these are
+                    # done, every shard that this much of the journal names is on the store.
                     for path in [path for path, one in self.going.items() if one.done()]:
                         self.going.pop(path).result()
                     if snapshot is None and self.sealed_since and time.monotonic() > not_before:
@@ -239,7 +241,7 @@ class Mirror(Behind):
             self.error = error
 
     def _say_journal(self, size: int) -> None:
-        """Put the journal up to where all that it names is there, and the table of objects."""
+        """Upload the first ``size`` bytes of the journal (all shards named there are uploaded) and the object table."""
         if self.lease:
             self.lease.check()
         with (self.folder / JOURNAL).open("rb") as file:
@@ -252,21 +254,21 @@ class Mirror(Behind):
         self.objects.put(TABLE, json.dumps({"objects": known}).encode())
 
     def _stand_in(self) -> None:
-        """Shards that have gone up, and that the journal there names, give their room here back. In the thread that
-        makes shards.
+        """Replace uploaded shards that the uploaded journal names by stand-ins, to free local disk space. Runs in the
+        thread that makes shards.
         """
         with self.lock:
             known, self.said = self.said, []
             large = [path for path in known if path in self.here.there and self.here.there[path][1] > STOOD_FOR]
         forms = StoredArchive(self.folder).slots_of(large) if large else {}
         for path in large:
-            tag, *state = self.here.there[path]  # of the file as it went up
+            tag, *state = self.here.there[path]  # of the file when it was uploaded
             if forms.get(path) and self.here.state(path) == tuple(state) and state[1] != disk.ELSEWHERE:
                 stubs.stand_for(self.folder, path, index_size(forms[path]))
                 with self.lock:
                     self.here.equal(path, tag)
 
-    # -- putting ------------------------------------------------------------------------------------------------------
+    # -- uploading ----------------------------------------------------------------------------------------------------
 
     def _put_one(self, path: str) -> None:
         state = self.here.state(path)
@@ -289,7 +291,7 @@ class Mirror(Behind):
                 del self.here.there[path]
 
     def _finish(self) -> None:
-        """Everything in order: readers see the run that has ended, or the one before."""
+        """Upload everything in order: readers see either this finished run or the one before."""
         changed, gone = self.here.changed(), self.here.gone()
         if not (changed or gone or self.unfinished or self.lease):
             return
@@ -315,7 +317,7 @@ class Mirror(Behind):
 
 
 def _order(path: str) -> int:
-    """When a file goes up: what vouches for others comes behind them."""
+    """Return the upload level of a file: files that vouch for others go up after them."""
     if not path.startswith(f"{DATA}/"):
         return {JOURNAL: 5, MANIFEST: 6}.get(path, 1)
     if path == ROOT:

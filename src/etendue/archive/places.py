@@ -1,7 +1,7 @@
-"""Where an archive is: a folder, or a URL of an object store. Whoever works on folders is given one.
+"""The place of an archive: a folder, or a URL of an object store. Code that needs a folder is given one here.
 
 In:  a path, or ``s3://bucket/prefix/name``.
-Out: a folder for as long as it is needed; texts and documents that say the URL in its place.
+Out: a folder for as long as it is needed; texts and documents in which the URL replaces that folder.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ READING = "reading-"
 
 
 class Url(str):
-    """A place on an object store, said as paths are."""
+    """A place on an object store, with the ``/`` of paths."""
 
     def __truediv__(self, name: str) -> Url:
         return Url(f"{self.rstrip('/')}/{name}")
 
 
 def is_url(place: object) -> bool:
-    """Whether a place is on an object store."""
+    """Return True if a place is on an object store."""
     return "://" in str(place)
 
 
 @contextmanager
 def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iterator[Path]:
-    """A folder from which an archive can be read.
+    """Give a folder from which an archive can be read.
 
-    Of one on an object store what is small is fetched, the rest when it is read, and nothing is put. ``exact``: nothing
-    is taken from the journal that can be looked at; ``inputs``: also the files that pipelines name.
+    From an object store, small objects are fetched now and the rest on reading; nothing is written. ``exact``: take
+    nothing from the journal that the store can tell; ``inputs``: also fetch the input files of pipelines.
 
     Raises
     ------
     ArchiveError
-        There is no archive, or the store cannot be asked.
+        There is no archive, or the store cannot be reached.
     ArchiveInUse
-        In the place of what is said of cells that a run is replacing.
+        Instead of an error about cells that a run is just replacing.
     """
     if not is_url(place):
         with unless_written(Path(place)):
@@ -81,7 +81,7 @@ def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
     objects = Objects(url)
     here, found = Here(own, objects.url), objects.list()
     if not {"journal.jsonl", "data.zarr/zarr.json", "manifest.json"} & found.keys():
-        raise ArchiveError(f"{objects.url} holds no archive of etendue")
+        raise ArchiveError(f"{objects.url} is not an archive of etendue")
     seen = look(objects)
     fetch(objects, here, seen, found, exact, inputs)
     here.save()
@@ -96,7 +96,7 @@ def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
 
 
 def _sweep(work: Path) -> None:
-    """Remove what readers that were killed have left."""
+    """Remove what killed readers have left."""
     for place in work.glob(f"{READING}*"):
         try:
             held = os.open(place / "lock", os.O_RDONLY | os.O_CLOEXEC)
@@ -113,13 +113,13 @@ def _sweep(work: Path) -> None:
 
 @contextmanager
 def writing(place: str | Path, far: str = "", exact: bool = False) -> Iterator[Path]:
-    """A folder into which a run may write; what has changed in it is on the object store at the end.
-    ``far``: the scheduler, where its workers may be on other machines.
+    """Give a folder into which a run may write; its changes are on the object store at the end. ``far``: the scheduler,
+    if its workers may be on other machines.
 
     Raises
     ------
     ArchiveError, ArchiveInUse, StoreLost
-        The store cannot be asked; another run writes there.
+        The store cannot be reached; another run is writing there.
     RequestError
         The workers of a cluster would not see the folder.
     """
@@ -132,12 +132,12 @@ def writing(place: str | Path, far: str = "", exact: bool = False) -> Iterator[P
     if far and not os.environ.get("ETENDUE_WORK"):
         raise RequestError(
             f"--scheduler {far} with {place}: the workers of a cluster store through a folder that all of them see; "
-            "name one on a shared file system, ETENDUE_WORK=DIR, or use another scheduler"
+            "set ETENDUE_WORK=DIR to one on a shared file system, or use another scheduler"
         )
     mirror = Mirror(str(place), exact)
     try:
         with mirror as folder, _said(mirror.objects.url, folder):
-            interrupts.say(f"interrupted; what is finished is kept in {mirror.here.place}, run again to go on")
+            interrupts.say(f"interrupted; finished results are kept in {mirror.here.place}, run again to continue")
             yield folder
     finally:
         for text in mirror.notes:
@@ -146,7 +146,7 @@ def writing(place: str | Path, far: str = "", exact: bool = False) -> Iterator[P
 
 @contextmanager
 def _said(url: str, folder: Path) -> Iterator[None]:
-    """Errors that name the URL, not the folder that stands for it."""
+    """Replace the working folder by the URL in errors."""
     try:
         yield
     except RequestError as error:
@@ -161,7 +161,7 @@ def _said(url: str, folder: Path) -> Iterator[None]:
 
 
 def named(value: Any, folder: Path, place: str | Path) -> Any:
-    """A document in which the place of an archive stands for the folder that was worked on."""
+    """Return a document in which the place of an archive replaces the working folder."""
     if not is_url(place):
         return value
     if isinstance(value, str | Path):
@@ -174,7 +174,7 @@ def named(value: Any, folder: Path, place: str | Path) -> Any:
 
 
 def placed(outcome: Any, folder: Path, place: str | Path) -> Any:
-    """The outcome of a run in terms of the place that was asked for."""
+    """Return the outcome of a run in terms of the place that was asked for."""
     if not is_url(place):
         return outcome
     return dataclasses.replace(outcome, archive=Url(place), pictures=named(outcome.pictures, folder, place))
@@ -182,16 +182,16 @@ def placed(outcome: Any, folder: Path, place: str | Path) -> Any:
 
 @called
 def open_archive(place: str | Path) -> xarray.DataTree:
-    """An archive as a lazy ``xarray.DataTree``: arrays are read when they are asked for.
+    """Open an archive as a lazy ``xarray.DataTree``: arrays are read on access.
 
-    In a folder also while its run goes on and after it was broken off: every cell that is finished, wherever it lies by
-    now, and ``status`` says which are. Of an object store what runs have published, as plain xarray sees it.
+    An archive in a folder can also be opened during its run and after an interrupted one: every finished cell can be
+    read, and ``status`` says which cells are finished. On an object store, only what runs have published is visible.
 
     Raises
     ------
     ArchiveError
-        There is none, or nothing of it can be read yet. So does reading an array of which something is lost, in a
-        folder.
+        There is no archive, or nothing in it can be read yet. In a folder, reading an array with lost chunks raises
+        it too.
     """
     if not is_url(place):
         from etendue.archive.read.verified_store import open_archive as opened

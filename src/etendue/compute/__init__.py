@@ -1,4 +1,4 @@
-"""Everything that can change a bit of a cell: its digest is in the key of every cell.
+"""All code that can affect the bits of a cell's result; its digest is part of the key of every cell.
 
 In:  jobs.
 Out: arrays.

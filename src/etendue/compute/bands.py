@@ -1,9 +1,9 @@
-"""Variables too large to be held: arrays that are made one band at a time.
+"""Variables too large to hold in memory: arrays that are computed one band at a time.
 
 In:  a job whose stage can work by band, and what it reads.
-Out: an object that gives band i as a plain array, whenever and as often as it is asked.
+Out: an object that computes band i as a plain array each time it is asked for.
 
-A consumer that knows nothing of it may call ``numpy.asarray`` and holds the whole.
+Consumers that do not know about it can call ``numpy.asarray``, which holds the whole.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from etendue.telling import foreign
 
 
 class BandArray(ABC):
-    """A (band, y, x) array that is made band by band."""
+    """A (band, y, x) array that is computed band by band."""
 
     shape: tuple[int, ...]
     dtype: Any
@@ -50,7 +50,7 @@ class BandArray(ABC):
 
     @abstractmethod
     def __getitem__(self, band: int) -> Any:
-        """One band, (y, x)."""
+        """Return one band, (y, x)."""
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
         whole = np.empty(self.shape, dtype=dtype or self.dtype)
@@ -61,7 +61,7 @@ class BandArray(ABC):
 
 @dataclass(eq=False)
 class StoredBands(BandArray):
-    """Bands read back from where they are stored."""
+    """Bands read back from storage."""
 
     job: Job
     variable: str
@@ -79,7 +79,7 @@ class StoredBands(BandArray):
 
 @dataclass(eq=False)
 class StageBands(BandArray):
-    """Bands made by a stage's ``run`` from the same bands of what it reads."""
+    """Bands computed by a stage's ``run`` from the same bands of its input."""
 
     job: Job
     variable: str
@@ -126,7 +126,7 @@ def _of_bands(array: Any, dims: tuple[str, ...], grid: Grid, bands: slice) -> An
 
 
 def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = True) -> Mapping[str, Any]:
-    """``run`` of a stage on some of its bands; without ``pixels`` on one pixel, for what has no place."""
+    """Call ``run`` of a stage on some of its bands; without ``pixels`` on one pixel, for outputs without y and x."""
     stage: Any = job.stage
     declared = reads_of(type(stage))
     inputs = {p: _cut(g, bands) for p, g in job.input_grids.items()}
@@ -169,7 +169,7 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
 
 
 def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:
-    """What a stage writes, the large variables as bands to come, the small ones at once."""
+    """Return what a stage writes: large variables as bands computed on demand, small ones now."""
     arrays: dict[str, Any] = {}
     small = [v for v in job.writes if v not in job.by_band]
     bands = max(g.bands().size for g in job.grids.values() if g.banded)
@@ -183,7 +183,7 @@ def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Timed:
-    """Bands that are made while they are stored: the time of their making is their cell's."""
+    """Bands that are computed while they are stored; that time is charged to their cell."""
 
     def __init__(self, bands: BandArray) -> None:
         self.bands, self.seconds = bands, 0.0
@@ -197,7 +197,7 @@ class Timed:
 
 
 class _Elsewhere(threading.local):
-    """Thread time that a cell spends in threads beside its own."""
+    """Thread time that a cell spends in threads other than its own."""
 
     seconds = 0.0
 
@@ -206,7 +206,7 @@ elsewhere = _Elsewhere()
 
 
 def in_order(light: Any) -> Iterator[Any]:
-    """Every band, the next one being made while this one is used."""
+    """Yield every band; the next one is computed in a thread while this one is used."""
 
     def made(band: int) -> tuple[Any, float]:
         began = time.thread_time()

@@ -1,4 +1,4 @@
-"""One cell: hand plain arrays to a stage, check what it gives back, keep it.
+"""Compute one cell: pass plain arrays to a stage, check what it returns, store it.
 
 In:  a ``Job`` and the results it reads.
 Out: its ``Result`` and a ``CellReport``; a failure is a report, not an exception.
@@ -31,8 +31,8 @@ from etendue.telling import plain, told
 
 
 def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:
-    """What a stage gave back, held against its declaration, or against some of it; floats are brought to the plan's
-    precision.
+    """Check a stage's result against its declaration, or against some of its outputs; floats are converted to the
+    plan's precision.
     """
     form, name = form_of(job), type(job.stage).__name__
     if not isinstance(arrays, dict):
@@ -45,7 +45,7 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
         array = arrays.pop(variable)
         if type(array) is not np.ndarray:
             if isinstance(array, BandArray):
-                checked[variable] = array  # checked band by band, as it is made
+                checked[variable] = array  # checked band by band as it is computed
                 continue
             array = as_array(name, variable, array)
         if array.shape != output.shape:
@@ -58,8 +58,8 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
                 raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares {wanted}")
             if array.dtype.kind not in "fiub":
                 raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares floats")
-            array = array.astype(wanted)  # infinite values are looked for, and named, below
-        if form.transfer:  # made by the engine, or what it read where nothing is to be done
+            array = array.astype(wanted)  # infinite values are found and reported below
+        if form.transfer:  # computed by the engine, or its unchanged input: no copy needed
             checked[variable] = frozen(array if array.flags.c_contiguous else array.copy(order="C"))
             continue
         given = {variable: array}
@@ -69,14 +69,14 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
 
 
 def smallest(array: Any) -> float:
-    """Smallest value of an array; NaN if any of its values is NaN or infinite."""
+    """Return the smallest value of an array; NaN if any value is NaN or infinite."""
     low, high = float(array.min()), float(array.max())
     return low if np.isfinite(low) and np.isfinite(high) else float("nan")
 
 
 def finite(array: Any) -> bool:
-    """Whether no value is NaN or infinite: one pass of the sum of squares, looked at closely only where that
-    overflows.
+    """Return True if no value is NaN or infinite. One pass over the sum of squares; only if that overflows are the
+    values tested one by one.
     """
     if not array.ndim:
         return math.isfinite(array)
@@ -85,7 +85,7 @@ def finite(array: Any) -> bool:
 
 
 def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
-    """NaN for each float array that holds undefined values; refuses those that were not declared."""
+    """Return NaN for each float array with undefined values; raise if these were not declared."""
     found = {}
     for variable, array in arrays.items():
         if type(array) is not np.ndarray and isinstance(array, BandArray):
@@ -97,8 +97,8 @@ def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
             raise PluginError(
                 f"{type(job.stage).__name__} wrote {bad} of {array.size} values of {variable} that are NaN or "
                 f"infinite; likely causes: "
-                "an input beyond the declared range, an ill-conditioned step, missing data. A stage that means it "
-                "declares '[unit] nan'"
+                "an input beyond the declared range, an ill-conditioned step, missing data. If NaN is intended, "
+                "declare '[unit] nan'"
             )
         found[variable] = float("nan")
     return found
@@ -107,7 +107,7 @@ def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
 def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = None) -> tuple[Result, CellReport]:
     """Compute or load one cell. Exceptions of stages become a failed report.
 
-    ``began`` is the thread's time at the end of the cell before: reading the clock costs 5 us.
+    ``began`` is the thread time at the end of the previous cell, because reading the clock costs 5 us.
     """
     began = time.thread_time() if began is None else began
     for ref in job.needs:
@@ -126,8 +126,8 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             result, arrays = undisturbed(_made, job, results, clipped)
         return kept(job, result, arrays, clipped, lambda: time.thread_time() - began + elsewhere.seconds)
     except (MachineError, ArchiveInUse):
-        raise  # the disk's fault, or another run owns the archive now: not the stage's, ends the run
-    except BaseException as error:  # also SystemExit and the like: a stage ends nothing but its own cell
+        raise  # not the stage's fault (disk, or another run owns the archive): ends the run
+    except BaseException as error:  # SystemExit too: a stage must not end more than its own cell
         if is_ours(error):
             raise
         text = plain(str(error)) if in_words(error) else told(error)
@@ -137,7 +137,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
 def kept(
     job: Job, result: Result, arrays: dict[str, Any], clipped: Clipped, seconds_of: Callable[[], float]
 ) -> tuple[Result, CellReport]:
-    """Store what is to be stored of a cell, and leave in its result what others read."""
+    """Store the variables of a cell that are kept, and leave in its result what others read."""
     seconds = seconds_of()
     written: tuple[Any, ...] = ()
     if job.target and job.store:
@@ -156,8 +156,8 @@ def kept(
 
 
 def in_words(error: BaseException) -> bool:
-    """Whether an exception's text says what to do: one of ours, or a ValueError that our own code raised about a
-    value.
+    """Return True if an exception's text explains itself: one of ours, or a ValueError that our own code raised about
+    a value.
     """
     if isinstance(error, EtendueError):
         return True
@@ -172,7 +172,7 @@ def in_words(error: BaseException) -> bool:
 
 
 def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:
-    """What the stage makes of what it reads, checked."""
+    """Return the checked result of the stage."""
     if job.mapped and not job.left_out:
         arrays = one_by_one(job, results, clipped, check)
         return Result(lowest=undefined(job, arrays)), arrays
@@ -183,7 +183,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
     elif job.left_out:
         sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
         arrays = {name: sources[name] for name, declared in job.writes.items() if not declared.optional}
-        if len(arrays) < len(job.writes):  # nothing of the picture changes, but something of it is asked for
+        if len(arrays) < len(job.writes):  # the input is passed on, but optional outputs are wanted too
             found = _made(replace(job, left_out=False), results, clipped)[1]
             arrays |= {name: array for name, array in found.items() if name not in arrays}
         return Result(lowest=undefined(job, arrays)), arrays
@@ -194,14 +194,14 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         result, arrays = Result(), job.run(**handed(job.stage, arguments(job, results, clipped)))
     if not transfer or arrays:
         held = [arrays]
-        del arrays  # a name here would count as somebody who may change them, and all would be copied
+        del arrays  # another reference would make ``taken`` copy all of them
         arrays = check(job, held.pop())
         result.lowest = undefined(job, arrays)
     return result, arrays
 
 
 def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
-    """A finished cell: its arrays read back, or its transform rebuilt from the segment's input."""
+    """Load a finished cell: read its arrays back, or rebuild its transform from the segment's input."""
     if job.transform:
         result, _ = transferred(with_found(job, results), results)
     else:

@@ -1,7 +1,7 @@
-"""The form of a cell: what the engine asks of every cell of a stage, found out once for all that have the same grids.
+"""The form of a cell: what the engine needs to know about a stage, computed once for all cells with the same grids.
 
 In:  a ``Job``.
-Out: what is to come back, what stands beside the arrays of the ports, and where what was prepared is remembered.
+Out: the expected outputs, the other arguments of ``run``, and the key of prepared tables.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from etendue.contract.stage import SPECIAL, Stage, optional_ports, patterns_of
 
 @dataclass(frozen=True)
 class Output:
-    """What is to come back under a name; ``counted``: its sum is reported."""
+    """One expected output; ``counted``: its sum is reported."""
 
     variable: str
     declaration: Declaration
@@ -38,7 +38,7 @@ class Output:
 
 
 class StageForm:
-    """What does not depend on the parameters of a cell, only on its stage's class and its grids."""
+    """Everything that depends only on a cell's stage class and grids, not on its parameters."""
 
     def __init__(self, job: Job) -> None:
         self.kind, self.writes, self.grids, self.input_grids = type(job.stage), job.writes, job.grids, job.input_grids
@@ -77,18 +77,18 @@ class StageForm:
 
     @cached_property
     def beside(self) -> tuple[str, ...]:
-        """What ``run`` asks for beside ports, in its order."""
+        """The arguments of ``run`` that are not ports, in its order."""
         ports = {*self.ports, *optional_ports(self.kind)}
         return tuple(name for name in self.asks if name not in ports)
 
     @cached_property
     def special(self) -> frozenset[str]:
-        """Of that what is no coordinate and no port, fixed patterns aside."""
+        """Those of them that are neither coordinates, ports nor fixed patterns."""
         return SPECIAL & set(self.beside)
 
     @cached_property
     def patterns(self) -> tuple[str, ...]:
-        """Of that the generators of fixed patterns."""
+        """Those of them that are generators of fixed patterns."""
         return tuple(name for name in patterns_of(self.kind) if name in self.beside)
 
     @cached_property
@@ -96,8 +96,8 @@ class StageForm:
         return {**coordinates_of(self.grids), **coordinates_of(self.input_grids), **coordinates_of(self.grids, "out_")}
 
     def key_of_prepared(self, stage: Stage) -> Key:
-        """Under what the tables of a stage are remembered; taken once for a stage without files, as they may change."""
-        known = self._prepared  # looked at once: another thread may put another in its place
+        """Return the key of a stage's prepared tables; cached unless the stage reads files, which may change."""
+        known = self._prepared  # read once: another thread may replace it
         if known is not None and known[0] is stage:
             return known[1]
         key, lasting = key_of_prepared(stage, self.input_grids, self.grids)
@@ -110,7 +110,7 @@ _LAST: dict[str, StageForm] = {}
 
 
 def form_of(job: Job) -> StageForm:
-    """The form of a cell: that of the cell before it of the same name, as long as it fits."""
+    """Return the form of a cell; that of the previous cell of the same stage if it fits."""
     form: StageForm | None = job.form
     if form is None:
         form = _LAST.get(job.ref[0])

@@ -1,7 +1,7 @@
-"""Quantities that earlier cells have found, put in the place of what stood for them while planning.
+"""Replace the placeholders used in planning by the quantities that earlier cells have found.
 
 In:  a ``Job`` and the results it reads.
-Out: the same job with every stage made again, and the words of its random numbers complete.
+Out: the same job with its stages rebuilt and the words of its random seed complete.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from etendue.plan.stage_calls import made
 
 
 def with_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...] = ()) -> Job:
-    """The job with what was found; ``at``: the slice that is computed, of quantities that have a value for each."""
+    """Return the job with the found values; ``at``: the slice being computed, for quantities with a value per slice."""
     if not job.awaited:
         return job
     segment, looking = job.segment, job.looking
@@ -38,14 +38,14 @@ def _each(
 
 
 def stage_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> Stage:
-    """The stage of a job with what was found for it, or for a slice of it."""
+    """Return the stage of a job with the values found for it, or for a slice of it."""
     return (
         _made_again(job.stage, job.waiting.found, results, job, at) if job.waiting and job.waiting.found else job.stage
     )
 
 
 def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> bytes:
-    """The words of a job's random numbers, complete."""
+    """Return the complete words of a job's random seed."""
     if not (job.waiting and job.waiting.words):
         return job.seed
     lines = set(_closed(job.seed))
@@ -58,23 +58,23 @@ def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) ->
 
 @lru_cache(256)
 def _seed_of(seed: int, node: str, lines: frozenset[str]) -> bytes:
-    """Most frames of a burst have the same words."""
+    """Return the seed from its lines; cached, because most frames of a burst have the same words."""
     return seed_of(seed, node, set(lines))
 
 
 @lru_cache(256)
 def _closed(seed: bytes) -> frozenset[str]:
-    """The lines of a seed whose values were known before the run."""
+    """Return the lines of a seed whose values were known before the run."""
     return frozenset(seed.decode().split("\n")) - {""}
 
 
 def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]) -> Stage:
-    """A stage with the values that were found.
+    """Return a stage with the found values.
 
     Raises
     ------
     ValueError
-        One is beyond the range of the quantity, or the stage refuses it.
+        A value is out of the range of the quantity, or the stage refuses it.
     """
     if not found:
         return stage
@@ -84,14 +84,12 @@ def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job:
         value = values[name] = _value(results, ref, variable, job, at)
         low, high = allowed[name].held or (value, value)
         if not (allowed[name].allows(value) and low <= value <= high):
-            raise ValueError(
-                f"{name} = {value:g}, which {ref[0]!r} has found, is out of range: {allowed[name].shown_range()}"
-            )
+            raise ValueError(f"{name} = {value:g}, found by {ref[0]!r}, is out of range: {allowed[name].shown_range()}")
     return made(type(stage), values)
 
 
 def _value(results: Mapping[CellRef, Any], ref: CellRef, variable: str, job: Job, at: tuple[int, ...]) -> Any:
-    """What a cell has found: a number, of a slice its own; where slices have ended behind it, all of them."""
+    """Return the value that a cell has found: a number (that of the slice), or all values if slices end there."""
     array = results[ref].arrays[variable]
     if at and job.mapped:
         array = array[tuple(at[i] for i in job.mapped.leading[ref[0], variable])]

@@ -1,4 +1,4 @@
-"""What a stage's ``run`` is given: arrays for reading, coordinates, what was prepared, random numbers.
+"""The arguments of a stage's ``run``: read-only arrays, coordinates, prepared tables, random numbers.
 
 In:  a ``Job`` and the results it reads.
 Out: arguments by name.
@@ -26,11 +26,11 @@ from etendue.errors import PluginError
 from etendue.plan.model import CellRef
 
 NOTHING = Looking()
-Clipped = list[tuple[float, float]]  # share of values that were negative, and of their flux
+Clipped = list[tuple[float, float]]  # share of values that were negative, and their share of the flux
 
 
 def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> dict[str, Any]:
-    """Everything that ``run`` asks for, in its order."""
+    """Return all arguments of ``run``, in its order."""
     given = {port: looked_through(job, results, port, ref, variable) for port, ref, variable in job.inputs}
     for port, array in given.items():
         given[port] = for_reading(not_negative(job, results, port, array, clipped))
@@ -39,32 +39,32 @@ def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> 
 
 
 def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: CellRef, variable: str) -> Any:
-    """An array that is read: looked through for what its stage refuses."""
+    """Return an input array after checking it for values that its stage refuses."""
     result, policy = results[ref], job.stage.negative
     array = result.arrays[variable]
-    if type(array) is not np.ndarray and isinstance(array, BandArray):  # a stage that needs the whole of it
+    if type(array) is not np.ndarray and isinstance(array, BandArray):  # the stage needs the whole array
         array = np.asarray(array)
     if array.dtype.kind != "f" or not array.size:
         return array
     if job.stage.nan != "keep" and not math.isfinite(result.lowest.get(variable, 0.0)):
         raise PluginError(
             f"{variable} from {ref[0]!r} holds NaN or infinite values, which {job.ref[0]!r} refuses; "
-            "look for the stage that made them, or use one that declares nan = 'keep'"
+            "find the stage that produced them, or use one that declares nan = 'keep'"
         )
     if policy == "keep":
         return array
-    if variable not in result.lowest:  # looked for once, and only where somebody minds
+    if variable not in result.lowest:  # computed once, and only if a stage needs it
         result.lowest[variable] = float(array.min())
     if policy == "error" and result.lowest[variable] < 0:
         raise PluginError(
             f"{variable} from {ref[0]!r} holds negative values (smallest {result.lowest[variable]:.3g}), which "
-            f"{job.ref[0]!r} refuses; look for the stage that made them, or use one that keeps or clips them"
+            f"{job.ref[0]!r} refuses; find the stage that produced them, or use one that keeps or clips them"
         )
     return array
 
 
 def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: Any, clipped: Clipped) -> Any:
-    """An array of a port, or a slice of it, without negative values where the stage has them clipped."""
+    """Return the array of a port, or a slice of it, with negative values set to 0 if the stage clips them."""
     if job.stage.negative != "clip":
         return array
     _, ref, variable = next(one for one in job.inputs if one[0] == port)
@@ -77,15 +77,15 @@ def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: 
 
 
 def clipped_figures(array: Any) -> tuple[int, Any, Any]:
-    """How many values are negative; what they and all values amount to in each row: sums over a frame are those over
-    its strips.
+    """Return the number of negative values, and per row the sum of these and of all magnitudes. Sums are per row, so
+    that those of a frame equal those of its strips.
     """
     taken = -np.minimum(array, 0).sum(axis=-1, dtype=np.float64)
     return int(np.count_nonzero(array < 0)), taken, np.abs(array).sum(axis=-1, dtype=np.float64)
 
 
 def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
-    """What ``run`` asks for beside the arrays of its ports."""
+    """Return the arguments of ``run`` other than the arrays of its ports."""
     given: dict[str, Any] = {}
     looking = job.looking or NOTHING
     for port, what, pairs in looking.ports:
@@ -115,14 +115,14 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
 
 
 class _Seen(Sequence[tuple[Any, ...]]):
-    """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light that is made by band is made
-    whole where it is asked for: who goes from stage to stage holds that of one."""
+    """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light computed by band is computed
+    whole on access, so that a loop over the stages holds that of one at a time."""
 
     def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Any]) -> None:
         self.seen, self.grids = seen, grids
 
     def given(self) -> Sequence[tuple[Any, ...]]:
-        """A list of arrays where all of them are there."""
+        """Return a list if all arrays are in memory."""
         return self if any(isinstance(array, BandArray) for _, array in self.seen) else list(self)
 
     def __len__(self) -> int:
@@ -137,8 +137,8 @@ class _Seen(Sequence[tuple[Any, ...]]):
 
 
 def _prepared(job: Job) -> Any:
-    """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the
-    channels.
+    """Return what a stage prepares; a stage that looks at transfer functions and prepares nothing gets the weights of
+    the channels.
     """
     if type(job.stage).prepare is not Stage.prepare or not (job.looking and job.looking.transfers):
         return prepared_of(job.stage, job.input_grids, job.grids, form_of(job).key_of_prepared(job.stage))

@@ -1,9 +1,9 @@
-"""A job: everything needed to compute one cell, and nothing of the plan besides. A plain value that travels to another
+"""A job: everything needed to compute one cell, independent of the plan. A plain value that can be sent to another
 process.
 
-In:  what the owner of a run knows of a cell.
-Out: ``Job``, with what a segment, looking at other stages, waiting for what a run finds and being run in slices add to
-     it.
+In:  what the owner of a run knows about a cell.
+Out: ``Job``, with additions for segments, looking at other stages, waiting for values found during the run, and running
+     in slices.
 """
 
 from __future__ import annotations
@@ -21,48 +21,49 @@ from etendue.contract.stage import Stage, arguments_of, looks_at_stages
 from etendue.plan.expansion.seed_words import Open
 from etendue.plan.model import CellRef
 
-Found = tuple[tuple[str, CellRef, str], ...]  # shared quantities, and the cells and variables that hold them
+# (quantity, cell, variable): where the value of a shared quantity is found
+Found = tuple[tuple[str, CellRef, str], ...]
 
 
 @dataclass(eq=False)
 class Segment:
-    """Of a transfer function: the cell before it whose transform it goes on from, or the stages between it and the
+    """For a transfer function: the preceding cell whose transform it continues from, or the stages between it and the
     segment's input.
     """
 
     previous: CellRef | None = None
-    joined: tuple[Transfer, ...] | None = None  # reads the segment's input itself
-    found: tuple[Found, ...] = ()  # what each of them awaits; (): none does
-    transform: bool = False  # others go on from its own
-    source: str = ""  # key of the segment's input, where it is read itself
+    joined: tuple[Transfer, ...] | None = None  # set if it reads the segment's input itself
+    found: tuple[Found, ...] = ()  # what each of these awaits; () if none does
+    transform: bool = False  # others continue from its transform
+    source: str = ""  # key of the segment's input, if that is read itself
 
 
 @dataclass(eq=False)
 class Looking:
-    """Of a stage that looks at others: through which port at what, and the transfer functions in front of it."""
+    """For a stage that looks at others: at what through which port, and the transfer functions before it."""
 
     ports: tuple[
         tuple[str, str, tuple[tuple[str, CellRef], ...]], ...
     ] = ()  # port, 'transfer', 'datasheet' or variable, (stage, cell)
     sheets: tuple[Sheet, ...] = ()
     transfers: tuple[Transfer, ...] = ()
-    found: tuple[Found, ...] = ()  # what each of them awaits; (): none does
+    found: tuple[Found, ...] = ()  # what each of these awaits; () if none does
     bands: tuple[float, ...] = ()
     channel_weights: Summed | None = None
     chains: tuple[
         tuple[int, ...], ...
-    ] = ()  # for each of ``transfers``: which of them it stands behind, itself last; (): all before it
+    ] = ()  # for each of ``transfers``: the ones up to it, itself last; (): all before it
     whole: tuple[
         bool, ...
-    ] = ()  # for each of ``transfers``: nothing else has moved light in front of it; (): so for all
-    rendered: tuple[float, float] | None = None  # with what the scene in front of them was drawn
+    ] = ()  # for each of ``transfers``: whether nothing else has moved light before it; (): True for all
+    rendered: tuple[float, float] | None = None  # softness and cell with which the scene was rendered
     light: tuple[float, ...] | None = None  # of white, by band, in front of the pixel
     grids: Mapping[str, tuple[Grid, ...]] = field(default_factory=dict)  # by port, of what is looked at
 
 
 @dataclass(eq=False)
 class Waiting:
-    """What other cells find while the run goes on: quantities of the stage, and words of its random numbers."""
+    """What other cells find during the run: quantities of the stage, and words of its random seed."""
 
     found: Found = ()
     words: tuple[Open, ...] = ()
@@ -71,43 +72,45 @@ class Waiting:
 
 @dataclass(eq=False)
 class Mapped:
-    """Dims in front of what a cell writes for which its stage is run one by one."""
+    """Leading dims of what a cell writes, over which its stage is run slice by slice."""
 
     dims: tuple[tuple[str, Coordinate], ...]
-    leading: Mapping[tuple[str, str], tuple[int, ...]]  # which of them lead a (stage, variable) that it depends on
+    leading: Mapping[tuple[str, str], tuple[int, ...]]  # positions of those that lead a (stage, variable) it depends on
 
 
 class CellObserver(Protocol):
-    """What the caller makes of the arrays of a cell, where they are made."""
+    """The caller's reduction of the arrays of a cell, applied where they are computed."""
 
     def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]: ...
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Any:
-        """What takes the rows of a variable in order, ``take(start, rows)``, and gives what stands in its place,
-        ``made()``; or None.
+        """Return an object that takes the rows of a variable in order, ``take(start, rows)``, and gives what replaces
+        it, ``made()``; or None.
         """
 
 
 @dataclass(eq=False)
 class Walk:
-    """Cells of one large frame that are computed together, strip by strip: what only they read is never whole."""
+    """Cells of one large frame that are computed together, strip by strip; arrays that only they read are never
+    whole.
+    """
 
     number: int
     members: int
     rows: int  # of a strip
-    whole: tuple[str, ...] = ()  # of what this cell writes: what is kept, or read by others
-    seen: tuple[str, ...] = ()  # of what this cell writes: what the caller only looks at
+    whole: tuple[str, ...] = ()  # of what this cell writes: variables that are stored, or read from outside the walk
+    seen: tuple[str, ...] = ()  # of what this cell writes: variables that the caller only reduces
     places: Mapping[str, Any] = field(
         default_factory=dict
-    )  # where the caller wants some of that put; in the caller's process only
+    )  # the caller's arrays for some of these; in the caller's process only
 
 
-@dataclass(eq=False)  # written once; freezing it would cost more than making it
+@dataclass(eq=False)  # never changed after creation; freezing it would cost more than creating it
 class Job:
     """One cell to compute, or to load because something else reads it.
 
-    ``task``: compute, or load (already stored; only read back, or its transform rebuilt).
-    ``deliver``: the variables other jobs or the caller need as arrays, ``give``: those of the caller.
+    ``task``: compute, or load (stored already; only read back, or its transform rebuilt).
+    ``deliver``: the variables that other jobs or the caller need as arrays; ``give``: those of the caller.
     """
 
     ref: CellRef
@@ -119,43 +122,43 @@ class Job:
     inputs: Found
     left_out: bool
     seed: bytes
-    pattern_of: bytes  # whose fixed patterns the stage is given
+    pattern_of: bytes  # owner of the fixed patterns of the stage
     precision: str
     store: tuple[str, ...]
     deliver: tuple[str, ...]
     target: Target | None
     seconds: float
-    give: tuple[str, ...] | None = None  # of what is delivered: what the caller holds on to; None: all
-    by_band: tuple[str, ...] = ()  # variables that are made and stored band by band
+    give: tuple[str, ...] | None = None  # the part of ``deliver`` that the caller keeps; None: all
+    by_band: tuple[str, ...] = ()  # variables that are computed and stored band by band
     segment: Segment | None = None
     looking: Looking | None = None
     waiting: Waiting | None = None
     mapped: Mapped | None = None
-    expected: bool = False  # means in the place of draws and rounding
+    expected: bool = False  # means instead of draws and rounding
     walk: Walk | None = None
-    look: CellObserver | None = None  # what the caller makes of what it is given, where that is made
+    look: CellObserver | None = None  # the caller's reduction of its arrays, applied where they are computed
 
-    form: Any = field(init=False, default=None, repr=False)  # once somebody asked ``run.form`` for it
+    form: Any = field(init=False, default=None, repr=False)  # set on first use by ``compute.form``
 
     @property
     def averages(self) -> bool:
-        """Whether the stage's mean stands in the place of its draw."""
+        """Whether the stage's mean replaces its draw."""
         return self.expected and isinstance(self.stage, Sampled)
 
     @property
     def asks(self) -> tuple[str, ...]:
-        """The names that ``run`` asks for."""
+        """The argument names of ``run``."""
         kind = type(self.stage)
         return mean_arguments_of(kind) if self.expected and issubclass(kind, Sampled) else arguments_of(kind)
 
     @property
     def run(self) -> Any:
-        """What is called with them."""
+        """The function to call with these arguments."""
         return self.stage.mean if self.expected and isinstance(self.stage, Sampled) else self.stage.run
 
     @property
     def transform(self) -> bool:
-        """Whether other jobs go on from its transform."""
+        """Whether other jobs continue from its transform."""
         return self.segment is not None and self.segment.transform
 
     @cached_property
@@ -173,7 +176,7 @@ class Job:
 
     @property
     def awaited(self) -> tuple[CellRef, ...]:
-        """The cells that find something this job does not know yet."""
+        """The cells that find values this job does not know yet."""
         if self.waiting is None and self.segment is None and self.looking is None:
             return ()
         every = [*(self.segment.found if self.segment else ()), *(self.looking.found if self.looking else ())]
@@ -183,5 +186,5 @@ class Job:
         return tuple(dict.fromkeys(refs))
 
     def without_stage(self) -> Job:
-        """The same job for those who will not compute it: what its stage is cannot be said to another process."""
+        """Return the job for processes that will not compute it: the stage itself cannot be sent there."""
         return replace(self, stage=Stage(), segment=self.segment and replace(self.segment, joined=None), looking=None)

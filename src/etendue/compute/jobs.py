@@ -1,6 +1,6 @@
-"""A plan's cells to jobs. The owner of a run makes them.
+"""Turn the cells of a plan into jobs. Runs in the process that owns the run.
 
-In:  a plan, the cells to compute, where each is kept.
+In:  a plan, the cells to compute, and where each is stored.
 Out: jobs for these cells and for the stored ones they read.
 """
 
@@ -34,11 +34,11 @@ def make_jobs(
     place: Callable[[CellRef, str], Any] | None = None,
     looks: Mapping[CellRef, CellObserver] = MappingProxyType({}),
 ) -> Mapping[CellRef, Job]:
-    """Jobs for the cells to compute and for the stored cells they read, in order.
+    """Return jobs for the cells to compute and for the stored cells they read, in order.
 
     ``deliver_all`` keeps every kept variable in memory (no archive); ``show`` marks cells whose arrays the caller
-    wants to look at; ``looks`` makes of them what it looks at, where they are made; ``place`` says where a variable is
-    to be put that is made strip by strip.
+    wants; ``looks`` reduces these arrays in the worker that computes them; ``place`` gives the array in which a
+    variable computed strip by strip is put.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
     large: Once[bool] = Once()  # most cells of a sweep share their grids
@@ -48,15 +48,14 @@ def make_jobs(
     return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
 
 
-Direct = tuple[tuple[CellRef, str], tuple[Cell, ...]]  # the input of a segment, the cells in force in front of its end
+Direct = tuple[tuple[CellRef, str], tuple[Cell, ...]]  # the input of a segment; the active cells before its end
 
 
 class Jobs(Mapping[CellRef, Job]):
-    """The jobs of a run, each made when it is asked for and kept by nobody: a sweep has many more of them than are
-    under way.
+    """The jobs of a run, each created on demand and not kept: a sweep has many more cells than are under way.
 
-    Of every cell stands here which of its variables others read, whether they go on from its transform, and whether it
-    has a job at all.
+    Kept per cell: which of its variables others read, whether others continue from its transform, and whether it has
+    a job at all.
     """
 
     def __init__(
@@ -75,8 +74,10 @@ class Jobs(Mapping[CellRef, Job]):
         self.finding = {node.name for node in plan.nodes if node.found}
         self.number = plan.numbers.of
         self.direct: dict[CellRef, Direct] = {}
-        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # of every cell what others read, () of most
-        self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination of variables once
+        # by cell: the variables that others read; () for most
+        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count
+        # interned, so that each combination is stored once
+        self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
         self.costs: Once[tuple[float, tuple[str, ...]]] = Once()
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
@@ -88,16 +89,16 @@ class Jobs(Mapping[CellRef, Job]):
             self._include(ref, plan.cells[ref])
 
     def _include(self, ref: CellRef, cell: Cell) -> None:
-        """Whether a cell has a job, and what that reads: those that read it have been looked at before."""
+        """Decide whether a cell has a job, and note what it reads. Cells are visited after all of their readers."""
         number, node, computed = self.number(ref), self.nodes[ref[0]], ref in self.todo
         read, transform = self.read[number], self.transforms[number]
         if not (computed or read or transform):
             return
         self.included[number] = True
         if not (computed or transform):
-            return  # stored and only read back
+            return  # stored: its result is only read back
         if node.is_transfer and not (self.kept[node.name] or read or transform or ref in self.show):
-            return  # light that nobody looks at: its readers start from the segment's input
+            return  # light that nobody reads: later cells start from the segment's input
         direct = self.direct.get(ref)
         self._note_inputs(cell, len(node.segment) > 1, direct)
         for word in cell.open_words:
@@ -107,7 +108,7 @@ class Jobs(Mapping[CellRef, Job]):
             self._note_found(other)
 
     def _note_inputs(self, cell: Cell, joined: bool, direct: Direct | None) -> None:
-        """What a cell reads through its ports; ``joined``: the transform of the stage in front of it."""
+        """Note what a cell reads through its ports; ``joined``: it continues from the transform of the stage before."""
         for place, (_, source, variable) in enumerate(cell.inputs):
             if direct is not None and place == 0:
                 self._reads(*direct[0])
@@ -117,7 +118,7 @@ class Jobs(Mapping[CellRef, Job]):
                 self._reads(source, variable)
 
     def _note_looks(self, cell: Cell, node: Node) -> None:
-        """Variables that a cell looks at; of stages that it looks at, what these wait for."""
+        """Note the variables that a cell looks at, and the values that stages it looks at wait for."""
         looked = dict(cell.looks_at) if node.looks_at else {}
         for port, what, _ in node.looks_at:
             for source in looked.get(port, ()):
@@ -158,20 +159,21 @@ class Jobs(Mapping[CellRef, Job]):
         store = self.kept[node.name] if computed else ()
         give = tuple(node.writes) if ref in self.show else store if self.deliver_all else ()
         read, transform = self.read[number], bool(self.transforms[number])
-        # Of what a cell reads, what stands for its quantities comes last.
+        # In what a cell reads, the values that other cells find come last.
         awaited = cell.found if node.name in self.finding else ()
         inputs = cell.inputs[: len(cell.inputs) - len(awaited)]
         segment = None
         if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            stages = tuple(c.stage for c in before if isinstance(c.stage, Transfer))  # all of them: so are segments
+            # this keeps all: a segment holds only transfer stages
+            stages = tuple(c.stage for c in before if isinstance(c.stage, Transfer))
             segment = Segment(None, stages, _found_of(before), transform, plan.cells[source].key)
         elif node.segment:
             segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=transform)
         grids, input_grids = self._grids(cell)
         seconds, bands = self._cost(node, cell)
-        identity = next(iter(patterns_of(type(cell.stage)).values()), "")  # whose fixed patterns it is given
+        identity = next(iter(patterns_of(type(cell.stage)).values()), "")  # the owner of its fixed patterns
         return Job(
             ref=cell.ref,
             task="compute" if computed else "load",
@@ -198,10 +200,10 @@ class Jobs(Mapping[CellRef, Job]):
             look=self.looks.get(ref),
         )
 
-    # -- what is asked of all of them, before any is made -------------------------------------------------------------
+    # -- queries that need no job -------------------------------------------------------------------------------------
 
     def needs(self, ref: CellRef) -> tuple[CellRef, ...]:
-        """The cells whose results a job reads."""
+        """Return the cells whose results a job reads."""
         cell, node = self.plan.cells[ref], self.nodes[ref[0]]
         if node.segment or cell.looks_at or cell.open_words or node.name in self.finding:
             return self._made(ref, None).needs
@@ -210,22 +212,22 @@ class Jobs(Mapping[CellRef, Job]):
         return tuple(dict.fromkeys([source for _, source, _ in cell.inputs]))
 
     def place(self, ref: CellRef) -> int:
-        """Where a job stands among all."""
+        """Return the position of a job among all jobs."""
         number = self.number(ref)
         return number if self.places is None else self.places[number]
 
     @cached_property
     def places(self) -> array[int] | None:
-        """By number of a cell; None where every cell has a job."""
+        """Positions by number of a cell; None if every cell has a job."""
         return None if all(self.included) else array("i", (count - 1 for count in accumulate(self.included)))
 
     def seconds(self, ref: CellRef) -> float:
-        """What a job is expected to take."""
+        """Return the estimated seconds of a job."""
         return self._cost(self.nodes[ref[0]], self.plan.cells[ref])[0]
 
     def _grids(self, cell: Cell) -> tuple[Mapping[str, Grid], Mapping[str, Grid]]:
-        """The grids of a cell; those of the one before it where they are equal: what is the same thing is found
-        equal at once.
+        """Return the grids of a cell; the objects of the previous cell if they are equal, because comparing identical
+        objects later is fast.
         """
         known = self.grids.get(cell.node)
         if known is None or known[0] is not cell.grids or known[1] is not cell.input_grids:
@@ -237,14 +239,14 @@ class Jobs(Mapping[CellRef, Job]):
         return known
 
     def _looking(self, cell: Cell) -> Looking:
-        """What a cell looks at; that of the cell before it where they look at the same."""
+        """Return what a cell looks at; the object of the previous cell if both look at the same."""
         known = self.looked.get(cell.node)
         if known is None or known[0] != cell.looks_at:
             known = self.looked[cell.node] = cell.looks_at, _looking(self.plan, self.nodes, cell)
         return known[1]
 
     def _cost(self, node: Node, cell: Cell) -> tuple[float, tuple[str, ...]]:
-        """Seconds, and the variables made by band: found out once for cells of one class and grids."""
+        """Return seconds, and the variables computed by band; cached by stage class and grids."""
         precision = self.plan.precision
         return self.costs(
             (cell.grids, cell.input_grids),
@@ -256,7 +258,7 @@ class Jobs(Mapping[CellRef, Job]):
 
 
 def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:
-    """Which of the dims that a cell is mapped over lead each variable that it depends on, as positions."""
+    """Return, for each variable that a cell depends on, which of the mapped dims lead it, as positions."""
     dims = [dim for dim, _ in cell.mapped]
     ports, found = reads_of(type(cell.stage)), {}
     for port, ref, variable in cell.inputs:
@@ -270,17 +272,17 @@ def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], 
 
 
 def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
-    """What each of some cells awaits; () where none does."""
+    """Return what each of some cells awaits; () if none awaits anything."""
     every = tuple(cell.found for cell in cells)
     return every if any(every) else ()
 
 
 def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Direct | None:
-    """What a transfer cell reads that starts from the segment's input itself: the input, and the cells in force in
-    front of it.
+    """Return the segment's input and the active cells before ``cell``, if ``cell`` must start from that input itself;
+    else None.
 
-    So do all cells of a segment whose input is too large to be held, or is means over grid cells, and an end whose sum
-    over bands is expanded.
+    That holds for all cells of a segment whose input is too large to hold in memory or consists of means over grid
+    cells, and for an end whose sum over bands is expanded.
     """
     node = nodes[cell.node]
     if not node.segment or cell.segment_input is None:
@@ -300,12 +302,12 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Direct | None:
 
 
 def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Looking:
-    """What a cell looks at: stages for transfer functions, cells and grids for variables."""
+    """Return what a cell looks at: stages for transfer functions, cells and grids for variables."""
     found: dict[str, Any] = {"ports": (), "grids": {}}
     looked = dict(cell.looks_at)
     for port, what, _ in nodes[cell.node].looks_at:
         if port not in looked:
-            continue  # of an alternative
+            continue  # the port of another alternative
         refs = looked[port]
         found["ports"] += ((port, what, tuple((ref[0], ref) for ref in refs)),)
         cells = tuple(plan.cells[ref] for ref in refs)

@@ -1,8 +1,7 @@
-"""A stage run one by one over the dims that it does not work on: frames, channels of full planes, whatever a plugin
-adds.
+"""Run a stage slice by slice over the dims that it does not work on: frames, channels of full planes, dims of plugins.
 
 In:  a ``Job`` with mapped dims and the results it reads.
-Out: its arrays; each slice has the bits that the stage gives of that slice alone.
+Out: its arrays; each slice has the bits that the stage gives for that slice alone.
 """
 
 from __future__ import annotations
@@ -29,9 +28,7 @@ Check = Callable[[Job, Any], dict[str, Any]]
 
 
 def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> dict[str, Any]:
-    """Every variable of every slice, the mapped dims in front; ``check`` holds what comes back against the
-    declaration.
-    """
+    """Return every variable with the mapped dims first; ``check`` compares a result with the declaration."""
     slices = _Slices(job, results, clipped)
     if isinstance(job.stage, Transfer):
         return slices.joined([transferred(*slices.alone(at))[1] for at in np.ndindex(*slices.sizes)], check)
@@ -61,10 +58,10 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
 
 
 def _put(arrays: dict[str, Any], found: Any, slices: _Slices, at: tuple[int, ...]) -> None:
-    """One more slice into its place: of the form that the first one had."""
+    """Put one more slice in its place; it must have the form of the first one."""
     name = type(slices.core.stage).__name__
     if not isinstance(found, dict) or found.keys() != arrays.keys():
-        raise PluginError(f"{name}.run gave another set of variables for slice {at} than for the first")
+        raise PluginError(f"{name}.run gave other variables for slice {at} than for the first")
     for variable in slices.led:
         array, place = found[variable], arrays[variable]
         if type(array) is not np.ndarray:
@@ -78,7 +75,7 @@ def _put(arrays: dict[str, Any], found: Any, slices: _Slices, at: tuple[int, ...
 
 @dataclass(init=False)
 class _Slices:
-    """A job in slices: what each is given, and where it goes."""
+    """A job in slices: the input of each, and the place of its result."""
 
     def __init__(self, job: Job, results: Results, clipped: Clipped) -> None:
         mapped = job.mapped
@@ -91,7 +88,7 @@ class _Slices:
         declared = {d.variable: d for d in writes_of(type(job.stage)).values() if d.variable in job.writes}
         self.led = [
             v for v, d in declared.items() if job.writes[v].dims != d.dims
-        ]  # the others have the dim themselves
+        ]  # variables that the mapped dims lead; the stage writes the others with these dims itself
         grids = {v: job.grids[v].take(d.dims) for v, d in declared.items()}
         self.core = replace(job, mapped=None, waiting=None, writes=declared, grids=grids)
         self.along = {
@@ -106,14 +103,14 @@ class _Slices:
         self.prepares_anew = bool((self.found or self.along) and type(job.stage).prepare is not Stage.prepare)
 
     def stage_at(self, at: tuple[int, ...]) -> Stage:
-        """The stage of a slice, with what was found for it and the labels it stands at."""
+        """Return the stage of a slice, with the values found for it and its labels along mapped dims."""
         stage = stage_found(self.job, self.results, at)
         return (
             replace(stage, **{name: self.labels[i][at[i]] for name, i in self.along.items()}) if self.along else stage
         )
 
     def arrays_at(self, at: tuple[int, ...]) -> dict[str, Any]:
-        """What a slice reads; of arrays that nobody can write to."""
+        """Return the input of a slice, as parts of read-only arrays."""
         found = {
             port: array[tuple([at[i] for i in lead])] if lead else for_reading(array)
             for port, array, lead in self.given
@@ -123,7 +120,7 @@ class _Slices:
         return found
 
     def alone(self, at: tuple[int, ...]) -> tuple[Job, dict[CellRef, Result]]:
-        """A slice as a job of its own, and what it reads."""
+        """Return a slice as a job of its own, and its input."""
         own = replace(
             with_found(self.job, self.results, at), mapped=None, writes=self.core.writes, grids=self.core.grids
         )
@@ -133,7 +130,7 @@ class _Slices:
         return own, seen
 
     def joined(self, found: list[dict[str, Any]], check: Check) -> dict[str, Any]:
-        """All slices of a transfer function."""
+        """Return all slices of a transfer stage, stacked."""
         every = [check(self.core, arrays) for arrays in found]
         return {
             name: np.stack([arrays[name] for arrays in every]).reshape(*self.sizes, *every[0][name].shape)
@@ -141,7 +138,7 @@ class _Slices:
         }
 
     def at_once(self, names: tuple[str, ...], check: Check) -> dict[str, Any]:
-        """All slices in one call, of a stage to whom it makes no difference; what has no place is the same for all."""
+        """Compute all slices in one call, for an elementwise stage; outputs without the mapped dims are broadcast."""
         given = {port: for_reading(array) for port, array, _ in self.given} | beside(self.core, self.results)
         for port in self.negative:
             given[port] = not_negative(self.job, self.results, port, given[port], self.clipped)
@@ -157,7 +154,7 @@ class _Slices:
         return "".join(f"|{dim}={own[i]}" for dim, own, i in zip(self.dims, self.labels, at, strict=True)).encode()
 
     def whole(self, name: str, first: Any) -> Any:
-        """Room for all slices, the first in its place."""
+        """Return an array for all slices with the first one in its place."""
         if name not in self.led:
             return first
         array = np.empty((*self.sizes, *first.shape), first.dtype)

@@ -1,11 +1,11 @@
-"""Arrays that nobody can change any more, and a process that is left as it was found.
+"""Ensure that arrays cannot be changed by others, and that stages leave the process as they found it.
 
-In:  an array that a stage gave back.
-Out: the same values, contiguous, in memory to which nobody else holds a reference; read-only views of it for readers.
+In:  an array returned by a stage.
+Out: the same values, contiguous, in memory that nobody else references; read-only views of it for readers.
 
-numpy lets an array that owns its memory be made writeable again by whoever holds it, a view of one that is read-only
-not. So readers are given views. What a stage still holds on to, or shows a view of, is copied: nobody knows when it is
-changed.
+In numpy, whoever holds an array that owns its memory can make it writeable again, but not a view of a read-only array.
+So readers are given views. An array that a stage still references, or returns as a view, is copied: it could change at
+any time.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _Found = TypeVar("_Found")
 
 
 def for_reading(array: Any) -> Any:
-    """A view that cannot be made writeable, of an array that is read-only; anything else as it is."""
+    """Return a read-only view of a read-only array; anything else unchanged."""
     return array.view() if type(array) is np.ndarray and not array.flags.writeable else array
 
 
 def handed(stage: Any, given: dict[str, Any]) -> dict[str, Any]:
-    """What the ``run`` of a stage is called with. Another distribution's gets arrays of its own: numpy's flag binds
-    numpy alone.
+    """Return the arguments for ``run`` of a stage. Stages of other distributions get copies: numpy's read-only flag
+    does not bind code outside numpy.
     """
     return {name: _apart(value) for name, value in given.items()} if guests.is_guest(type(stage)) else given
 
@@ -43,13 +43,13 @@ def handed(stage: Any, given: dict[str, Any]) -> dict[str, Any]:
 def _apart(value: Any) -> Any:
     if type(value) is np.ndarray:
         return frozen(value.copy(order="C")).view()
-    if type(value) is list:  # what is looked at: name, array or transfer function, grid
+    if type(value) is list:  # what a stage looks at: name, array or transfer function, grid
         return [tuple(map(_apart, one)) if type(one) is tuple else one for one in value]
     return value.apart() if hasattr(value, "apart") else value
 
 
 def frozen(array: Any) -> Any:
-    """Forbid writing into an array and what it is a view of."""
+    """Make an array and everything it is a view of read-only."""
     at = array
     while isinstance(at, np.ndarray):
         at.flags.writeable = False
@@ -58,17 +58,15 @@ def frozen(array: Any) -> Any:
 
 
 def taken(arrays: dict[str, Any], variable: str) -> Any:
-    """Take an array out of what a stage gave back: contiguous, frozen, and its own where anybody else could change
-    it.
-    """
+    """Take an array out of a stage's result: contiguous and frozen, copied if anybody else could change it."""
     array = arrays.pop(variable)
-    if not array.flags.c_contiguous:  # what is read back from an archive is: sums must not depend on it
+    if not array.flags.c_contiguous:  # arrays read back from an archive are, and the order of sums must not differ
         return frozen(array.copy(order="C"))
     return frozen(array if _alone(array) else array.copy(order="C"))
 
 
 def _alone(array: Any) -> bool:
-    """Whether nobody but the caller's variable refers to an array, nor to what it is a view of."""
+    """Return True if only the caller's variable refers to an array and to what it is a view of."""
     if sys.getrefcount(array) > _HELD:
         return False
     while array.base is not None:
@@ -79,7 +77,7 @@ def _alone(array: Any) -> bool:
 
 
 def _calibrate() -> tuple[int, int]:
-    """Reference counts of an array that nobody else holds, as ``_alone`` sees them when ``taken`` asks."""
+    """Measure the reference counts of an otherwise unreferenced array, as ``_alone`` sees them within ``taken``."""
     seen = []
 
     def alone(array: Any) -> bool:
@@ -93,6 +91,7 @@ def _calibrate() -> tuple[int, int]:
         array = arrays.pop(variable)
         return frozen(array if alone(array) else np.empty(0))
 
+    # Measured instead of fixed: the counts differ between Python versions and with how the call chain holds references.
     taken_like({"a": np.empty(2)[:1]}, "a")
     return seen[0], seen[1]
 
@@ -101,21 +100,20 @@ _HELD, _BASE = _calibrate()
 
 
 def as_array(name: str, variable: str, value: Any) -> Any:
-    """What a stage gave back as a plain array of numbers."""
+    """Return a value that a stage returned, as a plain array of numbers."""
     if isinstance(value, np.ma.MaskedArray):
         raise PluginError(
-            f"{name} gave {variable} as a masked array, whose mask nobody would see; fill it, or write NaN and declare "
-            f"nan"
+            f"{name} gave {variable} as a masked array, whose mask would be lost; fill it, or write NaN and declare nan"
         )
     try:
         array = np.asarray(value)
     except Exception as error:
-        raise PluginError(f"{name} gave {variable} as {type(value).__name__}, which is no array: {error}") from None
+        raise PluginError(f"{name} gave {variable} as {type(value).__name__}, which is not an array: {error}") from None
     return array
 
 
 def guests_of(job: Job) -> AbstractContextManager[None]:
-    """Around the cell of a stage of another distribution, or one that goes on from the transfer functions of some."""
+    """Guard the cell of a foreign stage, or one that continues from transfer functions of foreign stages."""
     stage, others = job.stage, job.segment.joined if job.segment else None
     if others:
         stage = next((one for one in others if guests.is_guest(type(one))), stage)
@@ -125,8 +123,8 @@ def guests_of(job: Job) -> AbstractContextManager[None]:
 
 @contextmanager
 def in_its_place() -> Iterator[None]:
-    """The working directory is put back behind some cells: asking for it costs more than all else around a small
-    cell.
+    """Restore the working directory after a group of cells. Per cell, querying it would cost more than everything else
+    around a small cell.
     """
     who, folder = FOLDER.begin()
     try:
@@ -140,11 +138,10 @@ _QUIET.run(np.seterr, over="ignore", divide="ignore", invalid="ignore")
 
 
 def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _Given.kwargs) -> _Found:
-    """What ``work`` gives; whatever it changes about how its process warns and handles errors of numpy is put back
-    behind it.
+    """Return the result of ``work``; undo any change it makes to warnings and numpy error handling of the process.
 
-    What is not finite is looked for in what it gives, and said once: numpy says nothing. How numpy handles errors
-    stands in a context, of which every call has a fresh copy.
+    Non-finite results are looked for and reported once elsewhere, so numpy itself stays silent. Its error handling is
+    kept in a context, of which every call gets a fresh copy.
     """
     who, warned = WARNED.begin()
     try:
@@ -154,7 +151,7 @@ def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _G
 
 
 def abandoned() -> None:
-    """Cells go on that nobody waits for any more: what they change is not put back behind others."""
+    """Stop restoring process state: cells that nobody waits for are still running and may change it at any time."""
     FOLDER.abandon()
     guests.abandon()
     WARNED.abandon()

@@ -1,7 +1,7 @@
-"""Random numbers by name: generators that are a function of words, and patterns that belong to absolute positions.
+"""Random numbers by name: generators determined by words, and patterns tied to absolute positions.
 
 In:  bytes that name a draw; a window in absolute positions.
-Out: a generator; normals and uniforms by position, the same in every window that holds it.
+Out: a generator; normals and uniforms by position, the same in every window that contains it.
 Source: Salmon et al. 2011 (Philox).
 """
 
@@ -15,7 +15,7 @@ TILE = 64  # positions
 
 
 def philox(seed_words: bytes) -> np.random.Generator:
-    """A generator that is a function of a name: equal bytes give equal draws, in any order.
+    """Return a generator determined by a name: equal bytes give equal draws, in any order.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def philox(seed_words: bytes) -> np.random.Generator:
 
 
 def renamed(generator: np.random.Generator, seed_words: bytes) -> np.random.Generator:
-    """A generator that `philox` gave, set to the start of the draws of another name.
+    """Set a generator from `philox` to the start of the draws of another name.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def renamed(generator: np.random.Generator, seed_words: bytes) -> np.random.Gene
 
     Notes
     -----
-    Making a bit generator anew costs ten times as much as setting its state.
+    Creating a bit generator costs ten times as much as setting its state.
     """
     start = {"counter": np.zeros(4, np.uint64), "key": _philox_key(seed_words)}
     rest = {"buffer": np.zeros(4, np.uint64), "buffer_pos": 4, "has_uint32": 0, "uinteger": 0}
@@ -67,23 +67,23 @@ def tiled_normal(
     columns: int,
     dtype: DTypeLike = np.float32,
 ) -> NDArray:
-    """Standard normals that belong to absolute positions.
+    """Return standard normals tied to absolute positions.
 
     Parameters
     ----------
     seed_words : bytes
-        What names the pattern.
+        Name of the pattern.
     first_row, first_column : int
         Absolute position of the window; any sign.
     rows, columns : int
-        Size of the window, at or above 0.
+        Size of the window; not negative.
     dtype : float32 or float64
-        What holds them: drawn in float32, they are the same numbers in both.
+        Type of the result. Drawn in float32, so the numbers are the same in both.
 
     Returns
     -------
     (rows, columns) array, dimensionless
-        Equals the crop of any larger window, bit for bit.
+        Equals the crop of any larger window bit for bit.
 
     Raises
     ------
@@ -93,19 +93,19 @@ def tiled_normal(
     Notes
     -----
     One `philox` generator per 64 x 64 tile of absolute coordinates, named by seed_words and two 8-byte
-    little-endian signed tile numbers. A window that cuts a tile pays for the whole of it.
+    little-endian signed tile numbers. A window that cuts a tile draws all of it.
     """
     return _tiled(_normal_tile, seed_words, first_row, first_column, rows, columns, dtype)
 
 
 def tiled_uniform(seed_words: bytes, first_row: int, first_column: int, rows: int, columns: int) -> NDArray:
-    """Uniforms, 0 <= u < 1, that belong to absolute positions; arguments, errors and tiles as `tiled_normal`.
+    """Return uniforms, 0 <= u < 1, tied to absolute positions; arguments, errors and tiles as in `tiled_normal`.
 
     Returns
     -------
     (rows, columns) array of float64, dimensionless
-        Multiples of 2^-53, whatever the precision of a run: of 24 bits the share below a threshold of 1e-6 would be 1.3
-        % too large, below 1e-8 six times.
+        Multiples of 2^-53 whatever the precision of a run: with 24 bits, the share below a threshold of 1e-6 would be
+        1.3 % too large, and below 1e-8 six times too large.
     """
     return _tiled(_uniform_tile, seed_words, first_row, first_column, rows, columns, np.float64)
 
@@ -128,7 +128,7 @@ def _tiled(
     dtype: DTypeLike,
 ) -> NDArray:
     if rows < 0 or columns < 0:
-        raise ValueError(f"the window is {rows} x {columns}; allowed are sizes at or above 0")
+        raise ValueError(f"the size of the window must not be negative; it is {rows} x {columns}")
     window = np.empty((rows, columns), dtype)
     for row in range(first_row // TILE, -(-(first_row + rows) // TILE)):
         for column in range(first_column // TILE, -(-(first_column + columns) // TILE)):

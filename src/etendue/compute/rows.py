@@ -1,10 +1,10 @@
-"""Which cells of large frames can be worked in strips, and what is held while they are.
+"""Decide which cells of large frames can be computed in strips, and how many rows a strip has.
 
 In:  a plan.
-Out: for a cell its frame and the rows around a row that it needs.
+Out: for a cell, its frame and the rows around a row that it needs.
 
-A cell goes in strips where its frame is large and its stage needs no more than a few rows around a row (``Haloed``, or
-``elementwise``). Neighbours of one frame that do are worked together: what only they read is never whole.
+A cell is computed in strips if its frame is large and its stage needs no more than a few rows around a row (``Haloed``,
+or ``elementwise``). Such neighbours on one frame are computed together, so that arrays only they read are never whole.
 """
 
 from __future__ import annotations
@@ -18,42 +18,42 @@ from etendue.contract.stage import looks_at_stages, reads_of
 from etendue.plan import cost
 from etendue.plan.model import Cell, Node, Plan
 
-LARGEST_WHOLE = 1 << 21  # pixels of a frame up to which cells are computed whole
-STRIP = 1 << 19  # pixels of a strip, about
-TILE = 64  # rows: strips end with the tiles of fixed patterns
-HALOS = 16  # a strip has about so many times the rows of a halo: what is computed twice is an eighth
+LARGEST_WHOLE = 1 << 21  # pixels; frames up to this size are computed whole
+STRIP = 1 << 19  # approximate pixels of a strip
+TILE = 64  # rows; strips end at tile boundaries of fixed patterns
+HALOS = 16  # minimum ratio of strip rows to halo rows: at most 1/8 (a halo on both sides) is computed twice
 
 Frame = tuple[int, int]
 
 
 @dataclass
 class Walker:
-    """A cell that may be computed in strips: the frame it is of, and the rows around a row that it needs."""
+    """A cell that may be computed in strips: its frame, and the rows around a row that it needs."""
 
     frame: Frame
     halo: int
 
 
 def has_rows(dims: tuple[str, ...]) -> bool:
-    """Whether an array stands over the pixels of a frame."""
+    """Return True if an array covers the pixels of a frame."""
     return dims[-2:] == ("y", "x")
 
 
 def is_large(grids: Mapping[str, Grid], input_grids: Mapping[str, Grid]) -> bool:
-    """Whether a cell reads or writes a frame that is not to be whole."""
+    """Return True if a cell reads or writes a frame too large to compute whole."""
     every = (*grids.values(), *input_grids.values())
     return any("y" in grid and "x" in grid and grid["y"].size * grid["x"].size > LARGEST_WHOLE for grid in every)
 
 
 def by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
-    """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
+    """Return the variables of a cell that are computed by band: too large to hold, from a stage that supports it."""
     if cell.left_out is not None or cell.mapped or not (isinstance(cell.stage, Banded) or node.segment):
         return ()
     return tuple(v for v, d in node.writes.items() if cost.too_large(d, cell.grids[v], precision))
 
 
 def walker(plan: Plan, node: Node, cell: Cell) -> Walker | None:
-    """What a cell of a large frame needs of it, where a few rows do."""
+    """Return what a cell of a large frame needs of it; None if a few rows do not suffice."""
     kind = type(cell.stage)
     if plan.expected or cell.mapped or node.segment or not cell.inputs or by_band(node, cell, plan.precision):
         return None
@@ -75,8 +75,8 @@ def walker(plan: Plan, node: Node, cell: Cell) -> Walker | None:
 
 
 def _one_frame(node: Node, cell: Cell) -> Frame | None:
-    """The frame of all that a cell reads and writes over pixels; None where there are several, or arrays have rows and
-    no columns.
+    """Return the frame of everything a cell reads and writes over pixels; None if there are several, or if arrays have
+    rows but no columns.
     """
     ports = reads_of(type(cell.stage))
     read = [(cell.input_grids[port], ports[port].dims) for port, _, _ in cell.inputs if port in ports]
@@ -91,5 +91,5 @@ def _frame(grid: Grid, dims: tuple[str, ...]) -> Frame | None:
 
 
 def rows_of(width: int, halos: list[int]) -> int:
-    """Rows of the strips of cells that go together."""
+    """Return the rows of the strips of cells that are computed together."""
     return max(STRIP // width, *(HALOS * halo for halo in halos), TILE) // TILE * TILE

@@ -1,10 +1,10 @@
-"""A walk: cells of one large frame computed together, strip by strip, so that what stands between them is never whole.
+"""A walk: cells of one large frame computed together, strip by strip, so that arrays between them are never held whole.
 
 In:  the jobs of a walk and the results they read.
-Out: results and reports, with the bits of the cells computed one by one.
+Out: results and reports, with the same bits as from computing the cells one by one.
 
-Every cell goes on as far as the rows it reads allow, and keeps no more of them than it needs again. What goes wrong in
-a strip is said by the cells computed whole: then a walk gives nothing.
+Every cell advances as far as the available input rows allow, and keeps no more of them than it needs again. If anything
+fails in a strip, the walk gives nothing and the cells are computed one by one, which reports the error.
 """
 
 from __future__ import annotations
@@ -39,14 +39,12 @@ Ended = list[tuple[Result, CellReport]]
 
 
 class _Unfit(Exception):
-    """Something that only the cells computed whole can say, or do: input that a stage refuses, what is found while
-    the run goes on.
-    """
+    """The cells must be computed whole: input that a stage refuses, or values found only during the run."""
 
 
 def walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | None = None) -> Ended | None:
-    """Compute the cells of a walk; None where they are to be computed one by one. ``at``: told which of them is
-    worked at.
+    """Compute the cells of a walk; return None if they must be computed one by one. ``at`` is called with the number of
+    the cell in progress.
     """
     if any(ref in results and results[ref].failed for job in jobs for ref in job.needs):
         return None
@@ -54,14 +52,14 @@ def walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | No
         return in_strips(jobs, results, at)
     except (MachineError, ArchiveInUse):
         raise
-    except BaseException as error:  # whatever a stage does wrong, it does again alone, where it is said
+    except BaseException as error:  # the cell fails again when it is computed alone, and is reported then
         if is_ours(error):
             raise
         return None
 
 
 def in_strips(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | None = None) -> Ended:
-    """The same, where whatever a stage raises or does wrong comes out."""
+    """Compute the cells of a walk; exceptions of stages are raised."""
     return undisturbed(_walked, jobs, results, at)
 
 
@@ -88,12 +86,12 @@ def _walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | N
         return [member.ended() for member in members]
     finally:
         for flow in flows.values():
-            # who reads a flow refers to it: whole frames would be held until somebody looks for circles
+            # Flows and members refer to each other. Without this, whole frames stay until the garbage collector runs.
             flow.readers.clear()
 
 
 def _fronts(member: _Member) -> Iterator[int]:
-    """Rows up to which strips go: they end with the tiles of fixed patterns."""
+    """Yield the rows at which strips end: boundaries of fixed-pattern tiles, so that no tile is drawn twice."""
     walk = member.job.walk
     assert walk is not None
     front = walk.rows - member.first_row % strips.TILE
@@ -105,15 +103,15 @@ def _fronts(member: _Member) -> Iterator[int]:
 
 @dataclass(eq=False)
 class _Flow:
-    """A variable that is made and read row by row; ``whole``: where all of it is put, if somebody else wants it."""
+    """A variable that is written and read row by row; ``whole``: the array for all of it, if it is needed outside."""
 
     whole: Any = None
     parts: list[tuple[int, int, Any]] = field(default_factory=list)
     end: int = 0
     readers: list[_Member] = field(default_factory=list)
     undefined: bool = False
-    seen: Any = None  # what makes it small, if the caller only looks at it
-    figure: Any = None  # of what has no rows: what was given for the first strip
+    seen: Any = None  # collects a small result from the rows, if the caller wants only that
+    figure: Any = None  # for a variable without rows: its value from the first strip
 
     def put(self, start: int, stop: int, rows: Any) -> None:
         if self.whole is not None:
@@ -125,7 +123,7 @@ class _Flow:
         self.end = stop
 
     def rows(self, start: int, stop: int) -> Any:
-        """Contiguous and read-only."""
+        """Return rows as a contiguous, read-only array."""
         found = [(first, last, rows) for first, last, rows in self.parts if first < stop and last > start]
         if len(found) == 1 and found[0][:2] == (start, stop):
             return found[0][2]
@@ -133,13 +131,13 @@ class _Flow:
         return frozen(np.concatenate(cut, axis=-2) if len(cut) > 1 else cut[0].copy(order="C"))
 
     def forget(self) -> None:
-        """What no reader needs again."""
+        """Drop rows that no reader needs again."""
         needed = min((reader.next - reader.halo - 1 for reader in self.readers), default=self.end)
         self.parts = [part for part in self.parts if part[1] > needed]
 
 
 class _Member:
-    """One cell of a walk, and how far it is."""
+    """One cell of a walk, and its progress."""
 
     def __init__(
         self, number: int, job: Job, planned: Job, results: Results, flows: Mapping[tuple[CellRef, str], _Flow]
@@ -178,7 +176,7 @@ class _Member:
             self._ask(results)
 
     def _read(self, results: Results, flows: Mapping[tuple[CellRef, str], _Flow]) -> None:
-        """The arrays of the ports: of this walk as they come, others whole."""
+        """Connect the ports: to flows of this walk, or to whole arrays from outside."""
         ports = reads_of(type(self.stage))
         for port, ref, variable in self.job.inputs:
             flow = flows.get((ref, variable))
@@ -186,7 +184,7 @@ class _Member:
                 flow.readers.append(self)
                 self.cut[port] = flow
             elif flow is not None:
-                self.fixed[port] = flow  # its figure, once the first strip is there
+                self.fixed[port] = flow  # its value, once the first strip has been computed
             elif self.job.left_out:
                 array = results[ref].arrays[variable]
                 (self.cut if has_rows(ports[port].dims) else self.fixed)[port] = array
@@ -205,12 +203,12 @@ class _Member:
                     self.negative[port] = _Negative()
 
     def _ask(self, results: Results) -> None:
-        """What ``run`` asks for beside its ports: of the whole frame, cut to rows where it goes with them."""
+        """Get the other arguments of ``run`` for the whole frame; those along y are cut to rows later."""
         self.known = beside(self.job, results)
         self.along = {name for name in self.known if name.removeprefix("out_") in ("y", "y_um")}
 
     def reach(self, front: int) -> int:
-        """Up to where the rows that are there allow this cell to be computed."""
+        """Return the row up to which this cell can be computed from the rows that are available."""
         there = min((flow.end for flow in self.cut.values() if isinstance(flow, _Flow)), default=front)
         if not any(isinstance(flow, _Flow) for flow in self.cut.values()) or there == self.total:
             return there
@@ -225,7 +223,7 @@ class _Member:
         self.next = stop
 
     def _pass_on(self, start: int, stop: int) -> None:
-        """What is left out gives what it reads."""
+        """Pass on the input of a cell that is left out."""
         for port, _, variable in self.job.inputs:
             if variable in self.flows:
                 source = self.cut.get(port, self.fixed.get(port))
@@ -257,7 +255,8 @@ class _Member:
         return source.figure if isinstance(source, _Flow) else source
 
     def _compute(self, start: int, stop: int) -> None:
-        """``run`` on some rows and those around them."""
+        """Call ``run`` on some rows and the halo around them."""
+        # ``Haloed`` promises strips that begin on even rows, so that patterns of two rows keep their phase.
         low = max(start - self.halo, 0) // 2 * 2 if self.halo else start
         high, first = min(stop + self.halo, self.total), start == 0
         given = self._given(low, high, first)
@@ -268,7 +267,7 @@ class _Member:
         )
         figures = {name: found[name] for name in self.figures if isinstance(found, dict) and name in found}
         held = [found]
-        del found  # a name here would count as somebody who may change what was given
+        del found  # another reference would force ``taken`` to copy the arrays
         arrays = check(self.job, held.pop(), expected)
         bad = undefined(self.job, arrays)
         for name, array in arrays.items():
@@ -285,14 +284,14 @@ class _Member:
         self.sizes.append(self.outputs[self.main].size // self.total * (stop - start))
 
     def _given(self, low: int, high: int, first: bool) -> dict[str, Any]:
-        """What ``run`` is given for some rows: it cannot tell that they are not all."""
+        """Return the arguments of ``run`` for some rows, as if they were the whole frame."""
         given = {name: value[low:high] if name in self.along else value for name, value in self.known.items()}
         for port in self.fixed:
             given[port] = for_reading(self._looked_at(port, self._fixed(port)))
         for port in self.cut:
             given[port] = for_reading(self._looked_at(port, self._rows(port, low, high)))
         if "asked" in given and not first:
-            given["asked"] = frozenset()  # figures without rows come with the first strip
+            given["asked"] = frozenset()  # optional outputs come with the first strip only
         for pattern in [name for name in patterns_of(type(self.job.stage)) if name in given]:
             grid = next(iter(self.job.grids.values()))
             line = grid.line("y")
@@ -301,7 +300,7 @@ class _Member:
         return handed(self.stage, {name: given[name] for name in self.job.asks if name in given})
 
     def _looked_at(self, port: str, array: Any) -> Any:
-        """Rows looked through for what the stage refuses, without what it has clipped."""
+        """Check rows for what the stage refuses; remove negative values if it clips them."""
         if port in self.negative:
             return self.negative[port].taken_off(array)
         source = self.cut.get(port, self.fixed.get(port))
@@ -320,7 +319,7 @@ class _Member:
         return replace(output, shape=(*output.shape[:-2], rows, output.shape[-1]))
 
     def ended(self) -> tuple[Result, CellReport]:
-        """What comes of the cell: the arrays that others want, whole, and its report."""
+        """Return the result of the cell with the whole arrays that are needed outside, and its report."""
         began = time.thread_time()
         arrays = {name: _read_only(flow.whole) for name, flow in self.flows.items() if flow.whole is not None}
         arrays |= {name: flow.seen.made() for name, flow in self.flows.items() if flow.seen is not None}
@@ -332,7 +331,7 @@ class _Member:
         return kept(self.planned, result, arrays, clipped, lambda: self.seconds)
 
     def _joined(self) -> dict[str, Any]:
-        """What has no rows."""
+        """Return the variables without rows, joined over the strips."""
         if self.job.left_out:
             return {name: values[0] for name, values in self.figures.items()}
         parts = {name: [np.asarray(value) for value in values] for name, values in self.figures.items()}
@@ -346,7 +345,7 @@ class _Member:
 
 
 def _read_only(array: Any) -> Any:
-    """An array that is made, for reading: of somebody else's place a view."""
+    """Return an array that is complete, read-only; a view if it is part of the caller's array."""
     if array.base is None:
         return frozen(array)
     view = array.view()
@@ -355,7 +354,7 @@ def _read_only(array: Any) -> Any:
 
 
 class _Negative:
-    """What is clipped of a port, counted row by row."""
+    """Counts what is clipped from a port, row by row, so that the sums do not depend on the strips."""
 
     def __init__(self) -> None:
         self.below, self.taken, self.flux = 0, [], []  # type: ignore[var-annotated]

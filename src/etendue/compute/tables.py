@@ -1,7 +1,7 @@
-"""What a process remembers between cells: coordinates, prepared tables, fixed patterns, transfer functions.
+"""The per-process cache between cells: coordinates, prepared tables, fixed patterns, transfer functions.
 
 In:  grids and stages.
-Out: read-only arrays, made once and kept while there is room.
+Out: read-only arrays, computed once and kept while there is room.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from etendue.telling import foreign
 LARGEST_CACHE = 256 << 20
 LARGEST_PATTERN = (
     LARGEST_CACHE // 4
-)  # bytes of the pattern of a frame: of a larger one strips are not kept, none would be found again
-LASTING = 50  # runs for which something is kept that none of them asks for
-LARGEST_SHARED = 1 << 18  # pixels up to which a pattern is kept beside what is made of it, for another strength of it
+)  # bytes; patterns of larger frames are not cached, since strips would evict each other before they are reused
+LASTING = 50  # an entry unused for this many runs is dropped
+LARGEST_SHARED = 1 << 18  # pixels; up to this size the raw normals are cached too, for use with other strengths
 Window = tuple[int, int, int, int]  # first row, first column, rows, columns
 
 
 class Key:
-    """A key whose hash is taken once: of a stage and its grids it costs more than looking up what is kept under it."""
+    """A key that computes its hash once: for a stage with its grids, hashing costs more than the look-up itself."""
 
     __slots__ = ("taken", "value")
 
@@ -51,12 +51,11 @@ class Key:
 class _Entry:
     value: Any
     size: int
-    run: int  # the last that asked for it
+    run: int  # the last run that used it
 
 
 class Cache:
-    """Values by key, least recently used dropped first: bounded in bytes, and in runs of the process that have not
-    asked for them.
+    """Values by key, bounded in bytes (least recently used dropped first) and in unused runs of the process.
 
     Shared by the threads of a process.
     """
@@ -74,6 +73,7 @@ class Cache:
                 self.entries.move_to_end(key)
                 found.run = self.runs
                 return found.value
+            # One lock per key, so that threads wait for a value being computed instead of computing it twice.
             making = self.making.setdefault(key, threading.Lock())
         with making:
             with self.lock:
@@ -95,7 +95,7 @@ class Cache:
 
     @contextmanager
     def run(self) -> Iterator[None]:
-        """A run: behind it what none of the last runs has asked for is let go."""
+        """Enclose a run; afterwards, entries that none of the last runs has used are dropped."""
         try:
             yield
         finally:
@@ -109,14 +109,14 @@ class Cache:
         self.held -= entry.size if entry is not None else 0
 
     def clear(self) -> None:
-        """Forget everything: for measurements that must not profit from what was made before."""
+        """Drop everything, for measurements that must not profit from earlier work."""
         with self.lock:
             self.entries.clear()
             self.held = 0
 
 
 def _size(value: Any, depth: int = 6) -> int:
-    """Bytes of the arrays in a value, containers and the fields of objects looked into."""
+    """Return the bytes of the arrays in a value, including those in containers and fields of objects."""
     known = getattr(value, "nbytes", None)
     if known is not None:
         return int(known)
@@ -132,11 +132,11 @@ TABLES = Cache(LARGEST_CACHE)
 
 
 class PatternRandom:
-    """Random numbers by absolute position, for places, rows and columns: the same in every cell, frame, window and
+    """Random numbers by absolute position, for pixels, rows and columns: the same in every cell, frame, window and
     precision.
 
-    They are named by whose they are, how they are drawn, and the pattern's own name: stages that ask for one pattern
-    are given one. ``frame``: pixels of the whole frame, where the grid holds some of its rows.
+    A pattern is named by its owner, how it is drawn, and its own name: stages that ask for the same pattern get the
+    same one. ``frame``: pixels of the whole frame, if the grid holds only some of its rows.
     """
 
     def __init__(self, serial: bytes, grid: Grid, precision: str, frame: int = 0) -> None:
@@ -146,17 +146,17 @@ class PatternRandom:
         self.pixels, self.rows, self.columns = (top, left, rows, columns), (top, 0, rows, 1), (0, left, 1, columns)
 
     def apart(self) -> PatternRandom:
-        """The same for one who may not see what others are given."""
+        """Return copies from now on, for a stage that must not share arrays with others."""
         self.own = True
         return self
 
     def normal(self, pattern: str) -> Any:
-        """(y, x) standard normals of the pattern of this name, such as ``"grain"``."""
+        """Return (y, x) standard normals of the pattern of this name, such as ``"grain"``."""
         return self._normals("normal", pattern, self.pixels)
 
     def spread(self, pattern: str, rms: float) -> Any:
-        """(y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of this
-        name. Made once.
+        """Return (y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of this
+        name. Cached.
         """
 
         def make() -> Any:
@@ -172,18 +172,20 @@ class PatternRandom:
         return self._kept(("spread", pattern, rms), self.pixels, self.precision, make)
 
     def uniform(self, pattern: str) -> Any:
-        """(y, x) uniforms, 0 <= u < 1, float64 in every run: a share of 1e-8 is no other in single precision."""
+        """Return (y, x) uniforms, 0 <= u < 1, in float64 in every run, so that a share of 1e-8 holds in any
+        precision.
+        """
         words = self._words("uniform", pattern)
         return self._kept(
             ("uniform", pattern), self.pixels, np.dtype(np.float64), lambda: tiled_uniform(words, *self.pixels)
         )
 
     def row_normal(self, pattern: str) -> Any:
-        """(y, 1) standard normals: one for each row, whichever columns the window holds."""
+        """Return (y, 1) standard normals, one per row, independent of the columns in the window."""
         return self._normals("row", pattern, self.rows)
 
     def column_normal(self, pattern: str) -> Any:
-        """(1, x) standard normals: one for each column."""
+        """Return (1, x) standard normals, one per column."""
         return self._normals("column", pattern, self.columns)
 
     def _normals(self, how: str, pattern: str, window: Window) -> Any:
@@ -191,11 +193,11 @@ class PatternRandom:
         return self._kept((how, pattern), window, self.precision, lambda: tiled_normal(words, *window, self.precision))
 
     def _words(self, how: str, pattern: str) -> bytes:
-        """A serial holds no line break: no two patterns have the same words."""
+        """Return the seed words of a pattern. A serial holds no line break, so no two patterns have the same words."""
         return b"\n".join((self.serial, how.encode(), pattern.encode()))
 
     def _kept(self, what: tuple[Any, ...], window: Window, dtype: Any, make: Callable[[], Any]) -> Any:
-        """What is made, for reading; made anew for strips of a frame so large that none would be found again."""
+        """Return a cached read-only array; computed anew for strips of very large frames, see ``LARGEST_PATTERN``."""
 
         def read_only() -> Any:
             array = make()
@@ -209,12 +211,12 @@ class PatternRandom:
 
 
 def _span(line: Line) -> tuple[int, int]:
-    """The first pixel and how many; of a stage that writes larger ones, in those."""
+    """Return the first pixel and the number of pixels, in units of the line's own step."""
     return math.floor(line.start / line.step + 0.5), line.size
 
 
 def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> tuple[Key, bool]:
-    """Under what the tables of a stage are kept, and whether that stays so: files may change."""
+    """Return the key of a stage's prepared tables, and whether it stays valid: files may change."""
     state = state_of(stage)
     return Key(("prepare", state, tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))), not state[1]
 
@@ -222,7 +224,7 @@ def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mappin
 def prepared_of(
     stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid], key: Key | None = None
 ) -> Any:
-    """``stage.prepare``, once per (parameters, coordinates) and process; ``key``: where it is known already."""
+    """Return ``stage.prepare``, computed once per (parameters, coordinates) and process; ``key``: if known already."""
     if type(stage).prepare is Stage.prepare:
         return None
     own: Any = stage
@@ -237,12 +239,12 @@ def prepared_of(
 
 
 def prepared_for(stage: Stage, edges: tuple[float, ...]) -> Any:
-    """What a stage has prepared for bands with these edges alone."""
+    """Return what a stage prepares for bands with these edges, without a grid."""
     return prepared_of(stage, {first_port(stage): Grid.of({bands_of(type(stage)): Bands(edges)})}, {})
 
 
 def prepared_on(stage: Stage, grid: Grid) -> Any:
-    """What a stage has prepared for the grid of what it reads."""
+    """Return what a stage prepares for the grid of its input."""
     return prepared_of(stage, {first_port(stage): grid}, {})
 
 

@@ -1,12 +1,12 @@
-"""Which cells of large frames are computed together, strip by strip.
+"""Decide which cells of large frames are computed together, strip by strip.
 
 In:  the jobs of a run.
-Out: the same jobs; those of a walk know it.
+Out: the same jobs, with ``walk`` set where a job belongs to one.
 
-A walk is a chain of cells of one frame whose stages need no more than a few rows around a row (``Haloed``, or
-``elementwise``). It ends in front of a stage that needs the whole frame, and where a sweep forks. Walks hang together
-without circles: every cell has a depth, which grows by one from a walk to whatever reads of it as a whole, and a walk
-holds cells of one depth.
+A walk is a set of connected cells of one frame whose stages need no more than a few rows around a row (``Haloed``, or
+``elementwise``). It ends before a stage that needs the whole frame, and where a sweep forks. Walks must not depend on
+each other in circles: every cell has a depth, which grows by one from a walk to whatever reads its result as a whole,
+and a walk holds cells of one depth.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def with_walks(
     can: Callable[[CellRef], Walker | None],
     place: Callable[[CellRef, str], Any] | None = None,
 ) -> dict[CellRef, Job]:
-    """Tell the jobs of each walk of it; ``can``: what a cell needs of its frame, where a few rows do; ``place``: where
-    the caller wants a variable put, which nobody else reads."""
+    """Set the ``walk`` of the jobs that belong to one; ``can``: what a cell needs of its frame, if a few rows suffice;
+    ``place``: the caller's array for a variable that nobody else reads."""
     walkers = _walkers(jobs, can)
     if not walkers:
         return jobs
@@ -49,7 +49,7 @@ def with_walks(
 
 
 def _walkers(jobs: Mapping[CellRef, Job], can: Callable[[CellRef], Walker | None]) -> dict[CellRef, Walker]:
-    """The cells that may be computed in strips."""
+    """Return the cells that may be computed in strips."""
     large: Once[bool] = Once()  # most cells of a sweep share their grids
     found: dict[CellRef, Walker] = {}
     for ref, job in jobs.items():
@@ -64,12 +64,12 @@ def _together(
     walkers: Mapping[CellRef, Walker],
     readers: Mapping[tuple[CellRef, str], set[CellRef]],
 ) -> list[list[CellRef]]:
-    """The cells of each walk: those of one depth that go on from each other's strips.
+    """Group cells into walks: cells of one depth that continue from each other's strips.
 
-    A cell is one deeper than what it reads as a whole of a walk: so no walk waits for another that waits for it.
+    A cell is one deeper than what it reads as a whole from a walk, so that no two walks wait for each other.
     """
     depth: dict[CellRef, int] = {}
-    home: dict[CellRef, CellRef] = {}  # of a cell another one of its walk, at last of the one that stands for it
+    home: dict[CellRef, CellRef] = {}  # union-find: each cell points towards the representative of its walk
     for ref, job in jobs.items():
         own = [need for need in job.needs if ref in walkers and need in walkers]
         joined = {need for need in own if _walks_on(jobs, walkers, readers, need, job)}
@@ -86,7 +86,7 @@ def _together(
 
 
 def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellRef]]:
-    """Who reads a variable of a cell."""
+    """Return the readers of each variable of each cell."""
     found: dict[tuple[CellRef, str], set[CellRef]] = {}
     for ref, job in jobs.items():
         read = {(source, variable) for _, source, variable in job.inputs}
@@ -117,8 +117,8 @@ def _walks_on(
     need: CellRef,
     job: Job,
 ) -> bool:
-    """Whether a job can go on from the strips of a cell that it reads: of the same frame, alone of its stage, and of
-    rows only.
+    """Return True if a job can continue from the strips of a cell that it reads: of the same frame, as the only cell of
+    its stage, and reading only arrays with rows.
     """
     if walkers[need].frame != walkers[job.ref].frame or need in job.awaited or job.stage.negative == "clip":
         return False
@@ -126,7 +126,8 @@ def _walks_on(
         if source != need:
             continue
         before = jobs[need].stage
-        whole = isinstance(before, Haloed) and type(before).joined is not Haloed.joined  # known when all rows are there
+        # known only once all rows have been computed
+        whole = isinstance(before, Haloed) and type(before).joined is not Haloed.joined
         if whole and not has_rows(jobs[need].writes[variable].dims):
             return False
         if sum(ref[0] == job.ref[0] for ref in readers[source, variable]) > 1:

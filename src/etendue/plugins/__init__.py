@@ -1,1 +1,1 @@
-"""What distributions bring: hooks, discovery, and their code at work."""
+"""Plugins: hooks, discovery, and isolation of foreign code."""

@@ -1,10 +1,10 @@
-"""What installed distributions bring, by name: stages, variables, shared quantities, roles, and vocabularies of their
+"""What installed distributions provide, by name: stages, variables, shared quantities, roles, and vocabularies of their
 own.
 
-In:  entry points of the group ``etendue``, one manifest module per distribution, asked through pluggy's hooks
+In:  entry points of the group ``etendue``, one manifest module per distribution, called through pluggy's hooks
      (``hookspecs``).
-Out: what stands under a name and who brought it. A manifest that is broken brings nothing, and says why to whoever
-     misses it.
+Out: the value under a name and the distribution that provides it. A broken manifest provides nothing, and the reason is
+     given where one of its names is missed.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 
 HOOKS = tuple(name.removeprefix("etendue_") for name in vars(hookspecs) if name.startswith("etendue_"))
 _LINE = re.compile(r"^(Name|Version):[ \t]*(\S+)[ \t]*$", re.MULTILINE)
-OWN = "etendue"  # looked at first: most names are its own
+OWN = "etendue"  # searched first: most names are its own
 _Form = TypeVar("_Form")
 
 
 @dataclass(frozen=True)
 class Brought:
-    """What a distribution brings under a name."""
+    """What a distribution provides under a name."""
 
     value: Any
     distribution: str
@@ -52,26 +52,26 @@ class Brought:
 
 @contextmanager
 def foreign(what: str, guest: str = "") -> Iterator[None]:
-    """Code of a distribution is imported or asked: whatever it raises is a ``PluginError``, and the working folder is
-    put back.
+    """Enclose import or call of a distribution's code: all its exceptions become ``PluginError``, and the working
+    directory is restored.
 
-    ``guest``: its name, if it is another distribution's than this.
+    ``guest``: the name of the code, if it is not of this distribution.
     """
     who, folder = FOLDER.begin()
     try:
         with Guest(guest) if guest else nullcontext():
             yield
-    except BaseException as error:  # a module that ends the process at import is broken like any other
+    except BaseException as error:  # includes SystemExit: a module must not end the process at import
         if is_ours(error):
             raise
         raise PluginError(f"{what}: {' '.join(said(error).split())[:300]}") from error
     finally:
-        FOLDER.end(who, lambda: return_to(folder))  # the rest of a request is read where it was made
+        FOLDER.end(who, lambda: return_to(folder))  # later relative paths of the request must resolve as before
 
 
 def named(distribution: Distribution) -> tuple[str, str]:
-    """Name and version of a distribution, '' where it has none: from the first lines of its metadata, which need not
-    be parsed for it.
+    """Return name and version of a distribution, '' if unknown; read from the first lines of its metadata, which is
+    faster than parsing it.
     """
     head = (distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or "").partition("\n\n")[0]
     found = dict(_LINE.findall(head))
@@ -87,7 +87,7 @@ class Discovery:
         known: dict[tuple[str, str], tuple[EntryPoint, str, str]] = {}
         for point in points:
             name, version = named(point.dist) if point.dist else ("?", "?")
-            known.setdefault((name, point.value), (point, name, version))  # a folder may stand twice on the path
+            known.setdefault((name, point.value), (point, name, version))  # a folder may occur twice on the path
         self.points = [point for point, _, _ in known.values()]
         self._known = sorted(known.values(), key=lambda one: (one[1] != OWN, one[1], one[0].value))
         self._former = tuple(former)
@@ -98,32 +98,32 @@ class Discovery:
         self._lock = threading.Lock()
         self._answers: dict[tuple[str, str, str], dict[str, Brought]] = {}
         self._broken: dict[tuple[str, str, str], str] = {}
-        self._declared: set[str] = set()  # vocabularies of manifests that have been read
+        self._declared: set[str] = set()  # vocabularies declared by manifests read so far
 
     def first(self, what: str, name: str) -> Brought | None:
-        """What stands under a name, without a look at those who might bring it too."""
+        """Return what the first distribution provides under a name, without reading further manifests."""
         return next((answer[name] for answer in self._answered(what) if name in answer), None)
 
     def all(self, what: str, name: str) -> tuple[Brought, ...]:
-        """The same of everybody who brings it."""
+        """Return what each distribution provides under a name."""
         return tuple(answer[name] for answer in self._answered(what) if name in answer)
 
     def names(self, what: str) -> list[str]:
-        """All names, in the order in which they are brought."""
+        """Return all names, in the order in which they are provided."""
         return list(dict.fromkeys(name for answer in self._answered(what) for name in answer))
 
     def clash(self, what: str, name: str) -> str:
-        """What is wrong with a name that more than one distribution brings; '' where one does."""
+        """Return what is wrong with a name that several distributions provide; '' if only one does."""
         brought = self.all(what, name)
         return (
-            f"offered by {' and '.join(one.distribution for one in brought)}; uninstall one of them"
+            f"provided by {' and '.join(one.distribution for one in brought)}; uninstall one of them"
             if len(brought) > 1
             else ""
         )
 
     def missed(self, what: str, name: str) -> str:
-        """'; ...' with what may be the reason that nobody brings a name: a manifest that is broken, or of the form
-        of earlier versions.
+        """Return '; ...' with possible reasons why nobody provides a name: broken manifests, or ones in the form of
+        earlier versions.
         """
         former = [point for point in self._former if point.name == name] if what == "stages" else []
         said = [_former_text(point) for point in former[:1]] or [
@@ -132,7 +132,7 @@ class Discovery:
         return "".join(f"; {text}" for text in dict.fromkeys(said))
 
     def notes(self) -> list[str]:
-        """A line for each distribution that brings nothing, or less than it means to, with the reason."""
+        """Return a line per distribution that provides nothing, or less than intended, with the reason."""
         for what in HOOKS:
             self.names(what)
         former = {point.dist.name if point.dist else "?": _former_text(point) for point in self._former}
@@ -153,7 +153,7 @@ class Discovery:
             yield self._answers[key]
 
     def _module(self, point: EntryPoint, origin: str, key: tuple[str, str, str]) -> ModuleType | None:
-        """The manifest, registered; None where it is being imported just now, by its own module asking for a name."""
+        """Return the registered manifest; None if it is being imported and its own code is asking for a name."""
         broken = (*key[:2], "")
         if broken in self._broken:
             raise PluginError(self._broken[broken])
@@ -165,7 +165,7 @@ class Discovery:
             return known
         module: Any = None
         try:
-            # The entry point is loaded here: pluggy's own loader walks all distributions, and one that breaks would
+            # Load the entry point here: pluggy's own loader goes through all distributions, and a broken one would
             # break all.
             with foreign(f"{origin} cannot be read: its manifest {point.value}", guest):
                 module = point.load()
@@ -189,10 +189,10 @@ class Discovery:
         return found
 
     def _refuse_unknown(self, module: ModuleType) -> None:
-        """Raise where a manifest answers to a hook that nobody has."""
+        """Raise if a manifest implements an unknown hook."""
         own = getattr(module, "etendue_vocabularies", None)
         self._declared |= set(own() or ()) if callable(own) else set()
-        tables = getattr(module, "etendue_tables", None)  # whose presets are brought by a hook that they name
+        tables = getattr(module, "etendue_tables", None)  # each table names the hook that provides its presets
         for table in (tables() or {}).values() if callable(tables) else ():
             self._declared.add(str(table.get("presets", "")))
         for name in vars(module):
@@ -205,14 +205,14 @@ class Discovery:
         others = self._manager.get_plugins() - {module}
         hook = f"etendue_{what}"
         origin = f"{distribution} {version}"
-        if not hasattr(self._manager.hook, hook):  # of a vocabulary that nobody has filled
+        if not hasattr(self._manager.hook, hook):  # a vocabulary without any entries
             return {}
-        with foreign(f"{origin}: its {hook} breaks off", "" if distribution == OWN else f"{hook} of {origin}"):
+        with foreign(f"{origin}: its {hook} failed", "" if distribution == OWN else f"{hook} of {origin}"):
             answers = self._manager.subset_hook_caller(hook, others)()
         for answer in answers:
             if not isinstance(answer, Mapping) or not all(isinstance(name, str) for name in answer):
                 raise PluginError(
-                    f"{distribution} {version}: its {hook} gives {type(answer).__name__}; expected a mapping by name"
+                    f"{distribution} {version}: its {hook} returned {type(answer).__name__}; expected a mapping by name"
                 )
         return {name: Brought(value, distribution, version) for answer in answers for name, value in answer.items()}
 
@@ -220,8 +220,8 @@ class Discovery:
 def _former_text(point: EntryPoint) -> str:
     origin = f"{point.dist.name} {point.dist.version}" if point.dist else "a distribution"
     return (
-        f"{origin} has its stages as entry points of {hookspecs.FORMER_GROUP!r}, which are no longer read: install a "
-        f"newer version, or "
+        f"{origin} declares its stages as entry points of {hookspecs.FORMER_GROUP!r}, which are no longer read: "
+        f"install a newer version, or "
         f"name its manifest once, [project.entry-points.etendue] and NAME = {point.module!r}, with {point.name!r} in "
         f"its etendue_stages()"
     )
@@ -229,20 +229,20 @@ def _former_text(point: EntryPoint) -> str:
 
 @cache
 def installed() -> Discovery:
-    """The vocabularies of all installed distributions."""
-    from importlib.metadata import entry_points  # late: whoever only makes a class without quantities looks nothing up
+    """Return the vocabularies of all installed distributions."""
+    from importlib.metadata import entry_points  # imported late: defining a class without quantities needs no look-up
 
     points = entry_points()
     return Discovery(points.select(group=hookspecs.GROUP), points.select(group=hookspecs.FORMER_GROUP))
 
 
 def own_packages() -> frozenset[str]:
-    """The packages of this distribution: the engine, and those of its manifests."""
+    """Return the packages of this distribution: the engine, and those of its manifests."""
     return installed().own_packages
 
 
 def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
-    """What a distribution says in a mapping, as a dataclass with the same words."""
+    """Return what a distribution provides as a mapping, as a dataclass with the same keys."""
     known = [field.name for field in fields(form)]  # type: ignore[arg-type]
     if not isinstance(brought.value, Mapping):
         raise PluginError(
@@ -250,7 +250,7 @@ def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
         )
     for word in brought.value:
         if word not in known:
-            raise PluginError(f"{what} of {brought.origin} has no word {word!r}{nearest(str(word), known)}")
+            raise PluginError(f"{what} of {brought.origin} has an unknown key {word!r}{nearest(str(word), known)}")
     try:
         return form(**brought.value)
     except (TypeError, ValueError) as error:
@@ -259,8 +259,8 @@ def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """``word``: what one of its names is called; ``endings``: of its files, where its names stand for tables;
-    ``library``: in the place of a path, a table that a library has."""
+    """``word``: what one of its names is called; ``endings``: those of its files, if its names stand for tables;
+    ``library``: a value that stands for a table of a library instead of a path."""
 
     word: str
     endings: tuple[str, ...] = ()
@@ -269,7 +269,7 @@ class Vocabulary:
 
 @cache
 def table_vocabularies() -> dict[str, Vocabulary]:
-    """Those whose names stand for tables in files."""
+    """Return the vocabularies whose names stand for tables in files."""
     found = installed()
     every = {name: brought for name in found.names("vocabularies") if (brought := found.first("vocabularies", name))}
     made = {name: made_of(Vocabulary, f"the vocabulary {name!r}", brought) for name, brought in every.items()}
@@ -277,18 +277,17 @@ def table_vocabularies() -> dict[str, Vocabulary]:
 
 
 def is_table_file(text: str) -> bool:
-    """Whether a text is the path of a file with a table."""
+    """Return True if a text is the path of a table file."""
     return any(text.endswith(tuple(one.endings)) for one in table_vocabularies().values()) or text.endswith(".csv")
 
 
 def table_file(name: str) -> str:
-    """The path of the file behind the name of a table, or of a path of one; '' for a table of a library, and for no
-    table.
+    """Return the path of the file for the name or path of a table; '' for a table of a library, and for anything else.
 
     Raises
     ------
     ValueError
-        Two distributions bring it, or one does without the file.
+        Two distributions provide it, or one does without the file.
     """
     if is_table_file(name):
         return name

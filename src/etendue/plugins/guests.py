@@ -1,12 +1,12 @@
-"""Code of other distributions, while it is at work in this process: it ends nothing but itself, and what it changes is
-put back.
+"""Isolation of foreign code running in this process: it can end nothing but itself, and its changes to the process are
+undone.
 
-In:  who is at work, by name.
-Out: umask, recursion limit and arithmetic as they stood in front of all who are at work; a child that it forked and
-     that comes back with it ends; ``os._exit`` is ``sys.exit``.
+In:  the name of the code.
+Out: umask, recursion limit and floating-point mode are restored; a child that foreign code has forked ends if it
+     returns; ``os._exit`` acts as ``sys.exit``.
 
-``discovery.foreign`` and ``run.ownership`` put back what else there is only once: the working folder, warnings, errors
-of numpy.
+``discovery.foreign`` and ``run.ownership`` restore the rest of the process state: working directory, warnings, numpy
+error handling.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _ONE, _HALF, _SMALLEST, _TIE_ABOVE, _TIE_BELOW = (
     sys.float_info.min,
     2.0**-53,
     2.0**-54,
-)  # names: nothing is computed ahead
-_told: dict[Any, Any] = {}  # what has been said; once is enough
+)  # variables, so that the tests below are not computed at compile time
+_told: dict[Any, Any] = {}  # notes already given, each only once
 
 
 class _AtWork(threading.local):
@@ -45,32 +45,30 @@ _here = _AtWork()
 
 
 def is_guest(kind: type) -> bool:
-    """Whether a class of stages is another distribution's."""
+    """Return True if a stage class belongs to another distribution."""
     return not is_ours(kind.__module__)
 
 
 def is_ours(module: str) -> bool:
-    """Whether a module, by its name, is of this distribution."""
+    """Return True if a module name belongs to this distribution."""
     return module.partition(".")[0] in _own_packages()
 
 
 @cache
 def _own_packages() -> frozenset[str]:
-    from etendue.plugins.discovery import own_packages  # which asks for guests
+    from etendue.plugins.discovery import own_packages  # imported late, because it imports this module
 
     return own_packages()
 
 
 @cache
 def called(kind: type) -> str:
-    """A class of stages as it is named to a user: ``naughty_light.Naughty``."""
+    """Return the name of a stage class as shown to users: ``naughty_light.Naughty``."""
     return f"{kind.__module__}.{kind.__qualname__}"
 
 
 class Guest:
-    """Use as a context manager around the code of ``name``; as often, as deep and in as many threads as there is
-    some.
-    """
+    """Use as a context manager around foreign code called ``name``; may be nested and used in several threads."""
 
     __slots__ = ("found", "name", "ordinary", "process", "who")
 
@@ -81,7 +79,7 @@ class Guest:
         self.process, self.ordinary = os.getpid(), ordinary()
         self.who, self.found = _STATE.begin()
         EXIT.__enter__()
-        if _ours() and not EXIT.stays:  # for threads that it leaves behind
+        if _ours() and not EXIT.stays:  # for threads that foreign code leaves behind
             EXIT.stays = True
             EXIT.__enter__()
         _here.count += 1
@@ -94,28 +92,28 @@ class Guest:
         changed: list[str] = []
         _STATE.end(self.who, lambda: changed.extend(_put_back(*self.found)))
         if self.ordinary and not ordinary():
-            changed.append("how numbers are rounded")
+            changed.append("the floating-point rounding mode")
             _arithmetic_again()
         if changed:
-            text = f"{self.name} has set {' and '.join(changed)}; put back"
+            text = f"{self.name} changed {' and '.join(changed)}; restored"
             warnings.warn_explicit(text, RuntimeWarning, __file__, 0, registry=_told)
 
 
 def in_a_worker() -> None:
-    """This process is ours: nobody but plugins ends it with ``os._exit``."""
+    """Mark this process as our own: only plugins would call ``os._exit`` in it."""
     _Process.ours = True
 
 
 def abandon() -> None:
-    """Somebody will never end: what stands now is what those who begin from now on put back."""
+    """Give up on foreign code that will never end: the present state is what later guests restore."""
     _STATE.abandon()
 
 
-# -- what is put back -----------------------------------------------------------------------------------------------
+# -- process state --------------------------------------------------------------------------------------------------
 
 
 def _now() -> tuple[int, int]:
-    """The umask and the recursion limit."""
+    """Return the umask and the recursion limit."""
     try:
         with open("/proc/self/status", "rb", 0) as status:
             line = status.read(256).partition(b"\nUmask:")[2].split(maxsplit=1)
@@ -125,7 +123,7 @@ def _now() -> tuple[int, int]:
         return int(line[0], 8), sys.getrecursionlimit()
     umask = os.umask(
         0o077
-    )  # elsewhere it is asked for by setting it: a file that is made at this instant is its owner's alone
+    )  # without /proc it can only be read by setting it; a strict value, in case a file is created meanwhile
     os.umask(umask)
     return umask, sys.getrecursionlimit()
 
@@ -134,7 +132,7 @@ _STATE = StateBefore(_now)
 
 
 def _put_back(umask: int, limit: int) -> Iterator[str]:
-    """What of them was another, in words."""
+    """Restore umask and recursion limit; yield each change in words."""
     if (left := os.umask(umask)) != umask:
         yield f"the umask to {left:03o}"
     if (left := sys.getrecursionlimit()) != limit:
@@ -143,14 +141,12 @@ def _put_back(umask: int, limit: int) -> Iterator[str]:
 
 
 def ordinary() -> bool:
-    """Whether this thread rounds to the nearest number, ties to even, and has numbers smaller than the smallest
-    normal one.
-    """
+    """Return True if this thread rounds to the nearest number, ties to even, and has subnormal numbers."""
     return _ONE + _TIE_ABOVE == _ONE and _ONE - _TIE_BELOW == _ONE and _SMALLEST * _HALF > 0.0
 
 
 def _arithmetic_again() -> None:
-    """The arithmetic with which every process begins, in this thread; where the C library has no such call it stays."""
+    """Reset the floating-point environment of this thread to its default, if the C library supports it."""
     import ctypes
 
     library = ctypes.CDLL(None)
@@ -161,29 +157,29 @@ def _arithmetic_again() -> None:
             library.fesetenv(ctypes.c_void_p(-1))  # FE_DFL_ENV of glibc and musl
 
 
-# -- who ends -------------------------------------------------------------------------------------------------------
+# -- ending the process ---------------------------------------------------------------------------------------------
 
 
 def _came_back(name: str) -> NoReturn:
-    """In a child that was forked: all that stands behind here is its parent's."""
-    _say(f"note: a process that {name} had forked came back from it, and was ended\n")
+    """End a forked child that returned from foreign code: everything that follows belongs to its parent."""
+    _say(f"note: a process that {name} had forked returned from it and was ended\n")
     interrupts.end_now(1)
 
 
 def _say(line: str) -> None:
-    with suppress(OSError):  # nobody listens
+    with suppress(OSError):  # stderr may be closed
         os.write(2, line.encode())
 
 
 def _exit_of_guests(process: int, real: Any, status: int) -> None:
-    """``os._exit`` while guests are at work. A child that was forked ends; so does the process, where somebody else
-    owns it and asks.
+    """Replace ``os._exit`` while foreign code runs. A forked child ends; so does a process that is not ours, when its
+    own code calls it.
     """
     if os.getpid() == process and (_here.count or _ours()):
-        if interrupts.ending():  # the process ends, with the code of the command
+        if interrupts.ending():  # the process is ending with the exit code of the command
             return
         if not _here.count:
-            _say(f"note: a plugin called os._exit({status}) in a thread of its own, which alone was ended\n")
+            _say(f"note: a plugin called os._exit({status}) in a thread of its own; only that thread was ended\n")
         raise SystemExit(f"os._exit({status})")
     real(status)
 
@@ -200,7 +196,7 @@ def _exit_watched() -> Iterator[None]:
     try:
         yield
     finally:
-        if os is not None and os._exit is own:  # None where the interpreter itself ends
+        if os is not None and os._exit is own:  # None while the interpreter shuts down
             os._exit = real
 
 

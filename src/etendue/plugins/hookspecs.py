@@ -1,11 +1,10 @@
-"""What a distribution may bring: one hook for each vocabulary, in one small manifest module, named by one entry point.
+"""What a distribution may provide: one hook per vocabulary, in a small manifest module named by one entry point.
 
     [project.entry-points.etendue]
     my-film = "my_film.manifest"
 
-The manifest is imported whenever anything is looked up, so it imports little; stages are named as text and imported
-when they are used. Every hook gives a mapping by name. Two distributions that give one name are a fault of the pipeline
-that uses it.
+The manifest is imported for every look-up, so it should import little; stages are named as text and imported on use.
+Every hook returns a mapping by name. If two distributions provide the same name, pipelines that use it report a fault.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ hookimpl = pluggy.HookimplMarker(PROJECT)
 
 @hookspec
 def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
-    """Stages: where their class stands, or the class itself.
+    """Stages: the location of their class, or the class itself.
 
     {"halation": "my_film.stages:Halation"}
     """
@@ -40,8 +39,8 @@ def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 @hookspec
 def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Quantities that stages share, under one table of a pipeline file: the words of ``param()``, and a default unless
-    it must be given.
+    """Quantities that stages share, under one table of a pipeline file: the keywords of ``param()``, and a default
+    unless the value is required.
 
     {"film_thickness": {"default": 120.0, "units": "um", "above": 0, "doc": "of the film's base"}}
     """
@@ -49,7 +48,7 @@ def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[emp
 
 @hookspec
 def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What stages are alternatives to, in a sentence.
+    """Roles: what their stages do, in one sentence; stages of one role are alternatives to each other.
 
     {"halation": "light that comes back from behind the sensitive layer"}
     """
@@ -57,7 +56,7 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Further hooks, which a domain has for itself and whoever builds upon it: each gives a mapping by name
+    """Further hooks of a domain, for itself and for distributions that build upon it; each returns a mapping by name
     (``discovery.Vocabulary``).
 
     {"stocks": {"word": "film stock"}}: others bring ``etendue_stocks()``
@@ -66,8 +65,8 @@ def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[e
 
 @hookspec
 def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Dims that are cut into bands, or have a unit and a name of their own (``contract.arrays.dims.Dim``). Stages may
-    ask for the coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
+    """Dims that are divided into bands, or have a unit and a name (``contract.arrays.dims.Dim``). Stages may ask for the
+    coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
 
     {"frequency": {"bins": True, "units": "Hz", "long_name": "frequency"}}
     """
@@ -75,7 +74,7 @@ def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-bod
 
 @hookspec
 def etendue_units() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """Units beside those of the SI: '' for one that is made of no others, or what one of it is.
+    """Units in addition to SI: '' for a base unit, or the definition of one unit in terms of others.
 
     {"grain": "", "stop": "0.3 grain"}
     """
@@ -83,8 +82,8 @@ def etendue_units() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """Generators of fixed patterns, random numbers by absolute position that are the same in every cell: the argument
-    of ``run`` by which a stage asks for one, and the shared quantity that says whose patterns they are.
+    """Generators of fixed patterns (random numbers by absolute position, the same in every cell): the argument of
+    ``run`` with which a stage asks for one, and the shared quantity that identifies the owner of the pattern.
 
     {"rng_film": "film_serial"}
     """
@@ -92,7 +91,7 @@ def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_commands() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Commands of the program ``etendue``: where the click command stands, how it is typed, what it does
+    """Commands of the program ``etendue``: location of the click command, usage, and what it does
     (``cli.commands.Command``).
 
     {"halation": {"place": "my_film.cli:halation", "usage": "FILE", "doc": "how far light comes back from the base"}}
@@ -101,7 +100,7 @@ def etendue_commands() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty
 
 @hookspec
 def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """Methods of ``etendue.Pipeline`` and ``etendue.Archive``: a function whose first argument is the one or the other.
+    """Methods of ``etendue.Pipeline`` and ``etendue.Archive``: a function whose first argument is that object.
 
     {"Pipeline.halation": "my_film.study:halation_of"}
     """
@@ -109,8 +108,8 @@ def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``,
-    and ``why`` where there are none.
+    """Attribution of losses to stages: ``function(folder, at, told)`` returns ``losses``, ``notes``, and ``why`` if
+    there are none.
 
     {"halation": "my_film.study:shares_at"}
     """
@@ -118,9 +117,9 @@ def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """How arrays become colours: for a dim in front of y and x a function of (drawn, edges, names) that gives (3, n)
-    from its n planes to linear sRGB, or None for the first three as they are; for ``pattern`` a function of its text
-    that gives rows and colours by letter.
+    """How arrays become colours. For a dim before y and x, a function of (drawn, edges, names) that returns the (3, n)
+    matrix from its n planes to linear sRGB, or None to show the first three unchanged; for ``pattern``, a function of
+    its text that returns rows and colours by letter.
 
     {"layer": "my_film.seen:of_layers"}
     """
@@ -128,17 +127,17 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """The name of the table under which shared quantities stand, and how sets of values are named in it
+    """The name of the table of shared quantities in a pipeline file, and how sets of values are named in it
     (``contract.values.tables.Table``).
 
-    {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, brought by ``etendue_stocks()``, a
-    file or mapping each
+    {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, provided by ``etendue_stocks()``,
+    each a file or a mapping
     """
 
 
 @hookspec
 def etendue_templates() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Commented pipelines to begin with, for ``etendue new`` (``pipeline.beginning.Template``).
+    """Commented pipelines to start from, for ``etendue new`` (``pipeline.beginning.Template``).
 
     {"film": {"path": Path(__file__).parent / "film.toml", "keep": {"all": "everything"}}}
     """
@@ -146,7 +145,7 @@ def etendue_templates() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 @hookspec
 def etendue_beginnings() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """By role, the stage that ``etendue new-plugin`` begins as: the one whose arithmetic is read fastest.
+    """By role, the stage from which ``etendue new-plugin`` starts: the one whose arithmetic is easiest to read.
 
     {"halation": "halation_gaussian"}
     """
@@ -154,7 +153,7 @@ def etendue_beginnings() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Stages that other distributions bring: named where a pipeline uses them and they are not installed.
+    """Stages in other distributions, which are suggested if a pipeline uses them and they are not installed.
 
     {"my-film-scanner": {"stages": ["scanner_glare"]}}
     """
@@ -162,12 +161,12 @@ def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 @hookspec
 def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Kinds of plots: where ``function(holdings, asked)`` stands, how many variables it takes, what it goes by
+    """Kinds of plots: location of ``function(holdings, asked)``, the number of variables, the options it uses
     (``plots.kinds.Kind``).
 
-    It gives a figure of matplotlib. ``held = holdings.find("mean_level")`` is a variable, ``held.values()`` its array
-    over all axes, and ``held.values(asked.cell(held))`` that of the one cell that was asked for; ``asked.figures`` are
-    the names that were given.
+    It returns a matplotlib figure. ``held = holdings.find("mean_level")`` is a variable, ``held.values()`` its array
+    over all axes, and ``held.values(asked.cell(held))`` that of the requested cell; ``asked.figures`` are the names
+    that were given.
 
     {"rose": {"place": "my_weather.plots:rose", "takes": 1, "uses": ["at"], "doc": "how often the wind blows from
     where"}}
@@ -176,9 +175,9 @@ def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-bo
 
 @hookspec
 def etendue_sections() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Sections of a page: where ``function(tree)`` stands, and the title. It is given what ``etendue.open_archive``
-    gives, and gives a list of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and
-    ``{"picture": bytes of a PNG, "alt": text}``; an empty one where it has nothing to say.
+    """Sections of a page: location of ``function(tree)``, and the title. It gets what ``etendue.open_archive`` returns,
+    and returns a list of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and
+    ``{"picture": bytes of a PNG, "alt": text}``; an empty list if it has nothing to show.
 
     {"rain": {"place": "my_weather.page:rain", "title": "How much it rained"}}
     """
@@ -186,9 +185,9 @@ def etendue_sections() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty
 
 @hookspec
 def etendue_first() -> Mapping[str, Sequence[str]]:  # type: ignore[empty-body]
-    """What goes first where there is a choice: names of variables under ``map``, ``sheet``, ``glance``, ``headline``,
-    ``curves``, ``picture``; two in a text under ``front``; of axes under ``sides`` and ``along``; of shared quantities
-    under ``quantities``.
+    """Preferences for a choice: names of variables under ``map``, ``sheet``, ``glance``, ``headline``, ``curves``,
+    ``picture``; two in one text under ``front``; of axes under ``sides`` and ``along``; of shared quantities under
+    ``quantities``.
 
     {"map": ["rainfall", "mean_wind"], "front": ["rainfall mean_wind"]}
     """
@@ -196,7 +195,7 @@ def etendue_first() -> Mapping[str, Sequence[str]]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_words() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What things are called in sentences of plots and pages (``contract.wording.WORDS``).
+    """Names of things in sentences of plots and pages (``contract.wording.WORDS``).
 
     {"cell": "forecast", "whole": "model"}
     """
@@ -204,7 +203,7 @@ def etendue_words() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """How parts of names are written out on a page; a name that begins with ``_`` is the end of one.
+    """How parts of names are written out on a page; a key that begins with ``_`` is the end of a name.
 
     {"rh": "relative humidity"}
     """
@@ -212,7 +211,7 @@ def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """What figures are about, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of
+    """Subjects of metrics, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of
     them.
 
     {"rain": {"said": "rainfall", "opens": True}}
@@ -221,7 +220,7 @@ def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty
 
 @hookspec
 def etendue_examples() -> Mapping[str, Any]:  # type: ignore[empty-body]
-    """What stages are tried with that look at others: under ``datasheet`` a role and figures.
+    """Test inputs for stages that look at others: under ``datasheet`` a role and values.
 
     {"datasheet": {"role": "gauge", "figures": {"offset": 0.1}}}
     """
@@ -229,7 +228,7 @@ def etendue_examples() -> Mapping[str, Any]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_scales() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """What is said of units beyond their size (``contract.wording.Unit``).
+    """Properties of units beyond their size (``contract.wording.Unit``).
 
     {"hPa": {"full": 1013.0}}
     """

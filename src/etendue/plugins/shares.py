@@ -1,7 +1,7 @@
-"""The share of each stage in what is lost at one place of a sweep, as distributions find it: ``etendue_shares``.
+"""Attribution of the loss at one place of a sweep to stages, as provided by distributions: ``etendue_shares``.
 
 In:  nothing.
-Out: a function of the folder of an archive and values of its axes.
+Out: a function of an archive's folder and axis values.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from etendue.plugins import discovery
 
 
 def shared_out() -> bool:
-    """Whether anybody brings one."""
+    """Return True if any distribution provides an attribution."""
     return bool(discovery.installed().names("shares"))
 
 
 def shares_at() -> Callable[..., dict[str, Any]]:
-    """``function(folder, at, told)``: the document that reports and budgets show.
+    """Return ``function(folder, at, told)``, which returns the document that reports and budgets show.
 
     Raises
     ------
     RequestError
-        Nobody brings one.
+        No distribution provides one.
     """
     found = discovery.installed()
     for name in found.names("shares"):
@@ -33,4 +33,4 @@ def shares_at() -> Callable[..., dict[str, Any]]:
         with discovery.foreign(f"shares of {brought.origin} cannot be loaded"):
             loaded: Callable[..., dict[str, Any]] = EntryPoint(name, str(brought.value), "").load()
         return loaded
-    raise RequestError(f"no installed distribution finds the shares of stages{found.missed('shares', '')}")
+    raise RequestError(f"no installed distribution attributes losses to stages{found.missed('shares', '')}")

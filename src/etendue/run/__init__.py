@@ -1,5 +1,5 @@
-"""How it is computed: cells as jobs, batches of them, one after the other, in threads, in processes or on a cluster.
+"""Execution: cells as jobs, grouped into batches that run one after the other, in threads, processes or on a cluster.
 
-In:  a plan, the cells to compute, where results are kept.
-Out: a report of every cell; its arrays to whoever keeps them.
+In:  a plan, the cells to compute, the storage backend.
+Out: a report of every cell; its arrays to the backend.
 """

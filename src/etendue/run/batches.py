@@ -1,8 +1,8 @@
-"""Batches: a partition of the jobs into tasks of useful size, without circles.
+"""Batches: a partition of the jobs into tasks of useful size, free of cycles.
 
-Each job is in exactly one batch. A job joins the batch of its newest input while that batch is small, else a new
-batch behind it together with its siblings; jobs whose newest inputs stand in several batches share one behind them.
-Levels rise strictly along every dependency between batches, so that diamonds cannot close a circle.
+Each job is in exactly one batch. A job joins the batch of its newest input while that batch is small, else a new batch
+after it, together with its siblings; jobs whose newest inputs are in several batches share one after these. Levels rise
+strictly along every dependency between batches, so that diamonds cannot close a cycle.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ NOBODY: Mapping[CellRef, str] = MappingProxyType({})
 
 @dataclass
 class Batch:
-    """Jobs that run one after the other in one task; they are made when they are asked for, where ``of`` makes them."""
+    """Jobs that run one after the other in one task; ``of`` may create them on demand."""
 
     number: int
     level: int
@@ -56,7 +56,7 @@ class Batch:
 def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECONDS) -> list[Batch]:
     """Group jobs; every batch only needs batches of a lower level."""
     batches: list[Batch] = []
-    behind: dict[tuple[int, ...], int] = {}  # the open batch behind the batches that hold the newest inputs
+    behind: dict[tuple[int, ...], int] = {}  # the open batch after the batches that hold the newest inputs
     units = _Units(jobs)
     needs = Needs(len(units), units.needed)
     home = array("i", bytes(4 * len(units)))
@@ -92,13 +92,13 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
 
 
 class _Units:
-    """What is computed together, by number: a walk, at the place of its first cell, or a cell alone."""
+    """Units that are computed together, by number: a walk, at the position of its first cell, or a single cell."""
 
     def __init__(self, jobs: Mapping[CellRef, Job]) -> None:
-        self.together: dict[int, list[CellRef]] = {}  # of a walk: its cells
+        self.together: dict[int, list[CellRef]] = {}  # the cells of each walk
         self.of: Callable[[CellRef], int]
         self.needs_of: Callable[[CellRef], tuple[CellRef, ...]]
-        if isinstance(jobs, Jobs):  # which have no walks
+        if isinstance(jobs, Jobs):  # such jobs have no walks
             self.first, self.of, self.needs_of, self.seconds_of = list(jobs), jobs.place, jobs.needs, jobs.seconds
             return
         self.needs_of, self.seconds_of = (lambda ref: jobs[ref].needs), (lambda ref: jobs[ref].seconds)
@@ -121,14 +121,14 @@ class _Units:
         return self.together.get(unit) or [self.first[unit]]
 
     def needs(self, unit: int) -> tuple[CellRef, ...]:
-        """The cells that a unit reads of others."""
+        """Return the cells of other units that a unit reads."""
         if unit not in self.together:
             return self.needs_of(self.first[unit])
         own = set(self.together[unit])
         return tuple(dict.fromkeys(r for ref in self.together[unit] for r in self.needs_of(ref) if r not in own))
 
     def needed(self, unit: int) -> set[int]:
-        """The units that a unit reads of."""
+        """Return the units that a unit reads."""
         return {self.of(ref) for ref in self.needs(unit)}
 
     def seconds(self, unit: int) -> float:
@@ -139,7 +139,7 @@ class _Units:
 
 @dataclass
 class BatchResult:
-    """What a batch hands on, and what it has to report."""
+    """What a batch passes on, and its reports."""
 
     results: dict[CellRef, Result]
     reports: tuple[CellReport, ...]
@@ -156,8 +156,8 @@ def _ahead(
     doomed: Mapping[CellRef, str],
     at: Callable[[int], None] | None,
 ) -> dict[CellRef, Ended]:
-    """The cells of the walk that begins here, computed together; none where it is not complete, one of them is not to
-    be tried, or one of them does not end well: then each is computed by itself."""
+    """Compute the cells of the walk that begins here together. Return {} if the walk is incomplete, or a cell of it
+    must not be tried or fails: each is then computed alone."""
     walk = jobs[first].walk
     assert walk is not None
     members = jobs[first : first + walk.members]
@@ -178,7 +178,7 @@ def _alone(
     doomed: Mapping[CellRef, str],
     at: Callable[[int], None] | None,
 ) -> Ended:
-    """A cell computed by itself; not one of which it is known that it fails."""
+    """Compute a cell alone, unless it is known to fail."""
     if job.ref in doomed:
         return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", message=doomed[job.ref])
     if at is not None:
@@ -187,13 +187,13 @@ def _alone(
 
 
 def _delivered(job: Job, result: Result) -> dict[str, object]:
-    """What the owner of the run is given of a cell."""
+    """Return what the owner of the run gets of a cell."""
     given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
     return given if job.look is None else job.look(given)
 
 
 def _settle(jobs: tuple[Job, ...]) -> None:
-    """What the cells have written stands in its files; one archive has all of them."""
+    """Flush what the cells have written to its files; all of them write to one archive."""
     target = next((job.target for job in reversed(jobs) if job.store and job.target), None)
     if target is not None:
         with refused_by_the_machine():
@@ -201,7 +201,7 @@ def _settle(jobs: tuple[Job, ...]) -> None:
 
 
 def let_go(job: Job, readers: Counter[CellRef], exports: Container[CellRef]) -> list[CellRef]:
-    """The cells that nobody reads any more behind a job; ``readers``: how many jobs read each from here on."""
+    """Return the cells that are no longer read after a job; ``readers``: how many jobs still read each cell."""
     needs = job.needs
     readers.subtract(needs)
     return [ref for ref in (*needs, job.ref) if readers[ref] == 0 and ref not in exports]
@@ -218,8 +218,8 @@ def run_batch(
 ) -> BatchResult:
     """Run the jobs of one batch, dropping each array after its last reader.
 
-    ``doomed``: cells that are known to fail, and why: they are not tried. ``at`` is told the number of every job that
-    is begun.
+    ``doomed``: cells that are known to fail, and why; they are not tried. ``at`` is called with the number of every job
+    that starts.
     """
     results: dict[CellRef, Result] = {}
     for refs, source in zip(imports, before, strict=True):
@@ -227,7 +227,7 @@ def run_batch(
     readers = Counter(ref for job in jobs for ref in job.needs)
     own, reports, kept = set(exports), list[CellReport](), dict[CellRef, dict[str, object]]()
     clock: float | None = None
-    ahead: dict[CellRef, Ended] = {}  # of walks: computed together with a cell before
+    ahead: dict[CellRef, Ended] = {}  # cells of walks, computed together with an earlier cell
     with in_its_place():
         for number, job in enumerate(jobs):
             began = time.thread_time() if clock is None else clock
@@ -241,7 +241,7 @@ def run_batch(
             reports.append(report)
             if job.ref in deliver:
                 kept[job.ref] = _delivered(job, result)
-                clock = clock if job.look is None else None  # looking is nobody's run time
+                clock = clock if job.look is None else None  # the caller's reduction is not counted as run time
             for ref in let_go(job, readers, own):
                 results.pop(ref, None)
     _settle(jobs)

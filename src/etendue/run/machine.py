@@ -1,8 +1,8 @@
-"""Whether a run fits the machine: memory and disk, before anything runs; what a plan and a run refuse in the same
-words.
+"""Check that a run fits the machine's memory and disk before anything runs; used by plans and runs with the same
+messages.
 
-In:  a plan, where its results go, how many workers compute at once.
-Out: nothing, or ``MachineError`` with the cell of which most is held, and a way out.
+In:  a plan, the place of its results, the number of workers.
+Out: nothing, or ``MachineError`` with the cell that holds most, and what to change.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from etendue.telling import human_bytes
 
 
 def check_machine(plan: Plan, archive: Path | None, workers: int = 1, pictures: bool = True) -> None:
-    """Refuse a plan that cannot fit, naming the cell and the axis that make it so."""
+    """Raise ``MachineError`` for a plan that cannot fit, naming the responsible cell and axis."""
     available, need = machine.available_memory(), kept_bytes(plan)
     if available and _at_most(plan, workers) + (need if archive is None else 0) > available:
         _check_memory(plan, archive, workers, pictures, available)
@@ -37,14 +37,14 @@ def check_machine(plan: Plan, archive: Path | None, workers: int = 1, pictures: 
         free = shutil.disk_usage(folder).free + held
         if need > free:
             raise MachineError(
-                f"about {human_bytes(need)} would be stored, {human_bytes(free)} are free on the "
+                f"about {human_bytes(need)} would be stored, but only {human_bytes(free)} are free on the "
                 f"disk{_way_out(plan, _of_one(plan), free)}"
             )
 
 
 def _at_most(plan: Plan, workers: int) -> float:
-    """Bytes that no run comes to: as if all stages were held at once. Going through the jobs of a small plan takes
-    longer than they do.
+    """Return an upper bound in bytes, as if all stages were held at once. For small plans this avoids the simulation of
+    jobs, which takes longer than the jobs themselves.
     """
     most = 0.0
     for node in plan.nodes:
@@ -65,23 +65,23 @@ def _check_memory(plan: Plan, archive: Path | None, workers: int, pictures: bool
         where = "held in memory" if archive is None else "held at once"
         at = f", most of it by {_cell(plan, peak.ref)}" if peak.ref else ""
         if workers > 1 and peak_memory(plan, 1, archive is None, pictures).bytes <= available:
-            way_out = "; take --workers 1"
+            way_out = "; use --workers 1"
         else:
             way_out = _way_out(plan, peak.alone, available)
         raise MachineError(
-            f"about {human_bytes(peak.bytes)} would be {where}{at}, {human_bytes(available)} are free{way_out}"
+            f"about {human_bytes(peak.bytes)} would be {where}{at}, but only {human_bytes(available)} are free{way_out}"
         )
 
 
 def _cell(plan: Plan, ref: CellRef) -> str:
-    """A stage and its axis values."""
+    """Return a stage and its axis values in words."""
     labels: dict[str, Any] = plan.labels(ref)
     at = ", ".join(f"{plan.axis(dim).key} = {value}" for dim, value in labels.items())
     return f"{ref[0]!r}{f' at {at}' if at else ''}"
 
 
 def _of_one(plan: Plan) -> int:
-    """Bytes that are kept of the largest cell."""
+    """Return the bytes stored of the largest cell."""
     return max(
         (
             cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.kept])
@@ -93,13 +93,11 @@ def _of_one(plan: Plan) -> int:
 
 
 def _way_out(plan: Plan, one: int, room: int) -> str:
-    """What makes a plan smaller: where a single cell takes more than there is, or nothing is swept, only smaller
-    cells.
-    """
+    """Return what makes a plan smaller; if a single cell does not fit, or nothing is swept, only smaller cells help."""
     longest = max(plan.axes, key=lambda a: len(a.values), default=None)
     if longest is None or one > room:
         what = f"one cell takes {human_bytes(one)}" if one > room else "nothing is swept"
         return (
-            f"; {what}: take a wider spacing of what it begins with, wider bands, a smaller window, or a shorter 'keep'"
+            f"; {what}: use a coarser spacing or wider bands in the first stage, a smaller window, or a shorter 'keep'"
         )
     return f"; the axis {longest.key} has {len(longest.values)} values; shorten 'keep' or the sweep"

@@ -1,13 +1,13 @@
-"""Memory of a process that runs cells: what is freed is kept, what nobody holds any more is let go, and neither costs
-much.
+"""Memory of a process that runs cells: freed memory is reused, and unreachable results are collected, both at little
+cost.
 
-A cell frees what the next one needs again, of the same size. glibc returns large blocks to the system at once, and
-touching fresh pages costs more than filling them: 10 us a page on a virtual machine, 2 ms for the three channels of a
-256 x 256 picture, where a stage may take 0.3 ms. Elsewhere than on glibc nothing happens.
+A cell frees blocks of the sizes that the next one needs. glibc returns large blocks to the system at once, and touching
+fresh pages costs more than filling them: 10 us a page on a virtual machine, 2 ms for the three channels of a 256 x 256
+picture, where a stage may take 0.3 ms. Without glibc nothing is changed.
 
-A ``DataTree`` is a circle, which only Python's collector finds. It counts objects: a tree is some thousand of them,
-whether it holds one megabyte or a thousand. So bytes are counted here, and the collector is called when enough of them
-wait.
+A ``DataTree`` is a reference cycle, which only Python's garbage collector frees. The collector counts objects: a tree
+has a few thousand, whether it holds one megabyte or a thousand. So bytes are counted here, and the collector is called
+when enough of them may be waiting.
 """
 
 from __future__ import annotations
@@ -25,17 +25,18 @@ from typing import Any
 from etendue.process import SharedChange
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
-LARGEST_BLOCK = 32 << 20  # the largest glibc accepts; larger arrays are mapped as before
+LARGEST_BLOCK = 32 << 20  # the largest value glibc accepts; larger arrays are mapped as before
 LARGEST_KEPT = 1 << 30
-# objects made until the youngest are looked through, instead of 700: those of a plan and of a cell go by themselves
+# new objects before the youngest generation is collected, instead of 700; those of plans and cells are freed anyway
 AT_ONCE = 10_000
-LEAST, MOST, TREES = 32 << 20, 256 << 20, 8  # so many trees may wait to be collected, in bytes at least and at most
+# lower and upper limit in bytes of uncollected trees, and their number in between
+LEAST, MOST, TREES = 32 << 20, 256 << 20, 8
 
 
 @contextmanager
 def _seldom() -> Iterator[None]:
     young, middle, old = gc.get_threshold()
-    if young:  # 0: somebody wants no collecting at all
+    if young:  # 0: automatic collection is switched off
         gc.set_threshold(max(young, AT_ONCE), middle, old)
     try:
         yield
@@ -48,21 +49,21 @@ SELDOM_COLLECTING = SharedChange(_seldom)
 
 
 class Trees:
-    """Trees that were handed out: those that are still there are held by somebody, or wait for the collector."""
+    """Trees that were handed out; those that still exist are in use, or wait for the garbage collector."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.young: list[tuple[weakref.ref[Any], int]] = []  # since the young were collected
+        self.young: list[tuple[weakref.ref[Any], int]] = []  # since the last young collection
         self.old: list[tuple[weakref.ref[Any], int]] = []
-        self.allowed = 0  # of the old; what is held by somebody would be looked through in vain
+        self.allowed = 0  # bytes of old trees presumed in use; collecting for these would be in vain
 
     def hand_out(self, tree: Any, size: int) -> None:
-        """Remember a tree and the bytes of its arrays."""
+        """Register a tree and the bytes of its arrays."""
         with self.lock:
             self.young.append((weakref.ref(tree), size))
 
     def collect(self) -> None:
-        """In front of a run: what the next tree takes is freed before, if there is so much of it."""
+        """Call before a run: free uncollected trees if they hold too many bytes."""
         if not gc.isenabled():
             return
         with self.lock:
@@ -70,7 +71,7 @@ class Trees:
             if _there(self.young) <= room // 2:
                 return
             young, self.young = self.young, []
-        gc.collect(1)  # of what was made since: 1 ms
+        gc.collect(1)  # young objects only: 1 ms
         with self.lock:
             self.old += young
             held = _there(self.old)
@@ -78,14 +79,14 @@ class Trees:
                 self.allowed = 2 * held
             if held <= max(room, self.allowed):
                 return
-            self.allowed = 2 * held  # for others, meanwhile
-        gc.collect()  # of everything: 0.1 s
+            self.allowed = 2 * held  # so that other threads do not collect meanwhile
+        gc.collect()  # everything: 0.1 s
         with self.lock:
             self.allowed = 2 * _there(self.old)
 
 
 def _there(trees: list[tuple[weakref.ref[Any], int]]) -> int:
-    """Bytes of those that are still there; the others are forgotten."""
+    """Return the bytes of trees that still exist; drop the others from the list."""
     trees[:] = [(tree, size) for tree, size in trees if tree() is not None]
     return sum(size for _, size in trees)
 
@@ -95,7 +96,7 @@ TREES_OUT = Trees()
 
 @cache
 def keep_freed_memory() -> bool:
-    """Once per process; whether the allocator took the advice."""
+    """Make the allocator keep freed memory, once per process; return whether it supports that."""
     if not sys.platform.startswith("linux"):
         return False
     try:
@@ -103,4 +104,4 @@ def keep_freed_memory() -> bool:
     except (OSError, AttributeError):
         return False
     kept = mallopt(M_MMAP_THRESHOLD, LARGEST_BLOCK) and mallopt(M_TRIM_THRESHOLD, LARGEST_KEPT)
-    return bool(kept and mallopt(M_ARENA_MAX, 1))  # what one thread has freed serves all of them
+    return bool(kept and mallopt(M_ARENA_MAX, 1))  # one arena, so that memory freed by one thread serves all

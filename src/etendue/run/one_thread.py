@@ -1,7 +1,7 @@
-"""Libraries of linear algebra compute with one thread while any run goes on: bits depend on how many there are.
+"""Limit linear algebra libraries to one thread during a run: the bits of results depend on the number of threads.
 
 In:  runs that begin and end in any thread, in any order.
-Out: every library that is there, or comes meanwhile, held to one thread; with its own number again behind the last run.
+Out: every library that is loaded now or during a run is limited to one thread, and restored after the last run.
 """
 
 from __future__ import annotations
@@ -14,17 +14,15 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
-BRINGS = "scipy.linalg"  # the part of scipy with a library of its own; kernels import it when they first call it
+BRINGS = "scipy.linalg"  # loads a library of its own; kernels import it on their first call
 
 
 class OneThread(MetaPathFinder):
-    """Use as a context manager, in as many threads as run. Meanwhile it sees what is imported: that may bring
-    another library.
-    """
+    """Use as a context manager, in any number of threads. It watches imports, which may load more libraries."""
 
     def __init__(self) -> None:
         self.lock, self.count = threading.RLock(), 0
-        self.held: list[tuple[Any, int]] = []  # libraries, each with the number of threads that it had
+        self.held: list[tuple[Any, int]] = []  # libraries, each with its former number of threads
 
     def __enter__(self) -> None:
         with self.lock:
@@ -42,10 +40,10 @@ class OneThread(MetaPathFinder):
                     _give(*self.held.pop())
 
     def limit(self) -> None:
-        """Hold to one thread what is not yet."""
+        """Limit every library that is not limited yet to one thread."""
         from threadpoolctl import ThreadpoolController
 
-        with self.lock:  # in here nothing is imported: who imports waits for it
+        with self.lock:  # import nothing here: an import would wait for this lock
             for library in ThreadpoolController().lib_controllers:
                 had = library.num_threads
                 if had is not None and had != 1:
@@ -53,7 +51,7 @@ class OneThread(MetaPathFinder):
                     _give(library, 1)
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        """What the other finders find, looked at again behind its import."""
+        """Return what the other finders find, wrapped so that libraries are checked after its import."""
         if name != BRINGS and ("." in name or name in sys.stdlib_module_names):
             return None
         for finder in sys.meta_path:
@@ -67,7 +65,7 @@ class OneThread(MetaPathFinder):
 
 
 class _Watched(Loader):
-    """Another loader, behind which libraries are looked for. The module never learns of it."""
+    """Wraps another loader to check for libraries after an import; the module itself sees its own loader."""
 
     def __init__(self, own: Any, one_thread: OneThread) -> None:
         self.own, self.one_thread = own, one_thread
@@ -87,11 +85,11 @@ class _Watched(Loader):
 
 
 def _give(library: Any, threads: int) -> None:
-    """So many threads to a library. From 3.8 on, ``threadpoolctl`` listens to one thread of a process alone, the first
-    that asked, and lets all others ask in vain: that is cleared before, for this one, and behind it, for whoever comes
-    next."""
+    """Set a library's number of threads. From 3.8 on, ``threadpoolctl`` obeys only the first thread of a process that
+    asked, and silently ignores all others: that thread is cleared before, for this call, and afterwards, for later
+    callers."""
     clear = getattr(library, "clear_controlling_thread", None)
-    for _ in range(8):  # somebody else may ask in between
+    for _ in range(8):  # another thread may ask in between
         if clear:
             clear(force=True)
         library.set_num_threads(threads)

@@ -1,4 +1,4 @@
-"""An order in which everything stands soon behind what it reads, so that little is held and caches stay warm."""
+"""Order jobs so that everything runs soon after what it reads: little is held in memory and caches stay warm."""
 
 from __future__ import annotations
 
@@ -13,16 +13,14 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> list[Key]:
-    """Keys so ordered that each stands behind all it needs, and a chain is finished before its sibling is begun."""
+    """Return keys ordered so that each follows all it needs, and a chain is finished before its sibling starts."""
     every = list(keys)
     number = {key: n for n, key in enumerate(every)}
     return [every[n] for n in Needs(len(every), lambda n: [number[key] for key in needs(every[n])]).depth_first()]
 
 
 class Needs:
-    """What each number below ``count`` needs of the others, asked for once: 12 bytes for each of them and each of
-    its needs.
-    """
+    """What each number below ``count`` needs, computed once: 12 bytes per number and per need."""
 
     def __init__(self, count: int, needs: Callable[[int], Iterable[int]]) -> None:
         self.count, self.first, self.needed = count, array("i", bytes(4 * (count + 1))), array("i")
@@ -31,11 +29,11 @@ class Needs:
             self.first[n + 1] = len(self.needed)
 
     def of(self, number: int) -> array[int]:
-        """In the order in which they were given."""
+        """Return the needs of a number in the order in which they were given."""
         return self.needed[self.first[number] : self.first[number + 1]]
 
     def depth_first(self) -> array[int]:
-        """All numbers, each behind all it needs, a chain before its sibling."""
+        """Return all numbers, each after all it needs, a chain before its sibling."""
         waiting = array("i", self._counts().tobytes())
         behind, first = self._readers()
         order, ready = array("i"), array("i", [n for n in reversed(range(self.count)) if not waiting[n]])
@@ -53,7 +51,7 @@ class Needs:
         return first[1:] - first[:-1]
 
     def _readers(self) -> tuple[array[int], array[int]]:
-        """Who needs each number, one behind the other, and where those of each begin."""
+        """Return the readers of all numbers, concatenated, and where those of each number begin."""
         behind, first = array("i"), array("i", bytes(4 * (self.count + 1)))
         if self.needed:
             by = np.frombuffer(self.needed, np.int32)

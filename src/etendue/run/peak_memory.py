@@ -1,11 +1,11 @@
-"""The most that a run holds at once, above the interpreter, found by going through its jobs without arrays.
+"""The peak memory of a run, above the interpreter, found by simulating its jobs without arrays.
 
-In:  a plan, how many workers compute at once, whether results stay in memory.
-Out: ``Peak``: bytes, and the cell of which most is held.
+In:  a plan, the number of workers, whether results stay in memory.
+Out: ``Peak``: bytes, and the cell that holds most of them.
 
 The jobs are those that would run, for the largest cells of a plan and their neighbours on its axes: cells that are left
-out hold nothing, cells of a walk hold strips, light that is made by band holds bands. What a stage works with while it
-computes, it says (``Stage.working``); what transforms work with is known here. Measured by ``benchmarks/memory.py``.
+out hold nothing, cells of a walk hold strips, light computed by band holds bands. Stages state the memory they work
+with (``Stage.working``); that of transforms is known here. Measured by ``benchmarks/memory.py``.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from etendue.run.order import depth_first
 from etendue.run.peak_segments import segment_bytes
 from etendue.transfer.sampling import padded_size
 
-WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds for all bands while it makes one of them
-AROUND = 4  # times as many combinations of a sweep as there are workers are gone through
-LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
-SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
-SHOWN = 256  # samples on a side up to which a picture is kept whole
-_LOOK = object()  # what is only looked at is made small where it is made, and need not be whole
+WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds for all bands while it computes one of them
+AROUND = 4  # combinations of a sweep that are simulated, per worker
+LARGEST_CHUNK = 64 << 20  # bytes of stored data that are encoded at a time
+SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every picture (report.details.BAND)
+SHOWN = 256  # samples per side up to which a picture is kept whole
+_LOOK = object()  # arrays that are only looked at are reduced where they are computed
 Piece = tuple[CellRef, str]  # a variable of a cell, or its transform
 
 
 @dataclass
 class Peak:
-    """What a run holds: in all, in the cell of which most is held, and what that cell holds alone."""
+    """Peak memory: in total, the cell that holds most, and what that cell holds alone."""
 
     bytes: int
     ref: CellRef | None = None
@@ -55,14 +55,12 @@ class Peak:
 
 
 def workers_of(scheduler: str, workers: int) -> int:
-    """How many cells are computed at once."""
+    """Return how many cells are computed at once."""
     return 1 if schedulers.scheduler(scheduler).single else workers or os.cpu_count() or 1
 
 
 def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures: bool = True) -> Peak:
-    """The most bytes that are held at once while a plan is computed; ``pictures``: whether a cell of every stage is
-    drawn.
-    """
+    """Return the peak memory of computing a plan; ``pictures``: whether a cell of every stage is drawn."""
     jobs = _jobs(plan, workers, in_memory, pictures)
     if not jobs:
         return Peak(0)
@@ -74,7 +72,7 @@ def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures:
 
 
 def kept_bytes(plan: Plan) -> int:
-    """Bytes of all that is kept."""
+    """Return the bytes of everything that is kept."""
     kept = {node.name: [v for v in node.writes if (node.name, v) in plan.kept] for node in plan.nodes}
     return sum(
         count * cost.cell_bytes(node, cell, plan.precision, kept[node.name])
@@ -85,16 +83,14 @@ def kept_bytes(plan: Plan) -> int:
 
 
 def job_bytes(job: Job, precision: str) -> tuple[float, float]:
-    """Bytes that come to what a cell reads while it is computed, of a job that stands alone; and the larger of what
-    it reads and writes.
-    """
+    """Return the bytes needed to compute a single job beyond its input, and the larger of its input and output."""
     run = _Run(precision, {job.ref: job}, set(), True, 1)
     own = run.cell(job) + run.tables
     return own, run.largest(job)
 
 
 def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[CellRef, Job]:
-    """The jobs of the largest cells and of some beside them."""
+    """Return the jobs of the largest cells and of some neighbours."""
     chosen = _chosen(plan, AROUND * workers)
     refs = [
         ref
@@ -109,7 +105,7 @@ def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[
 
 
 def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
-    """Positions on every axis: those of the largest cells, and neighbours of them while there are few combinations."""
+    """Return positions on every axis: those of the largest cells, plus neighbours while there are few combinations."""
     largest: dict[str, int] = {}
     sizes = []
     for node in plan.nodes:
@@ -134,7 +130,7 @@ def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
 
 
 def _one_by_one(job: Job) -> int:
-    """In how many parts a stage is given what it is mapped over (``run.mapped``)."""
+    """Return the number of slices in which a stage gets what it is mapped over (``run.mapped``)."""
     if job.mapped is None or (job.stage.elementwise and not (is_random(type(job.stage)) and not job.averages)):
         return 1
     return math.prod(coordinate.size for _, coordinate in job.mapped.dims)
@@ -142,7 +138,7 @@ def _one_by_one(job: Job) -> int:
 
 @dataclass
 class _Batch:
-    """What a batch holds while it runs beside what it is given, and what it hands on."""
+    """What a batch holds while it runs, beyond its input, and what it passes on."""
 
     most: float
     ref: CellRef
@@ -151,14 +147,14 @@ class _Batch:
 
 
 class _Run:
-    """A run of jobs without arrays."""
+    """A simulated run of jobs without arrays."""
 
     def __init__(
         self, precision: str, jobs: Mapping[CellRef, Job], show: set[CellRef], in_memory: bool, workers: int
     ) -> None:
         self.precision, self.jobs, self.show, self.in_memory, self.workers = precision, jobs, show, in_memory, workers
         self.size = 4 if precision == "float32" else 8
-        self.pieces: dict[CellRef, dict[Piece, float]] = {}  # what the result of a cell holds
+        self.pieces: dict[CellRef, dict[Piece, float]] = {}  # bytes of the result of each cell
         self.tables, self.pictures = 0.0, 0.0
         frames = [
             g["y"].size * g["x"].size
@@ -172,7 +168,7 @@ class _Run:
     # -- all batches --------------------------------------------------------------------------------------------------
 
     def peak(self) -> Peak:
-        """Batches are begun in the order in which they become ready, as many at once as there are workers."""
+        """Simulate the run: batches start as they become ready, as many at once as there are workers."""
         batches = {batch.number: batch for batch in partition(self.jobs)}
         place = {number: n for n, number in enumerate(depth_first(batches, lambda n: batches[n].inputs))}
         waiting = {number: len(batch.inputs) for number, batch in batches.items()}
@@ -211,7 +207,7 @@ class _Run:
         return best
 
     def now(self, held: Iterable[Mapping[Piece, float]], working: Iterable[_Batch]) -> float:
-        """Bytes while some batches go on and others have handed on their results, each array once."""
+        """Return the bytes held while some batches run and others have passed on their results; each array once."""
         standing: dict[Piece, float] = {}
         for own in held:
             standing |= own
@@ -221,7 +217,7 @@ class _Run:
     # -- one batch ----------------------------------------------------------------------------------------------------
 
     def through(self, batch: Batch) -> _Batch:
-        """The cells of a batch one after the other, each dropped behind its last reader."""
+        """Simulate the cells of a batch in order; each result is dropped after its last reader."""
         jobs, exports = batch.jobs, set(batch.exports)
         given = {piece for refs in batch.imports.values() for ref in refs for piece in self.pieces.get(ref, {})}
         readers = Counter(ref for job in jobs for ref in job.needs)
@@ -245,7 +241,7 @@ class _Run:
         return best
 
     def held(self, live: set[CellRef], given: set[Piece]) -> float:
-        """Bytes of some results, each array once."""
+        """Return the bytes of some results, each array once."""
         found: dict[Piece, float] = {}
         for ref in live:
             found |= self.pieces[ref]
@@ -265,14 +261,14 @@ class _Run:
         return cost.bytes_of(job.writes[variable], job.grids[variable], self.precision)
 
     def picture(self, job: Job, variable: str) -> float:
-        """What stays of a variable that is shown: a small picture of three planes, and some of its rows."""
+        """Return the bytes kept of a shown variable: a small picture of three planes, and some of its rows."""
         size = job.grids[variable]["y"].size, job.grids[variable]["x"].size
         return 12.0 * (
             min(size[0] * size[1], SHOWN * SHOWN) + (self.shown * size[0] * size[1] if max(size) > SHOWN else 0)
         )
 
     def cell(self, job: Job) -> float:
-        """Bytes that come to what is held while a cell is computed and stored; what its result holds is noted."""
+        """Return the bytes added while a cell is computed and stored; note what its result holds."""
         if job.segment is not None:
             own, working = segment_bytes(self, job)
         elif job.left_out:
@@ -290,7 +286,7 @@ class _Run:
         return made + max(working, 0.0 if self.in_memory else max(packed, default=0.0))
 
     def _left_out(self, job: Job) -> dict[Piece, float]:
-        """What is left out gives what it reads."""
+        """Return the result of a cell that is left out: its input."""
         return {
             piece: size
             for _, ref, variable in job.inputs
@@ -299,14 +295,12 @@ class _Run:
         }
 
     def working(self, job: Job) -> float:
-        """What a stage works with while it computes: as much of the larger of what it reads and what it writes as it
-        says, and copies.
-        """
+        """Return the memory a stage works with: its stated multiple of the larger of input and output, plus copies."""
         return self.factor(job) * self.largest(job) + self.copied(job)
 
     def copied(self, job: Job) -> float:
-        """A stage of another distribution is handed arrays of its own (``run.ownership.handed``): of its ports and
-        of what it looks at.
+        """Return the bytes of copies made for foreign stages (``run.ownership.handed``), of ports and of what they look
+        at.
         """
         if not is_guest(type(job.stage)):
             return 0.0
@@ -317,19 +311,19 @@ class _Run:
         return sum(self.size * grid.count for grid in job.input_grids.values()) / _one_by_one(job) + looked
 
     def largest(self, job: Job) -> float:
-        """Bytes of what a stage reads or of what it writes, as floats, at one place of the dims over which it is
-        mapped.
-        """
+        """Return the larger of a stage's input and output in bytes, as floats, for one slice of its mapped dims."""
         read = sum(self.size * grid.count for grid in job.input_grids.values())
         written = sum(self.size * grid.count for grid in job.grids.values())
         return max(read, written) / _one_by_one(job)
 
     def factor(self, job: Job) -> float:
-        """How many times what it reads or writes a stage works with: scenes are made in float64 first."""
+        """Return the stage's working memory as a multiple of its input or output; scenes are computed in float64
+        first.
+        """
         return job.stage.working + (2.0 if is_source(type(job.stage)) and self.size == 4 else 0.0)
 
     def whole_of_bands(self, job: Job) -> float:
-        """Light by band that a stage asks for as a whole."""
+        """Return the bytes of light by band that a stage asks for as a whole."""
         large = [
             self.size * g.count
             for port, ref, v in job.inputs
@@ -343,7 +337,7 @@ class _Run:
         return ref in self.jobs and variable in self.jobs[ref].by_band
 
     def patterns(self, job: Job) -> float:
-        """Fixed patterns are remembered."""
+        """Return the bytes of cached fixed patterns."""
         if not patterns_of(type(job.stage)):
             return 0.0
         size = max(
@@ -352,17 +346,17 @@ class _Run:
         return 0.0 if job.walk and size > LARGEST_PATTERN else size
 
     def plane(self, job: Job) -> float:
-        """Bytes of the largest band of what a cell reads and writes."""
+        """Return the bytes of the largest band of a cell's input and output."""
         grids = (*job.input_grids.values(), *job.grids.values())
         return float(max((self.size * g["y"].size * g["x"].size for g in grids if "y" in g and "x" in g), default=0))
 
     def padded(self, job: Job) -> float:
-        """Bytes of a band with its border, about those of its half transform."""
+        """Return the bytes of a padded band, which is about that of its half transform."""
         grids = [g for g in job.input_grids.values() if "y" in g and "x" in g]
         return float(max((self.size * padded_size(g["y"].size) * padded_size(g["x"].size) for g in grids), default=0))
 
     def bands_made(self, job: Job) -> float:
-        """How many bands are held while one of a cell is made: those of the stages that it starts from too."""
+        """Return how many bands are held while one is computed, including those of earlier stages."""
         found = 1.0 + max(self.factor(job), WITHOUT_BANDS * 8 / self.size) + is_guest(type(job.stage))
         for _, ref, variable in job.inputs:
             if self._by_band(ref, variable) and not self.jobs[ref].store:
@@ -372,10 +366,9 @@ class _Run:
     # -- walks --------------------------------------------------------------------------------------------------------
 
     def walk(self, members: Sequence[Job]) -> float:
-        """Bytes of cells that are worked strip by strip: what others want of them whole, strips of all that stands
-        between them.
+        """Return the bytes of cells computed in strips: what is needed outside whole, strips of everything between.
 
-        What strips have freed stays with the process (``run.memory``), also while what they made is packed.
+        Memory freed by strips stays with the process (``run.memory``), also while their results are encoded.
         """
         whole, strips, working = 0.0, 0.0, 0.0
         for job in members:

@@ -1,7 +1,7 @@
-"""What cells of transfer functions hold while they are computed: transforms, tables, planes with their border.
+"""Memory of cells of transfer functions while they are computed: transforms, tables, padded planes.
 
-In:  a ``Job`` of a segment, and the run that it is of.
-Out: bytes of its result by piece, and bytes that come to them for a while.
+In:  a ``Job`` of a segment, and the simulated run.
+Out: bytes of its result by piece, and bytes used temporarily.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from etendue.compute.joined.segment_bands import TOGETHER
 from etendue.contract.arrays.grid import Grid
 from etendue.contract.capabilities import Summed
 
-AHEAD = 2  # bands: one is used while the next one is made
-ON_CELLS = 0.27  # of a band with its border: the table of a transfer function on cells, which is even along y
+AHEAD = 2  # bands: one is used while the next one is computed
+ON_CELLS = 0.27  # fraction of a padded band: the table of a transfer function on cells, which is even along y
 
 
 def segment_bytes(run: Any, job: Job) -> tuple[dict[Any, float], float]:
-    """What the result of a transfer stage holds, its transform under '', and what it works with."""
+    """Return the bytes of a transfer stage's result (its transform under '') and of its working memory."""
     segment, wanted = job.segment, bool(job.store or job.deliver)
     assert segment is not None
     if not (job.transform or wanted):
@@ -29,7 +29,7 @@ def segment_bytes(run: Any, job: Job) -> tuple[dict[Any, float], float]:
     if grid.line("y").cells or segment.joined is not None:
         return own, _by_band(run, job, grid)
     transform = grid.bands().size * run.padded(job)
-    begun = transform if segment.previous is None else 0.0  # planes with their border
+    begun = transform if segment.previous is None else 0.0  # padded planes
     if isinstance(job.stage, Summed):
         return own, max(begun, 2 * _channels(job) * run.padded(job))
     if job.left_out:
@@ -41,7 +41,7 @@ def segment_bytes(run: Any, job: Job) -> tuple[dict[Any, float], float]:
 
 
 def _by_band(run: Any, job: Job, grid: Grid) -> float:
-    """The same of a cell that goes through the bands of the segment's input one by one."""
+    """Return the working memory of a cell that processes the bands of the segment's input one by one."""
     _, ref, variable = job.inputs[0]
     made = variable in run.jobs[ref].by_band and not run.jobs[ref].store
     planes, padded = run.bands_made(run.jobs[ref]) if made else 1.0, run.padded(job)

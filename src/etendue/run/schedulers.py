@@ -1,7 +1,7 @@
-"""The schedulers by name: all that the rest of the house asks of them, and the function that runs batches.
+"""The schedulers by name: their properties, and the function that runs batches.
 
-In:  what ``--scheduler`` says.
-Out: a ``Scheduler``. One more is a row here, and the module that its ``place`` names.
+In:  the value of ``--scheduler``.
+Out: a ``Scheduler``. To add one, add a row here and the module that its ``place`` names.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class How:
-    """How batches are run: what every ``place`` is given behind ``batches, deliver, before, after``.
+    """How batches are run: the last argument of every ``place``, after ``batches, deliver, before, after``.
 
-    ``platform`` gives what bits depend on, and ``mark`` is a file that all workers must see: a cluster refuses those
-    that differ.
+    ``platform`` returns what bits depend on, and ``mark`` is a file that all workers must see: a cluster refuses
+    workers that differ.
     """
 
-    address: str  # what ``--scheduler`` said
+    address: str  # the value of ``--scheduler``
     workers: int
     stop: Stop
     cell_timeout: float | None = None
@@ -35,12 +35,12 @@ class How:
 
 @dataclass(frozen=True)
 class Scheduler:
-    """``place``: ``module:function`` of (batches, deliver, before, after, how); ``before`` and ``after`` are told in
+    """``place``: ``module:function`` of (batches, deliver, before, after, how); ``before`` and ``after`` are called in
     the owner's process.
 
-    ``here``: cells are computed in the owner's process, where nothing can stop one. ``far``: by workers that may be on
-    other machines, and see only folders that all of them share. ``single``: one cell at a time.
-    ``typed``: what help says, where that is more than its name.
+    ``here``: cells are computed in the owner's process, where a cell cannot be stopped. ``far``: workers may be on
+    other machines and see only shared folders. ``single``: one cell at a time. ``typed``: the text in the help, if it
+    is more than the name.
     """
 
     place: str
@@ -68,26 +68,26 @@ NAMES = ", ".join(one.typed or name for name, one in SCHEDULERS.items())
 
 
 def scheduler(text: str) -> Scheduler:
-    """The scheduler of a name or address.
+    """Return the scheduler of a name or address.
 
     Raises
     ------
     RequestError
-        There is none.
+        There is no such scheduler.
     """
     name = next((one for one in SCHEDULERS if one.endswith("://") and text.startswith(one)), text)
     if name not in SCHEDULERS:
         names = [one for one in SCHEDULERS if not one.endswith("://")]
-        raise RequestError(f"--scheduler {text}: there is no such scheduler{nearest(text, names)}, or tcp://host:port")
+        raise RequestError(f"--scheduler {text}: unknown scheduler{nearest(text, names)}, or tcp://host:port")
     return SCHEDULERS[name]
 
 
 def far(text: str) -> str:
-    """The text, if its workers may be on other machines; else ''."""
+    """Return the text if its workers may be on other machines, else ''."""
     return text if scheduler(text).far else ""
 
 
 def check_scheduler(text: str) -> str:
-    """The text, if it names a scheduler."""
+    """Return the text if it names a scheduler; raise otherwise."""
     scheduler(text)
     return text

@@ -1,4 +1,4 @@
-"""The reference: every batch in order, in this thread."""
+"""The reference scheduler: every batch in order, in this thread."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def run_serial(
     after: Callable[[Batch, BatchResult], None],
     how: How,
 ) -> None:
-    """Run batches one after the other; ``before`` and ``after`` are told in the owner's thread."""
+    """Run batches one after the other; ``before`` and ``after`` are called in the owner's thread."""
     finished: dict[int, BatchResult] = {}
     readers = Counter(number for batch in batches for number in batch.inputs)
     by_number = {batch.number: batch for batch in batches}

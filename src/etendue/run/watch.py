@@ -1,8 +1,7 @@
-"""A run under watch: the work is done in a thread of its own, so that this one can answer signals where nothing is
-torn.
+"""Run the work in a thread of its own, so that the main thread can handle signals without interrupting a write.
 
-In:  the work, as a function of a ``Stop`` that it asks before every batch.
-Out: when the work has ended; ``Interrupted`` when it was asked to stop.
+In:  the work, as a function that checks a ``Stop`` before every batch.
+Out: returns when the work has ended; raises ``Interrupted`` if it was stopped.
 """
 
 from __future__ import annotations
@@ -23,20 +22,20 @@ from etendue.run.schedulers import How, scheduler
 if TYPE_CHECKING:
     from etendue.run.batches import Batch
 
-GRACE = 3.0  # seconds in which the batches under way may end; a stage that hangs in a thread cannot be stopped
-LOOK = 0.05  # seconds between two looks for a signal
+GRACE = 3.0  # seconds for running batches to end; a stage that hangs in a thread cannot be stopped
+LOOK = 0.05  # seconds between two checks for a signal
 
 
 class Stopped(Exception):
-    """The run has been asked to stop; nothing more is begun."""
+    """The run has been stopped; no further batch starts."""
 
 
 class Stop:
-    """Whether the run has been asked to stop."""
+    """Tells whether the run has been asked to stop."""
 
     def __init__(self) -> None:
         self._asked = threading.Event()
-        self.abandoned = False  # a batch was still under way when the run was given up
+        self.abandoned = False  # a batch was still running when the run was given up
 
     def ask(self) -> None:
         self._asked.set()
@@ -51,7 +50,7 @@ class Stop:
 
 
 def watched(work: Callable[[], None], stop: Stop) -> None:
-    """Run ``work`` to its end, or until a signal comes and what is under way has ended."""
+    """Run ``work`` to its end, or until a signal comes and the running batches have ended."""
     broke: list[BaseException] = []
 
     def run() -> None:
@@ -82,7 +81,7 @@ def watched(work: Callable[[], None], stop: Stop) -> None:
 
 
 def run_batches(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, how: How) -> None:
-    """Run batches; what goes on beside them is stopped with them, and what they leave to the process is let go."""
+    """Run batches with single-threaded linear algebra; afterwards drop cached tables that recent runs did not use."""
     if not batches:
         return
     keep_freed_memory()

@@ -1,10 +1,9 @@
-"""Worker processes that may die: each serves one thread of the run, which knows at every instant at which cell its
-worker is.
+"""Worker processes that may die: each serves one thread of the run, which knows at any time which cell its worker is
+computing.
 
 In:  batches, as plain values.
-Out: their results. A cell at which its worker dies, or takes longer than it may, is a failed cell; the rest of the
-     batch is
-computed by a new worker.
+Out: their results. If its worker dies on a cell, or a cell exceeds its time limit, that cell fails, and a new worker
+     computes the rest of the batch.
 """
 
 from __future__ import annotations
@@ -39,19 +38,19 @@ from etendue.telling import said
 
 FROM_OUTSIDE = frozenset(
     {signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT}
-)  # a cell is given a second chance
+)  # signals from outside: the cell gets a second chance
 LOOK = 0.2
-STARTING = 120.0  # seconds beyond a time limit in which a worker may import what it needs
+STARTING = 120.0  # seconds added to a time limit for the worker's imports
 
 
 # -- in the worker ------------------------------------------------------------------------------------------
 
 
 def begin_worker() -> None:
-    """In a new worker process: Ctrl-C is the owner's to answer, and a worker whose owner was killed ends by itself."""
+    """Prepare a new worker process: Ctrl-C is left to the owner, and the worker ends if its owner is killed."""
     keep_freed_memory()
-    # BLAS with one thread, also that of libraries which are imported later, for as long as the process lives: results
-    # must not depend on how many there are.
+    # One BLAS thread, also in libraries imported later, for the life of the process: results must not depend on the
+    # number of threads.
     ONE_THREAD.__enter__()
     in_a_worker()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -67,7 +66,7 @@ def _end_with(owner: Any) -> None:
 
 
 def serve(pipe: Any) -> None:
-    """Compute batches as they come, say at which cell, until the owner hangs up."""
+    """Compute batches as they arrive, reporting each cell that starts, until the owner closes the pipe."""
     begin_worker()
 
     def tell(data: bytes) -> None:
@@ -80,8 +79,8 @@ def serve(pipe: Any) -> None:
         try:
             data = pipe.recv_bytes()
         except (EOFError, OSError):
-            multiprocessing.util._run_finalizers()  # type: ignore[attr-defined]  # locks of libraries, else reported as leaked
-            end_now(0)  # a thread that a plugin has left behind holds nobody up
+            multiprocessing.util._run_finalizers()  # type: ignore[attr-defined]  # locks of libraries would otherwise be reported as leaked
+            end_now(0)  # do not wait for threads that a plugin has left behind
         try:
             with Guest("a plugin, when it was imported,"):
                 jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
@@ -90,10 +89,10 @@ def serve(pipe: Any) -> None:
             )
             answer = b"=" + cloudpickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL)
             del result, before
-        except EtendueError as error:  # the machine's, or the archive is somebody else's: for the owner
+        except EtendueError as error:  # a machine fault, or the archive has another owner: raised again in the owner
             answer = b"!" + pickle.dumps((type(error), str(error)))
         except BaseException as error:
-            answer = b"!" + pickle.dumps((MachineError, f"a worker broke off: {said(error)}"))
+            answer = b"!" + pickle.dumps((MachineError, f"a worker failed: {said(error)}"))
         tell(answer)
 
 
@@ -101,7 +100,7 @@ def serve(pipe: Any) -> None:
 
 
 class Died(Exception):
-    """A worker is gone: at which job of the batch (-1: before the first), and how."""
+    """A worker has died: at which job of the batch (-1: before the first), and how."""
 
     def __init__(self, at: int, how: str, from_outside: bool) -> None:
         super().__init__(how)
@@ -109,14 +108,14 @@ class Died(Exception):
 
 
 class Worker:
-    """One process, and the pipe to it."""
+    """One worker process, and the pipe to it."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=serve, args=(theirs,), name="etendue worker")
-        # What is blocked here is blocked in the child from its first instruction on: Ctrl-C goes to all processes of a
-        # terminal.
+        # The child inherits this signal mask from its first instruction on: Ctrl-C goes to all processes of a terminal,
+        # and only the owner should handle it.
         kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self.process.start()
@@ -125,8 +124,8 @@ class Worker:
         theirs.close()
 
     def ask(self, data: bytes, stop: Stop, limit: float | None) -> BatchResult:
-        """The result of a batch; raises ``Died``, or ``Stopped`` when the run was told to stop and the worker did
-        not end soon.
+        """Return the result of a batch; raise ``Died``, or ``Stopped`` if the run was stopped and the worker did not
+        finish soon.
         """
         at, since, end = -1, time.monotonic(), None
         try:
@@ -159,7 +158,7 @@ class Worker:
             self.kill()
             if code is not None and code < 0:
                 name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
-                hint = "; the system kills what takes too much memory" if -code == signal.SIGKILL else ""
+                hint = "; the system kills processes that use too much memory" if -code == signal.SIGKILL else ""
                 raise Died(at, f"its worker process died of {name}{hint}", -code in FROM_OUTSIDE) from None
             raise Died(at, f"its worker process ended with exit code {code}", False) from None
 
@@ -169,7 +168,7 @@ class Worker:
         self.pipe.close()
 
     def end(self) -> None:
-        """Hang up; a worker that has nothing to do ends by itself."""
+        """Close the pipe; an idle worker then ends."""
         try:
             self.pipe.close()
             self.process.join(2)
@@ -179,7 +178,7 @@ class Worker:
 
 
 class Crew:
-    """So many places for workers. A worker is started when a place needs one, and stays there."""
+    """A fixed number of slots for workers. A worker is started when a slot is first used, and stays in it."""
 
     def __init__(self, places: int, stop: Stop, cell_timeout: float | None = None) -> None:
         quiet_tracker()
@@ -206,7 +205,7 @@ class Crew:
         deliver: Set[CellRef],
         *before: BatchResult,
     ) -> BatchResult:
-        """``run_batch`` in a worker, as often as it takes to find the cells that kill workers."""
+        """Run ``run_batch`` in a worker, repeated until all cells that kill workers are known."""
         own = frozenset(job.ref for job in jobs)
         needed = tuple(
             BatchResult({r: source.results[r] for r in refs if r in source.results}, (), {})
@@ -244,9 +243,7 @@ class Crew:
 
 
 def quiet_tracker() -> None:
-    """Python's tracker of what processes share clears up behind a worker that was killed, and is to say nothing of
-    it.
-    """
+    """Start Python's resource tracker without warnings: cleaning up after killed workers is expected here."""
     option = "ignore:resource_tracker:UserWarning"
     sys.warnoptions.append(option)
     try:
@@ -263,7 +260,7 @@ def _all(places: queue.LifoQueue[Worker | None]) -> list[Worker | None]:
 
 
 def unfit(jobs: tuple[Job, ...]) -> Mapping[CellRef, str]:
-    """The jobs whose stage cannot travel to another process, and why."""
+    """Return the jobs whose stage cannot be sent to another process, and why."""
     try:
         cloudpickle.dumps([job.stage for job in jobs])
         return {}
@@ -277,5 +274,5 @@ def unfit(jobs: tuple[Job, ...]) -> Mapping[CellRef, str]:
         except BaseException as error:
             if is_ours(error):
                 raise
-            found[job.ref] = f"its stage cannot travel to another process: {said(error)}"
+            found[job.ref] = f"its stage cannot be sent to another process: {said(error)}"
     return found

@@ -1,1 +1,1 @@
-"""Transfer functions: their products, sampled planes, and what they change of what a source holds."""
+"""Transfer functions: products, sampled planes, and how much they change the light of a source."""

@@ -1,8 +1,8 @@
-"""Pixels anywhere on blurred cells: an extended matrix Fourier transform, and what a pixel's window is.
+"""Pixels anywhere on blurred cells: an extended matrix Fourier transform; recognise the window of a pixel.
 
-In:  half transforms of cell means, transfer functions at any frequency (cycles/um), places and widths of windows.
+In:  half transforms of cell means, transfer functions at any frequency (cycles/um), positions and widths of windows.
 Out: (channel, y, x) values of the windows, summed over bands.
-Sources: as ``cells``. The light is boxes side by side: its transform is that of its means, repeated without end, times
+Sources: as ``cells``. The light is adjacent boxes: its transform is that of its means, repeated without end, times
 sinc.
 """
 
@@ -35,7 +35,7 @@ def evaluated(
     centres: tuple[FloatArray, FloatArray],
     widths: tuple[float, float],
 ) -> FloatArray:
-    """Windows anywhere on blurred cells, summed over bands: an extended matrix Fourier transform.
+    """Evaluate windows anywhere on blurred cells, summed over bands, by an extended matrix Fourier transform.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def evaluated(
         Half transforms of cell means.
     y, x : Axis
     centres : (n,), (m,) arrays, cells
-        Of the windows along y and x; 0 is the centre of cell 0.
+        Centres of the windows along y and x; 0 is the centre of cell 0.
     widths : two floats, um
 
     Returns
@@ -54,7 +54,7 @@ def evaluated(
 
     Notes
     -----
-    Every frequency at which a band's transfer function lives is evaluated, whatever the size of a cell; what is
+    Every frequency up to the end of a band's transfer function is evaluated, whatever the size of a cell; light that is
     not blurred at all (``rest``) comes from exact areas. Error: as ``folded``.
     """
     kind = transforms.real.dtype
@@ -75,7 +75,7 @@ def evaluated(
     if not widest:
         return total
     waves_x = _waves(np.arange(int(np.ceil(widest * x.size * x.step)) + 1), x, centres[1], widths[1])
-    waves_x[1:] *= 2.0  # the frequencies left of zero are the conjugate
+    waves_x[1:] *= 2.0  # negative frequencies are the conjugates
     waves_x = waves_x.astype(transforms.dtype)
     last = int(np.ceil(widest * y.size * y.step))
     start = 0
@@ -126,19 +126,19 @@ def _add_band(
 def _factors(
     otf: Transfer, y: PeriodicAxis, x: PeriodicAxis, centres: tuple[FloatArray, FloatArray], widths: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Matrices that take cells to windows along y and x, for a separable transfer function."""
+    """Return the matrices that map cells to windows along y and x, for a separable transfer function."""
     found = []
     for factor, axis, at, width in zip(factors_of(otf), (y, x), centres, widths, strict=True):
         values, rest = far_line(factor, axis)
         waves = (values - rest)[:, None] * _waves(np.arange(values.size), axis, at, width)
         waves[1:] *= 2.0
-        summed = waves.reshape(-1, axis.size, at.size).sum(axis=0)  # onto the axis' own frequencies
+        summed = waves.reshape(-1, axis.size, at.size).sum(axis=0)  # folded onto the frequencies of the axis
         found.append(scipy.fft.fft(summed, axis=0).real.T + rest * overlaps(at, width / axis.step, axis.size))
     return found[0], found[1]
 
 
 def _periodic(transform: Array, rows: Array, columns: Array, ny: int, nx: int) -> Array:
-    """The transform of cells at any frequency index: periodic, the left half the conjugate of the right."""
+    """Return the transform of cells at any frequency index: periodic, its left half the conjugate of the right."""
     k = columns % nx
     mirrored = k > nx // 2
     found = transform[np.ix_(rows % ny, np.where(mirrored, nx - k, k))]
@@ -149,32 +149,34 @@ def _periodic(transform: Array, rows: Array, columns: Array, ny: int, nx: int) -
 
 
 def _waves(k: Array, axis: PeriodicAxis, centres: FloatArray, width: float) -> Array:
-    """(frequency, position): the wave at each position, behind the sincs of cell and window, over the axis' size."""
+    """Return (frequency, position): the wave at each position, with the sincs of cell and window, over the axis
+    size.
+    """
     factors = np.sinc(k / axis.size) * np.sinc(k * (width / (axis.size * axis.step))) / axis.size
     turns = (k[:, None] * centres[None, :]) / axis.size
     return factors[:, None] * np.exp(2j * np.pi * (turns - np.rint(turns)))
 
 
-# -- what an window is -----------------------------------------------------------------------------------
+# -- recognising a window --------------------------------------------------------------------------------
 
 
 def box_of(otf: Transfer, pitch: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Width and place (um) along y and x of the window whose transfer function this is; None where it is no window.
+    """Return width and position (um) along y and x of the window with this transfer function; None if it is not one.
 
     Parameters
     ----------
     otf : transfer function of the window
     pitch : float, um
-        No smaller than the window.
+        At least the width of the window.
 
     Returns
     -------
     ((width, place), (width, place)) along y and x
-        ``place`` is that of the window's centre: the value at x is the light averaged about x + place.
+        ``place`` is the position of the window's centre: the value at x is the light averaged about x + place.
 
     Notes
     -----
-    Read off one low frequency, where sin(t)/t has one solution, and held against 49 others to 1e-12.
+    Read off at one low frequency, where sin(t)/t has one solution, and checked at 49 others to 1e-12.
     """
     f = 0.3 / (np.pi * pitch)
     zero = np.zeros((1, 1))

@@ -1,15 +1,15 @@
-"""Light as means over grid cells, behind transfer functions and on pixels: flux exact, nothing negative, at any
+"""Light as means over grid cells, after transfer functions and on pixels: exact flux, no negative light, at any
 sampling.
 
 In:  transfer functions H at any frequency (cycles/um), periodic axes of cells (padded size, um), windows (um).
 Out: tables that multiply the transform of cell means, and pixel values at any separable set of positions.
 Sources: the discrete Fourier transform; Poisson's summation formula.
 
-In `cells` the light is constant within each cell. Behind a blur h its mean over cell i is the sum of c_j times the
-share of cell j's light that falls on cell i, (box * h * box)(x_i - x_j)/D^2. That share is never negative where h is
-none, and all shares of a cell add up to one. Its transfer function on the cells is the sum over all aliases m of
+In `cells` the light is constant within each cell. After a blur h its mean over cell i is the sum of c_j times the share
+of cell j's light that falls on cell i, (box * h * box)(x_i - x_j)/D^2. That share is not negative where h is not, and
+all shares of a cell sum to one. Its transfer function on the cells is the sum over all aliases m of
 H(f + m/D) sinc^2(D f + m), along both axes: what the grid cannot resolve is folded, never cut off. A pixel value is the
-same sum with sinc(D f + m) A(f + m/D) for one of the sincs: the cell's sinc once, the pixel's window A once.
+same sum with sinc(D f + m) A(f + m/D) instead: the cell's sinc once, the pixel's window A once.
 """
 
 from __future__ import annotations
@@ -28,43 +28,45 @@ Array = NDArray[Any]
 Transfer = Callable[[FloatArray, FloatArray], Array]  # fy (n, 1), fx (1, m) cycles/um -> (n, m)
 Weights = Callable[[FloatArray], Array]  # frequency index K = 0, 1, 2... -> factor; that of -K is the conjugate
 
-ZERO = 1e-15  # a transfer function below this has ended
-FURTHEST = 64  # aliases looked at for the end of a transfer function
-UNENDING = 16  # aliases kept where it has none
-LONGEST = 1024  # the same where it is a product over the axes, which costs one axis only
-BLOCK = 2**20  # frequencies in one call of a transfer function
+ZERO = 1e-15  # values of a transfer function below this count as 0
+FURTHEST = 64  # aliases searched for the end of a transfer function
+UNENDING = 16  # aliases kept if it has no end
+LONGEST = 1024  # the same for a product over the axes, which costs only one axis each
+BLOCK = 2**20  # frequencies per call of a transfer function
 
 
 class PeriodicAxis(NamedTuple):
-    """A periodic axis of cells: how many, and how long each is (um)."""
+    """A periodic axis of cells: their number and length (um)."""
 
     size: int
     step: float
 
 
 class Reach(NamedTuple):
-    """What a transfer function is like far out."""
+    """The behaviour of a transfer function at high frequencies."""
 
-    radius: float  # cycles/um; beyond it nothing is left but ``rest``
-    rest: float  # what stays at any frequency: the share of light that is not blurred at all
+    radius: float  # cycles/um; beyond it only ``rest`` is left
+    rest: float  # the value at any high frequency: the share of light that is not blurred at all
     even: bool  # real, and even along each axis
     separable: bool  # real, and a product of one factor along y and one along x
 
     @property
     def by_axis(self) -> bool:
-        """Without an end as a whole; each of its factors costs one axis only and may be followed further."""
+        """Whether it has no end as a whole, but is a product; each factor costs one axis and can be followed
+        further.
+        """
         return self.separable and self.rest != 0 and self.radius > 0
 
 
 class AliasRule(NamedTuple):
-    """How aliases are weighted along one axis, and their sum over all aliases of a blur that does nothing."""
+    """The weights of aliases along one axis, and their sum over all aliases for a blur that does nothing."""
 
     weights: Weights
     unblurred: Array  # (size,) or, for the halved axis, (size // 2 + 1,)
 
 
 def reach_of(otf: Transfer, step: float) -> Reach:
-    """Look at a transfer function on squares of 129 x 65 frequencies: wider until it has ended, then closer.
+    """Find the reach of a transfer function on squares of 129 x 65 frequencies: widen until it has ended, then refine.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ def reach_of(otf: Transfer, step: float) -> Reach:
     Returns
     -------
     Reach
-        Without an end within 64 aliases (diffusion alone, nothing at all) ``rest`` is the value 32 aliases out, and
+        If it has no end within 64 aliases (diffusion alone, nothing at all), ``rest`` is its value 32 aliases out, and
         16 aliases are kept; see ``folded`` for how little that matters.
     """
     limit, narrowing = 4.0 / step, False
@@ -86,7 +88,7 @@ def reach_of(otf: Transfer, step: float) -> Reach:
         even = bool(np.abs(value - value[::-1]).max() <= ZERO and np.abs(np.imag(value)).max() <= ZERO)
         separable = even and bool(np.abs(value - value[:, :1] * value[64]).max() <= 4 * ZERO)
         radius = float(distance[np.abs(value) > ZERO].max()) + 1.5 * limit / 64
-        if radius < 0.25 * limit:  # seen too coarsely
+        if radius < 0.25 * limit:  # sampled too coarsely
             limit, narrowing = 2.0 * radius, True
             continue
         if radius < limit or narrowing:
@@ -95,7 +97,8 @@ def reach_of(otf: Transfer, step: float) -> Reach:
             break
         limit *= 2
     radius = UNENDING / step
-    far = np.array([2.0 * radius])  # what decays as 1/f has its mean over all farther aliases, weighted by 1/f^2, there
+    # for a 1/f decay, the value here is the mean over all farther aliases with weights 1/f^2
+    far = np.array([2.0 * radius])
     rest = 0.5 * float(
         np.real(otf(far[:, None], 0 * far[None, :])).item() + np.real(otf(0 * far[:, None], far[None, :])).item()
     )
@@ -113,51 +116,51 @@ def _square(otf: Transfer, positive: FloatArray) -> Array:
 
 
 def mean_rule(axis: PeriodicAxis, half: bool) -> AliasRule:
-    """Means over cells of what comes from cells: sinc^2, whose sum over all aliases is 1."""
+    """Return the rule for means over cells of light from cells: sinc^2, whose sum over all aliases is 1."""
     size = axis.size // 2 + 1 if half else axis.size
     return AliasRule(lambda k: np.sinc(k / axis.size) ** 2, np.ones(size))
 
 
 def window_rule(axis: PeriodicAxis, width: float, offset: float, half: bool) -> AliasRule:
-    """Means over windows of what comes from cells.
+    """Return the rule for means over windows of light from cells.
 
     Parameters
     ----------
     width : float, um, 0 or above
-        Of the window.
+        Width of the window.
     offset : float, cells
-        Of its centre from the centre of the cell whose place it takes.
+        Distance of its centre from the centre of the cell that it replaces.
     """
-    require.must(0.0 <= width < np.inf, "width", width, "finite and 0 or above, in um")
+    require.must(0.0 <= width < np.inf, "width", width, "finite and not negative, in um")
 
     def weights(k: FloatArray) -> Array:
         real = np.sinc(k / axis.size) * np.sinc(k * (width / (axis.size * axis.step)))
         return real if offset == 0 else real * np.exp((2j * np.pi * offset / axis.size) * k)
 
     shares = overlaps(np.array([offset]), width / axis.step, axis.size)[0]
-    unblurred = scipy.fft.ifft(shares) * axis.size  # the conjugate: cell j stands ahead by j
+    unblurred = scipy.fft.ifft(shares) * axis.size  # conjugated, because cell j lies ahead by j
     if offset == 0:
         unblurred = unblurred.real
     return AliasRule(weights, unblurred[: axis.size // 2 + 1] if half else unblurred)
 
 
 def overlaps(centres: FloatArray, width: float, size: int) -> FloatArray:
-    """Share of each window that lies on each cell of a periodic axis.
+    """Return the share of each window that lies on each cell of a periodic axis.
 
     Parameters
     ----------
     centres : (n,) array, cells
-        Of the windows; 0 is the centre of cell 0.
+        Centres of the windows; 0 is the centre of cell 0.
     width : float, cells, from 0 (a point) to ``size``
     size : int
 
     Returns
     -------
-    (n, size) array, 0 to 1; rows add up to 1
+    (n, size) array, 0 to 1; rows sum to 1
 
     Notes
     -----
-    Exact areas: the value of a pixel on light that no optics have blurred.
+    Exact areas: the value of a pixel in light that no optics has blurred.
     """
     centres = np.asarray(centres, dtype=float)
     found = np.zeros((centres.size, size))
@@ -180,7 +183,7 @@ def overlaps(centres: FloatArray, width: float, size: int) -> FloatArray:
 def folded(
     otf: Transfer, reach: Reach, y: PeriodicAxis, x: PeriodicAxis, along_y: AliasRule, along_x: AliasRule
 ) -> Array:
-    """The transfer function on cells: all aliases within reach, weighted and summed.
+    """Return the transfer function on cells: all aliases within reach, weighted and summed.
 
     Parameters
     ----------
@@ -197,10 +200,10 @@ def folded(
 
     Notes
     -----
-    Exact to rounding (1e-15) where H ends. Where it does not, it is split into ``rest``, which is summed in closed
-    form, and what decays: beyond 16 aliases (1024 for a product over the axes) the error is below
-    2/(16 pi^2) = 1.3 % of how far H there is from ``rest``: 2e-6 for diffusion in silicon, cells of up to 5 um. The
-    value at zero frequency is exactly H(0) in any case, so that flux never depends on it.
+    Exact to rounding (1e-15) if H ends. If it does not, it is split into ``rest``, which is summed in closed form, and
+    a decaying part: beyond 16 aliases (1024 for a product over the axes) the error is below 2/(16 pi^2) = 1.3 % of the
+    distance of H from ``rest`` there: 2e-6 for diffusion in silicon, cells of up to 5 um. The value at zero frequency
+    is exactly H(0) in any case, so that flux is not affected.
     """
     table = reach.rest * along_y.unblurred[:, None] * along_x.unblurred
     if not reach.radius:
@@ -228,9 +231,9 @@ def folded(
 def _rows(
     otf: Transfer, reach: Reach, y: PeriodicAxis, x: PeriodicAxis
 ) -> Iterator[tuple[NDArray[np.int_], Array, Array]]:
-    """H - rest on the extended lattice: rows K, values at (K, 0...) and at (-K, 0...); the same array where H is even.
+    """Yield H - rest on the extended lattice: rows K, values at (K, 0...) and at (-K, 0...); one array if H is even.
 
-    Blocks never reach across a multiple of the axis, so that each of its rows folds onto another place.
+    Blocks never cross a multiple of the axis, so that each row of a block folds onto a different place.
     """
     last = int(np.ceil(reach.radius * y.size * y.step))
     start = 0
@@ -253,9 +256,7 @@ def _rows(
 
 
 def _fold(values: Array, weights: Array, size: int) -> tuple[Array, Array]:
-    """Weighted columns K = 0, 1, ... summed onto k = 0...size//2: those with K = k and those with K = -k modulo
-    ``size``.
-    """
+    """Sum weighted columns K = 0, 1, ... onto k = 0...size//2: those with K = k and with K = -k modulo ``size``."""
     half, count = size // 2, values.shape[1]
     weighted = values * weights
     plus = np.zeros((values.shape[0], half + 1), dtype=weighted.dtype)
@@ -272,7 +273,7 @@ def _fold(values: Array, weights: Array, size: int) -> tuple[Array, Array]:
 
 
 def factors_of(otf: Transfer) -> tuple[Callable[[FloatArray], Array], Callable[[FloatArray], Array]]:
-    """A transfer function along y alone and along x alone."""
+    """Return a transfer function along y alone and along x alone."""
     zero = np.zeros((1, 1))
     return (
         lambda f: np.broadcast_to(otf(f[:, None], zero), (f.size, 1))[:, 0],
@@ -281,7 +282,7 @@ def factors_of(otf: Transfer) -> tuple[Callable[[FloatArray], Array], Callable[[
 
 
 def _line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis, rule: AliasRule) -> Array:
-    """``folded`` along one axis."""
+    """Compute ``folded`` along one axis."""
     values, rest = far_line(otf, axis)
     weights = rule.weights(np.arange(values.size, dtype=float))
     plus, minus = _fold((values - rest)[None, :], weights, axis.size)
@@ -292,7 +293,7 @@ def _line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis, rule: AliasRul
 
 
 def far_line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis) -> tuple[Array, float]:
-    """A factor of a separable transfer function at K = 0, 1, ... as far as it lives, and what is left of it there."""
+    """Return a factor of a separable transfer function at K = 0, 1, ... until it has ended, and the rest beyond."""
     aliases = 2
     while True:
         f = np.linspace(0.5, 1.0, 257) * (aliases / axis.step)
@@ -305,5 +306,5 @@ def far_line(otf: Callable[[FloatArray], Array], axis: PeriodicAxis) -> tuple[Ar
 
 
 def planes_of(half_transform: Array, y: PeriodicAxis, x: PeriodicAxis) -> FloatArray:
-    """All cells of the periodic plane with this half transform, (..., y.size, x.size)."""
+    """Return all cells of the periodic plane with this half transform, (..., y.size, x.size)."""
     return scipy.fft.irfft2(half_transform, s=(y.size, x.size), workers=1)

@@ -1,7 +1,7 @@
-"""What a scene's light holds, looked at before anything is planned: one transform of every band.
+"""What a scene's light holds by frequency, computed before planning with one transform per band.
 
-In:  a source and the grid of what it writes.
-Out: a ``Content``, every figure rounded up to three digits.
+In:  a source and the grid of its output.
+Out: a ``Content``, with every number rounded up to three digits.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from etendue.process import unwarned
 from etendue.telling import foreign
 from etendue.transfer import rings as scene_rings
 
-LARGEST = 1 << 25  # values that are looked at; of more, some bands stand for their neighbours
-AT_ONCE = 1 << 24  # values that are made together: of one band, or of all where the source makes no single ones
+LARGEST = 1 << 25  # values examined; of more, some bands represent their neighbours
+AT_ONCE = 1 << 24  # values computed together: one band, or all if the source cannot compute single bands
 
 
 def light_of(source: type[Source]) -> str | None:
-    """The variable of a source that is light by band and place; None where there is none."""
+    """Return the variable of a source that is light by band and place; None if there is none."""
     return next((d.variable for d in writes_of(source).values() if len(d.dims) == 3 and is_light(d.dims)), None)
 
 
 def content_of(source: Source, grids: Mapping[str, Grid]) -> Content | None:
-    """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random
-    numbers, where it is too large to be looked at (17 million samples a band), and where it cannot be made: the run
-    says why."""
+    """Return the content of a scene's light. None if it is not samples of band-limited light, if the scene draws random
+    numbers, if it is too large to examine (17 million samples per band), or if it cannot be computed: the run then
+    reports why."""
     try:
         with np.errstate(all="ignore"), unwarned():
             return _looked_at(source, grids)
@@ -70,12 +70,12 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
 
 
 def _content(rows: list[Any], edges: Any, bands: int) -> Content:
-    """Of all bands, from what was found in those that were looked at: (low, mean, high, power, amplitude) of each."""
+    """Return the content of all bands, from (low, mean, high, power, amplitude) of those that were examined."""
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
         full, rows = 0.0, [(0.0, 0.0, 0.0, 0 * row[3], 0 * row[4]) for row in rows]
     own = full or 1.0
-    # The nearest band that was looked at stands for each that was not.
+    # Each band that was not examined is represented by the nearest one that was.
     every = [rows[min(round(band * len(rows) / bands), len(rows) - 1)] for band in range(bands)]
     return Content(
         _up(full),
@@ -89,7 +89,7 @@ def _content(rows: list[Any], edges: Any, bands: int) -> Content:
 
 
 def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterator[Any]:
-    """The scene's light, some bands at once; every so manieth band where there are too many values."""
+    """Yield the scene's light, some bands at a time; only every n-th band if there are too many values."""
     grid = grids[variable]
     given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}
     count, size = grid.bands().size, grid.line("y").size * grid.line("x").size
@@ -112,7 +112,7 @@ def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterato
 
 
 def _up(value: float) -> float:
-    """Rounded up to three digits."""
+    """Return the value rounded up to three digits."""
     if value == 0 or not math.isfinite(value):
         return value
     digits = 2 - math.floor(math.log10(abs(value)))

@@ -1,7 +1,7 @@
-"""What a blur does to light of which is known what it holds: sums over rings of radial frequency.
+"""The effect of a blur on light whose content is known: sums over rings of radial frequency.
 
-In:  transfer stages, edges of bands, the ``Content`` of what they read.
-Out: how much leaving them out changes, rms over the frame and at the largest pixel, and what they leave for the next.
+In:  transfer stages, edges of bands, the ``Content`` of their input.
+Out: how much leaving them out changes, rms over the frame and at the largest pixel; the content after them.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from etendue.contract.stage import state_of
 from etendue.transfer import rings as scene_rings
 from etendue.transfer.products import Product, alone
 
-DIRECTIONS = 8  # over a half turn, in which a transfer function that is not radial is asked
+DIRECTIONS = 8  # over a half turn, in which a non-radial transfer function is evaluated
 
 
 def change(stage: Transfer, edges: tuple[float, ...], content: Content, norm: str) -> float:
-    """How far light without this stage lies from light behind it, relative to its full scale.
+    """Return the change from leaving this stage out, relative to the light's full scale.
 
     Parameters
     ----------
     stage : Transfer
     edges : of the bands
     content : Content
-        Of what it reads.
+        Of its input.
     norm : 'rms' or 'max'
-        Over frame and bands, or of the largest value: sums of power (Parseval), or of amplitude.
+        Over frame and bands, from sums of power (Parseval); or of the largest value, from sums of amplitude.
     """
     factors = _rings(stage, edges, content.edges)[0]
     if norm == "max":
@@ -39,15 +39,13 @@ def change(stage: Transfer, edges: tuple[float, ...], content: Content, norm: st
 
 
 def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Content:
-    """What is left of the light behind a stage."""
+    """Return the content of the light after a stage."""
     passed = _rings(stage, edges, content.edges)[1]
     return content.filtered(tuple(tuple(map(float, row)) for row in passed))
 
 
 def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
-    """(direction, band, n): the product of transfer functions along rays; one direction where all of them are
-    radial.
-    """
+    """Return (direction, band, n): the product of transfer functions along rays; one direction if all are radial."""
     points = tuple(map(float, frequency))
     found: Any = np.ones((1, len(edges) - 1, len(points)))
     for stage in stages:
@@ -57,7 +55,7 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
 
 @lru_cache(48)
 def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Any:
-    """Of one stage, asked once: the same stage stands in front of many others."""
+    """Evaluate one stage; cached, because the same stage precedes many others."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:
         return product.along(frequency)[None]
@@ -76,7 +74,7 @@ def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) 
 
 @lru_cache(96)
 def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
-    """(band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
+    """Return (band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))
     return changed, passed

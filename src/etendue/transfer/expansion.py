@@ -1,10 +1,10 @@
-"""Sums over bands of filtered light: few transforms instead of one for every band.
+"""Sums over bands of filtered light, with a few transforms instead of one per band.
 
-In:  the weights of the channels by band, transfer functions by band and radial frequency.
-Out: a basis over the bands, radial tables looked up on planes of frequencies, and what an expansion leaves out.
+In:  the weights of the channels by band; transfer functions by band and radial frequency.
+Out: a basis over the bands, radial tables looked up on planes of frequencies, and the residual of an expansion.
 
-A channel c is sum_l w_c(l) T_l(f) X_l(f). Where the transfer function changes slowly from band to band, all w_c(l)
-T_l(f) are close to sum_k u_ck(f) g_k(l) with few functions g_k, and the sum over l can be taken before the transform:
+A channel c is sum_l w_c(l) T_l(f) X_l(f). If the transfer function changes slowly from band to band, all w_c(l) T_l(f)
+are close to sum_k u_ck(f) g_k(l) with few functions g_k, and the sum over l can be taken before the transform:
 sum_k u_ck(f) FFT[ sum_l g_k(l) x_l ].
 """
 
@@ -17,44 +17,44 @@ FloatArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
 
 FEW_NODES, MANY_NODES = 8192, 32768
-"""Radial frequencies of a table, for frames below and above a million samples; linear between them."""
+"""Number of radial frequencies of a table, for frames below and above a million samples; linear between."""
 
 
 FITTED = 257
 """Radial frequencies at which a basis is fitted."""
 
 FLAT_BELOW = 1 / 64
-"""Of the highest frequency: up to here all frequencies matter alike to the fit, beyond as their amplitude in
-pictures falls: as 1/f.
+"""Fraction of the highest frequency up to which all frequencies have equal importance in the fit; beyond it, importance
+falls as 1/f, like amplitudes in pictures.
 """
 
 
 def importance(frequency: FloatArray) -> FloatArray:
-    """How much an error at each radial frequency matters to the fit of a basis, whatever the pixels are: 1, then
-    falling as 1/f.
+    """Return how much an error at each radial frequency matters in the fit of a basis, for any pixels: 1, then falling
+    as 1/f.
     """
     flat = FLAT_BELOW * float(frequency.max()) or 1.0
     return np.minimum(1.0, flat / np.maximum(frequency, 1e-300))
 
 
 def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
-    """Functions of the band in which the weighted transfer functions of all channels are expanded.
+    """Return functions of the band in which the weighted transfer functions of all channels are expanded.
 
     Parameters
     ----------
     weights : (channel, band) array, not negative
     planes : int
-        At least as many as there are channels; no more are made than there are bands with weight.
+        At least the number of channels; capped at the number of bands with weight.
     transfer : (band, frequency) array
         The transfer functions at some radial frequencies.
     passed : (frequency,) array, not negative
-        How much an error at each of these frequencies matters.
+        Importance of an error at each of these frequencies.
 
     Returns
     -------
     (planes, band) array
-        g, orthonormal under 1 / total weight: with which weight each band enters each plane; 0 in bands without weight.
-        The weights of the channels lie in their span, so that uniform light is exact.
+        g, orthonormal under 1 / total weight: the weight of each band in each plane; 0 in bands without weight. Its
+        span contains the weights of the channels, so that uniform light is exact.
 
     Raises
     ------
@@ -63,15 +63,15 @@ def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: F
 
     Notes
     -----
-    Source: the singular vectors of what the weights themselves leave of the weighted transfer functions: the best basis
-    in the mean square for its number of functions (Eckart and Young 1936). As eigenvectors of their products, bands by
-    bands: functions that bring less than 1e-8 of the first are in no order.
+    Source: the singular vectors of the part of the weighted transfer functions that the weights do not span: the best
+    basis in the mean square for its number of functions (Eckart and Young 1936). Computed as eigenvectors of their
+    products, bands by bands: functions that contribute less than 1e-8 of the first are in no defined order.
     """
     weights, scale = _scaled(weights)
     if planes < weights.shape[0]:
-        raise ValueError(f"planes is {planes}; at least one for each of the {weights.shape[0]} channels")
+        raise ValueError(f"planes must be at least {weights.shape[0]}, one per channel; it is {planes}")
     if np.any(weights < 0) or not np.all(weights.max(axis=1) > 0):
-        raise ValueError("weights must not be negative, and every channel needs one above 0")
+        raise ValueError("weights must not be negative, and every channel needs one greater than 0")
     own, _ = np.linalg.qr((weights * scale).T)
     wanted = ((weights * scale)[:, :, None] * transfer * passed).transpose(1, 0, 2).reshape(transfer.shape[0], -1)
     rest = wanted - own @ (own.T @ wanted)
@@ -83,7 +83,7 @@ def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: F
 
 
 def _scaled(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Weights with a sum of 1 for each channel, and 1 / root of their total by band (0 where nothing sees the band)."""
+    """Return weights with a sum of 1 per channel, and 1 / root of their total by band (0 in bands without weight)."""
     weights = np.asarray(weights, dtype=float)
     sums = weights.sum(axis=1, keepdims=True)
     weights = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0)
@@ -93,21 +93,21 @@ def _scaled(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def coefficients(weights: FloatArray, basis: FloatArray, transfer: FloatArray) -> FloatArray:
-    """(channel, planes, frequency): u with w_c(l) T_l(f) = sum_k u_ck(f) g_k(l), as nearly as the basis can."""
+    """Return (channel, planes, frequency): u with w_c(l) T_l(f) = sum_k u_ck(f) g_k(l), as closely as the basis can."""
     seen = basis * _scaled(weights)[1] ** 2
     return np.einsum("cl,kl,lf->ckf", np.asarray(weights, dtype=float), seen, transfer, optimize=True)
 
 
 def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatArray) -> FloatArray:
-    """What an expansion leaves out of every band, relative to the channel's full scale in light of equal strength in
-    all bands.
+    """Return the residual of an expansion in every band, relative to the channel's full scale in light of equal
+    strength in all bands.
 
     Parameters
     ----------
     weights : (channel, band) array
     transfer : (band, frequency) array
     basis : (planes, band) array
-        As ``band_basis`` gives it.
+        From ``band_basis``.
 
     Returns
     -------
@@ -120,22 +120,22 @@ def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatAr
 
 
 class RadialPlane:
-    """Values known by radial frequency, looked up on the half plane of a transform.
+    """Look-up of functions of radial frequency on the half plane of a transform.
 
     Parameters
     ----------
     rows, columns : 1-d arrays, cycles/um
         Frequencies of the transform along y (all, in the order of the transform) and x (not negative).
     precision : dtype
-        Of what comes out.
+        Type of the results.
     nodes : int
-        Of the tables; 0: by the size of the frame.
+        Nodes of the tables; 0: by the size of the frame.
 
     Notes
     -----
-    Rows of opposite frequency are looked up once. Linear interpolation: error (spacing of the nodes)^2 / 8 times the
-    second derivative: 1e-7 for a smooth function with few nodes; at the kink of a diffraction cut-off 6e-6 and 2.4e-6
-    at worst (f/16 on a grid of 0.5 um), where the planes have next to nothing.
+    Rows of opposite frequency are looked up once. Linear interpolation: the error is (spacing of the nodes)^2 / 8 times
+    the second derivative: 1e-7 for a smooth function with few nodes; at most 6e-6 and 2.4e-6 at the kink of a
+    diffraction cut-off (f/16 on a grid of 0.5 um), where the planes have next to nothing.
     """
 
     def __init__(self, rows: FloatArray, columns: FloatArray, precision: object, nodes: int = 0) -> None:
@@ -151,7 +151,7 @@ class RadialPlane:
         self.beyond = (place - self.below).astype(self.kind)
 
     def upper(self, table: FloatArray) -> FloatArray:
-        """A table over the nodes, on the rows of frequency 0 and above: (rows // 2 + 1, columns)."""
+        """Evaluate a table over the nodes on the rows of frequency 0 and above: (rows // 2 + 1, columns)."""
         table = np.asarray(table, dtype=self.kind)
         step = np.append(np.diff(table), 0).astype(self.kind)
         found = np.empty(self.below.shape, dtype=self.kind)
@@ -162,7 +162,7 @@ class RadialPlane:
         return found
 
     def add_product(self, sums: ComplexArray, half_transform: ComplexArray, table: FloatArray) -> None:
-        """sums += half_transform * table, in place."""
+        """Compute sums += half_transform * table in place."""
         factor = self.upper(table)
         for rows in _blocks(*half_transform.shape):
             for own, mirrored in (
@@ -176,20 +176,20 @@ class RadialPlane:
                     sums[own] += half_transform[own] * part
 
     def multiply(self, half_transform: ComplexArray, table: FloatArray) -> None:
-        """Multiply a half transform (rows, columns) by a table, in place."""
+        """Multiply a half transform (rows, columns) by a table in place."""
         factor = self.upper(table)
         half_transform[: self.half + 1] *= factor
         half_transform[self.half + 1 :] *= factor[1 : self.rows - self.half][::-1]
 
 
 def _blocks(rows: int, columns: int) -> list[slice]:
-    """Rows in blocks that stay in a core's cache."""
+    """Return slices of rows in blocks that fit a core's cache."""
     each = max(1, (1 << 16) // max(columns, 1))
     return [slice(start, min(start + each, rows)) for start in range(0, rows, each)]
 
 
 def add_weighted(sums: ComplexArray, weights: FloatArray, half_transform: ComplexArray) -> None:
-    """sums[c] += weights[c] * half_transform, in place, block by block."""
+    """Compute sums[c] += weights[c] * half_transform in place, block by block."""
     kind = sums.real.dtype
     for rows in _blocks(*half_transform.shape):
         block = half_transform[rows]
@@ -199,7 +199,7 @@ def add_weighted(sums: ComplexArray, weights: FloatArray, half_transform: Comple
 
 
 def add_projected(sums: FloatArray, factors: FloatArray, bands: list[FloatArray]) -> None:
-    """sums[k] += sum over the given bands of factors[k, band] * band, in place, block by block.
+    """Compute sums[k] += sum over the given bands of factors[k, band] * band in place, block by block.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The product of the transfer functions of some stages: the one place where a stage's ``transfer`` is asked.
+"""The product of the transfer functions of some stages; the only place that calls a stage's ``transfer``.
 
 In:  stages in the order of the light, edges of bands, what each stage has prepared.
-Out: their product at separable frequencies, for all bands or some of them; of channels the mean over bands, with the
+Out: their product at separable frequencies, for all bands or some of them; for channels, the mean over bands including
      charge that moves between them.
 """
 
@@ -27,15 +27,15 @@ EVERY = slice(None)
 
 
 def alone(stage: Stage, edges: tuple[float, ...]) -> Any:
-    """What a stage prepares for bands with these edges, asked of it now."""
+    """Return what a stage prepares for bands with these edges, uncached."""
     with foreign(f"{type(stage).__name__}.prepare"):
         return stage.prepare(coordinates_of({"": Grid.of({bands_of(type(stage)): Bands(edges)})}))
 
 
 @dataclass(frozen=True)
 class Product:
-    """``stages`` one behind the other. ``prepared`` gives what a stage has prepared for the bins; nobody: it is
-    asked now.
+    """The product of ``stages``. ``prepared`` returns what a stage has prepared for the bins; by default computed
+    without a cache.
     """
 
     stages: tuple[Transfer, ...]
@@ -44,7 +44,7 @@ class Product:
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
-        """(band, 1, 1): the middle of every band, in the unit in which transfer functions are asked."""
+        """(band, 1, 1): the middle of every band, in the unit in which transfer functions take it."""
         own = next((name for stage in self.stages if (name := bands_of(type(stage)))), "")
         return np.array(Bands(self.edges).values())[:, None, None] * dim(own).factor
 
@@ -54,11 +54,11 @@ class Product:
 
     @property
     def radial(self) -> bool:
-        """Whether every stage depends on the size of the frequency alone."""
+        """Whether every stage depends only on the magnitude of the frequency."""
         return all(stage.radial for stage in self.stages)
 
     def at(self, fy: NDArray[Any], fx: NDArray[Any], bands: slice = EVERY) -> Any:
-        """(band or 1, m, n) at frequencies fy (m, 1), fx (1, n), cycles/um; 1 where there is no stage."""
+        """Return (band or 1, m, n) at frequencies fy (m, 1), fx (1, n), cycles/um; 1 without stages."""
         middles = self.middles[bands]
         product: Any = np.ones((1, 1, 1))
         for stage, prepared in zip(self.stages, self._prepared, strict=True):
@@ -66,14 +66,14 @@ class Product:
         return product
 
     def along(self, frequency: NDArray[Any]) -> Any:
-        """(band, n) along x."""
+        """Return (band, n) along x."""
         found = self.at(np.zeros((1, 1)), frequency[None, :])[:, 0]
         return np.broadcast_to(found, (self.middles.size, frequency.size))
 
 
 def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any:
-    """``stage.transfer`` as (band or 1, m, n) finite numbers that fit the frequencies, or an error that names the
-    stage.
+    """Return ``stage.transfer`` as finite numbers (band or 1, m, n) that match the frequencies; raise an error that
+    names the stage otherwise.
     """
     name = f"{type(stage).__name__}.transfer"
     with foreign(name):
@@ -83,13 +83,13 @@ def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any
         raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (band, y, x)")
     shape = (np.size(middles), np.shape(fy)[0], np.shape(fx)[1])
     if any(n not in (1, most) for n, most in zip(found.shape[::-1], shape[::-1], strict=False)):
-        raise PluginError(f"{name} gave shape {found.shape}, but was asked for {shape}")
+        raise PluginError(f"{name} gave shape {found.shape}, but {shape} was requested")
     return found.reshape((1,) * (3 - found.ndim) + found.shape)
 
 
 def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
-    """``stage.channel_transfer`` as (channel, channel, m, n) finite numbers that fit the frequencies (m,), (n,), or an
-    error that names the stage."""
+    """Return ``stage.channel_transfer`` as finite numbers (channel, channel, m, n) that match the frequencies (m,),
+    (n,); raise an error that names the stage otherwise."""
     name = f"{type(stage).__name__}.channel_transfer"
     with foreign(name):
         found = np.asarray(stage.channel_transfer(fy, fx, light, prepared))
@@ -100,24 +100,24 @@ def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any)
         or found.shape[2:] != (len(fy), len(fx))
     ):
         raise PluginError(
-            f"{name} gave {found.dtype} of shape {found.shape}; expected (channel, channel, {len(fy)}, {len(fx)}) "
-            f"numbers"
+            f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (channel, channel, "
+            f"{len(fy)}, {len(fx)})"
         )
     return found
 
 
 def behind_filters(bands: Any, shares: Any, moved: Any = (), still: Any = ()) -> Any:
-    """Transfer functions of grey detail by channel: means over bands, and what charge that moves between channels makes
-    of them.
+    """Return the transfer functions of grey detail by channel: means over bands, changed by charge that moves between
+    channels.
 
     Parameters
     ----------
     bands : (band, ...) array
-        Of the stages in front of the filters, 1 at frequency 0.
+        Of the stages before the filters, 1 at frequency 0.
     shares : (channel, band) array
-        Of a white surface, of any scale.
+        Of a white surface, in any scale.
     moved : sequence of (channel, channel, ...) arrays
-        Of stages one behind the other, see `between`.
+        Of consecutive stages, see `between`.
     still : sequence of (channel, channel) arrays
         The same at frequency 0.
 
@@ -134,7 +134,7 @@ def behind_filters(bands: Any, shares: Any, moved: Any = (), still: Any = ()) ->
 
 
 def weights(stage: Summed, prepared: Any) -> Any:
-    """``stage.weights``: (channel, band), read-only."""
+    """Return ``stage.weights`` as (channel, band), read-only."""
     name = f"{type(stage).__name__}.weights"
     with foreign(name):
         found = np.array(stage.weights(prepared))

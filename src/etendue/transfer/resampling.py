@@ -1,4 +1,4 @@
-"""Photographs on another grid: exact area averages.
+"""Resample photographs to another grid by exact area averages.
 
 In:  numbers of samples before and after.
 Out: the matrix that resamples one axis.
@@ -12,31 +12,31 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-_BLOCK = 1 << 22  # values that are decoded at a time
+_BLOCK = 1 << 22  # values decoded at a time
 
 
 def area_weights(n_in: int, n_out: int) -> npt.NDArray[np.float64]:
-    """Matrix that resamples one axis of a photograph by exact area averaging, in linear light.
+    """Return the matrix that resamples one axis of a photograph by exact area averaging, in linear light.
 
     Parameters
     ----------
-    n_in, n_out : int, above 0
-        Samples before and after, on the same length.
+    n_in, n_out : int, greater than 0
+        Samples before and after, over the same length.
 
     Returns
     -------
     (n_out, n_in) array
-        ``rows @ image @ columns.T`` resamples both axes. Rows add up to 1 and columns to n_out / n_in, so
-        flat areas stay flat and the mean is kept; larger n_out repeats samples, smaller averages them.
+        ``rows @ image @ columns.T`` resamples both axes. Rows sum to 1 and columns to n_out / n_in, so flat areas stay
+        flat and the mean is kept; a larger n_out repeats samples, a smaller one averages them.
 
     Raises
     ------
     ValueError
-        A count that is not a whole number above 0.
+        A count is not a whole number greater than 0.
 
     Notes
     -----
-    Overlaps are counted in whole parts of the length, n_in n_out of them: a weight is one rounded quotient.
+    Overlaps are counted in units of length / (n_in n_out), so that each weight is one rounded quotient.
     """
     pieces = _pieces(n_in, n_out)
     found = np.zeros((int(n_out), int(n_in)))
@@ -46,17 +46,17 @@ def area_weights(n_in: int, n_out: int) -> npt.NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _Pieces:
-    """`area_weights` without its zeros: the pieces of each sample after between the ends of samples before, in order.
+    """`area_weights` without its zeros: the pieces of each output sample between the ends of input samples, in order.
 
-    Samples of fewer pieces than others have more of their last sample, with the share 0.
+    Output samples with fewer pieces than others are padded with their last input sample at a share of 0.
     """
 
     place: npt.NDArray[np.intp]  # (n_out, pieces)
     share: npt.NDArray[np.float64]
 
     def of(self, rows: npt.NDArray[np.float64], before: int = 0) -> npt.NDArray[np.float64]:
-        """Averages of the rows of a picture, the first of which is number ``before``: one sum each, in the order of
-        the rows.
+        """Return averages of the rows of a picture, the first of which is number ``before``: one sum each, in the order
+        of the rows.
         """
         found = np.zeros((len(self.place), *rows.shape[1:]))
         for place, share in zip(self.place.T - before, self.share.T, strict=True):
@@ -70,7 +70,7 @@ class _Pieces:
 def _pieces(n_in: int, n_out: int) -> _Pieces:
     for name, value in (("n_in", n_in), ("n_out", n_out)):
         if value != int(value) or value < 1:
-            raise ValueError(f"{name} must be a whole number above 0, got {value}")
+            raise ValueError(f"{name} must be a whole number greater than 0, got {value}")
     n_in, n_out = int(n_in), int(n_out)
     ends = np.union1d(n_in * np.arange(n_out + 1), n_out * np.arange(n_in + 1))
     after, before, share = ends[:-1] // n_in, ends[:-1] // n_out, np.diff(ends) / n_in
@@ -84,15 +84,15 @@ def _pieces(n_in: int, n_out: int) -> _Pieces:
 def area_average(
     picture: npt.NDArray, rows: int, columns: int, decode: Callable[[npt.NDArray], npt.NDArray[np.float64]]
 ) -> npt.NDArray[np.float64]:
-    """A picture on another grid, by exact area averages of its decoded values.
+    """Resample a picture to another grid by exact area averages of its decoded values.
 
     Parameters
     ----------
     picture : (height, width, channels) array
-        Of any numbers that ``decode`` takes.
-    rows, columns : int, above 0
+        Any numbers that ``decode`` accepts.
+    rows, columns : int, greater than 0
     decode : callable
-        Values to linear light, elementwise.
+        Converts values to linear light, elementwise.
 
     Returns
     -------
@@ -105,9 +105,9 @@ def area_average(
 
     Notes
     -----
-    Decoded some rows of the result at a time, so that a picture of 50 million pixels takes its own bytes and little
-    more; a row of the result is one sum in the order of the rows, whatever the blocks. 12 million pixels to 500 x 500:
-    3 s and 400 MB.
+    Some rows of the result are decoded at a time, so that a picture of 50 million pixels needs little more than its own
+    bytes; each row of the result is one sum in the order of the rows, independent of the blocks. 12 million pixels to
+    500 x 500: 3 s and 400 MB.
     Error: 3e-16 against ``down @ picture @ across.T``.
     """
     height, width, channels = picture.shape

@@ -1,7 +1,7 @@
-"""What light holds by radial frequency: the sums over rings by which it is judged how much of a blur a scene can show.
+"""What light holds by radial frequency, in rings: it bounds how much of a blur a scene can show.
 
 In:  planes of light; factors 1 - H of a transfer function at the ends of the rings.
-Out: mean squares and amplitudes by ring; what the factors make of them.
+Out: mean squares and amplitudes by ring; bounds for light times the factors.
 Sources: Parseval's theorem; the triangle inequality for the largest value.
 """
 
@@ -17,18 +17,18 @@ from etendue.transfer import sampling
 FloatArray = NDArray[np.floating]
 
 PER_OCTAVE = 6
-BLOCK = 1 << 19  # values of a transform that are looked at together
+BLOCK = 1 << 19  # values of a transform processed at a time
 
 
 def ring_edges(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
-    """Ends of rings of radial frequency, cycles/um: from 0, six to the octave, to the corner of the transform's plane.
+    """Return the ends of rings of radial frequency, cycles/um: from 0, six per octave, to the corner of the transform.
 
     Parameters
     ----------
     size_y, size_x : int
         Samples of the frame.
     step_y, step_x : float
-        Between samples, um.
+        Distance between samples, um.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def ring_edges(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatA
 
 
 def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean square and sum of amplitudes of a plane in rings of radial frequency, its mean left out.
+    """Return the mean square and the sum of amplitudes of a plane, without its mean, in rings of radial frequency.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
     step_y, step_x : float
         um
     edges : (n + 1,) array
-        As ``ring_edges`` gives them.
+        From ``ring_edges``.
 
     Returns
     -------
     power, amplitude : (n,) arrays
-        Of the padded plane on which a segment computes, times the padded over the framed area: no more than the sum of
-        ``power`` is the mean square over the frame of the plane less its mean, and no point of it is farther from the
-        mean than the sum of ``amplitude``.
+        Of the padded plane that a segment uses, times the ratio of padded to framed area. They are upper bounds: the
+        mean square of the plane less its mean is at most the sum of ``power``, and no point is farther from the mean
+        than the sum of ``amplitude``.
     """
     ny, nx = plane.shape
     half = sampling.transform(np.ascontiguousarray(plane))
@@ -79,14 +79,14 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
 
 
 def rings_of(radial: FloatArray, edges: FloatArray) -> NDArray[np.intp]:
-    """The ring in which each radial frequency lies."""
+    """Return the ring that contains each radial frequency."""
     count = edges.size - 2
     place = np.ceil(np.log2(np.maximum(radial, 1e-300) / edges[-1]) * PER_OCTAVE + (count - 1e-9))
     return np.clip(place, 0, count).astype(np.intp)
 
 
 def frequencies_in(edges: FloatArray) -> FloatArray:
-    """(2 n + 1,): the ends of n rings, and the middle of each."""
+    """Return (2 n + 1,): the ends of n rings, and the middle of each."""
     found = np.empty(2 * edges.size - 1)
     found[::2] = edges
     found[1::2] = 0.5 * (edges[:-1] + edges[1:])
@@ -94,22 +94,20 @@ def frequencies_in(edges: FloatArray) -> FloatArray:
 
 
 def largest_in_rings(values: FloatArray) -> FloatArray:
-    """(..., n): the largest of the values at the ends and in the middle of every ring, from (..., 2 n + 1)."""
+    """Return (..., n): the largest of the values at both ends and in the middle of every ring, from (..., 2 n + 1)."""
     return np.maximum(np.maximum(values[..., :-2:2], values[..., 2::2]), values[..., 1::2])
 
 
 def moved(distance: float, edges: FloatArray) -> FloatArray:
-    """(ring,): the largest |1 - exp(2 pi i f d)| of light that is moved by no more than a distance, um."""
+    """Return (ring,): the largest |1 - exp(2 pi i f d)| of light that moves by no more than a distance, um."""
     return np.asarray(2 * np.sin(np.pi * np.minimum(edges[1:] * abs(distance), 0.5)))
 
 
 def rms_of(factors: FloatArray, power: FloatArray) -> float:
-    """Root mean square over frame and bands of what is left of light times these factors: (band or 1, ring), (band,
-    ring).
-    """
+    """Return the root mean square over frame and bands of light times factors: (band or 1, ring), (band, ring)."""
     return float(np.sqrt((np.asarray(factors) ** 2 * power).sum() / power.shape[0]))
 
 
 def largest_of(factors: FloatArray, amplitude: FloatArray) -> float:
-    """No point in any band has more of light times these factors."""
+    """Return an upper bound for light times these factors, over all points and bands."""
     return float((np.asarray(factors) * amplitude).sum(axis=1).max())

@@ -2,7 +2,7 @@
 
 In:  planes sampled at ``start + step * i`` um; transfer functions at spatial frequencies in cycles/um.
 Out: filtered planes on the same grid, or evaluated at any separable set of positions.
-Sources: the discrete Fourier transform; trigonometric interpolation (a band-limited plane is known everywhere).
+Sources: the discrete Fourier transform; trigonometric interpolation (a band-limited plane is defined everywhere).
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-FEW = 64  # outputs for each row of a transform, up to which two matrix products are cheaper than an inverse transform
+FEW = 64  # up to this many outputs per row of a transform, two matrix products are cheaper than an inverse transform
 
 FloatArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
 
 
 def padded_size(size: int) -> int:
-    """Samples of the padded axis: an eighth of the frame on each side (16 to 128), then up to a fast length."""
+    """Return the samples of a padded axis: an eighth of the frame per side (16 to 128), rounded up to a fast length."""
     return int(scipy.fft.next_fast_len(size + 2 * max(16, min(-(-size // 8), 128)), real=True))
 
 
 def _gap(plane: FloatArray, total: int, axis: int) -> FloatArray:
-    """The samples between the end of an axis and its periodic start: two mirrored continuations, cross-faded."""
+    """Return the samples between the end of an axis and its periodic start: two mirrored ends, cross-faded."""
     size = plane.shape[axis]
     t = np.arange(total - size)
     after_end = np.abs((size - 1 - t) % (2 * size))
@@ -38,7 +38,7 @@ def _gap(plane: FloatArray, total: int, axis: int) -> FloatArray:
 
 
 def pad(planes: FloatArray) -> FloatArray:
-    """Continue planes beyond their border by their mirror image, periodic without a seam.
+    """Extend planes beyond their border by their mirror image, periodic without a seam.
 
     Parameters
     ----------
@@ -47,13 +47,13 @@ def pad(planes: FloatArray) -> FloatArray:
     Returns
     -------
     (..., Ny, Nx) array
-        The frame stands at [0:ny, 0:nx]. Behind it the mirrored continuations of both ends are cross-faded, so the
-        periodic plane has no step anywhere: a blur sees a mirror within its reach and never the other border.
+        The frame is at [0:ny, 0:nx]. Beyond it the mirrored ends are cross-faded, so the periodic plane has no step
+        anywhere: a blur sees a mirror within its reach and never the opposite border.
 
     Notes
     -----
-    A mirror is the least wrong guess for a photograph (error beside the border 8e-5 of full scale at f/2.8 on a
-    256-sample edge image; zero padding 4.5e-2). Charts render a real margin, which makes it exact.
+    A mirror is the best guess for a photograph (error at the border 8e-5 of full scale at f/2.8 on a 256-sample edge
+    image; zero padding 4.5e-2). Charts render a real margin, which makes it exact.
     """
     ny, nx = planes.shape[-2:]
     whole = np.empty((*planes.shape[:-2], padded_size(ny), padded_size(nx)), dtype=planes.dtype)
@@ -64,18 +64,20 @@ def pad(planes: FloatArray) -> FloatArray:
 
 
 def transform(planes: FloatArray) -> ComplexArray:
-    """Half transform of padded planes: (..., Ny, Nx//2 + 1), in the complex type of the input's precision."""
+    """Return the half transform of padded planes, (..., Ny, Nx//2 + 1), in the complex type of the input's
+    precision.
+    """
     return scipy.fft.rfft2(pad(planes), workers=1)
 
 
 def kept_terms(size: int, share: float) -> int:
-    """Of a padded axis, how many terms from 0 on lie within a share of its Nyquist frequency."""
+    """Return how many terms from 0 on lie within a share of the Nyquist frequency of a padded axis."""
     return min(int(share * (padded_size(size) // 2)), padded_size(size) // 2)
 
 
 def low_terms(half_transform: ComplexArray, shape: tuple[int, int]) -> ComplexArray:
-    """Of a half transform the terms from 0 to Ky, -Ky to -1 along y and 0 to Kx along x: (..., 2 Ky + 1, Kx + 1); or
-    all of it.
+    """Return the terms of a half transform from 0 to Ky and -Ky to -1 along y and from 0 to Kx along x,
+    (..., 2 Ky + 1, Kx + 1); or all of it.
     """
     rows, columns = shape
     if half_transform.shape[-2:] == shape:
@@ -85,8 +87,8 @@ def low_terms(half_transform: ComplexArray, shape: tuple[int, int]) -> ComplexAr
 
 
 def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> FloatArray:
-    """Spatial frequencies of a padded axis, cycles/um: all of them, or the half kept by a real transform; or those of
-    ``low_terms`` within a share of the Nyquist frequency."""
+    """Return the spatial frequencies of a padded axis, cycles/um: all of them, or the half kept by a real transform; or
+    those of ``low_terms`` within a share of the Nyquist frequency."""
     total = padded_size(size)
     if share < 1:
         terms = np.arange(kept_terms(size, share) + 1)
@@ -95,7 +97,7 @@ def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> Float
 
 
 def planes_of(half_transform: ComplexArray, ny: int, nx: int) -> FloatArray:
-    """The frame [0:ny, 0:nx] of the planes with this half transform."""
+    """Return the frame [0:ny, 0:nx] of the planes with this half transform."""
     full = scipy.fft.irfft2(half_transform, s=(padded_size(ny), padded_size(nx)), workers=1)
     return np.ascontiguousarray(full[..., :ny, :nx])
 
@@ -103,7 +105,7 @@ def planes_of(half_transform: ComplexArray, ny: int, nx: int) -> FloatArray:
 def whole_steps(
     in_start: float, in_step: float, out_start: float, out_step: float, out_size: int, in_size: int
 ) -> slice | None:
-    """The slice of samples at which the output positions lie, or ``None`` where they lie between samples."""
+    """Return the slice of samples at the output positions, or ``None`` if positions lie between samples."""
     ratio, offset = out_step / in_step, (out_start - in_start) / in_step
     step, first = round(ratio), round(offset)
     last = first + step * (out_size - 1)
@@ -113,9 +115,9 @@ def whole_steps(
 
 
 def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> ComplexArray:
-    """exp(2 pi i k u / N) for every position and frequency index; the Nyquist term as a cosine (real interpolation).
+    """Return exp(2 pi i k u / N) by position and frequency index; the Nyquist term is a cosine (real interpolation).
 
-    ``terms`` : how many a transform has along this axis; fewer than the whole: those of ``low_terms``.
+    ``terms``: number of terms of the transform along this axis; if fewer than all, those of ``low_terms``.
     """
     if terms < (total // 2 + 1 if half else total):
         k = np.arange(terms) if half else np.concatenate([np.arange(terms // 2 + 1), -np.arange(terms // 2, 0, -1)])
@@ -139,12 +141,12 @@ def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> Complex
 def evaluate(
     half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]
 ) -> FloatArray:
-    """Planes at positions between samples, exactly as the band-limited plane has them.
+    """Evaluate planes at positions between samples, exactly for the band-limited plane.
 
     Parameters
     ----------
     half_transform : (..., Ny, Nx//2 + 1) complex array
-        Of planes whose frame has ``ny`` x ``nx`` samples; or what ``low_terms`` gives of it.
+        Of planes whose frame has ``ny`` x ``nx`` samples; or its ``low_terms``.
     y, x : (start, step, size)
         Output positions in samples of the input grid (0 is its first sample).
 
@@ -154,9 +156,9 @@ def evaluate(
 
     Notes
     -----
-    Two matrix products per plane (a matrix Fourier transform). What lies beyond the output's Nyquist frequency
-    folds back, as in any sampling. Error against direct summation: below 2e-14 of the largest value in double,
-    2e-6 in single precision.
+    Two matrix products per plane (a matrix Fourier transform). Frequencies beyond the output's Nyquist frequency fold
+    back, as in any sampling. Error against direct summation: below 2e-14 of the largest value in double, 2e-6 in single
+    precision.
     """
     total_y, total_x = padded_size(ny), padded_size(nx)
     rows = _waves(y[0] + y[1] * np.arange(y[2]), total_y, False, half_transform.shape[-2]).astype(half_transform.dtype)
@@ -171,7 +173,7 @@ def evaluate(
 def sample(
     half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]
 ) -> FloatArray:
-    """``evaluate``, by picking samples where all positions are samples: the same values, cheaper."""
+    """Return the values of ``evaluate``; picks samples, which is cheaper, if all positions are samples."""
     rows = whole_steps(0.0, 1.0, y[0], y[1], y[2], ny)
     columns = whole_steps(0.0, 1.0, x[0], x[1], x[2], nx)
     if rows is None or columns is None:
@@ -184,7 +186,7 @@ def sample(
 
 
 def _whole(low: ComplexArray, total_y: int, total_x: int) -> ComplexArray:
-    """A part of a transform with zeros where it has no terms."""
+    """Return a full half transform from its low terms, with zeros elsewhere."""
     found = np.zeros((*low.shape[:-2], total_y, total_x // 2 + 1), dtype=low.dtype)
     middle, columns = low.shape[-2] // 2, low.shape[-1]
     found[..., : middle + 1, :columns] = low[..., : middle + 1, :]
@@ -193,7 +195,7 @@ def _whole(low: ComplexArray, total_y: int, total_x: int) -> ComplexArray:
 
 
 def sum_over_bands(weights: FloatArray, half_transform: ComplexArray) -> ComplexArray:
-    """Weighted sums of band transforms: (channel, band) x (band, Ny, Nh) -> (channel, Ny, Nh)."""
+    """Return weighted sums of band transforms: (channel, band) x (band, Ny, Nh) -> (channel, Ny, Nh)."""
     bands, ny, nh = half_transform.shape
     flat = half_transform.reshape(bands, ny * nh)
     return (
@@ -204,9 +206,9 @@ def sum_over_bands(weights: FloatArray, half_transform: ComplexArray) -> Complex
 
 
 def on_unique_rows(evaluate_rows, fy: FloatArray) -> FloatArray:  # type: ignore[no-untyped-def]
-    """A function that is even in fy, evaluated once for every |fy| and copied to both signs.
+    """Evaluate a function that is even in fy once per |fy|, and copy the result to both signs.
 
-    ``evaluate_rows(rows)`` takes (n, 1) frequencies and gives (..., n, nx).
+    ``evaluate_rows(rows)`` takes (n, 1) frequencies and returns (..., n, nx).
     """
     rows, where = np.unique(np.abs(fy[:, 0]), return_inverse=True)
     if rows.size == fy.shape[0]:

@@ -1,1 +1,1 @@
-"""Whether an archive comes out again: reproduced, compared, repaired."""
+"""Trust in archives: reproduce, compare and repair them."""

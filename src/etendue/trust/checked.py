@@ -1,8 +1,8 @@
-"""An archive's metadata held against what is made again: as wholes, but for a list of what no computing can tell.
+"""Compare an archive's metadata with recomputed metadata, as wholes except for a list of what cannot be recomputed.
 
-In:  an archive, its plan computed again (``trust.remade``).
-Out: ``Difference``: file, place in it, what it says, what it has to say. What is not in ``NOT_CHECKED`` is compared, a
-     new field too.
+In:  an archive, and its plan computed again (``trust.remade``).
+Out: ``Difference``: file, place in it, its value, and the expected value. Everything that is not in ``NOT_CHECKED`` is
+     compared, including future fields.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from etendue.trust.comparing import ELSEWHERE, differences, of_array, shown, ski
 from etendue.trust.remade import Again, array_of, as_document, chunks_out_of_place, record_again, store_files
 from etendue.trust.sayings import Deviation
 
-OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installed then
+OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installed at the time of the run
 
 
 # -- the store
@@ -32,21 +32,20 @@ OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installe
 
 
 def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Deviation]:
-    """Metadata, coordinates, status, tables and pictures."""
+    """Compare metadata, coordinates, status, tables and pictures."""
     ended, loose = stored.manifest is not None, ELSEWHERE if elsewhere else 0.0
     try:
         own = store_files(stored, again, ended)
         out = list(chunks_out_of_place(stored, again))
     except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError, AttributeError) as error:
-        yield Deviation(
-            "journal.jsonl", "axes, blocks, cells", f"{type(error).__name__}: {error}", "what can be laid out"
-        )
+        yield Deviation("journal.jsonl", "axes, blocks, cells", f"{type(error).__name__}: {error}", "a valid layout")
         return
     yield from (Deviation("journal.jsonl", name, place, "another place") for name, place in out)
-    apart = {LEDGER} if any(path.startswith("frames/") for path in own) else {LEDGER, "frames"}  # not file by file
+    # compared by content instead of file by file
+    apart = {LEDGER} if any(path.startswith("frames/") for path in own) else {LEDGER, "frames"}
     for path in sorted(own.keys() | _said(stored, own)):
         top = path.split("/")[0]
-        # Without a run that has ended in order there is no more than it had written before.
+        # If no run has ended in order, these may be in the state of an earlier run.
         if top in apart or (not ended and (path == "zarr.json" or "/status/c" in path or top in TABLES)):
             continue
         has, data = own.get(path), disk.content_of(stored.folder / DATA / path)
@@ -58,9 +57,12 @@ def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Deviatio
 
 
 def _said(stored: Stored, own: Mapping[str, bytes]) -> set[str]:
-    """The files of groups and tables that runs have written, chunks of cells aside, by path below the store."""
+    """Return the files of groups and tables that runs have written, without chunks of cells, by path below the
+    store.
+    """
     ours = {*TABLES, *(path.split("/")[0] for path in own if "/" in path)}
-    alone = {f"{group}/{name}/c" for group, names in stored.journal.blocks.items() for name in names}  # without axes
+    # cells without axes
+    alone = {f"{group}/{name}/c" for group, names in stored.journal.blocks.items() for name in names}
     files = {path.removeprefix(f"{DATA}/") for path in disk.Listing(stored.folder).below(DATA)} - alone
     return {
         path
@@ -97,7 +99,7 @@ def _of_file(
 
 
 def _of_ours(says: Any, made: Any) -> Any:
-    """The root without what it says of groups that no run has written, and of pictures that are not compared."""
+    """Return the root without its entries for foreign groups, and for pictures if they are not compared."""
     try:
         held, own = says["consolidated_metadata"]["metadata"], made["consolidated_metadata"]["metadata"]
         ours = {path.split("/")[0] for path in own}
@@ -110,7 +112,7 @@ def _of_ours(says: Any, made: Any) -> Any:
 
 
 def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Iterator[Deviation]:
-    """The row of every cell, in whatever order they stand: sorted axes leave them where they are."""
+    """Compare the ledger row by row, in any order: sorting axes does not reorder the rows."""
     nodes = {
         path.split("/")[1]: as_document(data)
         for path, data in own.items()
@@ -138,7 +140,7 @@ def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Ite
 
 
 def _of_columns(columns: Mapping[str, tuple[Any, Any]], elsewhere: bool) -> Iterator[Deviation]:
-    """By name as they stand, and as they are made again; the rows of both in the order of what tells them apart."""
+    """Compare columns (archived, recomputed), with the rows of both sorted by the columns that identify them."""
     told = [name for name in columns if name in ("stage", "key") or name.startswith("at_")]
     if not told:
         return
@@ -162,7 +164,7 @@ def _row(columns: list[list[Any]]) -> Any:
 
 
 def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Iterator[Deviation]:
-    """What the line of each cell says beside its place, if it has ended; ``code``: whether it is the code of then."""
+    """Compare the journal lines of ended cells, except for places; ``code``: whether the code is unchanged."""
     for ref, name in again.names.items():
         entry, fresh = stored.journal.entries.get(name), again.reports.get(name)
         if entry is None or entry.event not in ("done", "failed"):
@@ -190,9 +192,7 @@ def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Ite
 
 
 def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | None) -> Iterator[Deviation]:
-    """Every record against the pipeline in it, its copy in the journal, the file beside it, and the runs in front of
-    it.
-    """
+    """Compare every record with the pipeline in it, its copy in the journal, the file beside it, and earlier runs."""
     folder, known = stored.folder, dict[str, set[str]]()
     readable = {run.path.name: run for run in every_record(folder)}
     newest, made = list(readable.values()), dict[str, Any]()
@@ -200,18 +200,18 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
     for path in record_paths(folder):
         file, run = f"runs/{path.name}", readable.get(path.name)
         if run is None:
-            yield Deviation(file, "", "it cannot be read", "a record")
+            yield Deviation(file, "", "unreadable", "a record")
             continue
         kept, text = stored.journal.records.get(file), (disk.content_of(path) or b"").decode(errors="replace")
         if kept is not None and kept != text:
-            yield Deviation(file, "", "another text", "that of the journal")
+            yield Deviation(file, "", "different text", "the copy in the journal")
         beside = disk.content_of(path.with_suffix(".toml"))
         if beside != run.text.encode():
             yield Deviation(
                 f"runs/{path.stem}.toml", "", "" if beside is None else "another pipeline", f"'resolved' of {file}"
             )
         own = json.dumps([run.record.get(word) for word in ("resolved", "text", "overrides", "axes", "options")])
-        if own not in made:  # the same again asks for the same
+        if own not in made:  # records with the same request give the same result
             try:
                 made[own] = record_again(run, newest[place[path.name] + 1 :], most_cells)
             except (ArchiveError, RequestError) as error:
@@ -223,7 +223,7 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
                 LookupError,
                 TypeError,
                 ValueError,
-            ) as error:  # words of another form
+            ) as error:  # fields of another form
                 yield Deviation(file, "axes, options", f"{type(error).__name__}: {error}", "what a run records")
                 continue
         yield from _of_record(file, run, made[own], known, elsewhere)
@@ -234,7 +234,7 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
 
 
 def _of_axes(stored: Stored, again: Again, known: Mapping[str, set[str]]) -> Iterator[Deviation]:
-    """The axis values that the journal has; ``known``: those that runs have asked for."""
+    """Compare the axis values in the journal with ``known``, the values that runs have asked for."""
     keys = {axis.dim: axis.key for axis in again.plan.axes}
     for dim, values in (pair for axes in stored.journal.axes.values() for pair in axes.items()):
         for value in sorted(set(map(str, values)) - known.get(keys.get(dim, dim), set())):
@@ -250,14 +250,14 @@ def _of_record(
     for key, values in asked.items():
         there = set(map(str, run.record["axes"].get(key, ())))
         for value in sorted(there - values - known.get(key, set())):
-            yield Deviation(file, f"axes.{key}", value, "a value that it, or a run in front of it, has asked for")
+            yield Deviation(file, f"axes.{key}", value, "a value that this run or an earlier one has asked for")
         for value in sorted(values - there):
             yield Deviation(file, f"axes.{key}", "", value)
         known.setdefault(key, set()).update(there)
 
 
 def _with_the_code_of_then(says: Mapping[str, Any], made: Mapping[str, Any]) -> tuple[Mapping[str, Any], bool]:
-    """What is made now, with what a record says of its code where that is another; whether it is."""
+    """Return the recomputed record with the recorded code fields where the code has changed, and whether it has."""
     nodes, other = dict(made["nodes"]), False
     for name, then in says["nodes"].items():
         now: Any = nodes.get(name)
@@ -270,12 +270,12 @@ def _with_the_code_of_then(says: Mapping[str, Any], made: Mapping[str, Any]) -> 
     return ({**made, "nodes": nodes, "sources": says.get("sources")}, True) if other else (made, False)
 
 
-# -- the description for strangers
+# -- the RO-Crate
 # ----------------------------------------------------------------------------------------
 
 
 def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Deviation]:
-    """Every entity by its name."""
+    """Compare every entity by name."""
     if stored.manifest is None:
         return
     if crate.NAME not in stored.manifest.files:

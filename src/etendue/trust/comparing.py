@@ -1,8 +1,7 @@
-"""Two documents or arrays of an archive held against each other: as wholes, but for a list of what no computing can
-tell.
+"""Compare two documents or arrays of an archive as wholes, except for a list of what cannot be recomputed.
 
-In:  what an archive says, what is made again.
-Out: a ``Difference`` for each place in which they are not one; what is not compared, and why not.
+In:  what an archive says, and what is recomputed.
+Out: a ``Difference`` for each place where they disagree; what is not compared, and why.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ from etendue.archive.records.manifest import DATA
 from etendue.trust.remade import Again
 from etendue.trust.sayings import Deviation
 
-ELSEWHERE = 1e-6  # relative: how far numbers of metadata may be on another platform
+ELSEWHERE = 1e-6  # relative tolerance of numbers in metadata on another platform
 
 
 @dataclass(frozen=True)
 class NotChecked:
-    """What is not compared, and why not; ``pattern``: of file and place in it, ``FILE#WHERE``."""
+    """Something that is not compared, and why; ``pattern`` matches file and place as ``FILE#WHERE``."""
 
     what: str
     why: str
@@ -35,18 +34,18 @@ class NotChecked:
 NOT_CHECKED = (
     NotChecked(
         "seconds",
-        "another run takes others; ledger and journal are held against each other, the summary's are of the last run "
-        "alone",
+        "another run takes different times; ledger and journal are compared with each other, those in the summary are "
+        "of the last run only",
         rf"{DATA}/summary/seconds/c/.*",
     ),
     NotChecked(
         "dates",
-        "nobody else has seen the clock",
+        "they cannot be recomputed",
         r"runs/\d+\.json#began|ro-crate-metadata\.json#.*\b(endTime|datePublished)",
     ),
     NotChecked(
-        "versions, platform and code of then",
-        "what differs from what is installed here is said, and not judged",
+        "recorded versions, platform and code",
+        "differences from what is installed here are listed, not judged",
         r"runs/\d+\.json#(platform|libraries|distributions)\b.*"
         rf"|(runs/\d+\.json#nodes|{DATA}/zarr\.json#consolidated_metadata\.metadata|{DATA})\b.*[./#]distributions?\b.*"
         r"|ro-crate-metadata\.json#.*\b(softwareVersion|version)",
@@ -54,25 +53,23 @@ NOT_CHECKED = (
     NotChecked("how a run was done", "the scheduler changes no bit", r"runs/\d+\.json#options\.scheduler"),
     NotChecked(
         "names, texts, licence and authors",
-        "what an author says of a pipeline nothing computes",
+        "texts by the author cannot be recomputed",
         rf"{DATA}/zarr\.json#attributes\.(etendue\.pipeline|variant)|ro-crate-metadata\.json#(\./|#run-\d+|runs/\d+\.toml)?"
         r"\.(name|description|license|author)\b.*|ro-crate-metadata\.json#.*\.(agent|license|author)\b.*|ro-crate-metadata\.json#(https?:|#author|"
         r"#affiliation|#license|CITATION).*",
     ),
-    NotChecked("messages of failed cells", "a cell that fails again may say so in other words"),
-    NotChecked(
-        "what was reused or accepted", "a cell of an earlier platform stands in the tables as the journal has it"
-    ),
+    NotChecked("messages of failed cells", "a cell may fail again with a different message"),
+    NotChecked("what was reused or accepted", "tables take the state of cells of an earlier platform from the journal"),
     NotChecked(
         "contact_sheet.png, CITATION.cff, measured.json",
-        "drawings and texts of what is compared; run --measure measures again",
+        "derived from what is compared; to measure again: run --measure",
     ),
-    NotChecked("what is beside it", "files and groups that no run has written, strays/"),
+    NotChecked("foreign files", "files and groups that no run has written, strays/"),
 )
 
 
 def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, into: bool) -> list[NotChecked]:
-    """Of one archive: the list, and what else of it cannot be compared, with how much."""
+    """Return the list of what is not compared, with what else cannot be compared in this archive, and how much."""
     found = list(NOT_CHECKED)
     entries, gone = stored.journal.entries, stored.journal.outdated
     lacking = [
@@ -83,8 +80,8 @@ def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, int
     if lacking:
         found.append(
             NotChecked(
-                f"{len(lacking)} cells that it does not hold",
-                f"{lacking[0]} ...: not asked for, broken off, failed, or removed",
+                f"{len(lacking)} cells that the archive does not hold",
+                f"{lacking[0]} ...: not asked for, interrupted, failed, or removed",
             )
         )
     known = set(again.names.values())
@@ -95,12 +92,14 @@ def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, int
     if strange:
         found.append(
             NotChecked(
-                f"{len(strange)} lines of cells that its pipeline does not have",
+                f"{len(strange)} journal lines of cells that the pipeline does not have",
                 f"{strange[0]} ...: they have no files",
             )
         )
     if stored.manifest is None:
-        found.append(NotChecked("status, tables, pictures", "its last run was broken off: etendue rerun ends it"))
+        found.append(
+            NotChecked("status, tables, pictures", "its last run was interrupted; complete it with: etendue rerun")
+        )
     elif again.sheet is None:
         why = (
             "it has none"
@@ -109,13 +108,13 @@ def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, int
             if elsewhere
             else "--into"
             if into
-            else "they are of cells that it no longer holds, or not all of them came out"
+            else "they show cells that are no longer stored, or some of their cells were not computed"
         )
         found.append(NotChecked("pictures (frames)", why))
     if software:
-        found.append(NotChecked("keys, and digests of code", "the code is another than then"))
+        found.append(NotChecked("keys, and digests of code", "the code has changed"))
     if elsewhere:
-        found.append(NotChecked("what was clipped", "another platform; other numbers may differ by 1e-6 of themselves"))
+        found.append(NotChecked("what was clipped", "another platform; other numbers may differ by a relative 1e-6"))
     return found
 
 
@@ -124,9 +123,9 @@ def skipped(file: str, where: str) -> bool:
 
 
 def differences(file: str, says: Any, has: Any, loose: float, *at: str) -> Iterator[Deviation]:
-    """Of two documents, field by field; ``at``: the fields on the way from the whole document to these."""
+    """Yield the differences of two documents, field by field; ``at``: the path of fields to these parts."""
     if len(at) == 1 and repr(says) == repr(has):
-        return  # most parts are the same, down to the sign of a zero
+        return  # fast path: most parts are identical, including the sign of zero
     if isinstance(says, Mapping) and isinstance(has, Mapping):
         for key in dict.fromkeys((*has, *says)):
             yield from differences(file, says.get(key, NOTHING), has.get(key, NOTHING), loose, *at, str(key))
@@ -134,7 +133,7 @@ def differences(file: str, says: Any, has: Any, loose: float, *at: str) -> Itera
         for number, (one, other) in enumerate(zip(says, has, strict=True)):
             yield from differences(file, one, other, loose, *at, str(number))
     elif type(says) is not type(has) or not alike(says, has, loose):
-        # Asked of what differs alone: of documents by the thousand most is the same.
+        # Checked only for values that differ: most of the thousands of values agree.
         if not any(skipped(file, ".".join(at[:depth])) for depth in range(len(at) + 1)):
             yield Deviation(file, ".".join(at), shown(says), shown(has))
 
@@ -143,7 +142,7 @@ NOTHING = object()
 
 
 def alike(one: Any, other: Any, loose: float) -> bool:
-    """Whether two values are one; 0 and -0 are two."""
+    """Return True if two values agree; 0 and -0 differ unless numbers may deviate."""
     if isinstance(one, float):
         if one == other:
             return loose > 0 or math.copysign(1, one) == math.copysign(1, other)

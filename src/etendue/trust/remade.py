@@ -1,12 +1,12 @@
-"""What an archive must hold beside its cells, made again as a run makes it: metadata, coordinates, status, tables,
+"""Recompute what an archive must hold besides its cells, in the way a run does: metadata, coordinates, status, tables,
 pictures, records.
 
-In:  a plan over all that an archive has, where its journal says that cells lie, and what became of each when it was
-     computed again.
-Out: documents, arrays and texts by path, in the places where a run writes them. Nothing is written.
+In:  a plan over everything an archive has, the places of cells according to its journal, and the results of recomputing
+     them.
+Out: documents, arrays and texts by path, where a run writes them. Nothing is written.
 
-What only a run can know (seconds, which platform was accepted, what was not asked for) is taken from the archive;
-``trust.checked`` says of it that it is not checked.
+What only the run itself can know (seconds, accepted platform, what was not asked for) is taken from the archive;
+``trust.comparing`` lists it as not checked.
 """
 
 from __future__ import annotations
@@ -49,9 +49,7 @@ from etendue.present.terminal import tables
 
 @dataclass(frozen=True)
 class Again:
-    """A plan computed again: ``names`` and ``keys`` of its cells, and what became of those that were computed, by
-    name.
-    """
+    """A recomputed plan: ``names`` and ``keys`` of its cells, and by name the reports of those that were computed."""
 
     plan: Plan
     names: Mapping[CellRef, str]
@@ -61,8 +59,8 @@ class Again:
 
 
 def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
-    """Every file of the store that is no chunk of a cell, by path below it; ``ended``: with what a run writes when
-    it ends in order.
+    """Return every file of the store except chunks of cells, by path below it; ``ended``: including what a run writes
+    when it ends in order.
     """
     plan, journal = again.plan, stored.journal
     laid = Laid(plan, journal.axes, journal.blocks, journal.said)
@@ -75,7 +73,7 @@ def store_files(stored: Stored, again: Again, ended: bool) -> dict[str, bytes]:
         if name in again.reports and entry is not None and (entry.event == "failed" or is_done(entry, again.keys[ref])):
             computed[number(ref)] = STATUS.index(again.reports[name].status) + 1
     laid.put_status(tree, journal.said, (), computed)
-    as_then = plan  # with the keys that its cells had
+    as_then = plan  # the plan with the keys that its cells had
     if any(plan.cells[ref].key != key for ref, key in again.keys.items()):
         as_then = replace(plan, cells={ref: replace(cell, key=again.keys[ref]) for ref, cell in plan.cells.items()})
     own = {"ledger": tables.ledger(as_then, reports), "summary": tables.summary(plan, reports)}
@@ -94,10 +92,10 @@ def _put_table(tree: Tree, name: str, table: Mapping[str, Any]) -> None:
 
 
 def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
-    """What the tables say of every cell: as it came out now, with the seconds and bytes of then.
+    """Return what the tables say about every cell: the recomputed result, with the archived seconds and bytes.
 
-    A cell that is not finished stands in the tables as what the last run made of it, which may not have asked for it:
-    either is right.
+    An unfinished cell is in the tables with the state from the last run, which may not have asked for it: both states
+    are valid.
     """
     found, said = Reports(again.plan), _said_of_unfinished(stored, again)
     for ref, name in again.names.items():
@@ -120,7 +118,7 @@ def reports_of(stored: Stored, again: Again, laid: Laid) -> Reports:
 
 
 def _said_of_unfinished(stored: Stored, again: Again) -> dict[str, tuple[str, str]]:
-    """Of cells that are not finished what the ledger says: status and message. Nothing where it has another form."""
+    """Return status and message in the ledger for unfinished cells; empty if the ledger has another form."""
     open_ = {
         (ref[0], again.keys[ref]): name
         for ref, name in again.names.items()
@@ -140,7 +138,7 @@ def _said_of_unfinished(stored: Stored, again: Again) -> dict[str, tuple[str, st
 
 
 def column(stored: Stored, array: str) -> Any:
-    """A whole small array of the store; None where it is none."""
+    """Return a whole small array of the store; None if it is not readable."""
     folder = stored.folder / DATA / array
     node = as_document(disk.content_of(folder / ROOT))
     try:
@@ -151,12 +149,12 @@ def column(stored: Stored, array: str) -> Any:
 
 
 def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
-    """A whole small array from the bytes of its one chunk.
+    """Return a whole small array from the bytes of its single chunk.
 
     Raises
     ------
     ArchiveError
-        They are none.
+        The bytes do not hold such an array.
     """
     if data is None and 0 not in shape:
         raise ArchiveError("its chunk is missing")
@@ -175,10 +173,10 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
 def record_again(
     run: Recorded, earlier: Sequence[Recorded] = (), most_cells: int | None = None
 ) -> tuple[dict[str, Any], dict[str, set[Any]]]:
-    """The record of a run made anew from its resolved pipeline and its axis values; by axis the values that it asked
-    for itself.
+    """Return the record of a run, rebuilt from its resolved pipeline and its axis values; and by axis the values that
+    the run itself asked for.
 
-    ``earlier`` runs, the newest first, say what the names on an axis stand for.
+    ``earlier`` runs, the newest first, tell what the names on an axis stand for.
 
     Raises
     ------
@@ -199,21 +197,21 @@ def record_again(
     if resolved.text != run.text:
         made["resolved"] = resolved.text
     if given is None or _words(resolve_pipeline(given).text) != _words(run.text):
-        made["text"] = "what makes the resolved pipeline, with the overrides"
-    elif asked.pipeline.preset_swept:  # what was named beside it is not resolved: none of it counts
+        made["text"] = "a text that gives the resolved pipeline, with the overrides"
+    elif asked.pipeline.preset_swept:  # the preset outside the sweep is not in the resolved text, and has no effect
         made["preset"] = given.pipeline.preset_name
     return made, {a.key: set(map(str, a.values)) for a in asked.axes}
 
 
 def _numbers(values: Any, own: tuple[Any, ...]) -> list[Any]:
-    """Axis values of a record: infinity stands there in words."""
+    """Return axis values of a record, with infinity converted from text."""
     text = any(isinstance(v, str) for v in own)
     return [float(v) if isinstance(v, str) and not text else v for v in values]
 
 
 def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) -> Plan | None:
-    """The plan of the text that a user wrote, with the overrides; its files are those of the resolved one. None
-    where it is none.
+    """Return the plan of the user's text with the overrides, with files taken from the resolved pipeline; None if it
+    is invalid.
     """
     try:
         document = tomllib.loads(text, parse_float=Decimal)
@@ -230,12 +228,12 @@ def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) 
 
 
 def _words(text: str) -> dict[str, Any]:
-    """A text as a document, in whatever order its keys stand; a name that stands in the file's own is no difference."""
+    """Return a text as a document, independent of key order and of the pipeline's name."""
     return {**tomllib.loads(text, parse_float=Decimal), "name": ""}
 
 
 def _placed(value: Any, other: Any) -> Any:
-    """Names of files as the resolved pipeline has them."""
+    """Replace names of files by those in the resolved pipeline."""
     if isinstance(value, str) and isinstance(other, str) and other.startswith("../inputs/"):
         return other
     if isinstance(value, dict) and isinstance(other, dict):
@@ -246,7 +244,7 @@ def _placed(value: Any, other: Any) -> Any:
 
 
 def chunks_out_of_place(stored: Stored, again: Again) -> Iterator[tuple[str, str]]:
-    """Finished cells of which a chunk lies where no run puts it: their names, and where."""
+    """Yield the names and places of finished cells with a chunk where no run would put it."""
     journal = stored.journal
     laid = Laid(again.plan, journal.axes, journal.blocks, journal.said)
     for ref, name in again.names.items():
@@ -262,7 +260,7 @@ def chunks_out_of_place(stored: Stored, again: Again) -> Iterator[tuple[str, str
 
 
 def as_document(data: bytes | None) -> Any:
-    """JSON as it is; None where it is none."""
+    """Return parsed JSON; None if it is invalid."""
     try:
         return json.loads(data) if data is not None else None
     except (ValueError, RecursionError):

@@ -1,6 +1,6 @@
-"""A damaged archive made whole, from itself: only what is damaged is computed.
+"""Repair a damaged archive from itself: only what is damaged is recomputed.
 
-In:  the folder of an archive; where its inputs may be found, if they are lost too.
+In:  the folder of an archive; places where its inputs may be found, if they are lost too.
 Out: what was damaged, what was done, what is left.
 """
 
@@ -26,11 +26,11 @@ from etendue.session import Options, execute
 
 @dataclass
 class Repaired:
-    """What became of a damaged archive.
+    """The result of a repair.
 
     Attributes
     ----------
-    done : in words, what was put back without computing
+    done : what was restored without computing, in words
     computed, failed : cells
     """
 
@@ -48,32 +48,32 @@ def repair(
     progress: Callable[[Plan], Progress] | None = None,
     told: Told = lambda done, total: None,
 ) -> Repaired:
-    """Find what is damaged, put back what is known, compute the rest again, and look once more.
+    """Find the damage, restore what is known, recompute the rest, and verify again.
 
     Raises
     ------
     ArchiveError
-        The folder is no archive, nobody knows what it was asked for, or an input that is needed is nowhere.
+        The folder is not an archive, its pipeline is unknown, or a needed input is missing.
     ArchiveInUse, MachineError
-        A run is writing to it; the machine is short.
+        A run is writing to it; memory or disk does not suffice.
     """
     found = verify(folder, told)
     if found.whole:
         return Repaired(found, found)
     missing = [path for path in sources if not path.exists()]
     if missing:
-        raise ArchiveError(f"--from {missing[0]}: there is no such file or folder")
+        raise ArchiveError(f"--from {missing[0]}: no such file or folder")
     done = prepare(found, sources)
     plan = make_plan(recorded(folder).pipeline(options.most_cells), installed_stages())
     outcome = execute(
         plan, folder, replace(options, restore=frozenset(found.lost)), progress(plan) if progress else None
     )
-    done += [f"{text} was written again" for text in outcome.mended]
+    done += [f"{text} was rewritten" for text in outcome.mended]
     return Repaired(found, verify(folder, told), done, outcome.computed + outcome.restored, len(outcome.failed))
 
 
 def document(found: Repaired) -> dict[str, Any]:
-    """As ``--json`` says it: the archive as it is now, and what was done."""
+    """Return the document that ``--json`` prints: the archive as it is now, and what was done."""
     return {
         **of_verified(found.after),
         "repaired": of_verified(found.before)["damages"],

@@ -1,12 +1,12 @@
-"""Does an archive come out again? Computed from the archive alone, and compared cell by cell while it is computed.
+"""Reproduce an archive from the archive alone, and compare cell by cell while it is computed.
 
 In:  the folder of an archive: its resolved pipeline, inputs by digest, the versions and digests of stages, seeds,
      platform.
-Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others are, and what that means; what
-     else of the archive does not come out again (``trust.checked``), what is damaged, and what was not checked.
+Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others deviate, and what that means;
+     what else is not reproduced (``trust.checked``), what is damaged, and what was not checked.
 
-On the same platform (processor features, numpy, scipy, Python) every bit has to agree. On another one a cell may differ
-by the errors that its stage and those in front of it state: their sum, relative to full scale, rms.
+On the same platform (processor features, numpy, scipy, Python) every bit must agree. On another one a cell may differ
+by the errors that its stage and the stages before it state: their sum, relative to full scale, rms.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from etendue.trust.remade import Again, column
 from etendue.trust.sayings import Deviation
 from etendue.trust.verdict import CellResult, Reproduction, judged_cell
 
-WORST = 20  # cells that are named
+WORST = 20  # cells that are listed
 
 
 def reproduce(
@@ -54,20 +54,20 @@ def reproduce(
     progress: Callable[[Plan], Progress] | None = None,
     into: Path | None = None,
 ) -> Reproduction:
-    """Compute every finished cell of an archive again and compare. The archive is not changed; ``into``: keep the new
-    one there.
+    """Recompute every finished cell of an archive and compare. The archive is not changed; ``into`` keeps the
+    recomputed archive there.
 
     Raises
     ------
     RequestError
-        A stage is not installed, or the recorded pipeline is refused here: every reason.
+        A stage is not installed, or the recorded pipeline is refused here; every reason is given.
     ArchiveError
-        The folder is no archive, or its record or an input is damaged or missing.
+        The folder is not an archive, or its record or an input is damaged or missing.
     ArchiveInUse
         A run is writing to it.
     """
     if is_running(folder):
-        raise ArchiveInUse(f"{folder}: a run is writing to it; reproduce it when it has ended")
+        raise ArchiveInUse(f"{folder}: a run is writing to it; reproduce it after the run has ended")
     run, state = recorded(folder), _state(folder)
     _refuse_missing(run)
     most_cells = options.most_cells if options else None
@@ -79,7 +79,7 @@ def reproduce(
     found = Reproduction(folder, run.record, platform, software(run, plan), [node.name for node in plan.nodes])
     keys = {ref: cell.key for ref, cell in plan.cells.items()}
     if platform or any(version_of(name) != version for name, version in run.record["libraries"].items()):
-        keys |= former_of(plan, run.record).keys  # those that cells had then
+        keys |= former_of(plan, run.record).keys  # the keys at the time of the run
     again = Again(plan, dict(Names(plan)), keys, {})
     asked = _asked(stored, again)
     told = progress(plan) if progress else None
@@ -87,7 +87,7 @@ def reproduce(
         again, damaged, found.seconds = _computed(stored, again, asked, options, told, not platform)
     else:
         if into.resolve() == folder.resolve():
-            raise ArchiveError(f"--into {into}: that is the archive itself; name another folder")
+            raise ArchiveError(f"--into {into}: that is the archive itself; choose another folder")
         outcome = execute(plan, into, options, told)
         found.seconds = outcome.seconds
         kept = {cell_name(plan, ref): one for ref, one in outcome.reports.items()}
@@ -96,12 +96,12 @@ def reproduce(
     found.cells += _judged(stored, again, asked, damaged, bool(platform))
     _compare_the_rest(found, stored, again, into is not None, most_cells)
     if is_running(folder) or _state(folder) != state:
-        raise ArchiveInUse(f"{folder}: a run has begun to write to it meanwhile; reproduce it when it has ended")
+        raise ArchiveInUse(f"{folder}: a run has started writing to it meanwhile; reproduce it after the run has ended")
     return found
 
 
 def _asked(stored: Stored, again: Again) -> list[str]:
-    """The cells that are computed again: what is finished, and what failed, unless it was stopped."""
+    """Return the cells to recompute: finished and failed ones, except those that were stopped."""
     entries, outdated = stored.journal.entries, stored.journal.outdated
     ended = {name: one.event for name in again.names.values() if (one := entries.get(name)) and name not in outdated}
     stopped = _stopped(stored, again)
@@ -111,9 +111,7 @@ def _asked(stored: Stored, again: Again) -> list[str]:
 def _computed(
     stored: Stored, again: Again, asked: list[str], options: Options | None, told: Progress | None, pictures: bool
 ) -> tuple[Again, Mapping[str, str], float]:
-    """Every cell computed and held against the stored one; with what became of it, what of the archive could not be
-    read, and seconds.
-    """
+    """Recompute and compare every cell; return the results, the unreadable parts of the archive, and the seconds."""
     shown = _shown(stored, again) if pictures else {}
     keeper = ComparingKeeper(stored, asked, shown, _drawn(stored))
     outcome = execute(again.plan, None, options, told, keeper)
@@ -124,7 +122,7 @@ def _computed(
 def _judged(
     stored: Stored, again: Again, asked: Iterable[str], damaged: Mapping[str, str], elsewhere: bool
 ) -> Iterator[CellResult]:
-    """What the comparison of every finished cell means."""
+    """Yield the verdict on every finished cell."""
     refs = {name: ref for ref, name in again.names.items()}
     for name in asked:
         entry, report = stored.journal.entries[name], again.reports.get(name)
@@ -132,11 +130,11 @@ def _judged(
             yield from judged_cell(again.plan, refs[name], name, report, damaged.get(name, ""), elsewhere)
     for name, entry in stored.finished.items():
         if name not in refs and entry.files:
-            yield CellResult(name.split(" ")[0], name, "", "unknown", why="its pipeline has no such cell")
+            yield CellResult(name.split(" ")[0], name, "", "unknown", why="the pipeline has no such cell")
 
 
 def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: bool, most_cells: int | None) -> None:
-    """What is no cell: metadata, tables, journal, records, description; and every file against what vouches for it."""
+    """Compare metadata, tables, journal, records and the crate, and verify every file."""
     elsewhere = bool(found.platform)
     code = any(row["what"] != "distributions" for row in found.software)
     found.differences = list(
@@ -160,14 +158,14 @@ def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: b
 
 
 def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Deviation]:
-    """A stage of other code has other keys: one whose keys are those of now has the code of now."""
+    """Yield contradictions about code: a stage whose keys are those of the present code cannot have other code."""
     other = {row["stage"]: row for row in found.software if row["what"] == "code"}
     for ref, name in again.names.items():
         entry = stored.journal.entries.get(name)
         if ref[0] in other and entry is not None and entry.event == "done" and entry.key == again.plan.cells[ref].key:
             row = other.pop(ref[0])
             yield Deviation(
-                "runs", f"nodes.{ref[0]}.code", str(row["then"]), f"{row['now']}, of which its keys are made"
+                "runs", f"nodes.{ref[0]}.code", str(row["then"]), f"{row['now']}, from which its keys are made"
             )
 
 
@@ -176,7 +174,7 @@ def _state(folder: Path) -> tuple[str, str]:
 
 
 def _stopped(stored: Stored, again: Again) -> set[str]:
-    """The cells that failed because they were stopped, or their worker died: they need not do so again."""
+    """Return the cells that failed because they were stopped or their worker died: they need not fail again."""
     entries = stored.journal.entries
     named = ((ref, entries.get(name), name) for ref, name in again.names.items())
     failed = {(ref[0], again.keys[ref]): name for ref, entry, name in named if entry and entry.event == "failed"}
@@ -188,7 +186,7 @@ def _stopped(stored: Stored, again: Again) -> set[str]:
 
 
 def _shown(stored: Stored, again: Again) -> dict[str, CellRef]:
-    """The cells of the pictures of an archive, one of each stage; nothing where there are none, or of others."""
+    """Return the cells in the pictures of an archive, one per stage; empty if there are none or their cells differ."""
     nodes = again.plan.nodes
     held = earlier_pictures.attributes(
         {"frames/zarr.json": disk.content_of(stored.folder / "data.zarr/frames/zarr.json") or b"{}"}
@@ -202,8 +200,8 @@ def _shown(stored: Stored, again: Again) -> dict[str, CellRef]:
 
 
 def _drawn(stored: Stored) -> list[tuple[str, str]]:
-    """The stages and variables of which an archive has a picture: of what a run neither computed nor found stored
-    there is none.
+    """Return the stages and variables of which an archive has a picture; a run draws only what it computed or found
+    stored.
     """
     stages, variables = (column(stored, f"frames/{name}") for name in ("stage", "variable"))
     if stages is None or variables is None or stages.shape != variables.shape:
@@ -214,7 +212,7 @@ def _drawn(stored: Stored) -> list[tuple[str, str]]:
 
 
 def _told(sheet: ContactSheet | None, again: Again, shown: Mapping[str, CellRef]) -> ContactSheet | None:
-    """Pictures with what a run says of them."""
+    """Return the pictures with the attributes that a run adds."""
     if sheet is None or not sheet.table:
         return None
     at = where_shown(again.plan, shown)
@@ -225,7 +223,7 @@ def _told(sheet: ContactSheet | None, again: Again, shown: Mapping[str, CellRef]
 def _held_against(
     stored: Stored, other: Stored, asked: Iterable[str], reports: Mapping[str, CellReport]
 ) -> tuple[dict[str, CellReport], dict[str, str]]:
-    """The cells of two archives compared, in the form of the reports of a run."""
+    """Compare the cells of two archives; return the result in the form of a run's reports."""
     found, damaged = dict[str, CellReport](), dict[str, str]()
     for name in asked:
         report = reports.get(name)
@@ -241,7 +239,7 @@ def _held_against(
 
 
 def _plan_of(plan: Plan, stored: Stored) -> Plan:
-    """The plan over the axis values of all runs, which keeps what is stored."""
+    """Return the plan over the axis values of all runs, which keeps what is stored."""
     swapped = any(is_of_names(axis.key) for axis in plan.axes)
     sweeps = [sweep_of(run.record, stored.folder) for run in every_record(stored.folder)] if swapped else []
     whole = with_stored_values(plan, stored.journal.axes, sweeps)
@@ -251,7 +249,7 @@ def _plan_of(plan: Plan, stored: Stored) -> Plan:
 
 
 def _laid_out(plan: Plan, stored: Stored) -> set[tuple[str, str]]:
-    """The (stage, variable) pairs that have an array, though none of their cells may have come out."""
+    """Return the (stage, variable) pairs that have an array, even if none of their cells was computed."""
     writes = {node.name: node.writes for node in plan.nodes}
     pairs = (
         (group, name) for group, names in stored.journal.blocks.items() for name in names if stored.keeps(group, name)
@@ -260,7 +258,7 @@ def _laid_out(plan: Plan, stored: Stored) -> set[tuple[str, str]]:
 
 
 def _refuse_missing(run: Recorded) -> None:
-    """Every stage that is not installed here, with the distribution it was of."""
+    """Raise an error that lists every stage not installed here, with its distribution."""
     registry, faults = installed_stages(), []
     for name, node in run.record["nodes"].items():
         known = node.get("distributions") or [None] * len(node.get("stage", ()))
@@ -271,7 +269,7 @@ def _refuse_missing(run: Recorded) -> None:
                 faults.append(
                     Fault(
                         f"stage {name}",
-                        f"{use!r}{was} is not installed here, and the archive was computed with it{way}",
+                        f"{use!r}{was} is not installed here, but the archive was computed with it{way}",
                     )
                 )
     if faults:
@@ -279,7 +277,7 @@ def _refuse_missing(run: Recorded) -> None:
 
 
 def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
-    """What of the stages differs from those the archive was computed with."""
+    """Return how the installed stages differ from those the archive was computed with."""
     rows = []
     now = node_records(plan)
     for name, before in run.record["nodes"].items():
@@ -293,7 +291,7 @@ def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
 
 
 def document(found: Reproduction) -> dict[str, Any]:
-    """As ``--json`` says it."""
+    """Return the result as the document that ``--json`` prints."""
     return {
         "archive": str(found.folder),
         "pipeline": found.record["pipeline"],

@@ -1,8 +1,8 @@
-"""What an archive says beside its cells and their metadata: lines of the journal, names in the manifest, documents with
-a word twice.
+"""Check what an archive says besides its cells and their metadata: lines of the journal, names in the manifest,
+duplicate keys in documents.
 
 In:  an archive, its plan computed again, every file of the store that a run writes (``trust.remade``).
-Out: ``Difference``: file, place in it, what it says, what it has to say.
+Out: ``Difference``: file, place in it, its value, and the expected value.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ JOURNAL, MANIFEST = "journal.jsonl", "manifest.json"
 
 @dataclass(frozen=True)
 class Deviation:
-    """Something that an archive says, and that does not come out again.
+    """Something in an archive that was not reproduced.
 
     Attributes
     ----------
     where : in the file, such as ``attributes.units``
-    says, is_ : what it says, and what comes out; '' where one is missing
+    says, is_ : the archived and the recomputed value; '' if one is missing
     """
 
     file: str
@@ -39,17 +39,17 @@ class Deviation:
 
 
 def of_the_rest(stored: Stored, again: Again, own: Mapping[str, bytes]) -> Iterator[Deviation]:
-    """``own``: every file of the store that a run writes, by path below it."""
+    """Yield all differences; ``own``: every file of the store that a run writes, by path below it."""
     yield from _of_lines(stored, again, own)
     yield from _of_names(stored, own)
     yield from _of_runs(stored)
     for file in _documents(stored):
         if (word := named_twice(disk.content_of(stored.folder / file))) is not None:
-            yield Deviation(file, word, "it stands there twice", "once")
+            yield Deviation(file, word, "it occurs twice", "once")
 
 
 def _of_lines(stored: Stored, again: Again, own: Mapping[str, bytes]) -> Iterator[Deviation]:
-    """Groups and arrays that the journal names, and how much it says that its last run had to do."""
+    """Check the groups and arrays that the journal names, and the counts of its last run."""
     journal, nodes = stored.journal, {node.name: node for node in again.plan.nodes}
     arrays: dict[str, set[str]] = {}
     for path in own:
@@ -60,7 +60,7 @@ def _of_lines(stored: Stored, again: Again, own: Mapping[str, bytes]) -> Iterato
         if node is None:
             yield Deviation(JOURNAL, f"group {group}", "it is there", "")
             continue
-        if group in arrays:  # else one of a shape that no run asks for any more
+        if group in arrays:  # otherwise a group of a shape that is no longer asked for
             named = {*journal.arrays.get(group, ()), *journal.blocks.get(group, ())}
             for name in sorted(named - arrays[group] - node.writes.keys() - node.optional.keys()):
                 yield Deviation(JOURNAL, f"array {group}/{name}", "it is there", "")
@@ -72,24 +72,24 @@ def _of_lines(stored: Stored, again: Again, own: Mapping[str, bytes]) -> Iterato
 
 
 def _of_names(stored: Stored, own: Mapping[str, bytes]) -> Iterator[Deviation]:
-    """Files of the store for which the manifest vouches as of those that a run writes."""
+    """Check that the manifest names only files of the store that a run writes."""
     for path in sorted(stored.manifest.metadata if stored.manifest is not None else ()):
         inner = path.removeprefix(f"{DATA}/")
-        apart = inner.startswith(f"{LEDGER}/") and inner.count("/") > 1  # its columns are compared one by one
+        apart = inner.startswith(f"{LEDGER}/") and inner.count("/") > 1  # its columns are compared separately
         if inner not in own and not apart and inner.split("/")[0] != earlier_pictures.FRAMES:
             yield Deviation(MANIFEST, path, "it is there", "")
 
 
 def _of_runs(stored: Stored) -> Iterator[Deviation]:
-    """Runs have the numbers from 1 on; one that was killed at once may have left its pipeline alone."""
+    """Check that runs are numbered from 1 without gaps; a run killed at once may leave only its pipeline."""
     there = {path.stem for path in (stored.folder / "runs").glob("*.*")}
     for number in range(1, len(there) + 1):
         if f"{number:04}" not in there and record_paths(stored.folder)[-1].stem > f"{number:04}":
-            yield Deviation(f"runs/{number:04}.json", "", "", "it is there: runs have the numbers from 1 on")
+            yield Deviation(f"runs/{number:04}.json", "", "", "it is there: runs are numbered from 1")
 
 
 def _documents(stored: Stored) -> Iterator[str]:
-    """Every document in JSON, but the lines of the journal."""
+    """Yield the paths of all JSON documents except the journal."""
     yield from (f"runs/{path.name}" for path in record_paths(stored.folder))
     yield from (MANIFEST, crate.NAME)
     yield from (
@@ -100,8 +100,8 @@ def _documents(stored: Stored) -> Iterator[str]:
 
 
 def named_twice(data: bytes | None) -> str | None:
-    """A word that stands twice in one object of a document, of which readers take one or the other; None where there
-    is none.
+    """Return a key that occurs twice in one object of a document, so that readers may disagree on its value; None if
+    there is none.
     """
     found: list[str] = []
 
@@ -114,6 +114,6 @@ def named_twice(data: bytes | None) -> str | None:
 
     try:
         json.loads(data or b"null", object_pairs_hook=looked_at)
-    except (ValueError, RecursionError):  # it is no document, which is said elsewhere
+    except (ValueError, RecursionError):  # not valid JSON, which is reported elsewhere
         return None
     return found[0] if found else None

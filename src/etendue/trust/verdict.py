@@ -1,10 +1,10 @@
-"""What a comparison of an archive with what is computed again means, cell by cell and as a whole.
+"""The verdict of comparing an archive with its recomputation, cell by cell and as a whole.
 
-In:  differences of arrays, what went wrong.
+In:  differences of arrays, and failures.
 Out: a ``CellResult`` for each variable of each cell; a ``Reproduction`` with its verdict.
 
-On the same platform every bit has to agree. On another one a cell may differ by the errors that its stage and those in
-front of it state: their sum, relative to full scale, rms.
+On the same platform every bit must agree. On another one a cell may differ by the errors that its stage and the stages
+before it state: their sum, relative to full scale, rms.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from etendue.trust.sayings import Deviation
 
 @dataclass(frozen=True)
 class CellResult:
-    """What became of one variable of one cell."""
+    """The result for one variable of one cell."""
 
     stage: str
     cell: str
@@ -39,15 +39,15 @@ class CellResult:
 
 @dataclass
 class Reproduction:
-    """What was found.
+    """The result of reproducing an archive.
 
     Attributes
     ----------
-    platform : the fields that differ, as (then, now); nothing on the same platform
-    software : by stage what differs from the archive's: its distribution and version, or its code
-    differences : what else it says that does not come out again: coordinates, units, dims, tables, records
-    damages : files that are not as they were written, those of cells aside
-    not_checked : what of it no computing can tell
+    platform : the fields that differ, as (recorded, now); empty on the same platform
+    software : by stage what differs from the archive: its distribution and version, or its code
+    differences : other contents that were not reproduced: coordinates, units, dims, tables, records
+    damages : damaged files, except those of cells
+    not_checked : what cannot be recomputed
     """
 
     folder: Path
@@ -80,7 +80,7 @@ class Reproduction:
 def judged_cell(
     plan: Plan, ref: CellRef, name: str, report: CellReport | None, damage: str, elsewhere: bool
 ) -> Iterable[CellResult]:
-    """What a cell's comparison means."""
+    """Return the verdict on a cell."""
     stage = ref[0]
     if damage:
         yield CellResult(stage, name, "", "damaged", why=damage)
@@ -94,7 +94,7 @@ def judged_cell(
 
 
 def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewhere: bool) -> CellResult:
-    """What the difference of one variable means: bits on the same platform, stated errors ``elsewhere``."""
+    """Return the verdict on one variable: equal bits on the same platform, stated errors ``elsewhere``."""
     found = one.difference
     if found is None:
         return CellResult(stage, name, one.path, "damaged", why=one.damage)
@@ -105,21 +105,26 @@ def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewher
         return CellResult(*told, "beyond", why=f"shape or type: {found.shapes}")
     if found.undefined:
         return CellResult(
-            *told, "beyond", found.largest, None, allowed, f"{found.undefined} values are undefined in one alone"
+            *told,
+            "beyond",
+            found.largest,
+            None,
+            allowed,
+            f"{found.undefined} values are undefined in one of them only",
         )
     if not elsewhere:
         return CellResult(
-            *told, "beyond", found.largest, found.relative, None, "on the same platform every bit has to agree"
+            *told, "beyond", found.largest, found.relative, None, "on the same platform every bit must agree"
         )
     if allowed is None:
         return CellResult(
-            *told, "unknown", found.largest, found.relative, None, "it, or a stage in front of it, states no error"
+            *told, "unknown", found.largest, found.relative, None, "its stage, or one before it, states no error"
         )
     inside = found.relative is not None and found.relative <= allowed
     return CellResult(*told, "within" if inside else "beyond", found.largest, found.relative, allowed)
 
 
 def _allowed(plan: Plan, ref: CellRef) -> float | None:
-    """The errors stated by a cell and by all that it depends on, together; None where one states none."""
+    """Return the sum of the errors stated by a cell and everything it depends on; None if one states none."""
     stated = [plan.cells[one].error[0] for one in ancestry(plan, [ref])]
     return None if None in stated else sum(error for error in stated if error is not None)

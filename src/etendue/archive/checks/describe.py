@@ -1,4 +1,4 @@
-"""What is in an archive, without opening its arrays: from the journal, the run records and the metadata."""
+"""Describe an archive without opening its arrays: from the journal, the run records and the metadata."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from etendue.errors import ArchiveError
 
 
 def refuse_changed(folder: Path, running: bool) -> None:
-    """Hold what is no chunk of a cell against the manifest: metadata, coordinates, tables, records. The journal is not
-    read.
+    """Check everything except chunks of cells and the journal against the manifest: metadata, coordinates, tables,
+    records.
 
     Raises
     ------
     ArchiveError
-        Something of it is missing, or not as it was written.
+        A file is missing or differs from what was written.
     """
     manifest = read_manifest(folder) if not running else None
     changed = manifest.changed(folder) if manifest else []
@@ -39,25 +39,24 @@ def refuse_changed(folder: Path, running: bool) -> None:
 
 
 def describe_archive(folder: Path) -> dict[str, Any]:
-    """Stages with their variables and cells, axes, size, how much of what was asked for is done, and whether a run is
-    going on.
+    """Return the stages with their variables and cells, axes, size, progress, and whether a run is active.
 
     Raises
     ------
     ArchiveError
-        The folder is not an archive, or it is damaged: what is, and what to do.
+        The folder is not an archive, or it is damaged; the message says what is and how to repair it.
     """
     root = folder / "data.zarr"
     manifest, records = read_manifest(folder), record_paths(folder) if folder.is_dir() else []
     if not root.is_dir() or (not records and not manifest and not (folder / JOURNAL).is_file()):
-        raise ArchiveError(f"{folder} is not an archive of etendue (no data.zarr with a run record in it)")
+        raise ArchiveError(f"{folder} is not an archive of etendue (it holds no data.zarr with a run record)")
     listing = disk.Listing(folder)
     running = is_running(folder)
     refuse_changed(folder, running)
     record = latest_record(folder)
     if record is None:
         if running:
-            raise ArchiveError(f"{folder}: a run is beginning; look again in a moment")
+            raise ArchiveError(f"{folder}: a run is just starting; try again in a moment")
         raise damaged(folder, [f"runs/{path.name}" for path in records[-1:]] or ["runs"])
     journal = read(folder / JOURNAL)
     if journal.damaged and not running:
@@ -82,7 +81,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
 
 
 def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[str]) -> list[dict[str, Any]]:
-    """Every stage: its variables, what became of its cells, and how far the last run is with them."""
+    """Return every stage with its variables, the number of its cells by status, and the progress of the last run."""
     counts: dict[str, dict[str, int]] = {}
     for (stage, status), count in journal.said.counts(journal.outdated).items():
         counts.setdefault(stage, {})[status] = count
@@ -99,7 +98,7 @@ def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[
 
 
 def order_of(root: Path, record: dict[str, Any]) -> list[str]:
-    """The stages in the order of the pipeline: of two that write the same variable the later one counts."""
+    """Return the stages in pipeline order: if two write the same variable, the later one wins."""
     attributes = (disk.read_document(root / "zarr.json") or {}).get("attributes", {})
     own = attributes.get("etendue") if isinstance(attributes, dict) else None
     for names in (record.get("order"), own.get("stages") if isinstance(own, dict) else None):
@@ -109,19 +108,19 @@ def order_of(root: Path, record: dict[str, Any]) -> list[str]:
 
 
 def progress(journal: Read, began: str = "") -> dict[str, Any]:
-    """Of the last run: cells asked for, cells there, and, of one that is going on since ``began``, cells a second
-    and seconds left.
+    """Return the progress of the last run: cells asked for, cells present, and, if it is active since ``began``, cells
+    per second and seconds left.
     """
     return {**_progress(journal, _ended(journal)), **(_pace(journal, began) if began else {"rate": None, "left": None})}
 
 
 def _ended(journal: Read) -> Mapping[str, int]:
-    """How many cells of each stage have come to an end in the last run."""
+    """Return how many cells of each stage have ended in the last run."""
     return Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
 
 
 def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> dict[str, Any]:
-    """Of the last run: how many cells it was asked for, and how many of them are there or have come to an end."""
+    """Return how many cells the last run was asked for, and how many of them are present or have ended."""
     if journal.run is None:
         return {"planned": None, "finished": None}
     stages = list({**ended, **journal.run.planned} if of is None else of)
@@ -133,10 +132,10 @@ def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None 
 
 
 def _pace(journal: Read, began: str) -> dict[str, float | None]:
-    """Of a run that is going on: cells a second since it began, and seconds that are left; None where it cannot be
-    told.
+    """Return cells per second since an active run began, and the seconds left; None if unknown.
 
-    What is left is weighed by what the cells of its stage have taken so far: early stages have few cells and dear ones.
+    Cells that are left are weighted by the mean time of finished cells of their stage: early stages have few but
+    expensive cells.
     """
     run, elapsed = journal.run, time.time() - _instant(began)
     if run is None or not run.ended or elapsed <= 0:
@@ -153,7 +152,7 @@ def _pace(journal: Read, began: str) -> dict[str, float | None]:
 
 
 def _instant(text: str) -> float:
-    """Seconds of an instant as a record has it; infinite where it is none."""
+    """Return the seconds since 1970 of a recorded time; infinity if it is invalid."""
     try:
         return float(calendar.timegm(time.strptime(text, "%Y-%m-%dT%H:%M:%SZ")))
     except ValueError:
@@ -161,7 +160,7 @@ def _instant(text: str) -> float:
 
 
 def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str, Any]]:
-    """The arrays of a stage, coordinates aside."""
+    """Return the arrays of a stage, without coordinates."""
     found = []
     top = f"data.zarr/{stage}"
     for path in sorted(path for path in listing.below(top) if path.endswith("/zarr.json")):

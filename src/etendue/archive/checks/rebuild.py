@@ -1,10 +1,10 @@
-"""What of a damaged archive is known twice, put back: records, inputs from elsewhere, axis values; and what a run has
-to compute again.
+"""Restore what a damaged archive holds twice (records, inputs found elsewhere, axis values) and mark the rest to be
+recomputed.
 
-In:  the folder of an archive, what is damaged in it, places where its inputs may be found.
-Out: an archive that a run of its own pipeline can make whole; what was done, in words.
+In:  the folder of an archive, the damage found in it, and places where its inputs may be found.
+Out: an archive that a run of its own pipeline can complete; a list of what was done, in words.
 
-What does not belong to an archive is moved into ``strays``, never removed.
+Files that do not belong to an archive are moved into ``strays``, never deleted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RECORD = ".json"
 
 
 def prepare(found: Verified, sources: Iterable[Path]) -> list[str]:
-    """Put back everything that needs no computing, and give up in the journal what is lost; gives what was done.
+    """Restore everything that needs no computing, mark lost cells in the journal, and return what was done.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def prepare(found: Verified, sources: Iterable[Path]) -> list[str]:
 
 
 def _inputs(folder: Path, damaged: Iterable[str], sources: Iterable[Path]) -> Iterator[str]:
-    """Inputs that are found elsewhere, by their digests."""
+    """Copy inputs that are found elsewhere, matched by digest; yield what was done."""
     wanted = {Path(path).name[:DIGITS]: path for path in damaged}
     for file in _files(sources) if wanted else ():
         path = wanted.pop(digest_now(file), None)
@@ -87,18 +87,18 @@ def _files(sources: Iterable[Path]) -> Iterator[Path]:
 
 
 def _records(folder: Path, kept: Mapping[str, str], damaged: Iterable[str]) -> Iterator[str]:
-    """Records of runs, and their pipelines, from the journal."""
+    """Rewrite records of runs and their pipelines from the journal; yield what was done."""
     for path in damaged:
         text = kept.get(f"{path.rpartition('.')[0]}{RECORD}")
         if text is None:
             continue
         data = text if path.endswith(RECORD) else str(json.loads(text)["resolved"])
         disk.write(folder, path, data.encode())
-        yield f"{path} was written again from the journal"
+        yield f"{path} was rewritten from the journal"
 
 
 def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) -> Iterator[tuple[str, str]]:
-    """Records that are as they were written, and of which the journal knows nothing."""
+    """Yield intact records that the journal does not hold."""
     for file in provenance.record_paths(folder):
         path = f"runs/{file.name}"
         if path not in kept and manifest and manifest.files.get(path) == digest_of(file):
@@ -108,8 +108,8 @@ def _unkept(folder: Path, kept: Mapping[str, str], manifest: Manifest | None) ->
 def _blocks(
     folder: Path, axes: Mapping[str, Mapping[str, list[Any]]], stored: Stored
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """How variables are cut into shards, from their metadata, where that is as it was written and the journal does
-    not say so.
+    """Return how variables are cut into shards, from their metadata, where that is intact and the journal does not
+    say it.
     """
     found: dict[str, dict[str, dict[str, Any]]] = {}
     for node in sorted(stored.nodes):
@@ -124,17 +124,17 @@ def _blocks(
             continue
         document = disk.read_document(folder / path) or {}
         if document.get("chunk_key_encoding", {}).get("configuration", {}).get("separator") != ".":
-            continue  # no variable of cells
+            continue  # not a variable of cells
         found.setdefault(group, {})[name] = _block(document, len(axes[group]))
     known = stored.journal.blocks
     whole = {
         group: {**known.get(group, {}), **own} for group, own in found.items()
-    }  # an array that is lost may stand in the journal
+    }  # the journal may also name an array that is lost on disk
     return {group: own for group, own in whole.items() if known.get(group) != own}
 
 
 def _block(document: Mapping[str, Any], axes: int) -> dict[str, Any]:
-    """The words of a block as the journal has them."""
+    """Return the entry that the journal has for a block."""
     outer, shape = document["chunk_grid"]["configuration"]["chunk_shape"], document["shape"][axes:]
     shard = next((one["configuration"] for one in document["codecs"] if one["name"] == "sharding_indexed"), None)
     inner = shard["chunk_shape"][axes:] if shard else outer[axes:]

@@ -1,7 +1,7 @@
-"""Is every byte of an archive as its runs have left it? Everything is read, nothing is changed, no stage is loaded.
+"""Check that every byte of an archive is as its runs left it. Everything is read, nothing changed, no stage loaded.
 
 In:  the folder of an archive.
-Out: ``Verified``: what is damaged, by file, array and cell; what is not of the archive; bytes and seconds.
+Out: ``Verified``: what is damaged, by file, array and cell; foreign files; bytes and seconds.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ STRAYS = "strays"  # where a repair puts what does not belong to an archive
 
 
 def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | None = None) -> Verified:
-    """Read an archive and name everything that is not as it was written; ``told``: bytes of how many have been read.
+    """Read an archive and report everything that differs from what was written.
 
-    ``journal``: where it has been read already.
+    ``told`` is called with the bytes read and the total; ``journal`` is passed if it has been read already.
 
     Raises
     ------
@@ -39,9 +39,9 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
     """
     began, found = time.perf_counter(), Verified(folder)
     if not any((folder / name).exists() for name in (DATA, JOURNAL, MANIFEST)) or not folder.is_dir():
-        raise ArchiveError(f"{folder} is not an archive of etendue (no {DATA} and no {JOURNAL} in it)")
+        raise ArchiveError(f"{folder} is not an archive of etendue (it holds neither {DATA} nor {JOURNAL})")
     if is_running(folder):
-        raise ArchiveInUse(f"{folder}: a run is writing to it; verify it when that has ended")
+        raise ArchiveInUse(f"{folder}: a run is writing to it; verify it after the run has ended")
     before, odd = owner_of(folder), dict[str, str]()
     listing = disk.Listing(folder, odd)
     found.damages += [Damage("odd", path, what) for path, what in odd.items()]
@@ -50,7 +50,7 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
         return found
     if not (folder / JOURNAL).is_file():
         found.damages += (
-            [Damage("missing", JOURNAL, "missing: what it named is computed again")] if JOURNAL not in odd else []
+            [Damage("missing", JOURNAL, "missing: the cells it named must be recomputed")] if JOURNAL not in odd else []
         )
     look = Inspection(folder, listing, found, told, set(odd), journal)
     parts = (look.manifest, look.journal, look.metadata, look.chunks)
@@ -58,22 +58,19 @@ def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | 
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))
     if found.damages and is_written(folder, before):
-        raise ArchiveInUse(
-            f"{folder} is being written by a run that has begun meanwhile; verify it when that has ended"
-        )
+        raise ArchiveInUse(f"{folder} is being written by a run that just started; verify it after the run has ended")
     found.partial = left_by_compact(folder)
     found.seconds = time.perf_counter() - began
     return found
 
 
 def sha256_of(folder: Path) -> str:
-    """One digest of an archive: of the paths and contents of all its files, but the lock and who owns it. A copy has
-    the same.
-
+    """Return one digest of an archive, over the paths and contents of all its files except the lock and the owner. A
+    copy has the same digest.
     Raises
     ------
     ArchiveError
-        Something in it is no plain file.
+        Something in it is not a regular file.
     """
     listing, found = disk.Listing(folder), hashlib.sha256()
     beside = [name for name in disk.FILES if name not in ("lock", "run.id") and (folder / name).is_file()]
@@ -83,7 +80,7 @@ def sha256_of(folder: Path) -> str:
 
 
 def document(found: Verified) -> dict[str, Any]:
-    """As ``--json`` says it."""
+    """Return the result as the document that ``--json`` prints."""
     return {
         "archive": str(found.folder),
         "whole": found.whole,

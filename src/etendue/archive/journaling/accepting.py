@@ -1,7 +1,7 @@
-"""Cells of an earlier platform that a run goes on with, because it was told to.
+"""Cells computed on an earlier platform that a run is told to accept.
 
-In:  a plan, the record of the last run, what the journal says.
-Out: the keys that cells had with the libraries of that run; what the journal is to say of those that are accepted.
+In:  a plan, the record of the last run, the entries of the journal.
+Out: the keys that cells had with the libraries of that run; new journal entries for the cells that are accepted.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from etendue.plan.model import CellRef, Plan
 
 @dataclass(frozen=True)
 class Former:
-    """``keys`` of cells that differ from those they have now, and the platform in words."""
+    """The former ``keys`` of cells whose key has changed, and the former platform in words."""
 
     keys: Mapping[CellRef, str] = field(default_factory=dict)
     platform: str = ""
 
 
 def former_of(plan: Plan, record: Mapping[str, Any]) -> Former:
-    """The plan's cells on the platform of an earlier run."""
+    """Return the keys of the plan's cells on the platform of an earlier run."""
     then = planner.make_plan(plan.pipeline, installed_stages(), plan.leaves_out, versions=record["libraries"])
     own = {ref: cell.key for ref, cell in then.cells.items() if ref in plan.cells and cell.key != plan.cells[ref].key}
     return Former(own, in_words(record))
 
 
 def accepted(former: Former, plan: Plan, finished: Iterable[tuple[CellRef, Entry]]) -> list[tuple[CellRef, Entry]]:
-    """Finished cells of the former platform: they have the keys of this one from now on, and are marked."""
+    """Return new entries for finished cells of the former platform: with today's keys, and marked as accepted."""
     if not former.platform:
         return []
     return [

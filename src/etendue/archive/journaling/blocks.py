@@ -1,7 +1,7 @@
-"""The shards of a run, in its owner's hands: which chunks each is to hold, and when it is put in its place.
+"""The shards of a run, managed by its owner: which chunks each has to hold, and when it is put in its place.
 
-In:  chunks that are stored and right, cells to be computed, what became of them.
-Out: shards in their places, as soon as nothing of them is left to be computed, or when the run ends.
+In:  valid stored chunks, cells to be computed, and their results.
+Out: shards in their places, as soon as nothing in them is left to compute, or when the run ends.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from etendue.contract.ports import WrittenChunk
 
 Stored = Mapping[
     tuple[str, int], tuple[WrittenChunk, ChunkPlace]
-]  # chunks by shard and slot: as they were written, where they lie
+]  # chunks by shard and slot: as written, and where they lie
 Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard
 
 
 class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
-    """The chunks that one shard is to hold, by slot, in columns: 60 bytes a chunk, where objects take 400."""
+    """The chunks that one shard has to hold, by slot, in columns: 60 bytes per chunk, where objects take 400."""
 
     def __init__(self, path: str, slots: int) -> None:
         self.path = path
         self.rows = array("i", [-1]) * max(slots, 1)  # by slot
         self.written, self.file, self.offset = WrittenChunks(), array("i"), array("q")
-        self.files: list[str] = []  # in which they lie: few
+        self.files: list[str] = []  # the files that hold them: there are few
 
     def __setitem__(self, slot: int, chunk: tuple[WrittenChunk, ChunkPlace]) -> None:
         one, place = chunk
@@ -72,29 +72,29 @@ class ShardContents(MutableMapping[int, tuple[WrittenChunk, ChunkPlace]]):
         return ((slot, row) for slot, row in enumerate(self.rows) if row >= 0)
 
     def there(self) -> dict[int, tuple[int, int]]:
-        """Offset and length of those that lie in the shard itself."""
+        """Return offset and length of the chunks that lie in the shard itself."""
         if self.path not in self.files:
             return {}
         own, size = self.files.index(self.path), self.written.size
         return {slot: (self.offset[row], size[row]) for slot, row in self._every() if self.file[row] == own}
 
     def lying(self) -> set[str]:
-        """The files in which they lie."""
+        """Return the files that hold chunks."""
         return {self.files[number] for number in {self.file[row] for _, row in self._every()}}
 
     def put(self, places: Mapping[int, tuple[int, int]]) -> None:
-        """All of them lie in the shard now."""
+        """Record that all chunks now lie in the shard."""
         self.files = [self.path]
         for slot, row in self._every():
             self.file[row], self.offset[row] = 0, places[slot][0]
 
 
 class Blocks:
-    """What the shards of an archive are to hold when a run has ended.
+    """What the shards of an archive have to hold when a run has ended.
 
     Attributes
     ----------
-    moved : shards that stood in their places and were made anew, bytes copied, bytes of chunks that were computed
+    moved : existing shards that were rewritten, bytes copied, bytes of computed chunks
     """
 
     def __init__(self, folder: Path, journal: Journal, finder: Finder, durable: bool) -> None:
@@ -112,24 +112,24 @@ class Blocks:
         return own
 
     def keep(self, chunks: Slots, stored: Stored) -> None:
-        """Chunks that stay as they are."""
+        """Add chunks that stay as they are."""
         for path, slot, slots in chunks:
             own, found = self._of(path, slots), stored.get((path, slot))
             if found is not None:
                 own[slot] = found
 
     def drop(self, chunks: Slots) -> None:
-        """Chunks that are not to be there any more."""
+        """Remove chunks."""
         for path, slot, slots in chunks:
             self._of(path, slots).pop(slot, None)
 
     def found(self, chunks: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace]]:
-        """Of some chunks, by shard and slot, those that are there: as they were written, and where they lie."""
+        """Return those of the given chunks that are stored: as written, and where they lie."""
         there = ((path, slot, self.wanted.get(path)) for path, slot in chunks)
         return {(path, slot): own[slot] for path, slot, own in there if own is not None and slot in own}
 
     def expect(self, chunks: Slots, held: Iterable[WrittenChunk] = ()) -> None:
-        """Chunks that will be computed, those held aside."""
+        """Register chunks that will be computed, except held ones."""
         there = {(one.path, one.slot) for one in held}
         for path, slot, slots in chunks:
             if (path, slot) not in there:
@@ -137,14 +137,14 @@ class Blocks:
                 self.waiting[path] = self.waiting.get(path, 0) + 1
 
     def ended(self, chunks: Slots, written: Iterable[WrittenChunk]) -> list[str]:
-        """Take what became of a cell; gives the shards of which nothing is left to be computed."""
+        """Add the chunks of a cell that has ended; return the shards in which nothing is left to compute."""
         there, complete = {(one.path, one.slot): one for one in written}, []
         for path, slot, slots in chunks:
             one, own = there.get((path, slot)), self._of(path, slots)
             if one is None:
                 own.pop(slot, None)
             elif slot in own and own[slot][0] == one:
-                continue  # it was held, or is told twice
+                continue  # it was held, or is reported twice
             else:
                 own[slot] = one, ChunkPlace(part_path(one), one.offset, one.size, one.digest)
                 self.moved["computed"] += one.size
@@ -155,7 +155,7 @@ class Blocks:
         return complete
 
     def changed(self, path: str) -> bool:
-        """Whether what stands in the place of a shard is not what it is to be."""
+        """Return True if a shard on disk is not what it has to be."""
         state, own, slots = self.finder.state(path, self.slots[path]), self.wanted[path], self.slots[path]
         if state is None or not own:
             return bool(state) or bool(own)
@@ -164,15 +164,15 @@ class Blocks:
         return state.index != own.there() or len(state.index) != len(own)
 
     def odd(self) -> list[str]:
-        """Shards that stand in their places and are not as they were put there."""
+        """Return shards on disk that differ from what was put there."""
         return [path for path, slots in self.slots.items() if self.finder.odd(path, slots)]
 
     def unsettled(self) -> list[str]:
-        """The shards of which nothing is left to be computed, and that are not what they are to be."""
+        """Return the shards in which nothing is left to compute but which are not yet what they have to be."""
         return [path for path in self.wanted if self.waiting.get(path, 0) <= 0 and self.changed(path)]
 
     def put(self, paths: Iterable[str]) -> None:
-        """Put shards in their places, where what stands there is not right already."""
+        """Put shards in their places unless they are correct already."""
         for path in dict.fromkeys(paths):
             if self.changed(path):
                 self._put(path)
@@ -188,7 +188,7 @@ class Blocks:
         if state is not None and state.index == own.there() and len(state.index) == len(own):
             self.journal.put(
                 {path: Shard(state.size, kept_of(own), True)}
-            )  # it was put there, and nobody came to say so
+            )  # it was put in its place, but the run was killed before it journalled that
             return
         put = put_shard(self.folder, path, slots, own, self.durable)
         self.journal.put({path: put.shard})
@@ -200,9 +200,9 @@ class Blocks:
         self.moved["shards"] += state is not None
 
     def close(self) -> None:
-        """Put every shard in its place, with what there is."""
+        """Put every shard in its place with the chunks that there are."""
         self.put(list(self.wanted))
 
     def parts(self) -> set[str]:
-        """The parts in which chunks lie that are not in their places yet."""
+        """Return the parts that hold chunks not yet in a shard."""
         return {file for own in self.wanted.values() for file in own.lying() if file.endswith(disk.PART)}

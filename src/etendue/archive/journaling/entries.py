@@ -1,8 +1,8 @@
-"""The last word on every cell of an archive, in columns: some 100 bytes a cell and its name, where an object each takes
-a thousand.
+"""The latest state of every cell of an archive, in columns: about 100 bytes a cell plus its name, where objects would
+take a thousand.
 
-In:  what the lines of a journal say, one after the other.
-Out: ``Entry`` by name of a cell, made when it is asked for.
+In:  the lines of a journal, one after the other.
+Out: an ``Entry`` by name of a cell, created on demand.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _STATUS = {status: number for number, status in enumerate(STATUS)}
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """The last word on one cell."""
+    """The latest state of one cell."""
 
     event: str  # start | done | failed | removed
     key: str
@@ -34,15 +34,15 @@ class Entry:
     clipped: float = 0.0
     clipped_flux: float = 0.0
     floored: float = 0.0
-    platform: str = ""  # an earlier one, on which it was computed and accepted
-    fresh: bool = False  # since the last run that ended in order
+    platform: str = ""  # the earlier platform on which it was computed, if that result was accepted
+    fresh: bool = False  # written since the last run that ended in order
 
 
 class WrittenChunks:
-    """Chunks as they were written, in columns, by number."""
+    """Written chunks in columns, by number."""
 
     def __init__(self) -> None:
-        self.texts: list[str] = []  # paths and names of parts: few
+        self.texts: list[str] = []  # paths and names of parts: there are few
         self.number: dict[str, int] = {}
         self.path, self.part, self.slot = array("i"), array("i"), array("q")
         self.offset, self.size, self.digest = array("q"), array("q"), array("q")
@@ -78,17 +78,17 @@ class WrittenChunks:
 
 
 class Entries(MutableMapping[str, Entry]):
-    """Of each name the last entry. ``close``: what was said until now is fresh no more."""
+    """The latest entry of each name. ``close`` clears the ``fresh`` mark of all entries."""
 
     def __init__(self) -> None:
         self.rows: dict[str, int] = {}
         self.event, self.status, self.fresh, self.key = bytearray(), bytearray(), bytearray(), bytearray()
         self.seconds, self.first, self.count = array("d"), array("q"), array("i")
         self.files = WrittenChunks()
-        self.odd_keys: dict[int, str] = {}  # that are no digests
+        self.odd_keys: dict[int, str] = {}  # keys that are not digests
         self.rest: dict[
             int, tuple[float, float, float, str]
-        ] = {}  # clipped, clipped_flux, floored, platform: of few cells anything
+        ] = {}  # clipped, clipped_flux, floored, platform: few cells have any of them
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -126,7 +126,7 @@ class Entries(MutableMapping[str, Entry]):
         del self.rows[name]
 
     def say(self, name: str, event: str, key: str, status: str, seconds: float, fresh: bool) -> int:
-        """A last word without files, which are to be added behind it; gives its row."""
+        """Set the latest state of a cell without its files, which must be added right after; return its row."""
         digest = _digest(key)
         row = self.rows.get(name)
         if row is None:
@@ -153,7 +153,7 @@ class Entries(MutableMapping[str, Entry]):
             self.rest[row] = clipped, clipped_flux, floored, platform
 
     def close(self) -> None:
-        """A run has ended in order: what was said until now need not be read back."""
+        """Mark everything as confirmed: the run has ended in order, so nothing has to be read back."""
         self.fresh = bytearray(len(self.fresh))
 
     def key_at(self, row: int) -> str:
@@ -163,49 +163,45 @@ class Entries(MutableMapping[str, Entry]):
         return map(self.files.__getitem__, self._numbers(row))
 
     def standing(self, name: str, key: str) -> str:
-        """The status of a cell with this key; '' where it has begun again, has another key, or nothing is said of
-        it.
-        """
+        """Return the status of a cell with this key; '' if it has begun again, has another key or is unknown."""
         row = self.rows.get(name)
         if row is None or self.event[row] == _EVENT["start"] or self.key_at(row) != key:
             return ""
         return STATUS[self.status[row]]
 
     def first_file(self, name: str) -> str:
-        """The shard in which the first chunk of a cell lies; '' where nothing of it is stored."""
+        """Return the shard in which the first chunk of a cell lies; '' if none of it is stored."""
         row = self.rows.get(name)
         return "" if row is None or not self.count[row] else self.files.texts[self.files.path[self.first[row]]]
 
     def took(self, name: str) -> float:
-        """Seconds of a cell; 0 where nothing is said of it."""
+        """Return the seconds of a cell; 0 if it is unknown."""
         row = self.rows.get(name)
         return 0.0 if row is None else self.seconds[row]
 
-    # -- of all at once -----------------------------------------------------------------------------------------------
+    # -- all cells at once --------------------------------------------------------------------------------------------
 
     def any_done(self) -> bool:
-        """Whether any cell is done."""
+        """Return True if any cell is done."""
         return next(self.done(), None) is not None
 
     def done(self) -> Iterator[str]:
-        """The names of the cells that are done."""
+        """Return the names of the cells that are done."""
         return self.having("done")
 
     def having(self, event: str) -> Iterator[str]:
-        """The names of the cells of which this was said last."""
+        """Return the names of the cells whose latest event is this one."""
         number = _EVENT[event]
         return (name for name, row in self.rows.items() if self.event[row] == number)
 
     def told(self) -> Iterator[tuple[str, str, str, float, float]]:
-        """Every name with its event, status, seconds and the share that was clipped: what can be said without its
-        chunks.
-        """
+        """Yield name, event, status, seconds and clipped fraction of every cell, without building its chunks."""
         for name, row in self.rows.items():
             clipped = self.rest[row][0] if row in self.rest else 0.0
             yield name, EVENTS[self.event[row]], STATUS[self.status[row]], self.seconds[row], clipped
 
     def done_among(self, names: Iterable[str]) -> list[str]:
-        """Which of some cells are done."""
+        """Return those of the named cells that are done."""
         return (
             [name for name in names if name in self.rows and self.event[self.rows[name]] == _EVENT["done"]]
             if self.rows
@@ -213,16 +209,16 @@ class Entries(MutableMapping[str, Entry]):
         )
 
     def done_otherwise(self, keys: Iterable[tuple[str, str]]) -> list[str]:
-        """Which of some cells are done with another key than the one beside them."""
+        """Return those of the named cells that are done with another key than the one given."""
         return self.done_among(name for name, key in keys if name in self.rows and self.key_at(self.rows[name]) != key)
 
     def done_beside(self, names: Mapping[Any, str]) -> list[str]:
-        """The names of the cells that are done and are none of these."""
+        """Return the names of done cells that are not among ``names``."""
         known = set(names.values()) if self.rows else set()
         return [name for name in self.done() if name not in known]
 
     def counts(self, outdated: Collection[str] = ()) -> Counter[tuple[str, str]]:
-        """How many cells of each stage have come to what: a status, ``unfinished``, or ``outdated``."""
+        """Count the cells of each stage by status, ``unfinished`` or ``outdated``."""
         words = [
             (event == _EVENT["start"], STATUS[status]) for event, status in zip(self.event, self.status, strict=True)
         ]
@@ -233,8 +229,8 @@ class Entries(MutableMapping[str, Entry]):
         return found
 
     def shards(self, beside: Collection[str] = ()) -> dict[str, int]:
-        """Of each shard in which chunks of done cells lie the number of one of them; ``beside``: cells that do not
-        count.
+        """Map each shard that holds chunks of done cells to the number of one of them; cells in ``beside`` are
+        ignored.
         """
         found = dict[int, int]()
         for name in self.done():
@@ -244,7 +240,7 @@ class Entries(MutableMapping[str, Entry]):
         return {self.files.texts[path]: number for path, number in found.items()}
 
     def by_shard(self) -> dict[str, array[int]]:
-        """Of each shard the numbers of the chunks of done cells."""
+        """Map each shard to the numbers of the chunks of done cells in it."""
         found: dict[int, array[int]] = {}
         for name in self.done():
             for number in self._numbers(self.rows[name]):
@@ -252,12 +248,13 @@ class Entries(MutableMapping[str, Entry]):
         return {self.files.texts[path]: numbers for path, numbers in found.items()}
 
     def _numbers(self, row: int) -> range:
-        """Of the chunks of a cell."""
+        """Return the numbers of the chunks of a cell."""
         return range(self.first[row], self.first[row] + self.count[row])
 
 
 def _digest(key: str) -> bytes | None:
-    """A key as bytes; None where it is no digest, as written in lines that are damaged."""
+    """Return a key as bytes; None if it is not a digest, as in damaged lines."""
+
     try:
         digest = bytes.fromhex(key)
     except ValueError:

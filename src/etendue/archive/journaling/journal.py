@@ -1,14 +1,13 @@
-"""The journal: what is finished, and nothing else is.
+"""The journal: the only source of what is finished.
 
-One JSON line per event, appended by the owner of the archive only. A cell is finished when its **last** line is
-``done`` with the wanted key, and its chunks lie where the lines say, with the size they name. A line ends in a checksum
-of itself; one that does not fit it, and a torn last one, count as absent. What a file's existence suggests is never
-asked. A ``done`` line says to which part of a shard each chunk was appended; a ``shard`` line which bytes of which
-parts a shard holds. Beside the cells stand the axis values of each group (a coordinate array torn by a kill is written
-again from them), the arrays that were made in each group, how each is cut into shards, the record of each run, and how
-many cells it has to compute. ``closed`` says
-that a run has ended in order: what stands in front of it need not be read back. ``outdated`` names the cells that a run
-is about to replace: their chunks are there until it does, and nobody is shown them.
+One JSON line per event, appended only by the owner of the archive. A cell is finished if its **last** line is ``done``
+with the wanted key, and its chunks lie where the lines say, with the recorded size. Each line ends in a checksum of
+itself; lines that fail it, and an incomplete last line, count as absent. That a file exists proves nothing. A ``done``
+line says to which part of a shard each chunk was appended; a ``shard`` line says which bytes of which parts a shard
+holds. The journal also holds the axis values of each group (a coordinate array damaged by a kill is rewritten from
+them), the arrays created in each group, how each is split into shards, the record of each run, and how many cells it
+has to compute. ``closed`` says that a run has ended in order: what precedes it need not be read back. ``outdated``
+names the cells that a run is about to replace: their chunks remain until it does, but readers do not see them.
 """
 
 from __future__ import annotations
@@ -41,17 +40,15 @@ from etendue.archive.records import disk
 from etendue.archive.sharding.shards import Shard
 from etendue.archive.structure.layout import STATUS
 
-LONGEST_LINE = 32 << 20  # bytes; the longest, that of a record, has some megabytes where axes have 100,000 values
-# Of a damaged line; older versions of msgspec have errors of decoding that are no ``ValueError``.
+LONGEST_LINE = 32 << 20  # bytes; the longest, a run record with axes of 100,000 values, has a few megabytes
+# Errors of a damaged line; in older versions of msgspec, decoding errors are not ``ValueError``.
 UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 SUM = 18  # characters of ',"sum":"01234567"}'
 
 
 @dataclass
 class Going:
-    """The last run: by stage how many cells it was asked for, and which it had to compute; those that have ended
-    since.
-    """
+    """The last run: cells asked for and cells to compute, by stage; the cells that have ended since."""
 
     planned: Mapping[str, int]
     todo: Mapping[str, int]
@@ -60,22 +57,22 @@ class Going:
 
 @dataclass
 class Read:
-    """What a journal says."""
+    """The content of a journal."""
 
     entries: MutableMapping[str, Entry] = field(default_factory=Entries)
     axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
-    # by group and variable: how it is cut and encoded
+    # by group and variable: how it is split and encoded
     blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
     shards: dict[str, Shard] = field(
         default_factory=dict
     )  # by path below the archive, as they were put in their places
     records: dict[str, str] = field(default_factory=dict)  # by path below the archive: the text of each run's record
     run: Going | None = None
-    damaged: int = 0  # lines that say nothing
-    torn: bool = False  # behind the last whole line stands a piece of one
-    files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
-    outdated: set[str] = field(default_factory=set)  # cells called done that the last run was to compute otherwise
+    damaged: int = 0  # invalid lines
+    torn: bool = False  # an incomplete line follows the last complete one
+    files_a_cell: int = 0  # chunks in the previous format, with one file each
+    outdated: set[str] = field(default_factory=set)  # done cells that the last run was about to replace
 
     @property
     def said(self) -> Entries:
@@ -83,7 +80,7 @@ class Read:
         return self.entries
 
     def close(self) -> None:
-        """A run has ended in order: what was said until now need not be read back."""
+        """Mark everything as confirmed: a run has ended in order, so nothing has to be read back."""
         self.said.close()
         self.shards = {path: replace(one, fresh=False) if one.fresh else one for path, one in self.shards.items()}
 
@@ -106,7 +103,7 @@ class Journal:
         self.handle: int | None = None
 
     def open(self) -> None:
-        """Begin to write: behind the last whole line, damaged ones left out."""
+        """Start writing after the last complete line; damaged lines are dropped."""
         if self.damaged:
             lines = (self.root / NAME).read_bytes().split(b"\n")[:-1]
             disk.write(self.root, NAME, b"".join(line + b"\n" for line in lines if _says_something(line)), self.durable)
@@ -130,16 +127,16 @@ class Journal:
                 os.fsync(self.handle)
 
     def start(self, cells: Iterable[tuple[str, str]]) -> None:
-        """Say that the chunks of these (cell, key) may be overwritten from now on."""
+        """Record that the chunks of these (cell, key) may be overwritten from now on."""
         pairs = list(cells)
         self._append({"event": "start", "cell": cell, "key": key} for cell, key in pairs)
         for cell, key in pairs:
-            if cell in self.entries:  # of others nothing is to be forgotten
+            if cell in self.entries:  # other cells have no earlier result to invalidate
                 self.entries[cell] = Entry("start", key)
             self.outdated.discard(cell)
 
     def end(self, cells: Iterable[tuple[str, Entry]], remember: bool = True) -> None:
-        """Say that these cells are done (or failed): their chunks stand in their places. ``remember``: also in
+        """Record that these cells are done (or failed) and their chunks written. ``remember``: also update
         ``entries``.
         """
         pairs = list(cells)
@@ -164,18 +161,18 @@ class Journal:
             self.outdated.discard(cell)
 
     def give_up(self, cells: Iterable[str]) -> None:
-        """Say of cells that they are no longer there."""
+        """Record that cells are no longer stored."""
         self.end((name, Entry("removed", self.entries[name].key, (), "not_computed")) for name in cells)
 
     def set_outdated(self, cells: Iterable[str]) -> None:
-        """Say which cells that are called done this run is about to replace; of others that is no longer so."""
+        """Record which done cells this run is about to replace; this supersedes the previous list."""
         names = set(cells)
         if names != self.outdated:
             self._append([{"event": "outdated", "cells": sorted(names)}])
             self.outdated = names
 
     def set_axes(self, axes: Mapping[str, Mapping[str, list[Any]]]) -> None:
-        """Say which axis values the arrays of each group have, in stored order, before any array changes."""
+        """Record the axis values of the arrays of each group, in stored order, before any array changes."""
         changed = {group: dict(values) for group, values in axes.items() if self.axes.get(group) != values}
         self._append(
             {
@@ -188,23 +185,21 @@ class Journal:
         self.axes.update(changed)
 
     def forget_axes(self, groups: Iterable[str]) -> None:
-        """Say that these groups are gone."""
+        """Record that these groups are gone."""
         gone = [group for group in groups if group in self.axes]
         self._append({"event": "axes", "group": group, "axes": None} for group in gone)
         for group in gone:
             del self.axes[group]
 
     def set_arrays(self, arrays: Mapping[str, Iterable[str]]) -> None:
-        """Say which arrays will be made in each group, before any is: what is named here was not put there by
-        somebody else.
-        """
+        """Record which arrays will be created in each group, before any is: arrays named here are not foreign."""
         fresh = {group: set(names) | self.arrays.get(group, set()) for group, names in arrays.items()}
         fresh = {group: names for group, names in fresh.items() if names != self.arrays.get(group)}
         self._append({"event": "arrays", "group": group, "names": sorted(names)} for group, names in fresh.items())
         self.arrays.update(fresh)
 
     def set_blocks(self, blocks: Mapping[str, Mapping[str, dict[str, Any]]]) -> None:
-        """Say how the variables of each group are cut into shards, before any is made: it stays so when axes grow."""
+        """Record how the variables of each group are split into shards, before any is created; growing axes keep it."""
         changed = {
             group: {name: dict(one) for name, one in own.items()}
             for group, own in blocks.items()
@@ -214,26 +209,26 @@ class Journal:
         self.blocks.update(changed)
 
     def put(self, shards: Mapping[str, Shard]) -> None:
-        """Say that these shards stand in their places."""
+        """Record that these shards are in their places."""
         self._append(
             {"event": "shard", "path": path, "size": one.size, "kept": one.kept} for path, one in shards.items()
         )
         self.shards.update(shards)
 
     def record(self, path: str, text: str) -> None:
-        """Keep the record of a run twice: it can be made from nothing else."""
+        """Store a second copy of a run record: it cannot be rebuilt from anything else."""
         self._append([{"event": "record", "path": path, "text": text}])
 
     def closed(self) -> None:
-        """Say that a run has ended in order."""
+        """Record that a run has ended in order."""
         self._append([{"event": "closed"}])
 
     def begins(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> bool:
-        """Whether there is something to be said of a run: more than that nothing is left to do of the same."""
+        """Return True if a run has to be recorded; not if it repeats the last one and computes nothing."""
         return bool(todo) or self.run is None or self.run.planned != planned
 
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
-        """Say how many cells of each stage a run is asked for, and how many of them it has to compute."""
+        """Record how many cells of each stage a run is asked for, and how many of them it has to compute."""
         if self.begins(planned, todo):
             self._append([{"event": "run", "planned": dict(planned), "todo": dict(todo)}])
             self.run = Going(dict(planned), dict(todo))
@@ -248,22 +243,22 @@ NAME = "journal.jsonl"
 
 
 def summed(line: bytes) -> bytes:
-    """A line with its checksum at the end."""
+    """Return a line with its checksum at the end."""
     return line[:-1] + b',"sum":"%08x"}' % zlib.crc32(line)
 
 
 def _written(value: Any) -> Any:
-    """An axis value as JSON, which has no infinity."""
+    """Return an axis value as JSON, which has no infinity."""
     return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def read_journal(path: Path) -> Mapping[str, Entry]:
-    """The last line of every cell. A torn or foreign line counts as absent."""
+    """Return the last line of every cell. Incomplete and foreign lines count as absent."""
     return read(path).entries
 
 
 def read(path: Path) -> Read:
-    """The last word on every cell, group and run."""
+    """Return the latest state of every cell, group and run."""
     found = Read()
     try:
         file = plain_files.open_plain(path, links=False)
@@ -271,10 +266,10 @@ def read(path: Path) -> Read:
         return found
     with file:
         for line in iter(partial(file.readline, LONGEST_LINE), b""):
-            if len(line) == LONGEST_LINE:  # no run writes such a line: what stands behind it is not looked for
+            if len(line) == LONGEST_LINE:  # no run writes such a line; nothing after it is read
                 found.damaged += 1
                 break
-            if not line.endswith(b"\n"):  # behind the last line end stands nothing, or a torn line
+            if not line.endswith(b"\n"):  # an incomplete last line
                 found.torn = True
             elif not _take_own(found, line[:-1]):
                 try:
@@ -285,7 +280,7 @@ def read(path: Path) -> Read:
 
 
 def _take_own(found: Read, line: bytes) -> bool:
-    """A line of a cell that fits the checksum at its end, read in one go; whether it was one."""
+    """Take a line about a cell whose checksum matches, decoded in one step (fast path); return whether it was one."""
     if line[-SUM:-10] != b',"sum":"' or b"%08x" % zlib.crc32(b"}", zlib.crc32(memoryview(line)[:-SUM])) != line[-10:-2]:
         return False
     try:
@@ -315,29 +310,29 @@ def _says_something(line: bytes) -> bool:
 
 
 def _checked(line: bytes) -> dict[str, Any]:
-    """A line as a document.
+    """Return a line as a document.
 
     Raises
     ------
     ValueError, msgspec.DecodeError
-        It is no document, or not the one its checksum was made of.
+        It is not a JSON object, or its checksum does not match.
     """
     value = msgspec.json.decode(line)
     if not isinstance(value, dict):
-        raise ValueError("no document")
+        raise ValueError("not a JSON object")
     checksum = value.pop("sum", None)
     if checksum is not None:
-        fresh = line[:-SUM] + b"}", msgspec.json.encode(value)  # as written; or as somebody wrote it again, with blanks
+        fresh = line[:-SUM] + b"}", msgspec.json.encode(value)  # as written, or reformatted by somebody
         if all(checksum != f"{zlib.crc32(one):08x}" for one in fresh):
-            raise ValueError("the line does not fit its checksum")
+            raise ValueError("the line does not match its checksum")
     return value
 
 
 def _take(found: Read, value: Mapping[str, Any]) -> None:
-    """One line; ``ValueError`` or ``TypeError`` where it has not the form of its event."""
+    """Take one line; raise ``ValueError`` or ``TypeError`` if it lacks the form of its event."""
     event = value["event"]
     if not set(value) <= FIELDS[event]:
-        raise ValueError("unknown words")
+        raise ValueError("unknown keys")
     if event == "axes":
         group, axes = inside(value["group"]), value["axes"]
         if axes is None:
@@ -368,7 +363,7 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
 
 
 def _take_of_a_cell(found: Read, value: Mapping[str, Any]) -> None:
-    """A line that says something of a cell, in whatever form an earlier version has written it."""
+    """Take a line about a cell, in the form of this or any earlier version."""
     files, a_cell = files_of(value.get("files", ()))
     event, status = value["event"], value.get("status", "done")
     if status not in STATUS:
@@ -385,5 +380,5 @@ def _take_of_a_cell(found: Read, value: Mapping[str, Any]) -> None:
 
 
 def is_done(entry: Entry | None, key: str) -> bool:
-    """Whether the last word on a cell is that it is done, with this key."""
+    """Return True if the latest state of a cell is done, with this key."""
     return entry is not None and entry.event == "done" and entry.key == key

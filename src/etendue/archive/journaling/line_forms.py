@@ -1,7 +1,7 @@
-"""What a line of the journal may hold: its words, of which kind they are, and no path that leads out of the archive.
+"""What a line of the journal may hold: its keys, their types, and no path that leads out of the archive.
 
-In:  a line as JSON has it.
-Out: the same as the archive knows it; ``ValueError`` or ``TypeError`` where it says nothing.
+In:  a line decoded from JSON.
+Out: the line in the archive's types; ``ValueError`` or ``TypeError`` if it is invalid.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import msgspec
 from etendue.archive.journaling.entries import EVENTS
 from etendue.contract.ports import WrittenChunk
 
-LARGEST = 2**62  # of a place in a file
+LARGEST = 2**62  # largest offset in a file
 
 OF_A_CELL = frozenset(
     {"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "platform", "files"}
@@ -35,7 +35,7 @@ Number = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
 
 
 class OfACell(msgspec.Struct, forbid_unknown_fields=True, gc=False):
-    """A line that says something of a cell, as ``Journal`` writes it."""
+    """A line about a cell, as ``Journal`` writes it."""
 
     event: Literal["start", "done", "failed", "removed"]
     cell: str
@@ -54,8 +54,8 @@ decode_of_a_cell = msgspec.json.Decoder(OfACell).decode
 
 
 def files_of(written: Any) -> tuple[tuple[WrittenChunk, ...], int]:
-    """The chunks of a cell, and how many of them have a file of their own: of those an archive said only how large
-    each was.
+    """Return the chunks of a cell, and how many of them have a file of their own; for those, old archives recorded
+    only the size.
     """
     files, a_cell = [], 0
     for one in written:
@@ -68,12 +68,12 @@ def files_of(written: Any) -> tuple[tuple[WrittenChunk, ...], int]:
             offset, size, digest = (of_kind(int, n) for n in numbers)
             files.append(WrittenChunk(inside(path), of_kind(int, slot), inside(part), offset, size, digest))
         if any(abs(n) > LARGEST for n in (files[-1].slot, files[-1].offset, files[-1].size, files[-1].digest)):
-            raise ValueError("a number beyond all files")
+            raise ValueError("a number larger than any file")
     return tuple(files), a_cell
 
 
 def kept_of(written: Any) -> tuple[tuple[str, int, int, int], ...]:
-    """The runs of bytes of a shard: a part, and three numbers."""
+    """Return the byte ranges of a shard: a part name and three numbers each."""
     kept = []
     for part, *numbers in written:
         start, to, length = (of_kind(int, n) for n in numbers)
@@ -87,7 +87,7 @@ def block_of(written: Any) -> dict[str, Any]:
     if "chunk" in written:
         block["chunk"] = [of_kind(int, n) for n in written["chunk"]]
     if min([*block["block"], block["pieces"], *block.get("chunk", ())]) < 1:
-        raise ValueError("a block of nothing")
+        raise ValueError("a block with a size below 1")
     return block
 
 
@@ -98,7 +98,7 @@ def of_kind(kind: Any, value: Any) -> Any:
 
 
 def inside(path: Any) -> str:
-    """A path below the archive; a line that leads out of it says nothing."""
+    """Return a path below the archive; raise if it leads out of it."""
     if not isinstance(path, str) or leads_out(path):
         raise ValueError("a path that leads out of the archive")
     return path
@@ -113,5 +113,5 @@ def axis_of(written: list[Any]) -> list[Any]:
     if len({isinstance(one, str) for one in values}) > 1 or not all(
         isinstance(one, str | int | float) for one in values
     ):
-        raise ValueError("an axis of no values")
+        raise ValueError("an axis whose values are not all texts or all numbers")
     return values

@@ -1,7 +1,7 @@
-"""A keeper that keeps nothing: every cell that a run computes is held against the one an archive has, and forgotten.
+"""A storage backend that stores nothing: it compares every computed cell with the archived one and discards it.
 
-In:  an archive, a plan of the same cells.
-Out: a ``Compared`` for every variable of every cell, in the reports of the run; nothing is written anywhere.
+In:  an archive, and a plan of the same cells.
+Out: a ``Compared`` for every variable of every cell, in the reports of the run; no file is written.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from etendue.plan.resume import Work, select
 
 @dataclass(frozen=True, slots=True)
 class Compared(WrittenChunk):
-    """In the place of a chunk written: how far a variable is from the stored one; ``damage`` where that cannot be
-    read.
+    """Stands in for a written chunk: how far a variable is from the stored one; ``damage`` says why the stored one
+    cannot be read.
     """
 
     difference: Difference | None = None
@@ -39,12 +39,12 @@ class Compared(WrittenChunk):
 
 @dataclass(frozen=True)
 class Comparing:
-    """The target of one cell: compares in the worker that made it, so that no array travels."""
+    """The target of one cell. It compares in the worker that computed the cell, so that no array is transferred."""
 
     cell: StoredArrays
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]:
-        """Hold arrays against the stored ones."""
+        """Compare arrays with the stored ones."""
         found = []
         for variable in self.cell.variables:
             try:
@@ -55,6 +55,7 @@ class Comparing:
 
     def _difference(self, variable: str, array: Any) -> Difference:
         windows, cutter = self.cell.windows(variable), Cutter(array)
+        # Compare chunk by chunk where the shapes agree, so that the stored array is never held as a whole.
         if windows[0] is None or tuple(array.shape) != tuple(
             max(end for _, end in one) for one in zip(*filter(None, windows), strict=True)
         ):
@@ -65,8 +66,8 @@ class Comparing:
         return self.cell.read(variable)
 
     def read_band(self, variable: str, band: int) -> Any:
-        """One band of what is stored: light that is too large to be held goes on from there, once it has been
-        compared.
+        """Return one band of the stored array. Light that is too large to hold in memory is read back from here by
+        the next stage, once it has been compared.
         """
         return self.cell.read_band(variable, band)
 
@@ -74,8 +75,8 @@ class Comparing:
 
 
 class ComparingKeeper(Passing):
-    """Use as a context manager. ``reports``: what became of each cell; ``sheet``: pictures of the cells ``shown``, one
-    of each stage, of the variables ``drawn``."""
+    """Use as a context manager. ``reports``: the result for each cell; ``sheet``: pictures of the cells in ``shown``
+    (one per stage), for the variables in ``drawn``."""
 
     keeps_arrays = False
 

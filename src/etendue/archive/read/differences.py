@@ -1,10 +1,10 @@
-"""Two archives held against each other: which cells differ, by how much, and since which parameter, code or input.
+"""Compare two archives: which cells differ, by how much, and since which parameter, code or input.
 
 In:  the folders of two archives.
-Out: a ``StageDifference`` for every stage of either.
+Out: a ``StageDifference`` for every stage of either archive.
 
-Cells are matched by stage and axis values. An axis that only one of them has is matched at the value that the other has
-fixed. Cells whose stored bytes have the same size and digest are not read.
+Cells are matched by stage and axis values. An axis that only one archive has is matched at the value to which the other
+fixes the parameter. Cells whose stored bytes have the same size and digest are not read.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from etendue.errors import ArchiveError
 
 _LABEL = re.compile(r""" ([^ =]+)=('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|\S+)""")
 Place = tuple[str, frozenset[tuple[str, Any]]]  # a stage, and axis values by dim
-WORST = 5  # cells of a stage that are named
+WORST = 5  # cells of a stage that are listed
 
 
 @dataclass(frozen=True)
 class CellDifference:
-    """One variable of one cell that both archives have, and that is not the same."""
+    """One variable of one cell that differs between the archives."""
 
     cell: str
     variable: str
@@ -42,9 +42,9 @@ class StageDifference:
 
     Attributes
     ----------
-    cells : how many both have
+    cells : number of cells that both archives have
     same : how many of these have equal arrays
-    since : what differs of the stage itself, or which of its inputs differs; '' where nothing that is recorded does
+    since : what differs in the stage itself, or which of its inputs differs; '' if nothing recorded differs
     """
 
     name: str
@@ -67,7 +67,7 @@ class _Side:
         self.stored = Stored(folder)
         record = latest_record(folder)
         if record is None:
-            raise ArchiveError(f"{folder} has no record of a run that can be read: etendue verify {folder}")
+            raise ArchiveError(f"{folder} has no readable record of a run; check it with: etendue verify {folder}")
         self.record: dict[str, Any] = record
         self.cells: dict[str, tuple[str, dict[str, Any]]] = {name: _labels(name) for name in self.stored.finished}
         self.keys = {re.sub(r"\.use$", "", key).replace(".", "_"): key for key in record["axes"]}
@@ -76,7 +76,7 @@ class _Side:
             self.dims.setdefault(stage, set()).update(labels)
 
     def fixed(self, dim: str, key: str) -> Any:
-        """What a parameter is fixed at that another archive sweeps; None where nobody knows."""
+        """Return the fixed value of a parameter that the other archive sweeps; None if unknown."""
         stage, _, name = key.rpartition(".")
         if dim in self.keys:
             return None
@@ -86,7 +86,7 @@ class _Side:
         return (node.get("stage") or [None])[0] if name == "use" else node.get("shown", {}).get(name)
 
     def places(self, other: _Side) -> dict[Place, str]:
-        """The names of the finished cells by where they are, in terms of the axes of both."""
+        """Return the names of the finished cells by stage and axis values, in terms of the axes of both archives."""
         found = {}
         for name, (stage, labels) in self.cells.items():
             more = other.dims.get(stage, set()) - self.dims[stage]
@@ -96,7 +96,7 @@ class _Side:
 
 
 def _labels(name: str) -> tuple[str, dict[str, Any]]:
-    """Stage and axis values from the name of a cell."""
+    """Return stage and axis values from the name of a cell."""
     stage = name.split(" ")[0]
     labels = {}
     for dim, text in _LABEL.findall(name[len(stage) :]):
@@ -114,12 +114,12 @@ def _plain(value: Any) -> Any:
 def differences(
     first: Path, second: Path, told: Callable[[int, int], None] = lambda done, total: None
 ) -> list[StageDifference]:
-    """By stage, in the order of the first archive; ``told``: how many cells of how many have been looked at.
+    """Return the differences by stage, in the order of the first archive; ``told`` is called with cells done and total.
 
     Raises
     ------
     ArchiveError
-        One of the folders is no archive, or has no record that can be read.
+        One of the folders is not an archive, or has no readable record.
     """
     one, other = _Side(first), _Side(second)
     mine, theirs = one.places(other), other.places(one)
@@ -152,8 +152,8 @@ def differences(
 
 
 def _unswept(nodes: Mapping[str, Any], axes: set[str]) -> dict[str, Any]:
-    """What is recorded of stages without the parameters that one of the archives sweeps: their cells are matched by
-    value.
+    """Return the records of stages without the parameters that either archive sweeps: cells are matched by those
+    values.
     """
     return {
         name: {
@@ -172,7 +172,7 @@ def _elsewhere(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 
 
 def _cells(one: Stored, name: str, other: Stored, twin: str) -> list[CellDifference]:
-    """The variables of a cell that differ; nothing of those that only one archive keeps."""
+    """Return the variables of a cell that differ; variables that only one archive keeps are ignored."""
     mine, theirs, found = one.cell(name), other.cell(twin), list[CellDifference]()
     if mine.digested and theirs.digested and _bytes(mine) == _bytes(theirs):
         return []
@@ -194,7 +194,7 @@ def _cells(one: Stored, name: str, other: Stored, twin: str) -> list[CellDiffere
 
 
 def _bytes(cell: StoredArrays) -> list[tuple[Any, ...]]:
-    """What is known of the bytes of a cell."""
+    """Return what is recorded about the bytes of a cell."""
     return [
         (c.variable, c.window, c.form.dtype, c.form.shape, c.form.codec, c.written.size, c.written.digest)
         for c, _ in cell.chunks
@@ -202,7 +202,7 @@ def _bytes(cell: StoredArrays) -> list[tuple[Any, ...]]:
 
 
 def document(first: Path, second: Path, found: list[StageDifference]) -> dict[str, Any]:
-    """As ``--json`` says it."""
+    """Return the comparison as the document that ``--json`` prints."""
     return {
         "first": str(first),
         "second": str(second),
@@ -216,7 +216,7 @@ def document(first: Path, second: Path, found: list[StageDifference]) -> dict[st
 
 
 def _alone(names: list[str], others: list[str]) -> dict[str, Any]:
-    """How many cells only one archive has, and at which axis values."""
+    """Count the cells that only one archive has, with the axis values that only they have."""
     own, there = ({(d, _plain(v)) for n in some for d, v in _labels(n)[1].items()} for some in (names, others))
     values: dict[str, list[Any]] = {}
     for dim, value in sorted(own - there, key=str):

@@ -1,7 +1,7 @@
-"""How far two arrays of the same cell are from each other.
+"""Measure how far two arrays of the same cell differ.
 
 In:  two arrays, or bands of them.
-Out: ``Difference``: whether the bits are the same; else the largest and the rms difference, and what full scale is.
+Out: ``Difference``: whether the bits agree; if not, the largest and the rms difference and the full scale.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-PIECE = 1 << 18  # values looked at together: what is held beside the arrays stays small
+PIECE = 1 << 18  # values compared at a time, which bounds the temporary memory
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Between two arrays of one variable of one cell.
+    """The difference between two arrays of one variable of one cell.
 
     Attributes
     ----------
@@ -27,8 +27,8 @@ class Difference:
     values : how many values were compared
     differing : how many of them differ
     undefined : how many are NaN or infinite in one of the arrays alone, or differently
-    largest : largest absolute difference of the others
-    rms : of all defined values
+    largest : largest absolute difference of the defined values
+    rms : root mean square difference of the defined values
     scale : full scale: the largest absolute value of the first array
     """
 
@@ -43,7 +43,7 @@ class Difference:
 
     @property
     def relative(self) -> float | None:
-        """The rms difference relative to full scale; None where it cannot be said."""
+        """The rms difference relative to full scale; None if it is undefined."""
         if self.shapes or self.undefined or not math.isfinite(self.rms):
             return None
         if not self.scale:
@@ -52,7 +52,7 @@ class Difference:
 
 
 def between(first: Any, second: Any) -> Difference:
-    """The difference of two arrays; the first gives full scale."""
+    """Return the difference of two arrays; the first defines full scale."""
     if first.shape != second.shape or first.dtype != second.dtype:
         return Difference(False, f"{first.dtype}{list(first.shape)} and {second.dtype}{list(second.shape)}")
     one, other = np.ascontiguousarray(first).reshape(-1), np.ascontiguousarray(second).reshape(-1)
@@ -81,7 +81,7 @@ def _piece(one: Any, other: Any) -> Difference:
 
 
 def _scale(values: Any) -> float:
-    """The largest finite absolute value."""
+    """Return the largest finite absolute value."""
     if not values.size:
         return 0.0
     low, high = float(values.min()), float(values.max())
@@ -92,7 +92,7 @@ def _scale(values: Any) -> float:
 
 
 def together(parts: Iterable[Difference]) -> Difference:
-    """Of parts that make up one array."""
+    """Combine the differences of the parts of one array."""
     whole = Difference(True)
     for part in parts:
         count = whole.values + part.values

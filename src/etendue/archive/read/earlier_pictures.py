@@ -1,8 +1,7 @@
-"""The pictures of an earlier run, as it left them: one table that not every run makes again, so it carries a digest of
-itself.
+"""The pictures of an earlier run: a table that not every run rewrites, so it carries a digest of itself.
 
 In:  the files of the group ``frames``.
-Out: whether they are whole, and the keys of the cells they show.
+Out: whether they are intact, and the keys of the cells they show.
 """
 
 from __future__ import annotations
@@ -21,14 +20,14 @@ FRAMES = "frames"
 
 
 def stored(folder: Path, listing: disk.Listing) -> dict[str, bytes]:
-    """The files of the pictures of an earlier run; none where they are not whole."""
+    """Return the files of the pictures of an earlier run; empty if they are damaged."""
     paths = listing.below(f"{DATA}/{FRAMES}")
     files = {path.removeprefix(f"{DATA}/"): disk.content_of(folder / path) or b"" for path in paths}
     return files if whole(files) else {}
 
 
 def sheet_is_whole(folder: Path, manifest: Manifest | None) -> bool:
-    """Whether the contact sheet of an earlier run is there as it was written."""
+    """Return True if the contact sheet of an earlier run is intact."""
     known = manifest.files.get("contact_sheet.png") if manifest else None
     data = disk.content_of(folder / "contact_sheet.png") or b""
     if known is not None:
@@ -37,14 +36,14 @@ def sheet_is_whole(folder: Path, manifest: Manifest | None) -> bool:
 
 
 def whole(files: Mapping[str, bytes]) -> bool:
-    """Whether nothing of the pictures is missing or changed."""
+    """Return True if nothing of the pictures is missing or changed."""
     attrs, own = attributes(files), Tree()
     own.put_group(FRAMES, attrs)
     return own.held.items() <= files.items() and attrs.get("digest") == digest(files)
 
 
 def sealed(files: Mapping[str, bytes], attrs: Mapping[str, Any]) -> dict[str, bytes]:
-    """The group of some pictures with their digest in it."""
+    """Return the group of some pictures with their digest in its attributes."""
     own = Tree()
     own.put_group(FRAMES, attrs)
     own.put_group(FRAMES, {**attrs, "digest": digest({**files, **own.held})})
@@ -52,7 +51,7 @@ def sealed(files: Mapping[str, bytes], attrs: Mapping[str, Any]) -> dict[str, by
 
 
 def attributes(files: Mapping[str, bytes]) -> dict[str, Any]:
-    """The attributes of the pictures."""
+    """Return the attributes of the pictures."""
     try:
         found = json.loads(files.get(f"{FRAMES}/{ROOT}", b"{}"))["attributes"]
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -61,7 +60,7 @@ def attributes(files: Mapping[str, bytes]) -> dict[str, Any]:
 
 
 def digest(files: Mapping[str, bytes]) -> str:
-    """Of all the pictures and what is said of them: it stands in their own attributes."""
+    """Return the digest of all pictures and their attributes; it is stored among these attributes."""
     said = {name: value for name, value in attributes(files).items() if name != "digest"}
     found = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     for path in sorted(files):

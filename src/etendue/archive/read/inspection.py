@@ -1,11 +1,11 @@
-"""An archive looked through: every file against what vouches for it.
+"""Examine an archive: check every file against what vouches for it.
 
-In:  the folder of an archive, a listing of it.
-Out: what is damaged, part by part.
+In:  the folder of an archive, and a listing of it.
+Out: the damage, part by part.
 
-Chunks are held against the journal, the journal, metadata, coordinates, status, tables, pictures and records against
-the manifest, the manifest against itself, inputs against their names. What nothing vouches for (bytes between the
-chunks of a shard) holds nothing.
+Chunks are checked against the journal; the journal, metadata, coordinates, status, tables, pictures and records against
+the manifest; the manifest against itself; inputs against their names. Bytes that nothing vouches for (between the
+chunks of a shard) hold no data.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ Told = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Damage:
-    """One thing that is not as it was written.
+    """One deviation from what was written.
 
     Attributes
     ----------
     kind : changed | missing | added | odd (a link, or a folder in the place of a file) | unfinished
     path : below the archive
-    array : path of the array below the store whose file it is; '' of other files
-    cell : the cell whose chunk it is, '' where no cell is lost
+    array : path below the store of the array that the file belongs to; '' for other files
+    cell : the cell that the chunk belongs to; '' if no cell is lost
     """
 
     kind: str
@@ -54,12 +54,12 @@ class Damage:
 
 @dataclass
 class Verified:
-    """What was found.
+    """The result of an examination.
 
     Attributes
     ----------
-    beside : files and groups that no run has written and that may stand where they are
-    partial : the folder beside it that a ``compact`` has left that was killed; '' where there is none
+    beside : files and groups that no run has written and that may stay where they are
+    partial : the folder left beside it by a killed ``compact``; '' if there is none
     """
 
     folder: Path
@@ -77,12 +77,12 @@ class Verified:
 
     @property
     def lost(self) -> dict[str, None]:
-        """The cells of which something is damaged, in order."""
+        """The cells that are damaged, in order."""
         return dict.fromkeys(damage.cell for damage in self.damages if damage.cell)
 
 
 class Inspection:
-    """One archive being looked through."""
+    """Examines one archive."""
 
     def __init__(
         self, folder: Path, listing: disk.Listing, found: Verified, told: Told, odd: set[str], journal: Read | None
@@ -90,7 +90,7 @@ class Inspection:
         self.folder, self.listing, self.found, self.told, self.odd = folder, listing, found, told, odd
         self.stored = Stored(folder, journal, frozenset(odd))
         self.known = self.stored.manifest
-        self.expected: set[str] = set()  # files of the store that are named
+        self.expected: set[str] = set()  # files of the store that the journal or manifest names
         self.lines_lost = False
         own = [
             c
@@ -106,15 +106,13 @@ class Inspection:
         self.found.bytes += count
         self.told(self.found.bytes, self.total)
 
-    # -- what vouches for the rest ------------------------------------------------------------------------------------
+    # -- journal and manifest -----------------------------------------------------------------------------------------
 
     def manifest(self) -> Iterator[Damage]:
         if self.known is None and (self.folder / MANIFEST).exists():
-            yield Damage(
-                "changed", MANIFEST, "it is not as it was written; what it says of other files is not believed"
-            )
+            yield Damage("changed", MANIFEST, "differs from what was written; its digests of other files are ignored")
         elif self.known is None:
-            yield Damage("unfinished", MANIFEST, "missing: a run was broken off, or it was removed")
+            yield Damage("unfinished", MANIFEST, "missing: a run was interrupted, or the file was removed")
 
     def journal(self) -> Iterator[Damage]:
         journal, lost = self.stored.journal, []
@@ -124,26 +122,26 @@ class Inspection:
             return
         self._read(_size(self.folder / JOURNAL) or 0)
         if journal.damaged:
-            lost.append(f"{journal.damaged} of its lines are not as they were written")
+            lost.append(f"{journal.damaged} of its lines differ from what was written")
         if journal.torn:
-            lost.append("its last line is torn")
+            lost.append("its last line is incomplete")
         changed = bool(self.known and self.known.journal and digest_of(self.folder / JOURNAL) != self.known.journal)
         self.lines_lost = changed or bool(lost)
         if changed and not lost:
-            lost.append("lines of it were removed, added, moved or edited")
+            lost.append("lines were removed, added, moved or edited")
         if lost:
             yield Damage("changed", JOURNAL, "; ".join(lost))
             yield from self._forgotten()
 
     def _forgotten(self) -> Iterator[Damage]:
-        """Cells that are finished by their status, and not by the journal; those of which it says something else
-        than the ledger.
+        """Yield cells that are finished according to their status but not to the journal, and cells on which journal
+        and ledger disagree.
         """
         ledger = self.stored.by_ledger()
         for name, cell in self.stored.archive.held.items() if ledger is not None else ():
             said = (cell.stage, cell.entry.key, cell.entry.status, cell.entry.clipped, cell.entry.clipped_flux)
             if said not in (ledger or ()):
-                yield Damage("changed", JOURNAL, "its line says something else than the ledger", cell.stage, name)
+                yield Damage("changed", JOURNAL, "its line disagrees with the ledger", cell.stage, name)
         for group, name in self.stored.by_status():
             if name not in self.stored.archive.held:
                 yield Damage("changed", JOURNAL, "its line is lost", group, name)
@@ -154,7 +152,7 @@ class Inspection:
             yield from self._held(path, known, _array(path))
 
     def _held(self, path: str, known: str, array: str = "") -> Iterator[Damage]:
-        """A file against its digest."""
+        """Check a file against its digest."""
         size = self.sizes[path]
         if size is None or self.stored.archive.finder.behind_link(path):
             yield Damage("missing", path, "missing", array)
@@ -163,16 +161,16 @@ class Inspection:
         if digest_of(self.folder / path) == known:
             return
         if (self.folder / path).is_dir():
-            yield Damage("odd", path, "a folder stands in its place", array)
+            yield Damage("odd", path, "a folder is in its place", array)
         else:
-            yield Damage("changed", path, "not as it was written", array)
+            yield Damage("changed", path, "differs from what was written", array)
 
     # -- cells --------------------------------------------------------------------------------------------------------
 
     def chunks(self) -> Iterator[Damage]:
         archive, journal = self.stored.archive, self.stored.journal
         shards: dict[str, dict[int, StoredChunk]] = {}
-        named: set[str] = set()  # shards of which a damage is named already
+        named: set[str] = set()  # shards whose damage has been reported
         for cell in archive.held.values():
             own = [chunk for chunk in cell.chunks if self.stored.keeps(chunk.group, chunk.variable)]
             self.found.cells += bool(own)
@@ -185,7 +183,7 @@ class Inspection:
             if not self.stored.keeps(group, variable):
                 continue
             if damage.cell and damage.what == ELSEWHERE:
-                yield Damage("changed", damage.path, f"{damage.what} for {damage.cell}, whose bytes are right", array)
+                yield Damage("changed", damage.path, f"{damage.what} for {damage.cell}, whose bytes are intact", array)
             elif damage.cell:
                 named.add(damage.path)
                 known = "missing" if damage.what == "missing" else "changed"
@@ -201,7 +199,7 @@ class Inspection:
             yield from self._strange_slots(shards)
 
     def _strange_slots(self, shards: dict[str, dict[int, StoredChunk]]) -> Iterator[Damage]:
-        """Chunks that a shard holds and no line of the journal names: a reader of the store would be given them."""
+        """Yield chunks in the index of a shard that the journal does not name: a plain reader would return them."""
         for path, own in shards.items():
             one = next(iter(own.values()))
             state = self.stored.archive.finder.state(path, one.form.slots)
@@ -213,7 +211,7 @@ class Inspection:
     # -- files beside the store ---------------------------------------------------------------------------------------
 
     def inputs(self) -> Iterator[Damage]:
-        ours = self.known.files if self.known else None  # a record that no run has written has nothing to say
+        ours = self.known.files if self.known else None  # ignore records that no run has written
         runs = every_record(self.folder, ours) if "runs" not in self.odd else ()
         wanted = {name for run in runs for name in run.inputs}
         wanted |= {
@@ -230,22 +228,22 @@ class Inspection:
             if name in there:
                 yield from self._input(path, name)
             elif f"{name}.json" not in there:
-                yield Damage("missing", path, "missing: nobody but its owner has its content")
+                yield Damage("missing", path, "missing: only its owner can supply its content")
         for name in sorted(there - wanted - {f"{name}.json" for name in wanted}):
             if f"inputs/{name}" not in self.odd:
-                yield Damage("added", f"inputs/{name}", "no run of the archive has read it")
+                yield Damage("added", f"inputs/{name}", "no run of the archive reads it")
 
     def _input(self, path: str, name: str) -> Iterator[Damage]:
         whole = self.folder / path
         if any(own.startswith(f"{path}/") for own in self.odd):
-            return  # what is odd in it is named
+            return  # reported as odd already
         self._read(sum(_size(p) or 0 for p in ([whole, *whole.rglob("*")] if whole.is_dir() else [whole])))
         try:
             same = digest_now(whole) == name[:64]
         except OSError:
             same = False
         if not same:
-            yield Damage("changed", path, "its SHA-256 is not its name: nobody but its owner has its content")
+            yield Damage("changed", path, "its SHA-256 differs from its name: only its owner can supply its content")
 
     def records(self) -> Iterator[Damage]:
         kept, place = self.stored.journal.records, self.folder / "runs"
@@ -255,7 +253,7 @@ class Inspection:
         )
         for path, text in kept.items():
             if path not in files and _content(self.folder / path) != text.encode():
-                yield Damage("changed" if path in there else "missing", path, "not as the journal has it")
+                yield Damage("changed" if path in there else "missing", path, "differs from the copy in the journal")
         if self.known:
             for path in sorted(there - files.keys() - self.odd):
                 yield Damage("added", path, "no run has written it")
@@ -264,7 +262,7 @@ class Inspection:
         for path, known in (self.known.files if self.known else {}).items():
             yield from self._held(path, known)
         if not remembered.whole(self.folder):
-            yield Damage("changed", remembered.NAME, "not as it was written: what it remembered is forgotten")
+            yield Damage("changed", remembered.NAME, "differs from what was written: its cached results are ignored")
         if _size(self.folder / "lock"):
             yield Damage("changed", "lock", "it is no longer empty")
         owner = _content(self.folder / "run.id")
@@ -274,19 +272,19 @@ class Inspection:
             yield Damage("missing", "lock", "missing")
 
     def added(self) -> Iterator[Damage]:
-        """Files that nobody vouches for."""
+        """Yield files that nothing vouches for."""
         ours = {node.split("/")[0] for node in self.stored.nodes} | {
             group.split("/")[0] for group in self.stored.journal.arrays
         }
         ours |= set(TABLES)
         unfinished = self.stored.archive.files
-        foreign: dict[str, None] = {}  # each folder once, whatever is in it
+        foreign: dict[str, None] = {}  # each folder is reported once, whatever is in it
         for path in sorted(self.listing.below(DATA)):
             top = path.split("/")[1]
             if path in self.expected or path in unfinished or path in self.odd:
                 continue
             if path.endswith((disk.PARTIAL, disk.PART)):
-                yield Damage("unfinished", path, "left by a run that was broken off")
+                yield Damage("unfinished", path, "left by an interrupted run")
             elif "/" in path.removeprefix(f"{DATA}/") and top not in ours:
                 foreign[f"{DATA}/{top}"] = None
             elif self.known or not path.endswith("zarr.json"):
@@ -294,10 +292,10 @@ class Inspection:
         self.found.beside += foreign
 
     def beside(self) -> Iterator[Damage]:
-        """What stands beside the store."""
+        """Yield unexpected files beside the store."""
         for entry in sorted(self.folder.iterdir()):
             if entry.name.endswith((disk.PARTIAL, ".partial.png")):
-                yield Damage("unfinished", entry.name, "left by a run that was broken off")
+                yield Damage("unfinished", entry.name, "left by an interrupted run")
             elif entry.name not in (*disk.FILES, *disk.FOLDERS) and entry.name not in self.odd:
                 self.found.beside.append(entry.name)
         for name in ("contact_sheet.png", "CITATION.cff", "ro-crate-metadata.json"):
@@ -305,27 +303,27 @@ class Inspection:
                 yield Damage("added", name, "no run has written it")
 
     def _stranger(self, path: str) -> Iterator[Damage]:
-        """A file in the place of ours that no run has written: or one whose lines in the journal are lost."""
+        """Report an unknown file in a place of ours: foreign, or its journal lines are lost."""
         array = _array(path)
         if self.known is None and (
             path.startswith(tuple(f"{DATA}/{t}/" for t in TABLES)) or re.search("/c(/|$)", path)
         ):
-            return  # of a table or coordinate: without a manifest nobody can tell
+            return  # of a table or coordinate: cannot be judged without a manifest
         group = array.rpartition("/")[0]
         chunk = re.fullmatch(r"c(\.\d+)*", path.rpartition("/")[2]) and array in self.stored.nodes
         if self.lines_lost and chunk and group in self.stored.journal.blocks:
-            yield Damage("changed", path, "the journal no longer names what is in it", array)
+            yield Damage("changed", path, "the journal no longer names its chunks", array)
         else:
             yield Damage("added", path, "no run has written it", array if array in self.stored.nodes else "")
 
 
 def _array(path: str) -> str:
-    """The array, or group, of a file of the store."""
+    """Return the path of the array or group that a file of the store belongs to."""
     return re.sub(r"/(zarr\.json|c([/.][\d./]*)?|\.c\..*)$", "", path.removeprefix(f"{DATA}/"))
 
 
 def _size(path: str | Path) -> int | None:
-    """Bytes of what stands there, 0 of a folder; None where nothing does."""
+    """Return the bytes of a file, 0 for a folder, None if there is nothing."""
     try:
         state = os.lstat(path)
     except OSError:

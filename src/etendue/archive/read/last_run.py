@@ -1,7 +1,7 @@
-"""How the last run has left an archive, and what has become of it since.
+"""The state in which the last run left an archive, and what has changed since.
 
-In:  an archive opened for a run, a plan laid out over it.
-Out: whether all is in order and of this plan; what differs from the manifest.
+In:  an archive opened for a run, with a plan laid out over it.
+Out: whether it is in order and matches the plan; what differs from the manifest.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def in_order(store: ArchiveWriter) -> bool:
-    """Whether a run that has nothing to compute would change nothing of what the last one has left."""
+    """Return True if a run with nothing to compute would leave every file as it is."""
     known = store.manifest
     if known is None or store.mended or store.journal.torn or not store.recorded or known.changed(store.folder):
         return False
@@ -37,7 +37,7 @@ def in_order(store: ArchiveWriter) -> bool:
 
 
 def _laid_out_alike(store: ArchiveWriter) -> bool:
-    """Whether the groups are those of the plan, along the same axis values and cut in the same way."""
+    """Return True if the groups are those of the plan, with the same axis values and the same blocks."""
     journal, laid = store.journal, store.laid
     blocks = {group: journal.blocks.get(group) for group in journal.axes}
     others = (node for node in store.ours - store.nodes if node.split("/")[0] not in TABLES)
@@ -49,7 +49,7 @@ def _laid_out_alike(store: ArchiveWriter) -> bool:
 
 
 def damaged(store: ArchiveWriter) -> Iterator[str]:
-    """What differs from the manifest, or is no document: nobody who knows the archive has written it so."""
+    """Yield what differs from the manifest or is not valid JSON: no run has written it so."""
     known = store.manifest.metadata if store.manifest else {}
     found: dict[str, None] = {}
     for path in known or [f"{DATA}/{path}" for path in store.tree.held if path.endswith(ROOT)]:

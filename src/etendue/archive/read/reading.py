@@ -1,11 +1,10 @@
-"""An archive read without its plan: every cell that the journal calls done, and where each of its chunks lies.
+"""Read an archive without its plan: every cell that the journal calls done, and where each of its chunks lies.
 
 In:  the folder of an archive, finished, interrupted or being written.
 Out: cells with their chunks; arrays; what is damaged. Nothing is written.
 
-What is known stands in the journal: which part or shard holds the bytes of a chunk, its size and digest, how the
-variables of a group are cut and encoded. Metadata of the store is asked only in archives that have a file for every
-chunk.
+The journal knows the part or shard that holds the bytes of a chunk, the chunk's size and digest, and how the variables
+of a group are split and encoded. Metadata of the store is consulted only for archives with one file per chunk.
 """
 
 from __future__ import annotations
@@ -32,18 +31,18 @@ from etendue.contract.ports import WrittenChunk
 from etendue.errors import ArchiveError, EtendueError
 
 FINISHED = ("done", "left_out")
-ELSEWHERE = "the index of its shard names another place"  # which costs no cell: the journal knows the right one
+ELSEWHERE = "the index of its shard names another place"  # no cell is lost: the journal knows the right place
 
 
 @dataclass(frozen=True)
 class StoredForm:
-    """What the chunks of a variable are."""
+    """The form of the chunks of a variable."""
 
     dtype: str
     shape: tuple[int, ...]  # of one cell
     codec: str
     block: tuple[int, ...]  # axis values that share a shard
-    chunk: tuple[int, ...]  # of its bands, where they are stored one by one
+    chunk: tuple[int, ...]  # of one chunk, if a cell is stored in several
 
     @cached_property
     def pieces(self) -> int:
@@ -52,12 +51,12 @@ class StoredForm:
 
     @cached_property
     def stored(self) -> tuple[int, ...]:
-        """The shape of a chunk as it is decoded."""
+        """The shape of a decoded chunk."""
         return self.chunk if self.pieces > 1 else self.shape
 
     @cached_property
     def most_bytes(self) -> int:
-        """What a chunk may take: its numbers, and a little that a codec writes around what it cannot make smaller."""
+        """Largest plausible size of a chunk in bytes: its numbers plus what a codec adds to incompressible data."""
         try:
             size = np.dtype(self.dtype).itemsize
         except TypeError:
@@ -66,13 +65,13 @@ class StoredForm:
 
     @cached_property
     def slots(self) -> int:
-        """Chunks of a shard; 0 for a file that is the chunk itself."""
+        """Chunks of a shard; 0 if the file is the chunk itself."""
         return prod(self.block) * self.pieces if self.block or self.shape else 0
 
 
 @dataclass(frozen=True)
 class StoredChunk:
-    """One chunk of a cell: which variable, and where the journal says its bytes were put."""
+    """One chunk of a cell: its variable, and where the journal says its bytes were put."""
 
     group: str
     variable: str
@@ -81,7 +80,7 @@ class StoredChunk:
 
     @property
     def position(self) -> tuple[int, ...]:
-        """Of the cell along the stored axes of its group."""
+        """The position of the cell along the stored axes of its group."""
         slot, local = self.written.slot // self.form.pieces, []
         for size in reversed(self.form.block):
             slot, at = divmod(slot, size)
@@ -91,7 +90,7 @@ class StoredChunk:
 
     @property
     def window(self) -> Window | None:
-        """Which part of the cell it is; None: all of it."""
+        """The part of the cell that the chunk covers; None for the whole cell."""
         shape, chunk = self.form.shape, self.form.chunk
         counts = counts_of(shape, chunk)
         if prod(counts) == 1:
@@ -114,23 +113,23 @@ class StoredCell:
 
 @dataclass(frozen=True)
 class DamageFound:
-    """Something that is not as it was written."""
+    """A deviation from what was written."""
 
     path: str  # below the archive
     what: str
-    cell: str = ""  # whose chunk it is; '': the index of a shard, which costs no cell
+    cell: str = ""  # cell of the chunk; '' for the index of a shard, which costs no cell
     variable: str = ""
     slot: int | None = None
 
 
 class StoredArchive:
-    """The cells of an archive. ``open_archive`` makes one.
+    """The cells of an archive; created by ``open_archive``.
 
     Attributes
     ----------
-    journal : everything that it says
-    cells : by name, those that are done
-    held : by name, also those that a run was about to replace: their chunks are there until it does
+    journal : the content of its journal
+    cells : the cells that are done, by name
+    held : also those that a run was about to replace, by name: their chunks remain until it does
     """
 
     def __init__(self, folder: Path, journal: Read | None = None, linked: frozenset[str] = frozenset()) -> None:
@@ -138,7 +137,7 @@ class StoredArchive:
         self.journal: Read = read(folder / NAME) if journal is None else journal
         self.finder = Finder(folder, self.journal, linked)
         self._forms: dict[str, tuple[str, str, StoredForm]] = {}  # by folder of an array
-        self.files: set[str] = set()  # in which the chunks lie that ``check`` has looked at
+        self.files: set[str] = set()  # the files that hold the chunks ``check`` has examined
 
     @cached_property
     def cells(self) -> Mapping[str, StoredCell]:
@@ -151,8 +150,8 @@ class StoredArchive:
         return {name: StoredCell(name, entry, tuple(map(self.chunk, entry.files))) for name, entry in done.items()}
 
     def place(self, chunk: StoredChunk, fresh: bool = False) -> ChunkPlace | None:
-        """Where the bytes of a chunk lie now; None where they are lost. ``fresh``: they are read and held against
-        their digest.
+        """Return where the bytes of a chunk lie now; None if they are lost. ``fresh`` reads them and checks their
+        digest.
         """
         if self.journal.files_a_cell:
             return (
@@ -163,7 +162,7 @@ class StoredArchive:
         return self.finder.find(chunk.written, chunk.form.slots, fresh)
 
     def read(self, cell: StoredCell, variable: str) -> Any:
-        """The array of one variable of a cell.
+        """Return the array of one variable of a cell.
 
         Raises
         ------
@@ -172,12 +171,12 @@ class StoredArchive:
         """
         own = [chunk for chunk in cell.chunks if chunk.variable == variable]
         if not own:
-            raise ArchiveError(f"{self.folder}: of {cell.name} no {variable} is kept")
+            raise ArchiveError(f"{self.folder}: {variable} of {cell.name} was not kept")
         return joined(((chunk.window, self._array(chunk)) for chunk in own), [chunk.window for chunk in own])
 
     def check(self, cells: Iterable[StoredCell] | None = None) -> Iterator[DamageFound]:
-        """Read every chunk of some cells (all), in the order of the files, and every index beside them; gives what
-        is damaged.
+        """Read every chunk of the given cells (default: all) in file order, and the indexes of their shards; yield
+        the damage.
         """
         chunks = [
             (cell, chunk, self._lies(chunk))
@@ -203,11 +202,11 @@ class StoredArchive:
                     if state is None
                     else "its index is damaged"
                     if state.index is None
-                    else "its size is another",
+                    else "its size has changed",
                 )
 
     def _lies(self, chunk: StoredChunk) -> ChunkPlace:
-        """Where a chunk lies, or would lie."""
+        """Return where a chunk lies, or should lie."""
         written, place = chunk.written, self.place(chunk)
         if place is not None:
             self.files.add(place.file)
@@ -223,7 +222,7 @@ class StoredArchive:
         if self.finder.behind_link(place.file):
             return "missing"
         if place.size > chunk.form.most_bytes:
-            return f"it is said to be {place.size} bytes long, more than its numbers are"
+            return f"its recorded size of {place.size} bytes exceeds what its numbers can take"
         try:
             data = files.read(place)
         except OSError:
@@ -235,7 +234,7 @@ class StoredArchive:
                 return str(error)
             return ""
         if not fits(data, place):
-            return "cut off" if len(data) < place.size else "its bytes do not fit their checksum"
+            return "truncated" if len(data) < place.size else "its bytes do not match their checksum"
         state = self.finder.state(chunk.written.path, chunk.form.slots)
         if (
             place.file == chunk.written.path
@@ -253,11 +252,11 @@ class StoredArchive:
             raise ArchiveError(f"{self.folder / path}: chunk {slot} is missing")
         data = read_bytes(self.folder, place)
         if not self.journal.files_a_cell and not fits(data, place):
-            raise ArchiveError(f"{self.folder / path}: the bytes of chunk {slot} do not fit their checksum")
+            raise ArchiveError(f"{self.folder / path}: the bytes of chunk {slot} do not match their checksum")
         return decode(data, chunk.form.dtype, chunk.form.stored, chunk.form.codec)
 
     def slots_of(self, paths: Iterable[str]) -> dict[str, int]:
-        """How many chunks each of some shards has room for; of arrays of which the journal says it."""
+        """Return how many chunks each shard has room for, if the journal has the form of its array."""
         found = {}
         for path in paths:
             group, _, variable = path.removeprefix(f"{DATA}/").rpartition("/")[0].rpartition("/")
@@ -265,10 +264,10 @@ class StoredArchive:
                 found[path] = self._form(group, variable).slots
         return found
 
-    # -- what the chunks are ------------------------------------------------------------------------------------------
+    # -- the form of chunks -------------------------------------------------------------------------------------------
 
     def chunk(self, written: WrittenChunk) -> StoredChunk:
-        """A chunk that the journal names, with the form of its variable."""
+        """Return a chunk that the journal names, with the form of its variable."""
         folder = written.path.rpartition("/")[0]
         known = self._forms.get(folder)
         if known is None:
@@ -285,7 +284,7 @@ class StoredArchive:
         return StoredForm(dtype, sizes, known["codec"], tuple(known["block"]), known_chunk(sizes, known))
 
     def _form_of_files(self, path: str) -> StoredForm:
-        """Of an archive with a file for every chunk: as its metadata says."""
+        """Return the form from the metadata, for an archive with one file per chunk."""
         document = disk.read_document(self.folder / DATA / path / "zarr.json")
         try:
             assert document is not None
@@ -296,18 +295,17 @@ class StoredArchive:
             own, cut = tuple(shape[axes:]), tuple(chunks[axes:])
             return StoredForm(str(document["data_type"]), own, CODEC, (1,) * axes, tuple(max(n, 1) for n in cut))
         except (AssertionError, KeyError, TypeError, IndexError):
-            raise ArchiveError(f"{self.folder / DATA / path}: nothing readable says what its chunks are") from None
+            raise ArchiveError(f"{self.folder / DATA / path}: no readable metadata describes its chunks") from None
 
 
 @contextmanager
 def metadata_of(folder: Path) -> Iterator[None]:
-    """Around a library that reads the metadata of a store: where it breaks off, somebody has written what no run
-    writes.
+    """Wrap calls of a library that reads metadata of a store: if it fails, the metadata is not what a run writes.
 
     Raises
     ------
     ArchiveError
-        It breaks off.
+        The library failed.
     """
     try:
         yield
@@ -316,21 +314,21 @@ def metadata_of(folder: Path) -> Iterator[None]:
     except Exception as error:
         text = " ".join(str(error).split())[:200] or type(error).__name__
         raise ArchiveError(
-            f"{folder / DATA}: its metadata says what no run writes ({text}). What is changed is found by etendue "
-            f"verify {folder}, "
-            f"and by etendue reproduce {folder} where digests were made anew"
+            f"{folder / DATA}: its metadata is not what a run writes ({text}). Find changes with: etendue "
+            f"verify {folder}; "
+            f"if digests were recomputed after the change, with: etendue reproduce {folder}"
         ) from error
 
 
 def open_archive(folder: Path) -> StoredArchive:
-    """An archive for reading.
+    """Open an archive for reading.
 
     Raises
     ------
     ArchiveError
-        There is none, or something in it is a link.
+        There is no archive, or it holds a link.
     """
     if not (folder / DATA).is_dir() or not (folder / NAME).is_file():
-        raise ArchiveError(f"{folder} is not an archive of etendue (no {DATA} with a {NAME} beside it)")
+        raise ArchiveError(f"{folder} is not an archive of etendue (it does not hold {DATA} and {NAME})")
     disk.Listing(folder)
     return StoredArchive(folder)

@@ -1,8 +1,8 @@
-"""The finished cells of an archive by name, with all that is needed to read them elsewhere, such as in a worker.
+"""The finished cells of an archive by name, with all that is needed to read them elsewhere, for example in a worker.
 
 In:  the folder of an archive.
-Out: names, and arrays held against the digests in the journal: what is not as it was written is refused, never filled
-     in.
+Out: names, and arrays checked against the digests in the journal: data that differs is refused, never replaced by fill
+     values.
 """
 
 from __future__ import annotations
@@ -30,28 +30,28 @@ from etendue.archive.structure.naming import cell_label
 from etendue.errors import ArchiveError
 
 LEDGER = "ledger"
-LARGEST_TABLE = 128 << 20  # bytes of one column, of as many cells as 16 million
+LARGEST_TABLE = 128 << 20  # bytes of one column; enough for 16 million cells
 
 
 @dataclass(frozen=True)
 class StoredArrays:
-    """The arrays of one finished cell. Picklable: it may travel with the work."""
+    """The arrays of one finished cell. Picklable, so that it can be sent to workers."""
 
     root: str
     chunks: tuple[tuple[StoredChunk, ChunkPlace | None], ...]
-    digested: bool  # whether the journal has digests: it had others in archives with a file for every chunk
+    digested: bool  # whether the journal has digests; archives with one file per chunk had none
 
     @property
     def variables(self) -> list[str]:
         return list(dict.fromkeys(chunk.variable for chunk, _ in self.chunks))
 
     def read(self, variable: str) -> Any:
-        """The array of a variable, held against the journal.
+        """Return the array of a variable, checked against the journal.
 
         Raises
         ------
         ArchiveError
-            Something of it is missing, or not as it was written.
+            Part of it is missing or differs from what was written.
         """
         own = [one for one in self.chunks if one[0].variable == variable]
         return joined(
@@ -59,7 +59,7 @@ class StoredArrays:
         )
 
     def read_band(self, variable: str, band: int) -> Any:
-        """One band of a variable that is stored by band."""
+        """Return one band of a variable that is stored by band."""
         own = [
             (c, place)
             for c, place in self.chunks
@@ -70,13 +70,13 @@ class StoredArrays:
         )[0]
 
     def parts(self, variable: str) -> Iterator[tuple[Window | None, Any]]:
-        """The parts that a variable is stored in, one by one: which of the cell, and their arrays."""
+        """Yield the stored parts of a variable one by one: the window in the cell, and the array."""
         for chunk, place in self.chunks:
             if chunk.variable == variable:
                 yield chunk.window, joined([(chunk.window, self._array(chunk, place))], [chunk.window])
 
     def windows(self, variable: str) -> list[Window | None]:
-        """Which parts those are."""
+        """Return the windows of these parts."""
         return [chunk.window for chunk, _ in self.chunks if chunk.variable == variable]
 
     def _bytes(self, place: ChunkPlace | None) -> bytes | None:
@@ -89,12 +89,12 @@ class StoredArrays:
         path = chunk.written.path
         data = self._bytes(place)
         if (data is None or place is None or (self.digested and not fits(data, place))) and is_running(Path(self.root)):
-            place = StoredArchive(Path(self.root)).place(chunk)  # its part may have become a shard since
+            place = StoredArchive(Path(self.root)).place(chunk)  # the part may have become a shard meanwhile
             data = self._bytes(place)
         if data is None or place is None:
             raise ArchiveError(f"{path}: chunk {chunk.written.slot} is missing")
         if self.digested and not fits(data, place):
-            raise ArchiveError(f"{path}: the bytes of chunk {chunk.written.slot} are not as they were written")
+            raise ArchiveError(f"{path}: the bytes of chunk {chunk.written.slot} differ from what was written")
         try:
             return decode(data, chunk.form.dtype, chunk.form.stored, chunk.form.codec)
         except ArchiveError as error:
@@ -102,26 +102,22 @@ class StoredArrays:
 
 
 def _whole(path: Path) -> Any:
-    """All of an array that stands for axes, status or a table: as large as what is read of it, whatever its metadata
-    says.
-    """
+    """Return a whole array of axes, status or a table; refuse one whose metadata claims an implausible size."""
     import zarr
 
     check_array(path)
     array = zarr.open_array(str(path), mode="r")
     if array.nbytes > LARGEST_TABLE:
-        raise ArchiveError(
-            f"{array.name} is said to have the shape {array.shape}, more than an archive's axes and tables have"
-        )
+        raise ArchiveError(f"{array.name} claims the shape {array.shape}, too large for axes or tables of an archive")
     return array[...]
 
 
 class Stored:
-    """An archive opened for reading alone. Nothing of it is changed."""
+    """An archive opened for reading only."""
 
     def __init__(self, folder: Path, journal: Read | None = None, linked: frozenset[str] | None = None) -> None:
         self.folder = folder
-        alone = journal is None and linked is None  # else who asks has looked for links, and says where they are
+        alone = journal is None and linked is None  # else the caller has looked for links and passes them
         self.archive = open_archive(folder) if alone else StoredArchive(folder, journal, linked or frozenset())
 
     @property
@@ -130,26 +126,26 @@ class Stored:
 
     @cached_property
     def finished(self) -> dict[str, Entry]:
-        """Every finished cell by name."""
+        """Every finished cell, by name."""
         return {name: cell.entry for name, cell in self.archive.cells.items()}
 
     def variables(self) -> set[tuple[str, str]]:
-        """The (stage, variable) pairs of which a finished cell is stored."""
+        """Return the (stage, variable) pairs of which a finished cell is stored."""
         return {(cell.stage, chunk.variable) for cell in self.archive.cells.values() for chunk in cell.chunks}
 
     def cell(self, name: str) -> StoredArrays:
-        """A finished cell. Arrays that were given up since (``keep``) are not in it."""
+        """Return a finished cell, without arrays that were given up since (``keep``)."""
         chunks = self.archive.cells[name].chunks
         there = tuple((chunk, self.archive.place(chunk)) for chunk in chunks if self.keeps(chunk.group, chunk.variable))
         return StoredArrays(str(self.folder), there, not self.journal.files_a_cell)
 
     def keeps(self, group: str, variable: str) -> bool:
-        """Whether the archive still has an array: one that was given up since stays in the lines of its cells."""
+        """Return True if the archive still has an array; lines of cells also name arrays given up since."""
         return self.manifest is None or f"{group}/{variable}" in self.nodes
 
     def axes(self) -> dict[str, dict[str, list[Any]]]:
-        """Axis values by group, from the coordinates in the store; of groups whose coordinates are as they were
-        written.
+        """Return the axis values by group from the coordinates in the store, for groups whose coordinates are
+        intact.
         """
         found = {}
         for group in sorted({node.rpartition("/")[0] for node in self.nodes if node.endswith("/status")}):
@@ -170,8 +166,8 @@ class Stored:
         return found
 
     def by_status(self) -> Iterator[tuple[str, str]]:
-        """(group, name) of every cell that is finished by its status, where status and coordinates are as they were
-        written.
+        """Yield (group, name) of every cell that is finished according to ``status``, where status and coordinates
+        are intact.
         """
         for group, axes in self.axes().items():
             if not self._hold(self._files(group, "status")):
@@ -182,8 +178,8 @@ class Stored:
                 yield group, cell_label(group.split("/")[0], labels)
 
     def by_ledger(self) -> set[tuple[Any, ...]] | None:
-        """(stage, key, status, clipped, clipped_flux) of every cell of the last run; None where its table is not as
-        it was written.
+        """Return (stage, key, status, clipped, clipped_flux) of every cell of the last run; None if its table is not
+        intact.
         """
         columns = ("stage", "key", "status", "clipped", "clipped_flux")
         if any(f"{LEDGER}/{name}" not in self.nodes or not self._hold(self._files(LEDGER, name)) for name in columns):
@@ -208,15 +204,13 @@ class Stored:
         )
 
     def odd(self) -> list[str]:
-        """Files of chunks that are missing, or whose size or index is not as they were put in their places; no chunk
-        is read.
-        """
+        """Return files of chunks that are missing or have a wrong size or index; no chunk is read."""
         if self.journal.files_a_cell:
             return []
         said = self.journal.said
         chunks = [
             self.archive.chunk(said.files[number]) for number in said.shards(self.journal.outdated).values()
-        ]  # one of each shard
+        ]  # one per shard
         kept = [chunk for chunk in chunks if self.keeps(chunk.group, chunk.variable)]
         return [c.written.path for c in kept if self.archive.finder.odd(c.written.path, c.form.slots)]
 

@@ -1,8 +1,8 @@
-"""The store as it must be: every file of it that is no chunk of a cell, made in memory.
+"""The expected store: every file of it except chunks of cells, built in memory.
 
 In:  groups, arrays, coordinates, tables.
-Out: bytes by path. What a file on disk should hold is known before it is read or written, so a damaged one is found and
-written again, and nothing on disk has to be removed to make place for it.
+Out: bytes by path. The expected content of a file is known before the file is read or written, so damaged files are
+found and rewritten, and nothing on disk has to be deleted to make room.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ ROOT = "zarr.json"
 
 
 class Tree:
-    """A store in memory: metadata, coordinates, status and tables, not the variables of cells."""
+    """A store in memory: metadata, coordinates, status and tables, without the variables of cells."""
 
     def __init__(self) -> None:
         self.held: dict[str, bytes] = {}
-        self.nodes: dict[str, Mapping[str, Any]] = {}  # of ``held`` what is metadata, and was made here
+        self.nodes: dict[str, Mapping[str, Any]] = {}  # the metadata among ``held`` that was built here
 
     def files(self, below: str = "") -> dict[str, bytes]:
-        """Every file by path; of one group only, where it is named."""
+        """Return every file by path, or only those of one group."""
         return {path: data for path, data in self.held.items() if not below or path.startswith(f"{below}/")}
 
     def take(self, files: Mapping[str, bytes]) -> None:
-        """Files that are on disk already."""
+        """Add files that are on disk already."""
         self.held.update(files)
         for path in files:
             self.nodes.pop(path, None)
@@ -47,7 +47,7 @@ class Tree:
         self.held[file], self.nodes[file] = document(node), node
 
     def put_array(self, group: str, name: str, values: Any, dims: tuple[str, ...], attrs: Mapping[str, Any]) -> None:
-        """One whole small array (a coordinate, a status, a column of a table)."""
+        """Add one small array as a whole (a coordinate, a status, a column of a table)."""
         values, path = np.asarray(values), f"{group}/{name}"
         text = values.dtype.kind in "UO"
         chunks = tuple(max(s, 1) for s in values.shape)
@@ -61,20 +61,20 @@ class Tree:
     def put_cells(
         self, path: str, shape: tuple[int, ...], form: StoredForm, dims: tuple[str, ...], attrs: Mapping[str, Any]
     ) -> None:
-        """A variable whose chunks are cells, in shards: its metadata alone. Shards have flat names: a folder an axis
-        costs 0.2 ms.
+        """Add the metadata of a variable whose chunks are cells, in shards. Shards have flat names, because creating
+        a folder per axis costs 0.2 ms.
         """
         chunks = chunk_shapes(form.shape, form.block, form.chunk)
         self._put(path, array_node(form.dtype, shape, *chunks, form.codec, dims, ".", attrs))
 
     def consolidated(self, others: Mapping[str, bytes]) -> bytes:
-        """The root's metadata with that of all nodes in it; ``others``: metadata of groups that are not ours, left
-        out where unfit.
+        """Return the root's metadata including that of all nodes; ``others``: metadata of foreign groups, left out if
+        zarr cannot read it.
         """
         if others:
             try:
                 return _consolidated({**self.held, **others})
-            except Exception:  # whatever zarr says of metadata that somebody else has written
+            except Exception:  # whatever zarr raises for foreign metadata
                 pass
         nodes = {
             path: self.nodes.get(path) or json.loads(data) for path, data in self.held.items() if path.endswith(ROOT)
@@ -83,9 +83,7 @@ class Tree:
 
 
 def _consolidated(files: Mapping[str, bytes]) -> bytes:
-    """By zarr, which knows what to make of metadata that others have written; its import is not paid for without
-    them.
-    """
+    """Consolidate with zarr, which can read foreign metadata; its slow import is avoided if there is none."""
     import zarr
     from zarr.core.buffer import default_buffer_prototype
     from zarr.storage import MemoryStore
@@ -99,8 +97,8 @@ def _consolidated(files: Mapping[str, bytes]) -> bytes:
 
 
 def incompatible(old: Mapping[str, Any] | None, new: Mapping[str, Any]) -> bool:
-    """Whether chunks written for the old metadata of an array cannot be read by the new: of unknown metadata they
-    may not be.
+    """Return True if chunks written for the old metadata of an array cannot be read with the new one. Unknown metadata
+    counts as incompatible.
     """
     if old is None:
         return True

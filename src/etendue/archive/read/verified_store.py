@@ -1,12 +1,12 @@
-"""The store of an archive as its journal vouches for it: also what a run has not finished, or is computing now.
+"""The verified store of an archive: only what its journal confirms, including unfinished and running runs.
 
 In:  the folder of an archive, finished, interrupted or being written.
-Out: a Zarr store to read from, and the tree of it. Nothing is written.
+Out: a read-only Zarr store and its tree. Nothing is written.
 
-A shard is made up, when somebody reads of it, from the chunks that the journal calls done, wherever they lie; so is
-``status``. A chunk that is lost, or is not as it was written, is an error and no fill value; so are coordinates and
-tables that differ from the manifest. Where a run was broken off while arrays grew, axes are those of the journal;
-tables are those of a run that has ended, and not there before.
+On reading, a shard is assembled from the chunks that the journal records as done, wherever they lie; so is
+``status``. A missing or altered chunk raises an error instead of giving the fill value; so do coordinates and tables
+that differ from the manifest. If a run was interrupted while arrays grew, the axes are taken from the journal.
+Tables are shown only once the run that wrote them has ended.
 """
 
 from __future__ import annotations
@@ -41,39 +41,39 @@ from etendue.archive.structure.naming import cell_label
 from etendue.contract.values.names import TABLES
 from etendue.errors import ArchiveError
 
-LOOKS = 4  # at a chunk of a run that goes on: its part may become a shard while it is looked for
+LOOKS = 4  # attempts at a chunk while a run is writing: its part may become a shard between two attempts
 
 
 def open_archive(folder: str | Path) -> xarray.DataTree:
-    """An archive as a lazy ``xarray.DataTree``, also while its run goes on and after it was broken off.
+    """Open an archive as a lazy ``xarray.DataTree``, also during its run and after an interrupted one.
 
-    Every cell that is finished can be read, wherever it lies by now, and ``status`` says which are. Plain
-    ``xarray.open_datatree(folder / "data.zarr")`` sees what runs have published.
+    Every finished cell can be read, wherever it lies at the moment, and ``status`` says which cells are finished.
+    Plain ``xarray.open_datatree(folder / "data.zarr")`` sees only what runs have published.
 
     Raises
     ------
     ArchiveError
-        There is none, or nothing of it can be read yet. So does reading an array of which something is lost.
+        There is no archive, or nothing in it can be read yet. Reading an array with lost chunks raises it too.
     """
     folder = Path(folder)
     store = VouchedStore.of(reading.open_archive(folder))
     if store.root is None:
         store.hold(f"{DATA}/{ROOT}", None)
-        raise ArchiveError(f"{folder}: nothing of it can be read yet; its run has only begun")
+        raise ArchiveError(f"{folder}: nothing can be read yet; its run has only just started")
     with reading.metadata_of(folder):
         store.refuse_codecs()
         tree = xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
-    tree.encoding["source"] = str(folder.absolute() / DATA)  # as xarray says it of a path
+    tree.encoding["source"] = str(folder.absolute() / DATA)  # as xarray sets it for a path
     return tree
 
 
 class VouchedStore(WrapperStore[LocalStore]):
-    """Reads go to the files of an archive; what of them is not settled yet is made up from its journal.
+    """Reads the files of an archive; what is not settled on disk is assembled from the journal.
 
     Attributes
     ----------
-    root : the metadata of the whole store; None where a run has not come to it
-    whole : whether the last run has ended in order
+    root : the metadata of the whole store; None if no run has written it yet
+    whole : whether the last run ended in order
     """
 
     def __init__(self, store: LocalStore, folder: Path, archive: StoredArchive) -> None:
@@ -86,13 +86,13 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @classmethod
     def of(cls, archive: StoredArchive) -> VouchedStore:
-        """The store of an archive that is open for reading."""
+        """Return the store of an archive that is open for reading."""
         return cls(LocalStore(archive.folder / DATA, read_only=True), archive.folder, archive)
 
     def _with_store(self, store: LocalStore) -> VouchedStore:
         return VouchedStore(store, self.folder, self.archive)
 
-    # -- what Zarr asks -----------------------------------------------------------------------------------------------
+    # -- the Zarr store interface -------------------------------------------------------------------------------------
 
     async def get(
         self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
@@ -118,7 +118,7 @@ class VouchedStore(WrapperStore[LocalStore]):
     ) -> list[Buffer | None]:
         return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
 
-    # Ways past ``get`` that Zarr 3.4 and later take through a wrapper to the files:
+    # Zarr 3.4 and later can bypass ``get`` through these methods and reach the files unchecked, so they are overridden:
 
     async def get_ranges(
         self, key: str, byte_ranges: Sequence[ByteRequest | None], *, prototype: BufferPrototype, **_: Any
@@ -149,11 +149,11 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @cached_property
     def ours(self) -> set[str]:
-        """Groups of the store that runs have written."""
+        """Return the groups of the store that runs have written."""
         return {*TABLES, *(group.partition("/")[0] for group in self.archive.journal.axes)}
 
     def _refuse_unfolding(self, key: str, read: Buffer | None) -> None:
-        """A coordinate or a table that says it is larger than any, or is to be read by a codec that no run uses."""
+        """Refuse a coordinate or table that unpacks beyond any plausible size or names a codec that no run uses."""
         if read is None or key.partition("/")[0] not in self.ours:
             return
         try:
@@ -165,7 +165,7 @@ class VouchedStore(WrapperStore[LocalStore]):
             raise ArchiveError(f"{self.folder / DATA / key}: {error}") from None
 
     def refuse_codecs(self) -> None:
-        """Of the metadata of all nodes that stands in the root."""
+        """Check the codecs of all nodes in the consolidated metadata of the root."""
         nodes = (self.root or {}).get("consolidated_metadata", {}).get("metadata", {}) if self.whole else {}
         for path, node in nodes.items():
             if path.partition("/")[0] in self.ours and isinstance(node, dict):
@@ -175,11 +175,11 @@ class VouchedStore(WrapperStore[LocalStore]):
         return not self.whole and key.split("/")[0] in TABLES
 
     def hold(self, path: str, read: Buffer | None, entire: bool = True) -> None:
-        """Metadata, coordinates and tables of a run that has ended, held against its manifest."""
+        """Compare metadata, coordinates and tables of a finished run with its manifest."""
         known = self.manifest.metadata.get(path) if self.manifest else None
         if known is None or (read is not None and (not entire or hashlib.sha256(read.to_bytes()).hexdigest() == known)):
             return
-        now = read_manifest(self.folder)  # None: another run has begun, and what it changes is its own
+        now = read_manifest(self.folder)  # None: another run has begun and may change these files
         if now is not None and digest_of(self.folder / path) != now.metadata.get(path, ""):
             raise damaged(self.folder, [path])
 
@@ -187,7 +187,7 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @cached_property
     def shards(self) -> dict[str, dict[int, tuple[StoredCell, StoredChunk]]]:
-        """By path below the archive, and by slot: what is in it."""
+        """Map the path of a shard below the archive to its slots, and each slot to its cell and chunk."""
         found: dict[str, dict[int, tuple[StoredCell, StoredChunk]]] = {}
         for cell in self.archive.cells.values():
             for chunk in cell.chunks:
@@ -202,8 +202,8 @@ class VouchedStore(WrapperStore[LocalStore]):
         return file.startswith("c") and name in journal.blocks.get(group, ())
 
     def _cells(self, path: str, asked: ByteRequest | None) -> bytes | None:
-        """Some bytes of a shard that holds the chunks of finished cells, in the order of their slots, and nothing
-        else.
+        """Return a byte range of a shard assembled from the chunks of finished cells only, in the order of their
+        slots.
         """
         own = self.shards.get(path)
         if not own:
@@ -224,7 +224,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         return data[begin - first : end - first]
 
     def _chunk(self, cell: StoredCell, chunk: StoredChunk) -> bytes:
-        """The bytes of a chunk, held against the journal."""
+        """Return the bytes of a chunk, checked against the journal."""
         archive = self.archive
         for look in range(LOOKS):
             place = archive.place(chunk)
@@ -238,14 +238,14 @@ class VouchedStore(WrapperStore[LocalStore]):
                 break
             archive = StoredArchive(self.folder)
         raise ArchiveError(
-            f"{self.folder}: {chunk.variable} of {cell.name} is missing or not as it was written; "
-            f"mend it: etendue verify --repair {self.folder}"
+            f"{self.folder}: {chunk.variable} of {cell.name} is missing or damaged; "
+            f"repair it with: etendue verify --repair {self.folder}"
         )
 
-    # -- what stands around them --------------------------------------------------------------------------------------
+    # -- metadata, coordinates and status -----------------------------------------------------------------------------
 
     def _made(self, key: str) -> bytes | None:
-        """A file that the journal knows better than the disk; None: it is as on disk."""
+        """Return a file for which the journal is more recent than the disk; None to use the file on disk."""
         node = key.removesuffix(f"/{ROOT}") if key.endswith(f"/{ROOT}") else key.partition("/c/")[0].removesuffix("/c")
         group, _, name = node.rpartition("/")
         axes = self.archive.journal.axes.get(group)
@@ -256,7 +256,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         return self.small[node].get(key)
 
     def _array(self, group: str, name: str, axes: Mapping[str, list[Any]]) -> Mapping[str, bytes]:
-        """The files of an array along axes that have perhaps just grown."""
+        """Return the files of an array along axes that may have grown since it was written."""
         document = disk.read_document(self.folder / DATA / group / name / ROOT)
         if document is None or document.get("node_type") != "array":
             return {}
@@ -278,7 +278,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         return tree.files()
 
     def _grown(self, node: str, document: Mapping[str, Any], shape: tuple[int, ...]) -> Any:
-        """A coordinate along axes that have grown: as it is on disk, what is not there yet missing."""
+        """Return a coordinate along grown axes: the values on disk, and NaN for those not written yet."""
         dtype, old = np.dtype(document["data_type"]), tuple(document["shape"])
         data = disk.content_of((self.folder / DATA / node).joinpath("c", *("0" for _ in shape))) or b""
         try:
@@ -290,7 +290,7 @@ class VouchedStore(WrapperStore[LocalStore]):
             return whole
 
     def _status(self, group: str, axes: Mapping[str, list[Any]]) -> Any:
-        """What became of the cells of a group, as the journal has it."""
+        """Return the status of every cell of a group according to the journal."""
         flags = np.full(tuple(map(len, axes.values())), STATUS.index("not_computed"), np.uint8)
         for cell, position in self._positions.get(group, ()):
             flags[position] = STATUS.index(cell.entry.status)
@@ -300,7 +300,7 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @cached_property
     def _positions(self) -> dict[str, list[tuple[StoredCell, tuple[int, ...]]]]:
-        """By group: the finished cells, and where they stand along its axes."""
+        """Map each group to its finished cells and their positions on its axes."""
         found: dict[str, list[tuple[StoredCell, tuple[int, ...]]]] = {}
         for cell in self.archive.cells.values():
             for group, chunk in {chunk.group: chunk for chunk in cell.chunks}.items():
@@ -309,8 +309,8 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     @cached_property
     def _ended(self) -> dict[str, dict[tuple[int, ...], str]]:
-        """By group and position: the cells that came to an end without a result. Which group they are of only their
-        axis values say.
+        """Map each group and position to the status of a cell that ended without a result. Such cells have no
+        chunks, so only their axis values tell which group they belong to.
         """
         entries = self.archive.journal.said
         left = {name: entries[name].status for name in entries.having("failed")}
@@ -330,7 +330,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         return found
 
     def _said(self, group: str, at: tuple[int, ...]) -> str:
-        """What the store on disk says became of a cell; '' where it does not."""
+        """Return the status of a cell in the store on disk; '' if there is none."""
         path = self.folder / DATA / group / "status"
         try:
             shape = tuple((disk.read_document(path / ROOT) or {})["shape"])
@@ -340,7 +340,7 @@ class VouchedStore(WrapperStore[LocalStore]):
 
 
 def _range(asked: ByteRequest | None, size: int) -> tuple[int, int]:
-    """From which byte to which."""
+    """Return the first byte and the end of a requested byte range."""
     if isinstance(asked, RangeByteRequest):
         return min(asked.start, size), min(asked.end, size)
     if isinstance(asked, OffsetByteRequest):

@@ -1,12 +1,12 @@
-"""An archive described for strangers: a Provenance Run Crate (RO-Crate 1.1) and, where an author is named,
+"""Describe an archive to other programs: a Provenance Run Crate (RO-Crate 1.1) and, if authors are named,
 ``CITATION.cff``.
 
 In:  a plan, the records of all runs, the copies in ``inputs/``.
-Out: ``ro-crate-metadata.json``: the pipeline of every run as a workflow, every run as an action with its inputs and
-     results, and of the last run every stage with its distribution, version and digest of code, what it read and where
+Out: ``ro-crate-metadata.json``: the pipeline of every run as a workflow, and every run as an action with its inputs and
+     results; for the last run also every stage with its distribution, version and code digest, what it read, and where
      its results are.
 
-No user, host or path of the machine is named; persons are those that the pipeline file names.
+No user, host or path of the machine is recorded; persons are those that the pipeline file names.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Entity = dict[str, Any]
 
 
 def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, durable: bool = False) -> None:
-    """Write both files where they would say something else; ``fresh``: the newest run has just ended."""
+    """Write both files if their content has changed; ``fresh``: the newest run has just ended."""
     runs = list(every_record(folder))
     ended = _ended(folder)
     if fresh and runs:
@@ -54,7 +54,7 @@ def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, d
 
 
 def crate_of(folder: Path, plan: Plan) -> Entity:
-    """What the crate of an archive has to say; when its runs ended, it says itself."""
+    """Return the expected content of an archive's crate; the times at which its runs ended are taken from it."""
     return _document(folder, plan, list(every_record(folder)), _ended(folder))
 
 
@@ -70,7 +70,7 @@ def _date(runs: list[Recorded]) -> str:
 
 
 def _ended(folder: Path) -> dict[str, str]:
-    """When the runs so far ended, as the crate of the run before has it."""
+    """Return the end times of earlier runs from the existing crate."""
     found = (disk.read_document(folder / NAME) or {}).get("@graph")
     entities = [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
     return {
@@ -89,7 +89,7 @@ def _workflow(run: Recorded) -> str:
 
 
 def _ids(names: Any) -> Any:
-    """References; one alone stands without a list, as RO-Crate recommends."""
+    """Return references; a single one without a list, as RO-Crate recommends."""
     found = [{"@id": name} for name in names]
     return found[0] if len(found) == 1 else found
 
@@ -159,8 +159,8 @@ def _graph(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, s
 def _run(
     run: Recorded, inputs: list[Entity], plan: Plan, stages: list[Node], ended: Mapping[str, str], about: About
 ) -> Iterator[Entity]:
-    """A run: its pipeline as a workflow, its record, itself as an action; of the last run every stage as a tool, a
-    step and an action.
+    """Yield a run: its pipeline as a workflow, its record, and the run as an action; for the last run also every stage
+    as a tool, a step and an action.
     """
     name, own = _workflow(run), {f"inputs/{one}{end}" for one in run.inputs for end in ("", "/", ".json")}
     used = [e["@id"] for e in inputs if e["@id"] in own]
@@ -190,11 +190,11 @@ def _run(
         "@id": _action(run),
         "@type": "CreateAction",
         "name": f"run {run.path.stem} of {run.record['pipeline']}",
-        "description": "etendue run: what was asked for stands in its instrument, how it was done in its record",
+        "description": "etendue run: its instrument is the request, its record the details",
         "instrument": {"@id": name},
         "object": _ids(used),
         "result": {"@id": f"{DATA}/"},
-        "startTime": str(run.record["began"]).replace("Z", "+00:00"),  # as the profile has it
+        "startTime": str(run.record["began"]).replace("Z", "+00:00"),  # as the profile requires
         **(
             {"endTime": ended[_action(run)], "actionStatus": "http://schema.org/CompletedActionStatus"}
             if _action(run) in ended
@@ -258,7 +258,7 @@ def _stage(
 
 
 def _words(kind: type) -> str:
-    """The first paragraph of what a stage says of itself."""
+    """Return the first paragraph of the docstring of a stage."""
     return " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())
 
 
@@ -273,7 +273,7 @@ def _result(node: Node, plan: Plan) -> Entity:
 
 
 def _inputs(folder: Path) -> Iterator[Entity]:
-    """Every copy of a file that a pipeline names; of large ones what they are."""
+    """Yield every copy of a file that a pipeline names; for large ones their description."""
     place = folder / "inputs"
     for path in sorted(place.iterdir()) if place.is_dir() else ():
         if path.name.startswith("."):
@@ -332,13 +332,9 @@ def _persons(about: About) -> list[str]:
 
 
 def _people(about: About) -> Iterator[Entity]:
-    """The licence, and the persons."""
+    """Yield the licence and the persons."""
     said = about.license or "not stated"
-    why = (
-        "whose terms hold"
-        if about.license
-        else "nobody has said what others may do with it: [about] license in the pipeline file"
-    )
+    why = "whose terms apply" if about.license else "reuse is not licensed; set [about] license in the pipeline file"
     yield {"@id": _license(about), "@type": "CreativeWork", "name": said, "description": f"licence: {said}, {why}"}
     places = list(dict.fromkeys(one.affiliation for one in about.authors if one.affiliation))
     for name, one in zip(_persons(about), about.authors, strict=True):
@@ -350,7 +346,7 @@ def _people(about: About) -> Iterator[Entity]:
 
 
 def _citation(about: About, plan: Plan, date: str) -> str:
-    """A Citation File Format 1.2.0 document. Texts are written as JSON has them, which YAML reads."""
+    """Return a Citation File Format 1.2.0 document. Texts are written as JSON strings, which are valid YAML."""
     lines = [
         "cff-version: 1.2.0",
         'message: "If you use these results, please cite them as below."',

@@ -1,11 +1,11 @@
-"""The only door to the disk of an archive: nothing outside its folder is ever written, cut or removed.
+"""All disk access of an archive: nothing outside its folder is ever written, truncated or removed.
 
-In:  the folder of an archive (itself no link), paths below it as text, bytes.
-Out: files that appear whole in their place, or not at all; a listing without links.
+In:  the folder of an archive (itself not a link), paths below it as text, bytes.
+Out: files that appear complete in their place or not at all; a listing without links.
 
-Folders are opened one after the other and never through a link, so that a link put there in the middle of a run is
-refused by the system itself. A file is written beside its place and renamed: a second (hard) link to the old one keeps
-the old bytes. Files are removed by name, folders only when they are empty.
+Folders are opened one after the other and never through a link, so that the system itself refuses a link that is put
+there during a run. A file is written beside its place and renamed: a second (hard) link to the old one keeps the old
+bytes. Files are removed by name, folders only if they are empty.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from etendue import plain_files
 from etendue.errors import ArchiveError
 
 PARTIAL = ".partial"
-PART = ".part"  # of a shard in the making: what a journal names of it is kept
-ELSEWHERE = 1_000_000_000  # ns since 1970: the last change of a file whose bytes lie on an object store
+PART = ".part"  # an unfinished shard; parts that the journal names are kept
+ELSEWHERE = 1_000_000_000  # mtime in ns that marks a file whose bytes lie on an object store
 FILES = (
     "journal.jsonl",
     "manifest.json",
@@ -38,13 +38,13 @@ FILES = (
 )
 FOLDERS = ("data.zarr", "inputs", "runs")
 _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
-_LINKED = (errno.ELOOP, errno.ENOTDIR)  # what the system says of a link, or a file, in the place of a folder
+_LINKED = (errno.ELOOP, errno.ENOTDIR)  # the error codes for a link or a file in the place of a folder
 
 
 @contextmanager
 def _place(root: str | Path, path: str, make: bool = False, durable: bool = False) -> Iterator[tuple[int, str]]:
-    """The folder of a file as an open handle, and the name of the file in it. The folder is made if need be;
-    ``durable``: so that it is found after a power cut.
+    """Give an open handle of a file's folder, and the file's name in it. With ``make`` the folder is created if
+    necessary; with ``durable`` it survives a power cut.
     """
     *parts, name = path.split("/")
     handle = os.open(root, _DIRECTORY)
@@ -56,7 +56,7 @@ def _place(root: str | Path, path: str, make: bool = False, durable: bool = Fals
                 except FileNotFoundError:
                     if not make:
                         raise
-                    with suppress(FileExistsError):  # another worker has made it
+                    with suppress(FileExistsError):  # another worker has created it
                         os.mkdir(part, dir_fd=handle)
                         if durable:
                             os.fsync(handle)
@@ -79,18 +79,18 @@ def write_all(handle: int, data: bytes) -> None:
 
 
 def _aside(name: str) -> str:
-    """Under which a file is written until it is whole."""
+    """Return the name under which a file is written until it is complete."""
     return f".{name[:200]}.{os.getpid()}.{threading.get_ident()}{PARTIAL}"
 
 
 def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: bool = False) -> None:
-    """Put a file in its place, whole: written aside and renamed."""
+    """Write a file atomically: it is written beside its place and renamed."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
     with _place(root, path, make=True, durable=durable) as (folder, name):
         temporary = _aside(name)
         try:
             handle = os.open(temporary, flags, 0o644, dir_fd=folder)
-        except FileExistsError:  # of a killed run whose process had the same number
+        except FileExistsError:  # left by a killed run whose process had the same ID
             os.unlink(temporary, dir_fd=folder)
             handle = os.open(temporary, flags, 0o644, dir_fd=folder)
         try:
@@ -113,7 +113,7 @@ def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: b
 
 
 def write_stand_in(root: str | Path, path: str, size: int, tail: bytes) -> None:
-    """Put a file of this size in its place that holds its last bytes alone; ``ELSEWHERE`` says so."""
+    """Write a sparse file of this size that holds only its last bytes; its mtime ``ELSEWHERE`` marks it."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
     with _place(root, path, make=True) as (folder, name):
         temporary = _aside(name)
@@ -128,7 +128,7 @@ def write_stand_in(root: str | Path, path: str, size: int, tail: bytes) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """The names in a folder survive a power cut."""
+    """Sync a folder, so that the names in it survive a power cut."""
     handle = os.open(path, _DIRECTORY & ~os.O_NOFOLLOW)
     try:
         os.fsync(handle)
@@ -137,7 +137,7 @@ def sync_folder(path: Path) -> None:
 
 
 def create(root: str | Path, path: str, durable: bool = False) -> int:
-    """A handle to a new file, to write and read."""
+    """Return a handle to a new file, for writing and reading."""
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
     with _place(root, path, make=True, durable=durable) as (folder, name):
         handle = os.open(name, flags, 0o644, dir_fd=folder)
@@ -147,7 +147,7 @@ def create(root: str | Path, path: str, durable: bool = False) -> int:
 
 
 def open_own(root: str | Path, path: str) -> int:
-    """A handle to a file that is there, to write and read; never through a link."""
+    """Return a handle to an existing file, for writing and reading; never through a link."""
     with _place(root, path) as (folder, name):
         try:
             return os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
@@ -158,7 +158,7 @@ def open_own(root: str | Path, path: str) -> int:
 
 
 def rename(root: str | Path, path: str, new: str, durable: bool = False) -> None:
-    """Put a file that is whole in a place in the same folder."""
+    """Move a complete file to another name in the same folder."""
     with _place(root, path) as (folder, name):
         try:
             os.replace(name, new.rpartition("/")[2], src_dir_fd=folder, dst_dir_fd=folder)
@@ -169,11 +169,11 @@ def rename(root: str | Path, path: str, new: str, durable: bool = False) -> None
 
 
 def link(root: str | Path, path: str, new: str, durable: bool = False) -> None:
-    """Give a file a second name in another folder; its bytes a second place where the disk knows no hard links."""
+    """Give a file a second name in another folder; copy it if the file system has no hard links."""
     with _place(root, path) as (here, name), _place(root, new, make=True, durable=durable) as (there, second):
         try:
             os.link(name, second, src_dir_fd=here, dst_dir_fd=there, follow_symlinks=False)
-        except FileExistsError:  # a killed run has done it
+        except FileExistsError:  # a killed run has already done it
             return
         except OSError as error:
             if error.errno not in (errno.EPERM, errno.EOPNOTSUPP, errno.EMLINK, errno.ENOSYS):
@@ -185,7 +185,7 @@ def link(root: str | Path, path: str, new: str, durable: bool = False) -> None:
 
 
 def write_at(handle: int, pieces: Iterable[Any], offset: int) -> None:
-    """Put pieces of bytes one behind the other into an open file."""
+    """Write pieces of bytes one after the other into an open file."""
     left = [view for view in (memoryview(piece).cast("B") for piece in pieces if len(piece)) if view]
     while left:
         done = os.pwritev(handle, left, offset)
@@ -197,7 +197,7 @@ def write_at(handle: int, pieces: Iterable[Any], offset: int) -> None:
 
 
 def copy_range(source: int, start: int, target: int, at: int, length: int) -> None:
-    """Copy bytes from one open file into another, in the kernel where it can."""
+    """Copy bytes from one open file into another, in the kernel if possible."""
     while length:
         try:
             done = os.copy_file_range(source, target, length, start, at)
@@ -208,12 +208,12 @@ def copy_range(source: int, start: int, target: int, at: int, length: int) -> No
             write_at(target, [data], at)
             done = len(data)
         if not done:
-            raise OSError(errno.EIO, "a file ends before what it is to hold")
+            raise OSError(errno.EIO, "the file ends before the range to copy")
         start, at, length = start + done, at + done, length - done
 
 
 def remove(root: str | Path, path: str) -> bool:
-    """Remove one file by its name; whether it was there."""
+    """Remove one file by name; return whether it existed."""
     try:
         with _place(root, path) as (folder, name):
             os.unlink(name, dir_fd=folder)
@@ -223,7 +223,7 @@ def remove(root: str | Path, path: str) -> bool:
 
 
 def remove_folder(root: str | Path, path: str) -> None:
-    """Remove a folder that is empty; one that is not stays, and so does what is in it."""
+    """Remove a folder if it is empty; otherwise leave it and its content."""
     try:
         with _place(root, path) as (folder, name):
             os.rmdir(name, dir_fd=folder)
@@ -233,9 +233,7 @@ def remove_folder(root: str | Path, path: str) -> None:
 
 
 def set_aside(root: str | Path, path: str, folder: str) -> str:
-    """Move a file, a link or a folder, whatever it is, into a folder of the archive for what does not belong to it;
-    gives where to.
-    """
+    """Move a file, link or folder into the archive's folder for foreign files; return its new path."""
     with _place(root, path) as (here, name), _place(root, f"{folder}/", make=True) as (there, _):
         number, taken = 1, set(os.listdir(there))
         while (new := name if number == 1 else f"{name}.{number}") in taken:
@@ -245,7 +243,7 @@ def set_aside(root: str | Path, path: str, folder: str) -> str:
 
 
 def append_to(root: str | Path, path: str) -> int:
-    """A handle to append to a file that is there under this name alone."""
+    """Return a handle to append to a file, which must have no other name."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     with _place(root, path) as (folder, name):
         try:
@@ -257,47 +255,47 @@ def append_to(root: str | Path, path: str) -> int:
     found = os.fstat(handle)
     if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
         os.close(handle)
-        what = "has a second name (a hard link)" if stat.S_ISREG(found.st_mode) else "is no plain file"
+        what = "has a second name (a hard link)" if stat.S_ISREG(found.st_mode) else "is not a regular file"
         raise ArchiveError(
-            f"{Path(root) / path} {what}: what is written to it would be written elsewhere too. "
+            f"{Path(root) / path} {what}: writing to it would change another file too. "
             f"Make it a file of its own: cp {path} {path}.own && mv {path}.own {path}"
         )
     return handle
 
 
-# -- looking --------------------------------------------------------------------------------------------------------
+# -- listing --------------------------------------------------------------------------------------------------------
 
 
 def link_at(root: Path, path: str) -> ArchiveError:
-    """The error about a link inside an archive."""
+    """Return the error about a link inside an archive."""
     try:
         target = os.readlink(root / path)
     except OSError:
         target = "?"
     short = target if len(target) <= 60 else f"...{target[-57:]}"
     return ArchiveError(
-        f"{root / path} is a link (to {short}); an archive holds no links, since a run writes and removes what is in "
-        f"it. "
-        f"Put the files themselves in its place, or name another archive with --archive DIR"
+        f"{root / path} is a link (to {short}); an archive must not contain links, because runs write and remove "
+        f"files in it. "
+        f"Replace it by the files themselves, or use another archive with --archive DIR"
     )
 
 
 def in_place_of_folder(root: Path, path: str) -> ArchiveError:
-    """The error about a link, or a file, where an archive has a folder."""
+    """Return the error about a link or file where an archive has a folder."""
     if (root / path).is_symlink():
         return link_at(root, path)
-    return ArchiveError(f"{root / path} is no folder, where an archive has one; move it elsewhere")
+    return ArchiveError(f"{root / path} is not a folder, where an archive has one; move it elsewhere")
 
 
 def in_place_of_file(root: Path, path: str) -> ArchiveError:
-    """The error about a folder, or something odd, where an archive has a file."""
-    return ArchiveError(f"{root / path} is no plain file, where an archive has one; move it elsewhere")
+    """Return the error about a folder or special file where an archive has a file."""
+    return ArchiveError(f"{root / path} is not a regular file, where an archive has one; move it elsewhere")
 
 
 class Listing:
-    """The names below the folders of an archive, by folder: ``files["data.zarr/scene"]``. No link is among them.
+    """The names below the folders of an archive, by folder: ``files["data.zarr/scene"]``. Links are not listed.
 
-    What an archive may not hold is refused, or gathered in ``odd`` by path, where one is given.
+    What an archive must not hold is refused, or collected by path in ``odd`` if that is given.
     """
 
     def __init__(self, root: Path, odd: dict[str, str] | None = None) -> None:
@@ -322,7 +320,9 @@ class Listing:
         self.odd[path] = str(error)
 
     def _walk(self, root: Path, path: str) -> None:
-        """One folder, and those in it: kinds come with the names, so that no file is asked for its state."""
+        """List a folder and those below it. ``scandir`` returns entry types with the names: no file needs a
+        ``stat``.
+        """
         open_ = [path]
         while open_:
             path = open_.pop()
@@ -342,7 +342,10 @@ class Listing:
                         self._refuse(own, link_at(root, own))
                     else:
                         self._refuse(
-                            own, ArchiveError(f"{root / own} is no plain file; an archive holds files and folders only")
+                            own,
+                            ArchiveError(
+                                f"{root / own} is not a regular file; an archive holds only files and folders"
+                            ),
                         )
 
     def has(self, path: str) -> bool:
@@ -350,7 +353,7 @@ class Listing:
         return name in self.files.get(folder, ())
 
     def below(self, path: str) -> Iterator[str]:
-        """Every file below a folder."""
+        """Yield every file below a folder."""
         for name in self.files.get(path, ()):
             yield f"{path}/{name}"
         for name in self.folders.get(path, ()):
@@ -358,7 +361,7 @@ class Listing:
 
 
 def read_document(path: Path) -> dict[str, Any] | None:
-    """A JSON object from a file; None where there is none, or it is damaged."""
+    """Return a JSON object from a file; None if there is none or it is damaged."""
     try:
         found = json.loads(plain_files.content(path, links=False))
     except (OSError, ValueError, RecursionError):
@@ -367,7 +370,7 @@ def read_document(path: Path) -> dict[str, Any] | None:
 
 
 def content_of(path: Path) -> bytes | None:
-    """What is in a file; None where there is none."""
+    """Return the content of a file; None if there is none."""
     try:
         return plain_files.content(path, links=False)
     except FileNotFoundError:

@@ -1,7 +1,7 @@
-"""The pipeline of a run as it stands, and the files it names: what makes an archive run again by itself.
+"""The pipeline of a run with all overrides, and the files it names: they make an archive rerunnable on its own.
 
 In:  a plan.
-Out: TOML with every override in it, in which files are copies in ``inputs/``, named by their SHA-256; the copies.
+Out: TOML with every override applied, whose files are copies in ``inputs/`` named by their SHA-256; the copies.
 """
 
 from __future__ import annotations
@@ -35,17 +35,15 @@ LARGEST_COPY = 256 << 20  # a larger input is described, not copied
 
 @dataclass
 class Resolved:
-    """A pipeline that needs nothing but its archive."""
+    """A pipeline that depends only on files in its archive."""
 
     text: str
-    inputs: dict[str, str] = field(
-        default_factory=dict
-    )  # name below inputs/ -> path of the file or folder it is a copy of
-    written: dict[str, str] = field(default_factory=dict)  # as the pipeline named a file -> as the text here does
+    inputs: dict[str, str] = field(default_factory=dict)  # name below inputs/ -> path of the original file or folder
+    written: dict[str, str] = field(default_factory=dict)  # name of a file in the pipeline -> its name in this text
 
 
 class _Resolver:
-    """Replaces the names of files in values as written."""
+    """Replaces file names in values by the names of their copies."""
 
     def __init__(self, pipeline: PipelineFile) -> None:
         self.pipeline = pipeline
@@ -61,7 +59,7 @@ class _Resolver:
                     self.shared.update({n: p for n, p in own.items() if p[0].shared})
 
     def value(self, value: Any, parameter: Parameter | None) -> Any:
-        """A value; the name of a file by content."""
+        """Return a value; the name of a file is replaced by one derived from its content."""
         if isinstance(value, list | tuple):
             return [self.value(one, parameter) for one in value]
         if parameter is None or not isinstance(value, str) or not value:
@@ -79,7 +77,7 @@ class _Resolver:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
 
     def preset(self, table: Mapping[str, Any]) -> dict[str, Any]:
-        """A preset of an axis, with what its name stands for written out: another version may say otherwise."""
+        """Return an axis preset with the values its name stands for: a later version may define it differently."""
         whose = self.pipeline.table
         named = preset(table[whose.preset], whose).values() if whose.preset in table else {}
         known = {
@@ -104,7 +102,7 @@ class _Resolver:
 
 
 def resolve_pipeline(plan: Plan) -> Resolved:
-    """The pipeline of a plan with all overrides applied, to be run from ``runs/`` in its archive."""
+    """Return the pipeline of a plan with all overrides applied, to be run from ``runs/`` in its archive."""
     pipeline = plan.pipeline
     found = _Resolver(pipeline)
     document: dict[str, Any] = {"name": pipeline.name}
@@ -126,7 +124,7 @@ def resolve_pipeline(plan: Plan) -> Resolved:
         document["keep"] = list(pipeline.keep)
     if said := pipeline.about.document():
         document["about"] = said
-    # what the preset's name stands for is written out: another version may say otherwise
+    # Write out the values that the preset's name stands for: a later version may define it differently.
     stated = {} if pipeline.preset_swept else pipeline.preset
     given = {name: value for name, value in stated.items() if name in found.shared and name not in pipeline.sweep}
     shared = found.table({**given, **pipeline.shared}, found.shared)
@@ -147,7 +145,7 @@ def resolve_pipeline(plan: Plan) -> Resolved:
 
 
 def as_recorded(value: Any, written: Mapping[str, str]) -> str:
-    """An override in the notation of the file, files by content."""
+    """Return an override in the notation of the pipeline file, with files named by content."""
     if isinstance(value, str):
         found = written.get(value, value)
         return toml.value(Path(found).name if os.path.isabs(found) else found)
@@ -167,8 +165,8 @@ def as_recorded(value: Any, written: Mapping[str, str]) -> str:
 
 
 def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) -> list[str]:
-    """Every file and folder that a pipeline names into ``inputs/``; of very large ones, what they are. Gives damaged
-    copies it replaced.
+    """Copy every file and folder that a pipeline names into ``inputs/``; describe very large ones instead. Return the
+    damaged copies that were replaced.
     """
     mended = []
     for name, path in inputs.items():
@@ -176,7 +174,7 @@ def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) 
         state = file_state(path)
         links = (p for p in source.rglob("*") if p.is_symlink()) if source.is_dir() else ()
         if state[1] > LARGEST_COPY or any(not p.resolve().is_relative_to(source.resolve()) for p in links):
-            why = {"why": "a link in it leads out of it"} if state[1] <= LARGEST_COPY else {}
+            why = {"why": "it holds a link that leads out of it"} if state[1] <= LARGEST_COPY else {}
             known = {"name": source.name, "sha256": digest, "bytes": state[1], "copied": False, **why}
             disk.write(folder, f"inputs/{name}.json", json.dumps(known).encode(), durable)
             continue
@@ -196,12 +194,12 @@ def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) 
                 durable,
             )
         if digest_now(copy) != digest:
-            raise ArchiveError(f"{source.name} has changed while it was copied into {folder / 'inputs'}; run again")
+            raise ArchiveError(f"{source.name} changed while it was copied into {folder / 'inputs'}; run again")
     return mended
 
 
 def digest_now(copy: Path) -> str:
-    """SHA-256 of a file or folder as it is on disk now, whatever is remembered of it."""
+    """Return the SHA-256 of a file or folder as it is on disk now, bypassing the cache."""
     return file_digest(str(copy)) if copy.is_dir() else plain_files.sha256(copy, None, links=False)
 
 
@@ -212,13 +210,13 @@ def _read(path: Path) -> Iterator[bytes]:
 
 
 def _parts(folder: Path) -> list[str]:
-    """The files of a folder, links to files among them: by path below it."""
+    """Return the files of a folder, including links to files, by path below it."""
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 
 
 def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
-    """The sweep of an earlier run, from its record; nothing where it cannot be read. Files are the copies in the
-    archive.
+    """Return the sweep of an earlier run from its record, with files as copies in the archive; empty if it cannot be
+    read.
     """
     text = record.get("resolved")
     try:
@@ -229,7 +227,7 @@ def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
 
 
 def _names_others(value: Any) -> bool:
-    """Whether a sweep of a record names files elsewhere than in ``inputs/``: no run has written that."""
+    """Return True if a recorded sweep names files outside ``inputs/``, which no run writes."""
     if isinstance(value, dict | list):
         return any(map(_names_others, value.values() if isinstance(value, dict) else value))
     leads = isinstance(value, str) and (

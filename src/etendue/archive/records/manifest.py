@@ -1,8 +1,7 @@
-"""The manifest: digests of everything in an archive that is no chunk of a cell. There is one while no run is
-unfinished.
+"""The manifest: digests of everything in an archive except chunks of cells. It exists only while no run is unfinished.
 
-A run takes it away before it changes anything and writes it when it has ended, so that what differs from it was changed
-by somebody else, or by a failing disk.
+A run removes it before its first change and writes it at the end, so that any deviation from it was caused by somebody
+else or by a failing disk.
 """
 
 from __future__ import annotations
@@ -19,25 +18,25 @@ from etendue.errors import ArchiveError
 
 NAME = "manifest.json"
 DATA = "data.zarr"
-DIGITS = 64  # of a SHA-256, with which the name of an input begins
+DIGITS = 64  # hex digits of the SHA-256 with which the name of an input begins
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """SHA-256 by path below the archive: metadata, coordinates, status and tables of the store; other files beside
-    it.
+    """SHA-256 by path below the archive: of metadata, coordinates, status and tables of the store; of other files
+    beside it.
     """
 
     metadata: Mapping[str, str]
     files: Mapping[str, str]
-    journal: str = ""  # SHA-256 of the journal as the run left it: looked at where every byte is
+    journal: str = ""  # SHA-256 of the journal as the run left it; checked only by a full verification
 
     def changed(self, folder: Path) -> list[str]:
-        """The paths whose files are missing or not as they were written."""
+        """Return the paths of files that are missing or differ from what was written."""
         return [path for path, known in {**self.metadata, **self.files}.items() if digest_of(folder / path) != known]
 
     def nodes(self) -> set[str]:
-        """Groups and arrays of the store, by path below it."""
+        """Return the groups and arrays of the store, by path below it."""
         end = "/zarr.json"
         return {
             path[len(DATA) + 1 : -len(end)]
@@ -47,7 +46,7 @@ class Manifest:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file, '' where it cannot be read."""
+    """Return the SHA-256 of a file; '' if it cannot be read."""
     try:
         return plain_files.sha256(path, links=False)
     except OSError:
@@ -55,7 +54,7 @@ def digest_of(path: Path) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """The manifest of an archive; None where there is none, or it is damaged."""
+    """Return the manifest of an archive; None if there is none or it is damaged."""
     found = disk.read_document(folder / NAME) or {}
     metadata, files, journal = found.get("metadata"), found.get("files", {}), found.get("journal", "")
     if not isinstance(metadata, dict) or not isinstance(files, dict) or not isinstance(journal, str):
@@ -68,22 +67,22 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 
 def _inside(path: str) -> bool:
-    """Whether a path leads to a place where an archive has files; no word of a manifest leads elsewhere."""
+    """Return True if a path is one where an archive has files; a manifest with any other path is rejected."""
     first, *rest = path.split("/")
     return (first in disk.FOLDERS and bool(rest) and not {"", ".", ".."} & set(rest)) if rest else first in disk.FILES
 
 
 def _sum(metadata: Mapping[str, str], files: Mapping[str, str], journal: str) -> str:
-    """SHA-256 of all that a manifest says."""
+    """Return the SHA-256 of the content of a manifest."""
     return hashlib.sha256(json.dumps([metadata, files, journal], sort_keys=True).encode()).hexdigest()
 
 
 def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = False) -> None:
-    """``metadata``: the bytes of the store's own files, by path below the archive."""
+    """Write the manifest; ``metadata``: content of the store's own files, by path below the archive."""
     runs = (f"runs/{p.name}" for p in sorted((folder / "runs").glob("*.*")))
     told = (
         f"inputs/{p.name}" for p in sorted((folder / "inputs").glob("*.json")) if len(p.stem) > DIGITS
-    )  # what a large input is
+    )  # descriptions of inputs too large to copy
     beside = ["contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", *runs, *told]
     files = {
         path: digest_of(folder / path)
@@ -97,10 +96,10 @@ def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = 
 
 
 def damaged(folder: Path, paths: Sequence[str]) -> ArchiveError:
-    """What is said of files of an archive that are lost, or are not as they were written."""
+    """Return the error about files of an archive that are missing or changed."""
     more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
     return ArchiveError(
-        f"{folder / paths[0]}{more} {'are missing, or not as they were' if more else 'is missing, or not as it was'} "
-        f"written: "
-        f"the archive is damaged. Mend it: etendue verify {folder} --repair"
+        f"{folder / paths[0]}{more} {'are missing or differ' if more else 'is missing or differs'} "
+        f"from what was written: "
+        f"the archive is damaged. Repair it with: etendue verify {folder} --repair"
     )

@@ -1,8 +1,8 @@
-"""Who owns an archive: its lock, and what stands in ``run.id``, so that the workers of a run that is over stop.
+"""Ownership of an archive: its lock, and the run named in ``run.id``, so that workers of an ended run stop.
 
-In:  the folder of an archive; nothing, or what is in the file.
-Out: whether a run owns it; a name for a run, which tells whether it was changed since. Who stands behind the folder and
-     is told what becomes of it: nobody, or an object store.
+In:  the folder of an archive, or the content of the file.
+Out: whether a run owns it; a checksummed name for a run, which shows whether the file was changed. Also registers
+     what follows a run in that folder: nothing, or an object store.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from pathlib import Path
 from etendue import plain_files
 from etendue.errors import ArchiveError, ArchiveInUse
 
-ABANDONED = "abandoned"  # in place of the owner's name: a stage did not end when the run was interrupted
+ABANDONED = "abandoned"  # replaces the owner's name if a stage did not end when the run was interrupted
 
 
 class Behind:
-    """Told by the owner of a run; as it stands, behind a folder that is only read.
+    """Callbacks of the owner of a run; this base class does nothing and serves a folder that is only read.
 
     Attributes
     ----------
-    running : whether a run writes to the store now, of whom only the store knows
+    running : whether a run is writing to the store now (only the store knows)
     """
 
     def __init__(self, running: bool = False) -> None:
         self.running = running
 
     def own(self) -> None:
-        """In front of the first change: from now on nobody else writes. May refuse."""
+        """Called before the first change: from now on nobody else writes. May refuse by raising."""
 
     def begun(self) -> None:
-        """What is known before anything is computed stands in its place."""
+        """Called when everything known before computing has been written."""
 
     def sealed(self, paths: Iterable[str]) -> None:
-        """These shards stand in their places. May raise what has gone wrong since."""
+        """Called when these shards are complete. May raise an earlier error of a background thread."""
 
 
 NOBODY = Behind()
@@ -52,7 +52,7 @@ def behind(folder: Path) -> Behind:
 
 
 def stand(folder: Path, who: Behind | None) -> None:
-    """Say who stands behind a folder; None: nobody any more."""
+    """Register the callbacks for a folder; None removes them."""
     if who is None:
         _known.pop(folder, None)
     else:
@@ -60,13 +60,13 @@ def stand(folder: Path, who: Behind | None) -> None:
 
 
 def fresh_id() -> str:
-    """A name that no other run has, its checksum behind it."""
+    """Return a unique name for a run, followed by its checksum."""
     name = uuid.uuid4().hex
     return f"{name}{zlib.crc32(name.encode()):08x}"
 
 
 def is_id(text: bytes) -> bool:
-    """Whether ``run.id`` holds what a run has written there; earlier ones wrote no checksum."""
+    """Return True if ``run.id`` holds what a run writes there; early versions wrote no checksum."""
     return (
         text == ABANDONED.encode()
         or len(text) == 32
@@ -75,13 +75,12 @@ def is_id(text: bytes) -> bool:
 
 
 def take(lock: int) -> None:
-    """Own an archive. Who asks whether it has an owner (``is_running``) holds its lock for an instant: that is waited
-    for.
+    """Lock an archive. Retries briefly, because ``is_running`` of another process holds the lock for an instant.
 
     Raises
     ------
     BlockingIOError
-        It has one.
+        It has an owner.
     """
     for _ in range(20):
         try:
@@ -93,7 +92,7 @@ def take(lock: int) -> None:
 
 
 def is_running(folder: Path) -> bool:
-    """Whether a run owns an archive now."""
+    """Return True if a run owns the archive now."""
     if behind(folder).running:
         return True
     try:
@@ -110,7 +109,7 @@ def is_running(folder: Path) -> bool:
 
 
 def owner_of(folder: Path) -> bytes:
-    """What is in ``run.id``: whoever has written to an archive last."""
+    """Return the content of ``run.id``: the last run that has written to the archive."""
     try:
         return plain_files.content(folder / "run.id", 4096, links=False)
     except (OSError, ValueError):
@@ -118,18 +117,18 @@ def owner_of(folder: Path) -> bytes:
 
 
 def is_written(folder: Path, before: bytes) -> bool:
-    """Whether a run owns an archive now, or has since ``before``."""
+    """Return True if a run owns the archive now, or has owned it since ``before`` was read."""
     return is_running(folder) or owner_of(folder) != before
 
 
 @contextmanager
 def unless_written(folder: Path) -> Iterator[None]:
-    """What a reader finds lost while a run is replacing cells is under way, and not damaged.
+    """Treat losses that a reader sees while a run is replacing cells as work in progress, not as damage.
 
     Raises
     ------
     ArchiveInUse
-        In the place of another ``ArchiveError``, where a run writes to the archive, or has begun since.
+        Instead of another ``ArchiveError``, if a run is writing to the archive or has begun since.
     """
     before = owner_of(folder)
     try:
@@ -138,5 +137,5 @@ def unless_written(folder: Path) -> Iterator[None]:
         raise
     except ArchiveError as error:
         if is_written(folder, before):
-            raise ArchiveInUse(f"{folder} is being written by a run; look again when it has ended ({error})") from None
+            raise ArchiveInUse(f"{folder} is being written by a run; try again after it has ended ({error})") from None
         raise

@@ -1,4 +1,5 @@
-"""What makes a run reproducible: inputs by content, versions, platform, the pipeline as given and as resolved.
+"""The record that makes a run reproducible: inputs by content, versions, platform, and the pipeline as given and as
+resolved.
 
 No user, host or path of the machine is recorded.
 """
@@ -31,7 +32,7 @@ LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs",
 
 
 def platform_record() -> dict[str, Any]:
-    """What bits depend on: processor features and the versions of the numerical libraries."""
+    """Return what bits depend on: processor features and the versions of the numerical libraries."""
     import numpy
 
     features = numpy._core._multiarray_umath.__cpu_features__  # type: ignore[attr-defined]
@@ -47,14 +48,16 @@ def platform_record() -> dict[str, Any]:
 
 
 def in_words(record: Mapping[str, Any]) -> str:
-    """The platform of a record: ``numpy 2.4.1, scipy 1.17.0, x86_64, Python 3.11``."""
+    """Return the platform of a record in words: ``numpy 2.4.1, scipy 1.17.0, x86_64, Python 3.11``."""
     own = record["platform"]
     libraries = [f"{name} {own.get(name)}" for name in ("numpy", "scipy")]
     return ", ".join([*libraries, str(own.get("machine")), f"Python {own.get('python')}"])
 
 
 def node_records(plan: Plan) -> dict[str, Any]:
-    """For each stage what its keys are made of, axis values aside: compared to say why a cell is computed again."""
+    """Return the ingredients of the keys of each stage, without axis values; compared to say why cells are
+    recomputed.
+    """
     records = {}
     for node in plan.nodes:
         cell = plan.of(node.name)[0]
@@ -76,7 +79,7 @@ def node_records(plan: Plan) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A value as JSON: files by content, infinity in words."""
+    """Return a value as JSON: files by content, infinity as text."""
     if isinstance(value, LateValue):
         return "found while running"
     if isinstance(value, list | tuple):
@@ -89,7 +92,7 @@ def _plain(value: Any) -> Any:
 
 
 def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, Any] | None:
-    """The record of the newest run of an archive that can be read, and is as it was written."""
+    """Return the newest run record of an archive that is readable and intact."""
     for path in reversed(record_paths(folder)):
         record = disk.read_document(path)
         known = manifest.files.get(f"runs/{path.name}") if manifest else None
@@ -99,13 +102,13 @@ def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, A
 
 
 def records(folder: Path) -> list[dict[str, Any]]:
-    """The records of all runs that can be read, the newest first."""
+    """Return all readable run records, the newest first."""
     found = [disk.read_document(path) for path in reversed(record_paths(folder))]
     return [record for record in found if record is not None and is_record(record)]
 
 
 def record_paths(folder: Path) -> list[Path]:
-    """The records of all runs, the newest last."""
+    """Return the paths of all run records, the newest last."""
     return sorted(p for p in (folder / "runs").glob("*.json") if p.stem.isdigit()) if (folder / "runs").is_dir() else []
 
 
@@ -121,7 +124,7 @@ _WORDS = {
 
 
 def is_record(record: Mapping[str, Any]) -> bool:
-    """Whether a document has the form of a record."""
+    """Return True if a document has the form of a record."""
     if not all(isinstance(record.get(name), kind) for name, kind in _WORDS.items()):
         return False
     nodes = record["nodes"].values()
@@ -135,8 +138,8 @@ def is_record(record: Mapping[str, Any]) -> bool:
 def write_record(
     folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False
 ) -> str:
-    """Record a run before it starts: ``runs/<number>.json``, and its pipeline as ``runs/<number>.toml``; gives the path
-    of the record.
+    """Record a run before it starts, as ``runs/<number>.json`` with its pipeline in ``runs/<number>.toml``; return the
+    path of the record.
 
     ``plan`` holds the axis values of earlier runs too, ``asked`` those of this one; ``resolved`` is its pipeline.
     """
@@ -148,8 +151,8 @@ def write_record(
 
 
 def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any]) -> dict[str, Any]:
-    """What is recorded of a run: compared with what is computed again (``studies.checked``), a field more by default
-    too.
+    """Return the record of a run. ``studies.checked`` compares it with a recomputed one, so new fields are checked
+    without further code.
     """
     text = asked.pipeline.text
     for written, copy in resolved.written.items():
@@ -176,7 +179,7 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str,
 
 
 def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
-    """Why each stage would be computed again: the field that changed, old and new."""
+    """Return why each stage would be recomputed: the field that changed, with its old and new value."""
     if not old:
         return {}
     found = node_changes(old["nodes"], node_records(plan))
@@ -191,14 +194,14 @@ def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
 
 
 def sources_of(nodes: Iterable[Node]) -> dict[str, str]:
-    """Digests, by module, of all code behind some stages."""
+    """Return the digests, by module, of all code that some stages use."""
     every = [code_of(one.kind).sources for node in nodes for one in node.alternatives]
     return dict(sorted(pair for one in every for pair in one.items()))
 
 
 def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
-    """By stage what differs of what its keys are made of, old and new; of the first stages, and of those that read
-    from them.
+    """Return, by stage, which ingredient of its keys differs, old and new; for stages downstream of such a stage, which
+    input has changed.
     """
     found: dict[str, str] = {}
     for name, after in new.items():

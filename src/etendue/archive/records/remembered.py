@@ -1,7 +1,7 @@
-"""What was found out about a pipeline and is costly to find again: measured errors, beside the store of an archive.
+"""Cached results about a pipeline that are costly to find again (measured errors), beside the store of an archive.
 
-In:  the folder of an archive, the key of everything that a document depends on.
-Out: the document; None where nothing is remembered under that key, or the file is damaged.
+In:  the folder of an archive, and the key of everything that a document depends on.
+Out: the document; None if nothing is stored under that key or the file is damaged.
 """
 
 from __future__ import annotations
@@ -16,36 +16,36 @@ from etendue.archive.records import disk
 
 NAME = "measured.json"
 SUM = "sum"
-MOST = 256  # documents; the oldest is forgotten first
+MOST = 256  # documents; the oldest is dropped first
 
 
 def recall(folder: Path, key: str) -> dict[str, Any] | None:
-    """The document of a key."""
+    """Return the document stored under a key, or None."""
     found = documents(folder).get(key)
     return found if isinstance(found, dict) else None
 
 
 def documents(folder: Path) -> dict[str, Any]:
-    """Everything that is remembered; nothing of a file that is not as it was written."""
+    """Return all stored documents; an empty dictionary if the file does not match its checksum."""
     found = disk.read_document(folder / NAME) or {}
     known = {name: one for name, one in found.items() if name != SUM and isinstance(one, dict)}
     return known if found.get(SUM, _sum(known)) == _sum(known) else {}
 
 
 def whole(folder: Path) -> bool:
-    """Whether the file is as it was written, or not there."""
+    """Return True if the file is absent or matches its checksum."""
     path = folder / NAME
     found = disk.read_document(path)
     return not (path.exists() or path.is_symlink()) or (found is not None and (not found or bool(documents(folder))))
 
 
 def remember(folder: Path, key: str, document: Mapping[str, Any]) -> None:
-    """Keep a document of plain values under its key."""
+    """Store a document of plain values under its key."""
     known = {k: v for k, v in documents(folder).items() if k != key}
     kept = dict(list(known.items())[-(MOST - 1) :]) | {key: dict(document)}
     disk.write(folder, NAME, json.dumps({**kept, SUM: _sum(kept)}, indent=1).encode())
 
 
 def _sum(known: Mapping[str, Any]) -> str:
-    """SHA-256 of all that is remembered, as it reads back."""
+    """Return the SHA-256 of all documents, in the form in which they read back."""
     return hashlib.sha256(json.dumps(json.loads(json.dumps(known)), sort_keys=True).encode()).hexdigest()

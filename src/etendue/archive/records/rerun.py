@@ -1,7 +1,7 @@
-"""The pipeline of an archive, from the archive alone: what its last run was asked for, and the files it names.
+"""The pipeline of an archive from the archive alone: what its last run was asked for, and the files it names.
 
 In:  the folder of an archive.
-Out: the record of its last run, its pipeline, the digests that its inputs must have.
+Out: the record of its last run, its pipeline, and the digests that its inputs must have.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _INPUT = re.compile(r'"\.\./inputs/([0-9a-f]{64}[^"/]*)"')
 
 @dataclass(frozen=True)
 class Recorded:
-    """One run of an archive: its record and the pipeline it was asked for."""
+    """One run of an archive: its record and the pipeline it ran."""
 
     path: Path
     record: Mapping[str, Any]
@@ -36,16 +36,16 @@ class Recorded:
 
     @property
     def inputs(self) -> list[str]:
-        """The names below ``inputs/`` that its pipeline reads, each beginning with the SHA-256 of its content."""
+        """The names below ``inputs/`` that its pipeline reads; each begins with the SHA-256 of its content."""
         return list(dict.fromkeys(_INPUT.findall(self.text)))
 
     def pipeline(self, most_cells: int | None = None) -> PipelineFile:
-        """The pipeline as it was resolved; ``most_cells``: how many cells its reader allows, whatever it says itself.
+        """Return the resolved pipeline; ``most_cells`` is the limit set by the reader and overrides its own.
 
         Raises
         ------
         ArchiveError
-            One of its inputs is missing or not what its name says.
+            One of its inputs is missing or does not match its name.
         RequestError
             The text cannot be read.
         """
@@ -61,7 +61,7 @@ class Recorded:
 
 
 def input_fault(folder: Path, name: str) -> str:
-    """What is wrong with one input of an archive, and what to do; '' where nothing is."""
+    """Return what is wrong with one input of an archive and what to do; '' if it is intact."""
     copy, told = folder / "inputs" / name, disk.read_document(folder / "inputs" / f"{name}.json")
     if not copy.exists():
         if told is not None:
@@ -71,33 +71,33 @@ def input_fault(folder: Path, name: str) -> str:
                 f"there under this name"
             )
         return (
-            f"{copy} is missing. Put the file whose SHA-256 is its name there, or: etendue verify {folder} --repair "
-            f"--from FOLDER"
+            f"{copy} is missing. Put the file whose SHA-256 is this name there, or run: "
+            f"etendue verify {folder} --repair --from FOLDER"
         )
     try:
         found = digest_now(copy)
     except OSError as error:
-        found = f"not to be read ({error.strerror})"
+        found = f"unknown, as it cannot be read ({error.strerror})"
     if found == name[:64]:
         return ""
-    what = f"is not what its name says: its SHA-256 is {found}"
-    return f"{copy} {what}. Put the right file there, or: etendue verify {folder} --repair --from FOLDER"
+    what = f"does not match its name: its SHA-256 is {found}"
+    return f"{copy} {what}. Put the right file there, or run: etendue verify {folder} --repair --from FOLDER"
 
 
 def recorded(folder: Path) -> Recorded:
-    """The last run of an archive that was recorded.
+    """Return the last recorded run of an archive.
 
     Raises
     ------
     ArchiveError
-        The folder is no archive, or what is recorded of its last run is missing or damaged.
+        The folder is not an archive, or the record of its last run is missing or damaged.
     """
     if not (folder / DATA).is_dir():
-        raise ArchiveError(f"{folder} is not an archive of etendue (no {DATA} in it)")
-    disk.Listing(folder)  # no word of it is read through a link
+        raise ArchiveError(f"{folder} is not an archive of etendue (it holds no {DATA})")
+    disk.Listing(folder)  # raises for links: nothing is read through one
     paths = record_paths(folder)
     if not paths:
-        what = "holds no record of a run: nobody knows what it was asked for"
+        what = "holds no record of a run, so its pipeline is unknown"
         raise ArchiveError(f"{folder} {what}. Run its pipeline file: etendue run FILE --archive {folder}")
     record, manifest = disk.read_document(paths[-1]), read_manifest(folder)
     newer = [
@@ -107,22 +107,23 @@ def recorded(folder: Path) -> Recorded:
     ]
     if any(path.startswith("runs/") for path in newer):
         raise ArchiveError(
-            f"{folder / max(newer)} is missing: it is the record of the last run. Mend it: etendue verify {folder} "
-            f"--repair"
+            f"{folder / max(newer)} is missing: it is the record of the last run. "
+            f"Repair it with: etendue verify {folder} --repair"
         )
     known = manifest.files.get(f"runs/{paths[-1].name}") if manifest else None
     if record is None or not is_record(record) or known not in (None, digest_of(paths[-1])):
         raise ArchiveError(
-            f"{paths[-1]} is damaged: it is the record of the last run. Mend it: etendue verify {folder} --repair"
+            f"{paths[-1]} is damaged: it is the record of the last run. "
+            f"Repair it with: etendue verify {folder} --repair"
         )
     if not isinstance(record.get("resolved"), str):
-        what = "holds no whole pipeline: it was written by an early version"
+        what = "holds no complete pipeline: it was written by an early version"
         raise ArchiveError(f"{paths[-1]} {what}. Run its file: etendue run FILE --archive {folder}")
     return Recorded(paths[-1], record)
 
 
 def every_record(folder: Path, known: Container[str] | None = None) -> Iterator[Recorded]:
-    """All runs whose records can be read, the newest first; ``known``: of those at these paths."""
+    """Yield all runs with readable records, the newest first; ``known`` limits them to these paths."""
     for path in reversed(record_paths(folder)):
         if known is not None and f"runs/{path.name}" not in known:
             continue

@@ -1,10 +1,10 @@
-"""Who writes to an archive on an object store: one object, put on the condition that it is still the one that was seen.
+"""The right to write to an archive on an object store: one object, put on the condition that it has not changed.
 
-In:  the store, what was seen of ``owner.json``.
-Out: the right to write, for as long as it is renewed; the last word on an archive when it is in order.
+In:  the store, and what was seen of ``owner.json``.
+Out: the right to write for as long as it is renewed; the final mark that an archive is in order.
 
-A run that was killed cannot give it up: it ends by itself ``LEASE`` seconds after it was last renewed. Every put of it
-has another content, so that its tag says whether anybody has written since.
+A killed run cannot give its lease up: it expires ``LEASE`` seconds after the last renewal. Every put has different
+content, so that the object's tag shows whether anybody has written since.
 """
 
 from __future__ import annotations
@@ -20,24 +20,25 @@ from etendue.errors import ArchiveInUse, StoreLost
 
 OWNER = "owner.json"
 LEASE = 60.0  # seconds
-RUNNING, LEFT, CLOSED = "running", "left", "closed"  # somebody writes; a run has ended before its end; all is in order
+# a run is writing; a run has failed or was interrupted; all is in order
+RUNNING, LEFT, CLOSED = "running", "left", "closed"
 
 
 @dataclass(frozen=True)
 class SeenOwner:
-    """What ``owner.json`` says. An archive that another program has put there has none."""
+    """The content of ``owner.json``. An archive uploaded by another program has none."""
 
     run: str = ""
     state: str = CLOSED
     found: StoredObject | None = None
 
     def held(self) -> float:
-        """Seconds for which it is still somebody's."""
+        """Return the seconds for which another run still holds the lease."""
         return max(self.found.modified + LEASE - time.time(), 0.0) if self.found and self.state == RUNNING else 0.0
 
 
 def look(objects: Objects) -> SeenOwner:
-    """Who owns what is on a store."""
+    """Return who owns an archive on a store."""
     try:
         data, found = objects.get(OWNER)
     except FileNotFoundError:
@@ -51,31 +52,32 @@ def look(objects: Objects) -> SeenOwner:
 
 def in_use(url: str, seen: SeenOwner) -> ArchiveInUse:
     return ArchiveInUse(
-        f"{url} is in use by another run; if that was killed it is free in {seen.held():.0f} s: run again then"
+        f"{url} is in use by another run; if that run was killed, the archive is free in {seen.held():.0f} s: "
+        f"run again then"
     )
 
 
 class Lease:
-    """The right of a run to write.
+    """A run's right to write.
 
     Attributes
     ----------
-    guarded : whether the store keeps others from writing meanwhile
+    guarded : whether the store enforces the condition, so that nobody else can write meanwhile
     """
 
     def __init__(self, objects: Objects, seen: SeenOwner) -> None:
         self.objects, self.run, self.number, self.guarded = objects, uuid.uuid4().hex, 0, True
         self.tag = seen.found.tag if seen.found else ""
-        self.renewed = time.time()  # of the clock that goes on while a machine sleeps
+        self.renewed = time.time()  # wall-clock time, which goes on while a machine sleeps
         self.lock = threading.Lock()
 
     def take(self) -> None:
-        """Become the owner, if nobody has since ``seen``.
+        """Become the owner, if nobody else has since ``seen``.
 
         Raises
         ------
         ArchiveInUse
-            Somebody has.
+            Somebody else has.
         """
         try:
             self.say(RUNNING)
@@ -83,12 +85,12 @@ class Lease:
             raise in_use(self.objects.url, look(self.objects)) from None
 
     def renew(self) -> None:
-        """Stay the owner. A store that cannot be reached is asked again next time.
+        """Renew the lease. If the store cannot be reached, the next call tries again.
 
         Raises
         ------
         ArchiveInUse
-            Another run is the owner now.
+            Another run is now the owner.
         """
         if time.time() - self.renewed > LEASE / 4:
             try:
@@ -98,12 +100,12 @@ class Lease:
                 pass
 
     def check(self) -> None:
-        """In front of a put: the right to it may have ended while the machine slept, or the network was gone.
+        """Call before a put: the lease may have expired while the machine slept or the network was down.
 
         Raises
         ------
         ArchiveInUse
-            Another run is the owner now.
+            Another run is now the owner.
         """
         if time.time() - self.renewed > LEASE / 2:
             with self.lock:
@@ -111,20 +113,20 @@ class Lease:
                     self.say(RUNNING)
 
     def say(self, state: str) -> None:
-        """Put what is the case.
+        """Write the state.
 
         Raises
         ------
         ArchiveInUse
-            Another run is the owner now.
+            Another run is now the owner.
         """
         self.number += 1
         data = json.dumps({"run": self.run, "state": state, "number": self.number}).encode()
         try:
             self.tag = self._put(data)
         except Conflict:
-            if look(self.objects).run != self.run:  # else the answer to an earlier put of our own was lost on its way
-                raise ArchiveInUse(f"{self.objects.url} belongs to another run now; this one stops") from None
+            if look(self.objects).run != self.run:  # else the response to an earlier put of our own was lost
+                raise ArchiveInUse(f"{self.objects.url} now belongs to another run; this one stops") from None
             self.tag = self.objects.put(OWNER, data)
         self.renewed = time.time()
 

@@ -1,11 +1,10 @@
-"""The door to an object store: whole objects below one URL are put, fetched, listed and removed, and what goes wrong is
-said in words.
+"""Access to an object store: put, fetch, list and remove whole objects below one URL, with readable errors.
 
 In:  ``s3://bucket/prefix/name`` (``file:///folder`` and ``memory:///name`` for trials), the usual AWS_* environment
      variables.
-Out: bytes, tags of objects (ETag), one clear line for every error.
+Out: bytes, tags of objects (ETag), one clear line per error.
 
-A put replaces an object whole or not at all. What is put on a condition (``if_tag``) leaves an object alone that
+A put replaces an object completely or not at all. A conditional put (``if_tag``) does not overwrite an object that
 somebody else has put.
 """
 
@@ -26,7 +25,7 @@ from etendue.errors import ArchiveError, RequestError, StoreLost, shortened
 SCHEMES = ("s3", "file", "memory")
 EXTRA = "pip install 'etendue[objects]'"
 DATA = "data.zarr"
-LARGE = 16 << 20  # bytes beyond which an object goes up in pieces, which the store puts together
+LARGE = 16 << 20  # bytes; larger objects are uploaded in parts, which the store assembles
 KEYS = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (AWS_SKIP_SIGNATURE=true: none, for a public bucket)"
 ROLES = (
     "AWS_ACCESS_KEY_ID",
@@ -38,38 +37,38 @@ _memory: dict[str, Any] = {}  # stores in memory, by URL
 
 
 class Conflict(Exception):
-    """Somebody else has put the object meanwhile."""
+    """Another process has put the object meanwhile."""
 
 
 class Unconditional(Exception):
-    """The store knows no conditions."""
+    """The store does not support conditional writes."""
 
 
 @dataclass(frozen=True)
 class StoredObject:
-    """An object as it is on the store."""
+    """An object on the store."""
 
     size: int
-    tag: str  # another one whenever other bytes are put
+    tag: str  # changes whenever other bytes are put
     modified: float  # seconds since 1970, by the clock of the store
 
 
 def plain_url(text: str) -> str:
-    """A URL as it is said and compared.
+    """Return a URL in its normal form.
 
     Raises
     ------
     RequestError
-        It names no store that is known, or no name in it.
+        The scheme is unknown, or the URL does not name an object below a bucket.
     """
     scheme, _, rest = text.partition("://")
     if scheme not in SCHEMES:
         raise RequestError(
-            f"{text}: archives are kept in folders or at s3://bucket/prefix/name; {scheme}:// is not known"
+            f"{text}: unknown scheme {scheme}://; archives are kept in folders or at s3://bucket/prefix/name"
         )
     rest = rest.rstrip("/") if scheme == "s3" else "/" + rest.strip("/")
     if scheme == "s3" and "@" in rest.split("/")[0]:
-        raise RequestError(f"s3://...: keys do not belong into a URL; set {KEYS}")
+        raise RequestError(f"s3://...: a URL must not contain keys; set {KEYS}")
     if not re.fullmatch(r"[^/]+(/[^/]+)+" if scheme == "s3" else r"(/[^/]+)+", rest) or {"..", "."} & set(
         rest.split("/")
     ):
@@ -82,7 +81,7 @@ class Objects:
 
     Attributes
     ----------
-    counts : requests by kind, one for every object fetched, put or removed, and for every thousand listed
+    counts : requests by kind: one per object fetched, put or removed, and one per thousand listed
     """
 
     def __init__(self, url: str) -> None:
@@ -101,7 +100,7 @@ class Objects:
         return self.url.rpartition("/")[2]
 
     def list(self) -> dict[str, StoredObject]:
-        """Every object by its path below the URL."""
+        """Return every object by its path below the URL."""
         found: dict[str, StoredObject] = {}
         with self._asked("listing it"):
             for page in self.api.list(self.store, chunk_size=1000):
@@ -112,7 +111,7 @@ class Objects:
         return {path: one for path, one in found.items() if not {"", ".", ".."} & set(path.split("/"))}
 
     def get(self, path: str) -> tuple[bytes, StoredObject]:
-        """An object; ``FileNotFoundError`` where there is none."""
+        """Return an object; raise ``FileNotFoundError`` if there is none."""
         with self._asked(f"fetching {path}"):
             self.counts["get"] += 1
             found = self.api.get(self.store, path)
@@ -122,28 +121,28 @@ class Objects:
             )
 
     def part(self, path: str, start: int, length: int) -> bytes:
-        """Some bytes of an object; fewer where it ends before."""
+        """Return a byte range of an object; fewer bytes if it ends earlier."""
         with self._asked(f"fetching {path}"):
             self.counts["get"] += 1
             return bytes(self.api.get_range(self.store, path, start=start, length=length)) if length else b""
 
     def pieces(self, path: str) -> Iterator[bytes]:
-        """An object piece by piece."""
+        """Yield an object in pieces."""
         with self._asked(f"fetching {path}"):
             self.counts["get"] += 1
             for piece in self.api.get(self.store, path).stream(min_chunk_size=LARGE):
                 yield bytes(piece)
 
     def put(self, path: str, data: bytes | Path, if_tag: str | None = None) -> str:
-        """Put an object whole; gives its tag. ``if_tag``: only where this is the tag of what is there; '': only where
-        nothing is.
+        """Put an object and return its tag. ``if_tag``: only if the present object has this tag; '': only if there is
+        none.
 
         Raises
         ------
         Conflict
-            Something else is there.
+            The condition does not hold.
         Unconditional
-            The store knows no conditions.
+            The store does not support conditional writes.
         """
         known: Any = self.api.exceptions
         mode: Any = None if if_tag is None else {"e_tag": if_tag} if if_tag else "create"
@@ -163,7 +162,7 @@ class Objects:
                 raise
 
     def delete(self, paths: Iterable[str]) -> None:
-        """Remove objects by name; one that is not there is gone."""
+        """Remove objects by name; missing ones are ignored."""
         gone = list(paths)
         with self._asked("removing objects"):
             self.counts["delete"] += len(gone)
@@ -175,7 +174,7 @@ class Objects:
 
     @contextmanager
     def _asked(self, doing: str) -> Iterator[None]:
-        """What a store answers, in words."""
+        """Turn errors of the store into readable ones."""
         try:
             yield
         except self.api.exceptions.BaseError as error:
@@ -192,13 +191,13 @@ def _said(url: str, doing: str, error: Exception) -> Exception:
     text = str(error)
     if "NoSuchBucket" in text:
         bucket = url.removeprefix("s3://").partition("/")[0]
-        return ArchiveError(f"{url}: there is no bucket {bucket!r}; make it first, or name another")
+        return ArchiveError(f"{url}: there is no bucket {bucket!r}; create it first or use another")
     if "/latest/api/token" in text or "/latest/meta-data" in text or "169.254." in text:
-        return ArchiveError(f"{url}: no credentials were found; set {KEYS}")
+        return ArchiveError(f"{url}: no credentials found; set {KEYS}")
     if type(error).__name__ in ("UnauthenticatedError", "PermissionDeniedError", "PermissionError") or " 403 " in text:
         code = re.search(r"<Code>(\w+)</Code>", text)
         return ArchiveError(
-            f"{url}: the store refuses {doing}{f' ({code.group(1)})' if code else ''}; check {KEYS}, and AWS_REGION"
+            f"{url}: access denied while {doing}{f' ({code.group(1)})' if code else ''}; check {KEYS}, and AWS_REGION"
         )
     line = shortened(re.sub(r"^Generic \w+ error: ", "", text.partition("\n")[0]).strip(), 240)
     return StoreLost(f"{url}: the store cannot be reached or has failed while {doing} ({line})")
@@ -217,7 +216,8 @@ def _store(url: str) -> Any:
     client: Any = {"timeout": "300s", "connect_timeout": "5s"}
     client |= {"allow_http": True} if endpoint.startswith("http://") else {}
     anonymous = os.environ.get("AWS_SKIP_SIGNATURE", "").lower() in ("1", "true", "yes", "on")
-    if not anonymous and not any(map(os.environ.get, ROLES)):  # a machine of the cloud may have a role: asked once
+    # a cloud machine may have a role: probe once, without retries
+    if not anonymous and not any(map(os.environ.get, ROLES)):
         import obstore
 
         once: Any = {"max_retries": 0, "retry_timeout": timedelta(seconds=2)}
@@ -230,18 +230,18 @@ def _store(url: str) -> Any:
 
 
 def endpoint_of(url: str) -> str:
-    """What beside a URL says which store it is."""
+    """Return the endpoint that, beside a URL, identifies the store."""
     names = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT") if url.startswith("s3:") else ()
     return next((os.environ[name] for name in names if os.environ.get(name)), "")
 
 
 def zarr_store(url: str) -> Any:
-    """The store of an archive for zarr and xarray, read only; of one in memory, as it is now.
+    """Return the store of an archive for zarr and xarray, read-only; one in memory is copied as it is now.
 
     Raises
     ------
     ArchiveError
-        There is none.
+        There is no archive.
     """
     from zarr.storage import ObjectStore
 
@@ -249,7 +249,7 @@ def zarr_store(url: str) -> Any:
     try:
         whole.get(f"{DATA}/zarr.json")
     except FileNotFoundError:
-        raise ArchiveError(f"{whole.url} holds no archive that can be opened (no {DATA}/zarr.json below it)") from None
+        raise ArchiveError(f"{whole.url} is not an archive that can be opened (it holds no {DATA}/zarr.json)") from None
     inner = Objects(f"{whole.url}/{DATA}")
     if inner.url.startswith("memory:"):
         for path in whole.list():

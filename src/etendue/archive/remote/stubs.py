@@ -1,11 +1,11 @@
-"""Stand-ins: shards of an archive whose bytes lie on an object store. Here is a file of their size that holds their
-index alone.
+"""Stand-ins: local files for shards whose bytes lie on an object store. A stand-in has the shard's size and holds only
+its index.
 
 In:  the folder of an archive beside ``store.json``, which names the store.
-Out: bytes of chunks, fetched when they are asked for; a shard fetched whole before it is copied from.
+Out: bytes of chunks, fetched on demand; whole shards, fetched before they are copied from.
 
-A stand-in is told by the time of its last change, which no other file has. Whoever overlooks that reads zeros, which
-fit no checksum.
+A stand-in is recognised by its mtime, which no other file has. Code that overlooks this reads zeros, which fail
+every checksum.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _windows: OrderedDict[tuple[str, int, int], bytes] = OrderedDict()
 
 
 def is_stand_in(handle: int) -> bool:
-    """Whether the bytes of an open file lie elsewhere."""
+    """Return True if the bytes of an open file lie on the store."""
     return os.fstat(handle).st_mtime_ns == disk.ELSEWHERE
 
 
 def store_behind(root: Path) -> Objects:
-    """The store on which the bytes of stand-ins lie; one for each process."""
+    """Return the store that holds the bytes of stand-ins; one client per process."""
     key = (os.getpid(), str(root))
     with _lock:
         if key not in _stores:
@@ -43,15 +43,15 @@ def store_behind(root: Path) -> Objects:
 
 
 def forget(root: Path) -> None:
-    """Nothing is asked of this archive any more."""
+    """Release the store client of an archive that is no longer read."""
     with _lock:
         _stores.pop((os.getpid(), str(root)), None)
 
 
 def read(root: Path, path: str, handle: int, offset: int, size: int) -> bytes:
-    """Some bytes of the object that a file stands for; ``FileNotFoundError`` where it is gone.
+    """Return bytes of the object that a file stands for; ``FileNotFoundError`` if the object is gone.
 
-    Chunks of a shard that lie near each other are fetched together: reading all costs a request for every 4 MiB.
+    Chunks of a shard that lie close together are fetched together: reading all of it costs one request per 4 MiB.
     """
     store, state = store_behind(root), os.fstat(handle)
     if size >= DIRECT:
@@ -82,7 +82,7 @@ def _window(store: Objects, name: str, path: str, state: os.stat_result, start: 
 
 
 def opened(root: Path, path: str) -> int:
-    """A handle to a shard that holds its bytes: they are fetched first where they lie elsewhere."""
+    """Return a handle to a shard that holds its bytes; a stand-in is replaced by the fetched object first."""
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     handle = os.open(root / path, flags)
     if is_stand_in(handle):
@@ -93,7 +93,7 @@ def opened(root: Path, path: str) -> int:
 
 
 def stand_for(root: Path, path: str, index: int) -> None:
-    """Leave a stand-in in the place of a shard that is on the store; its last ``index`` bytes stay."""
+    """Replace a shard that is on the store by a stand-in; its last ``index`` bytes are kept."""
     handle = os.open(root / path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         size = os.fstat(handle).st_size

@@ -1,10 +1,10 @@
-"""Chunks: the bytes zarr would write for them, encoded, checksummed and appended by the worker that made them.
+"""Chunks, byte for byte as zarr would write them; encoded, checksummed and appended by the worker that computed them.
 
-In:  arrays of one cell; where its chunks belong.
-Out: where they were put (``Written``); arrays read back. A test holds the bytes equal to those of zarr's own API.
+In:  arrays of one cell; the shards and slots of its chunks.
+Out: where they were put (``Written``); arrays read back. A test compares the bytes with those of zarr's own API.
 
-zarr-python sends every write through one event loop and rewrites a shard for each chunk of it; here a chunk costs its
-checksum and one write.
+zarr-python sends every write through one event loop and rewrites a whole shard for each chunk added to it; here a chunk
+costs its checksum and one write.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from etendue.errors import ArchiveError
 
 blosc.use_threads = False  # the bits and the time of a chunk must not depend on the threads around it
 CODEC, LEVEL = "lz4", 5
-RAW = "raw"  # the kinds of a chunk: CODEC, or as it is in memory
+RAW = "raw"  # the codec of a chunk: CODEC, or RAW for the bytes as in memory
 
 
 def pieces_of(array: Any, codec: str = CODEC) -> tuple[Any, bytes]:
-    """The body of a chunk (little-endian bytes, blosc with bitshuffle unless raw) and the crc32c behind it."""
+    """Return the body of a chunk (little-endian bytes, blosc with bitshuffle unless raw) and its crc32c."""
     array = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).reshape(-1)
     body: Any = (
         array.view(np.uint8)
@@ -40,21 +40,21 @@ def pieces_of(array: Any, codec: str = CODEC) -> tuple[Any, bytes]:
         else blosc.compress(array, CODEC.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.itemsize)
     )
     if codec == RAW:
-        body.flags.writeable = False  # of this view alone; what is read only needs no copy
+        body.flags.writeable = False  # of this view only: read-only data need not be copied
     return body, int(google_crc32c.value(body)).to_bytes(4, "little")
 
 
 def encode(array: Any, codec: str = CODEC) -> bytes:
-    """One chunk."""
+    """Return one chunk as bytes."""
     body, checksum = pieces_of(array, codec)
     return bytes(body) + checksum
 
 
 def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) -> Any:
-    """The array of one chunk; raises ``ArchiveError`` where the checksum or the size does not fit."""
+    """Return the array of one chunk; raise ``ArchiveError`` if its checksum or size does not match."""
     body, checksum = data[:-4], data[-4:]
     if len(data) < 4 or int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
-        raise ArchiveError("the stored bytes do not fit their checksum")
+        raise ArchiveError("the stored bytes do not match their checksum")
     try:
         little = np.dtype(dtype).newbyteorder("<")
         if codec != RAW:
@@ -62,14 +62,14 @@ def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) 
         array = np.frombuffer(body if codec == RAW else blosc.decompress(body), dtype=little)
         return array.astype(dtype, copy=False).reshape(shape)
     except (RuntimeError, ValueError, TypeError) as error:
-        raise ArchiveError(f"the stored bytes are no array of {dtype} {shape}: {error}") from None
+        raise ArchiveError(f"the stored bytes do not decode to an array of {dtype} {shape}: {error}") from None
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """One chunk of one variable: its slot in a shard, and which part of the cell it is; None: all of it.
+    """One chunk of one variable: its slot in a shard, and the part of the cell that it covers (None: all of it).
 
-    ``slots`` of the shard: 0 for a file that is the chunk itself.
+    ``slots`` is the number of slots of the shard, 0 if the file is the chunk itself.
     """
 
     variable: str
@@ -84,19 +84,19 @@ class Chunk:
 
 @dataclass(frozen=True)
 class CellFiles:
-    """The chunks of one cell. Travels with the job; knows nothing of the plan."""
+    """The chunks of one cell. Sent to the worker with the job; independent of the plan."""
 
     root: str
     run_id: str
     chunks: tuple[Chunk, ...]
     durable: bool = False
-    held: tuple[WrittenChunk, ...] = ()  # chunks that are stored and right: they stay as they are
+    held: tuple[WrittenChunk, ...] = ()  # valid stored chunks, which stay as they are
     places: dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace | None]] = field(
         default_factory=dict
-    )  # by shard and slot; None: in its part
+    )  # by shard and slot; a place of None means in its part
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[WrittenChunk, ...]:
-        """Append every chunk to this process's part of its shard."""
+        """Append every chunk to this process's part of its shard; return where they were put."""
         written = list(self.held)
         there = {(file.path, file.slot) for file in self.held}
         cutters: dict[str, Cutter] = {}
@@ -119,25 +119,25 @@ class CellFiles:
         return tuple(written)
 
     def settle(self) -> None:
-        """What the cells of a batch have written stands in its files."""
+        """Make sure that everything the cells of a batch have written is in its files."""
         PARTS.settle(self.root, self.run_id)
 
     def read(self, variable: str) -> Any:
-        """The array of one variable, checked against its checksum."""
+        """Return the array of one variable, checked against its checksum."""
         own = [chunk for chunk in self.chunks if chunk.variable == variable]
         if len(own) == 1 and own[0].window is None:
             return np.array(self._read(own[0]))
         return joined(((chunk.window, self._read(chunk)) for chunk in own), [chunk.window for chunk in own])
 
     def read_band(self, variable: str, band: int) -> Any:
-        """One band of a variable that is stored by band."""
+        """Return one band of a variable that is stored by band."""
         own = [c for c in self.chunks if c.variable == variable and c.window and c.window[0] == (band, band + 1)]
         return joined(((chunk.window, self._read(chunk)) for chunk in own), [chunk.window for chunk in own])[0]
 
     def _read(self, chunk: Chunk) -> Any:
         found = self.places.get((chunk.path, chunk.slot))
         if found is None:
-            raise ArchiveError(f"{chunk.path}: it holds no chunk {chunk.slot}")
+            raise ArchiveError(f"{chunk.path}: there is no chunk {chunk.slot} in it")
         PARTS.flush(self.root)
         for place in self._where(chunk, *found):
             try:
@@ -146,10 +146,10 @@ class CellFiles:
                 continue
             if fits(data, place):
                 return decode(data, chunk.dtype, chunk.shape, chunk.codec)
-        raise ArchiveError(f"{chunk.path}: chunk {chunk.slot} is missing, or its bytes do not fit their checksum")
+        raise ArchiveError(f"{chunk.path}: chunk {chunk.slot} is missing, or its bytes do not match their checksum")
 
     def _where(self, chunk: Chunk, written: WrittenChunk, place: ChunkPlace | None) -> Iterator[ChunkPlace]:
-        """Where a chunk may lie: a shard may have been made of its part since."""
+        """Yield the places where a chunk may lie: its part may have become a shard meanwhile."""
         if place is not None:
             yield place
         yield ChunkPlace(part_path(written), written.offset, written.size, written.digest)

@@ -1,11 +1,11 @@
-"""Where stored chunks lie: what the journal says, held against the sizes and indexes of the files.
+"""Locate stored chunks: entries of the journal checked against the sizes and indexes of the files.
 
 In:  the folder of an archive, its journal.
-Out: the place of a chunk, or None where it is lost.
+Out: the place of a chunk, or None if it is lost.
 
-After a run that ended in order no chunk is read: the size of a shard is that of the journal, and its index names the
-same place. What was written since, and what lies in a shard that is not as the journal says, is read back and held
-against its digest; so one flipped bit of an index costs no cell.
+After a run that ended in order no chunk has to be read: the size of a shard matches the journal, and its index gives
+the same place. Chunks written since, and chunks in a shard that does not match the journal, are read back and checked
+against their digests; a flipped bit in an index therefore costs no cell.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ class Journalled(Protocol):
 
 @dataclass(frozen=True)
 class State:
-    """A shard as it is on disk; its index is None where it is damaged."""
+    """A shard on disk; ``index`` is None if it is damaged."""
 
     size: int
     index: Mapping[int, tuple[int, int]] | None
 
 
 class Finder:
-    """Looks at every shard once."""
+    """Locates chunks; reads the index of every shard once."""
 
     def __init__(self, folder: Path, journal: Journalled, linked: frozenset[str] = frozenset()) -> None:
         self.folder, self.journal = folder, journal
-        self.linked = linked  # paths of links in the place of folders: nothing behind them is read
+        self.linked = linked  # links that replace folders: nothing is read through them
         self.states: dict[str, State | None] = {}
 
     def state(self, path: str, slots: int) -> State | None:
-        """A shard as it is; None where there is none."""
+        """Return the state of a shard; None if there is none."""
         if path not in self.states:
             try:
                 if self.behind_link(path):
@@ -54,18 +54,18 @@ class Finder:
         return self.states[path]
 
     def behind_link(self, path: str) -> bool:
-        """Whether a path leads through a link: its file is somebody else's."""
+        """Return True if a path leads through a link, so that its file is foreign."""
         return bool(self.linked) and any(path[:at] in self.linked for at, letter in enumerate(path) if letter == "/")
 
     def odd(self, path: str, slots: int) -> bool:
-        """Whether a shard that was put in its place is missing, has another size or a damaged index."""
+        """Return True if a finished shard is missing, has another size or a damaged index."""
         shard, state = self.journal.shards.get(path), self.state(path, slots)
         if shard is None or not shard.size:
             return False
         return state is None or state.size != shard.size or state.index is None
 
     def find(self, written: WrittenChunk, slots: int, fresh: bool = False) -> ChunkPlace | None:
-        """Where the bytes of a chunk are; ``fresh``: they are read, whatever stands around them."""
+        """Return where the bytes of a chunk are; ``fresh`` reads them in any case."""
         state, shard = self.state(written.path, slots), self.journal.shards.get(written.path)
         if self.behind_link(written.path):
             return None
@@ -80,12 +80,13 @@ class Finder:
                 )
                 if (known and not fresh and not shard.fresh) or holds(self.folder, place):
                     return place
+        # Not in the shard as journalled. An interrupted run leaves its chunks in a part:
         place = ChunkPlace(part_path(written), written.offset, written.size, written.digest)
         if holds(self.folder, place):
             return place
         if (
             state is not None and state.index is not None and written.slot in state.index
-        ):  # it was renamed, and that is all
+        ):  # the part was renamed to its shard, and the journal line for that is missing
             offset, size = state.index[written.slot]
             place = ChunkPlace(written.path, offset, size, written.digest)
             if size == written.size and holds(self.folder, place):

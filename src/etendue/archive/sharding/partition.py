@@ -1,11 +1,11 @@
-"""How a cell is cut into chunks: whole, by band, in bands of rows, or both.
+"""How a cell is split into chunks: whole, by band, in bands of rows, or both.
 
 In:  dims, shape and bytes of a variable of one cell.
-Out: the shape of its chunks, which part of the cell each of them is; arrays cut so, and put together again.
+Out: the shape of its chunks, and the part of the cell that each covers; arrays split this way and rejoined.
 
-Who reads a window of a large frame decodes the row bands under it and no others, and who writes one never holds it
-encoded. Chunks of Zarr are all of one shape: where rows do not come out even the last band goes on behind the frame, in
-fill values, as Zarr has it.
+A reader of a window of a large frame decodes only the row bands that overlap it, and a writer never holds the whole
+frame encoded. All chunks of a Zarr array have the same shape: if the rows do not divide evenly, the last band extends
+beyond the frame with fill values, as Zarr defines it.
 """
 
 from __future__ import annotations
@@ -20,51 +20,52 @@ import numpy as np
 from etendue.contract.arrays.dims import is_light
 from etendue.plan import cost
 
-LARGEST_CHUNK = 64 << 20  # bytes; a cell above it is cut in row bands
-BANDS = 4  # of them together hold about as much as the largest chunk: 16 MB
+LARGEST_CHUNK = 64 << 20  # bytes; a larger cell is split into row bands
+BANDS = 4  # this many row bands together hold about as much as the largest chunk, so one is 16 MB
 
 Shape = tuple[int, ...]
-Window = tuple[tuple[int, int], ...]  # from where to where along each dim of a cell
+Window = tuple[tuple[int, int], ...]  # (start, end) along each dim of a cell
 
 
 def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
-    """The shape of the chunks of a cell; its own where it is one chunk."""
+    """Return the shape of the chunks of a cell; the cell's own shape if it is one chunk."""
     whole = tuple(max(n, 1) for n in shape)
     if (
         len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE
-    ):  # it is made by band; Blosc refuses 2 GiB
+    ):  # it is computed by band; Blosc cannot compress 2 GiB or more
         whole = (1, *whole[1:])
     size = itemsize * prod(whole)
     if size <= LARGEST_CHUNK or tuple(dims)[-2:] != ("y", "x"):
         return whole
     rows = ceil(whole[-2] / ceil(size * BANDS / LARGEST_CHUNK))
+    # Prefer a height that divides the rows evenly, down to half as high: no fill values then.
     even = next((n for n in range(rows, rows // 2, -1) if whole[-2] % n == 0), rows)
     return (*whole[:-2], even, whole[-1])
 
 
 def known_chunk(shape: Shape, block: Mapping[str, Any]) -> Shape:
-    """The shape of the chunks of one cell, as the journal says; earlier versions knew whole cells and bands."""
+    """Return the chunk shape of one cell from the journal; earlier versions had only whole cells and bands."""
     whole = tuple(max(n, 1) for n in shape)
     return tuple(block["chunk"]) if "chunk" in block else whole if block["pieces"] == 1 else (1, *whole[1:])
 
 
 def counts_of(shape: Shape, chunk: Shape) -> Shape:
-    """How many chunks lie along each dim of a cell."""
+    """Return the number of chunks along each dim of a cell."""
     return tuple(ceil(max(n, 1) / own) for n, own in zip(shape, chunk, strict=True))
 
 
 def pieces_of(shape: Shape, chunk: Shape) -> int:
-    """How many chunks a cell is."""
+    """Return the number of chunks of a cell."""
     return prod(counts_of(shape, chunk))
 
 
 def room_of(shape: Shape, chunk: Shape) -> Shape:
-    """What the chunks of a cell hold together: its shape, its rows rounded up to whole bands."""
+    """Return the shape that the chunks of a cell cover together: its rows are rounded up to whole bands."""
     return tuple(count * own for count, own in zip(counts_of(shape, chunk), chunk, strict=True))
 
 
 def windows_of(shape: Shape, chunk: Shape) -> list[Window | None]:
-    """Which part of a cell each of its chunks is, in the order of Zarr; None: all of it."""
+    """Return the part of a cell that each of its chunks covers, in Zarr's order; None for the whole cell."""
     counts = counts_of(shape, chunk)
     if prod(counts) == 1:
         return [None]
@@ -72,30 +73,30 @@ def windows_of(shape: Shape, chunk: Shape) -> list[Window | None]:
 
 
 def window_of(shape: Shape, chunk: Shape, at: Sequence[int]) -> Window:
-    """The part of a cell that a chunk is, from its position among them."""
+    """Return the part of a cell that a chunk covers, from its position among the chunks."""
     return tuple((i * own, min((i + 1) * own, n)) for i, own, n in zip(at, chunk, shape, strict=True))
 
 
 class Cutter:
-    """A cell being cut: one that is made by band (``Banded``) is asked for each of them once."""
+    """Splits a cell; a cell computed by band (``Banded``) is asked for each band only once."""
 
     def __init__(self, array: Any) -> None:
         self.array, self.band, self.plane = array, -1, None
 
     def part(self, window: Window | None) -> Any:
-        """A part of the cell."""
+        """Return a part of the cell."""
         if window is None:
             return self.array
         if isinstance(self.array, np.ndarray):
             return self.array[tuple(slice(*one) for one in window)]
         (band, _), *rest = window
         if band != self.band:
-            self.plane = None  # before the next one is made
+            self.plane = None  # free it before the next one is computed
             self.band, self.plane = band, self.array[band]
         return self.plane[tuple(slice(*one) for one in rest)][np.newaxis]  # type: ignore[index]
 
     def chunk(self, window: Window | None, shape: Shape) -> Any:
-        """A part as it is stored: filled up to the shape of a chunk."""
+        """Return a part as it is stored: padded to the shape of a chunk."""
         part = self.part(window)
         if window is None or part.shape == shape:
             return part
@@ -105,9 +106,7 @@ class Cutter:
 
 
 def joined(parts: Iterable[tuple[Window | None, Any]], windows: Sequence[Window | None]) -> Any:
-    """What the parts at these windows make up together, each as it is stored: the whole cell, or the bands that they
-    cover.
-    """
+    """Join the stored parts at these windows: the whole cell, or the bands that they cover."""
     around = [
         (min(begin), max(end))
         for begin, end in (zip(*one, strict=True) for one in zip(*filter(None, windows), strict=True))

@@ -1,13 +1,12 @@
-"""Parts: shards in the making. Every process appends what it computes to files of its own beside the shards' places.
+"""Parts: unfinished shards. Every process appends its chunks to part files of its own, next to the shards' places.
 
-In:  encoded chunks, the shard each belongs to.
-Out: where they were put. The owner of the run makes shards of parts (``shards.put_shard``); no byte is copied where one
-     process
-wrote all of a shard.
+In:  encoded chunks, and the shard each belongs to.
+Out: where they were put. The owner of the run turns parts into shards (``shards.put_shard``); no byte is copied if one
+     process wrote the whole shard.
 
-The threads of a process share its parts. Small chunks are gathered and written together, at the latest when a batch
-ends (``settle``). A part that the owner has taken is left alone: its size is no longer what was written here, and a new
-one is begun.
+The threads of a process share its parts. Small chunks are collected and written together, at the latest when a batch
+ends (``settle``). A part that the owner has taken is not touched again: this process notices because the file's size
+no longer matches what it wrote, and starts a new part.
 """
 
 from __future__ import annotations
@@ -24,17 +23,17 @@ from etendue import plain_files
 from etendue.archive.records import disk
 from etendue.errors import ArchiveInUse
 
-GATHERED = 32 << 10  # chunks below this size are gathered
+GATHERED = 32 << 10  # chunks below this many bytes are collected before they are written
 MOST_GATHERED = 1 << 20
-HANDLES = 128  # open files; the one that was used least recently is closed first
+HANDLES = 128  # open files; the least recently used one is closed first
 
 
 class Taken(Exception):
-    """The owner of the run has made a shard of this part, or removed it."""
+    """The owner of the run has turned this part into a shard, or removed it."""
 
 
 class ShardSegment:
-    """One unfinished file of a shard, which this process alone appends to."""
+    """One unfinished file of a shard; only this process appends to it."""
 
     def __init__(self, root: str, path: str, durable: bool) -> None:
         folder, _, name = path.rpartition("/")
@@ -48,12 +47,12 @@ class ShardSegment:
         self.lock = threading.Lock()
 
     def append(self, pieces: Sequence[Any], size: int) -> int:
-        """Put a chunk behind the others; gives its offset.
+        """Append a chunk; return its offset.
 
         Raises
         ------
         Taken
-            Nothing more may be appended.
+            Nothing more may be appended to this part.
         """
         with self.lock:
             if size < GATHERED:
@@ -71,7 +70,7 @@ class ShardSegment:
             return offset
 
     def settle(self) -> None:
-        """What was appended stands in the file; with ``durable`` it also survives a power cut."""
+        """Write everything appended to the file; with ``durable`` it also survives a power cut."""
         with self.lock:
             self._flush()
             if self.durable and self.synced < self.written:
@@ -79,16 +78,16 @@ class ShardSegment:
                 self.synced = self.written
 
     def settled(self) -> bool:
-        """Whether nothing is left to be settled."""
+        """Return True if nothing is left to settle."""
         return not self.waiting and not (self.durable and self.synced < self.written)
 
     def flush(self) -> None:
-        """What was appended stands in the file."""
+        """Write everything appended to the file."""
         with self.lock:
             self._flush()
 
     def rest(self) -> None:
-        """Let go of the open file for now."""
+        """Close the file handle until it is needed again."""
         with self.lock:
             if self.handle is not None:
                 os.close(self.handle)
@@ -119,7 +118,7 @@ class ShardSegment:
 
     def _put(self, pieces: Sequence[Any], size: int) -> None:
         handle = self._open()
-        fcntl.flock(handle, fcntl.LOCK_SH)  # not while the owner makes a shard of it
+        fcntl.flock(handle, fcntl.LOCK_SH)  # so that the owner does not turn the part into a shard meanwhile
         try:
             self._ours()
             try:
@@ -133,19 +132,19 @@ class ShardSegment:
 
 
 class Parts:
-    """The parts of this process, of one run at a time in each archive."""
+    """The parts of this process; of one run at a time for each archive."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.open: dict[tuple[str, str], ShardSegment] = {}
         self.handles: OrderedDict[tuple[str, str], ShardSegment] = OrderedDict()
-        self.runs: dict[str, str] = {}  # by archive: whose parts these are
+        self.runs: dict[str, str] = {}  # by archive: the run these parts belong to
         self.unsettled: dict[str, dict[str, ShardSegment]] = {}
 
     def append(
         self, root: str, run_id: str, path: str, pieces: Sequence[Any], size: int, durable: bool
     ) -> tuple[str, int]:
-        """Append a chunk of a shard; gives the name of the part, and the offset in it.
+        """Append a chunk of a shard; return the name of the part and the offset in it.
 
         Raises
         ------
@@ -159,19 +158,19 @@ class Parts:
             except Taken:
                 if part.waiting:
                     raise ArchiveInUse(
-                        f"{root}: what another batch has written of {path} is in its place already; run again"
+                        f"{root}: {path} already holds what another batch has written; run again"
                     ) from None
                 self._drop(root, path, part)
                 continue
-            with self.lock:  # behind the bytes: another thread may be settling
+            with self.lock:  # after the bytes are written: another thread may be settling
                 self.unsettled.setdefault(root, {})[part.name] = part
             return part.name, offset
 
     def settle(self, root: str, run_id: str) -> None:
-        """Whatever the threads of this process have appended stands in its files.
+        """Write everything that the threads of this process have appended to its files.
 
-        A part is on the list until it is settled: a thread that finds nothing left of its own may tell of its cells,
-        and the owner makes a shard of them.
+        A part stays listed until it is settled. A thread that finds nothing of its own left may then report its cells
+        as finished, and the owner makes a shard of them.
         """
         check_owner(root, run_id)
         with self.lock:
@@ -180,20 +179,20 @@ class Parts:
             try:
                 part.settle()
             except Taken:
-                raise ArchiveInUse(f"{root} belongs to another run now; this one stops") from None
+                raise ArchiveInUse(f"{root} now belongs to another run; this one stops") from None
             with self.lock:
                 if part.settled():  # no other thread has appended to it since
                     self.unsettled.get(root, {}).pop(part.name, None)
 
     def flush(self, root: str) -> None:
-        """What was appended can be read, by whoever opens its file."""
+        """Make what was appended readable by anyone who opens the file."""
         with self.lock:
             parts = list(self.unsettled.get(root, {}).values())
         for part in parts:
             part.flush()
 
     def close(self, root: str) -> None:
-        """Let go of everything of an archive: its run has ended."""
+        """Release everything held for an archive whose run has ended."""
         with self.lock:
             self._forget(root)
 
@@ -229,13 +228,13 @@ class Parts:
 
 
 def check_owner(root: str, run_id: str) -> None:
-    """Refuse to go on where the archive has another owner."""
+    """Raise ``ArchiveInUse`` if the archive has another owner."""
     try:
         owner = plain_files.content(Path(root) / "run.id", 4096, links=False)
     except FileNotFoundError:
         owner = b""
     if owner != run_id.encode():
-        raise ArchiveInUse(f"{root} belongs to another run now; this one stops")
+        raise ArchiveInUse(f"{root} now belongs to another run; this one stops")
 
 
 PARTS = Parts()

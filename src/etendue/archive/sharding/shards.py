@@ -1,10 +1,10 @@
-"""Shards: many chunks of one variable in one file, and behind them the index that says where each of them lies.
+"""Shards: many chunks of one variable in one file, followed by an index of where each of them lies.
 
-In:  chunks by their number in a shard (slot), and the files in which their bytes lie.
-Out: a shard in its place, whole; which bytes of which files it holds.
+In:  chunks by their number in a shard (slot), and the files that hold their bytes.
+Out: a complete shard in its place, and which bytes of which files it holds.
 
-The form is Zarr's ``sharding_indexed`` with the index at the end: offset and length of every slot as little-endian
-uint64, all ones where there is no chunk, and the crc32c of these bytes. Chunks may lie in any order, with gaps between
+The format is Zarr's ``sharding_indexed`` with the index at the end: offset and length of every slot as little-endian
+uint64 (all ones if there is no chunk), and the crc32c of these bytes. Chunks may lie in any order, with gaps between
 them.
 """
 
@@ -26,16 +26,16 @@ from etendue.archive.records import disk
 from etendue.archive.remote import stubs
 from etendue.contract.ports import WrittenChunk
 
-LARGEST = 64 << 20  # bytes of a shard; beyond it there are more shards
-SMALLEST = 8 << 20  # bytes that a gap may cost before a shard is copied rather than renamed
-MOST = 4096  # chunks of a shard: whoever reads one of them reads the index of all
-EXTRA = 64  # shards of all variables beyond the first: above it shards are larger
+LARGEST = 64 << 20  # bytes of a shard; more data is split into more shards
+SMALLEST = 8 << 20  # bytes that gaps may waste before a shard is copied rather than renamed
+MOST = 4096  # chunks of a shard: reading one of them reads the index of all
+EXTRA = 64  # shards of all variables beyond the first one each; if there are more, shards are made larger
 NOTHING = 2**64 - 1
 
 
 def block_of(sizes: tuple[int, ...], cell_bytes: int, pieces: int = 1, largest: int = LARGEST) -> tuple[int, ...]:
-    """How many values of each axis share a shard: the innermost axes whole, as far as bytes and chunks allow, then
-    evenly cut.
+    """Return how many values of each axis share a shard: the innermost axes whole, as far as bytes and chunks allow,
+    the next one split evenly.
     """
     block, room = [1] * len(sizes), max(min(largest // max(cell_bytes, 1), MOST // pieces), 1)
     for number in reversed(range(len(sizes))):
@@ -48,7 +48,7 @@ def block_of(sizes: tuple[int, ...], cell_bytes: int, pieces: int = 1, largest: 
 
 
 def shards_of(sizes: tuple[int, ...], block: tuple[int, ...]) -> int:
-    """In how many shards a variable of these axes lies."""
+    """Return the number of shards of a variable with these axes."""
     return prod(ceil(max(size, 1) / own) for size, own in zip(sizes, block, strict=True))
 
 
@@ -56,18 +56,18 @@ def shards_of(sizes: tuple[int, ...], block: tuple[int, ...]) -> int:
 
 
 def index_size(slots: int) -> int:
-    """Bytes of the index of a shard; a chunk file without slots has none."""
+    """Return the bytes of the index of a shard; a chunk file without slots has none."""
     return 16 * slots + 4 if slots else 0
 
 
 def index_bytes(slots: int, places: Mapping[int, tuple[int, int]]) -> bytes:
-    """The index of a shard from (offset, length) by slot."""
+    """Return the index of a shard from (offset, length) by slot."""
     data = Index.of(slots, places).index.tobytes()
     return bytes(data) + int(google_crc32c.value(data)).to_bytes(4, "little")
 
 
 class Index(Mapping[int, tuple[int, int]]):
-    """(offset, length) by slot, as the index of a shard has them: an array of 16 bytes a slot."""
+    """(offset, length) by slot, kept as the array in the index of a shard: 16 bytes per slot."""
 
     def __init__(self, index: Any) -> None:
         self.index, self.there = index, (index != NOTHING).any(axis=1)
@@ -93,7 +93,7 @@ class Index(Mapping[int, tuple[int, int]]):
 
 
 def read_index(path: Path, slots: int) -> tuple[int, Mapping[int, tuple[int, int]] | None]:
-    """Size of a shard, and (offset, length) by slot; None where its index is damaged.
+    """Return the size of a shard, and (offset, length) by slot, or None if its index is damaged.
 
     Raises
     ------
@@ -115,15 +115,15 @@ def read_index(path: Path, slots: int) -> tuple[int, Mapping[int, tuple[int, int
     return size, Index(index)
 
 
-# -- what is in one ---------------------------------------------------------------------------------------------------
+# -- chunks in shards -------------------------------------------------------------------------------------------------
 
 
-LARGEST_CHUNK = 1 << 31  # bytes; Blosc takes no more
+LARGEST_CHUNK = 1 << 31  # bytes; the limit of Blosc
 
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Where the bytes of a chunk lie now: in a shard or in a part of one."""
+    """Where the bytes of a chunk lie now: in a shard or in a part."""
 
     file: str  # below the archive
     offset: int
@@ -138,11 +138,11 @@ class Shard:
     size: int
     kept: tuple[
         tuple[str, int, int, int], ...
-    ]  # part, from, to, length: these bytes of the part stand there in the shard
-    fresh: bool = False  # since the last run that ended in order
+    ]  # (part, from, to, length): these bytes of the part are at ``to`` in the shard
+    fresh: bool = False  # put since the last run that ended in order
 
     def at(self, written: WrittenChunk) -> int | None:
-        """Where bytes that were appended to a part stand in the shard; None if it does not hold them."""
+        """Return the offset in the shard of bytes that were appended to a part; None if it does not hold them."""
         for part, start, to, length in self.kept:
             if part == written.part and start <= written.offset and written.offset + written.size <= start + length:
                 return to + written.offset - start
@@ -150,13 +150,13 @@ class Shard:
 
 
 def part_path(written: WrittenChunk) -> str:
-    """The unfinished file beside a shard that bytes were appended to."""
+    """Return the path of the part, beside its shard, to which bytes were appended."""
     folder, _, name = written.path.rpartition("/")
     return f"{folder}/.{name}.{written.part}{disk.PART}"
 
 
 def holds(root: Path, place: ChunkPlace) -> bool:
-    """Whether the bytes of a chunk are there and fit their digest."""
+    """Return True if the bytes of a chunk are there and match their digest."""
     try:
         data = read_bytes(root, place)
     except OSError:
@@ -165,22 +165,20 @@ def holds(root: Path, place: ChunkPlace) -> bool:
 
 
 def fits(data: bytes, place: ChunkPlace) -> bool:
-    """Whether bytes are those of a chunk: its size, and the checksum that stands behind it."""
+    """Return True if bytes have the size and the trailing checksum of a chunk."""
     if len(data) != place.size or place.size < 4:
         return False
     return int(google_crc32c.value(data[:-4])) == place.digest == int.from_bytes(data[-4:], "little")
 
 
 def read_bytes(root: Path, place: ChunkPlace) -> bytes:
-    """What stands in the place of a chunk; fewer bytes where the file ends before, none where no chunk can be as
-    large.
-    """
+    """Return the bytes at the place of a chunk: fewer if the file ends earlier, none if the size is implausible."""
     with ShardFiles(root) as files:
         return files.read(place)
 
 
 class ShardFiles:
-    """Chunks of one file after the other, which is opened once for those that follow each other. Use as a context
+    """Reads chunks of several files; a file stays open while consecutive chunks come from it. Use as a context
     manager.
     """
 
@@ -199,7 +197,7 @@ class ShardFiles:
             os.close(handle)
 
     def read(self, place: ChunkPlace) -> bytes:
-        """As ``read_bytes``."""
+        """Read one chunk, as ``read_bytes`` does."""
         if place.size > LARGEST_CHUNK:
             return b""
         if self.handle < 0 or place.file != self.file:
@@ -219,12 +217,12 @@ class ShardFiles:
         return data
 
 
-# -- putting one in its place -----------------------------------------------------------------------------------------
+# -- putting a shard in its place -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Put:
-    """What putting a shard in its place took."""
+    """The result of putting a shard in its place."""
 
     shard: Shard
     places: Mapping[int, tuple[int, int]]  # offset and length by slot
@@ -234,17 +232,17 @@ class Put:
 def put_shard(
     root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]], durable: bool = False
 ) -> Put:
-    """Make a shard of chunks that lie in parts, or in the shard that stands there, and put it in its place.
+    """Make a shard of chunks that lie in parts or in an existing shard, and put it in its place.
 
-    The part that holds most becomes the shard: what lies elsewhere is appended to it, then the index, then it is
-    renamed. Nothing that stands in its place already is changed.
+    The part that holds most becomes the shard: other chunks are appended to it, then the index, then it is renamed.
+    An existing shard in that place is replaced, never modified.
     """
     base = _base(root, path, slots, chunks)
     folder, _, name = path.rpartition("/")
     beside = base or f"{folder}/.{name}.{os.urandom(6).hex()}{disk.PART}"
     handle = disk.open_own(root, beside) if base else disk.create(root, beside, durable)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX)  # whoever was left behind with it open writes no more
+        fcntl.flock(handle, fcntl.LOCK_EX)  # a stale worker that still has it open cannot write to it any more
         own = {slot: place for slot, (_, place) in chunks.items() if place.file == base}
         end = max((place.offset + place.size for place in own.values()), default=0)
         if os.fstat(handle).st_size != end:
@@ -274,12 +272,12 @@ def put_shard(
 
 
 def kept_of(chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]]) -> tuple[tuple[str, int, int, int], ...]:
-    """Which bytes of which parts a shard holds."""
+    """Return which bytes of which parts a shard holds."""
     return _runs((written.part, written.offset, place.offset, written.size) for written, place in chunks.values())
 
 
 def _base(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenChunk, ChunkPlace]]) -> str:
-    """The part that becomes the shard: the one that holds most, unless too much of it is waste, or it has a second
+    """Return the part that becomes the shard: the one that holds most; '' if too much of it is waste or it has a second
     name.
     """
     held: dict[str, int] = {}
@@ -296,7 +294,7 @@ def _base(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[WrittenC
 
 
 def _copied(root: Path, target: int, end: int, places: Mapping[int, ChunkPlace]) -> Iterable[tuple[int, int]]:
-    """Append chunks of other files in the order in which they lie there; gives slot and new offset of each."""
+    """Append chunks of other files in the order in which they lie there; yield slot and new offset of each."""
     opened: dict[str, int] = {}
     try:
         runs: list[tuple[str, int, int]] = []
@@ -319,7 +317,7 @@ def _copied(root: Path, target: int, end: int, places: Mapping[int, ChunkPlace])
 
 
 def _runs(pieces: Iterable[tuple[str, int, int, int]]) -> tuple[tuple[str, int, int, int], ...]:
-    """Pieces that lie behind each other in both files, as one."""
+    """Merge pieces that are adjacent in both files."""
     runs: list[tuple[str, int, int, int]] = []
     for part, start, to, length in sorted(pieces):
         if runs and runs[-1][0] == part and runs[-1][1] + runs[-1][3] == start and runs[-1][2] + runs[-1][3] == to:

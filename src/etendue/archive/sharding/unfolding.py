@@ -1,7 +1,7 @@
-"""How large a chunk becomes, from its first bytes: asked before memory for it is.
+"""How large a chunk decompresses to, from its first bytes, checked before memory is allocated.
 
-In:  the bytes of a chunk as they are stored; the metadata of a node.
-Out: nothing, or an ``ArchiveError``: it unfolds beyond all measure, or by a codec that no run uses.
+In:  the stored bytes of a chunk; the metadata of a node.
+Out: nothing, or an ``ArchiveError`` if it decompresses beyond any plausible size or uses a codec that no run uses.
 """
 
 from __future__ import annotations
@@ -14,28 +14,26 @@ from etendue import plain_files
 from etendue.archive.records import disk
 from etendue.errors import ArchiveError
 
-MOST = 32 << 20  # bytes of a coordinate or a table that may be as small in its file as one likes
-FOLD = 200  # times that a larger one may be larger than in its file
+MOST = 32 << 20  # bytes; up to this size a coordinate or table may be compressed to any ratio
+FOLD = 200  # largest compression ratio of a larger one
 OURS = frozenset({"bytes", "blosc", "crc32c", "vlen-utf8", "zstd", "sharding_indexed"})
-_HEADER = 18  # bytes that say it, of Blosc and of Zstandard
+_HEADER = 18  # bytes of a Blosc or Zstandard header that give the size
 
 
 def refuse_unfolding(data: bytes | memoryview) -> None:
-    """Refuse a chunk of a coordinate or a table that unfolds to far more than it is."""
+    """Refuse a chunk of a coordinate or table that decompresses to an implausible size."""
     _refuse(plain_files.unfolds_to(bytes(data[:_HEADER]), bytes(data[-8:]), len(data)), len(data))
 
 
 def _refuse(size: int | None, length: int) -> None:
     if size is None:
-        raise ArchiveError("the stored bytes do not say how many they unfold to")
+        raise ArchiveError("the stored bytes do not state their decompressed size")
     if size > MOST and size > FOLD * length:
-        raise ArchiveError(f"the stored bytes say that they unfold to {size}, from {length}")
+        raise ArchiveError(f"the stored bytes claim to decompress from {length} to {size} bytes")
 
 
 def check_array(folder: Path) -> None:
-    """Refuse an array of the store that a library would make far more of than it is; shards of cells are not looked
-    at.
-    """
+    """Refuse an array that a library would decompress to an implausible size; shards of cells are not checked."""
     try:
         refuse_codecs(disk.read_document(folder / "zarr.json") or {})
         for chunk in (folder / "c").rglob("*"):
@@ -46,22 +44,22 @@ def check_array(folder: Path) -> None:
 
 
 def check_group(folder: Path) -> None:
-    """The same of all arrays in a group."""
+    """Apply ``check_array`` to all arrays in a group."""
     for node in sorted(folder.glob("*/zarr.json")):
         check_array(node.parent)
 
 
 def refuse_other_size(body: bytes, size: int) -> None:
-    """Refuse what Blosc has written, unless it unfolds to so many bytes and is all that its header says."""
+    """Refuse Blosc data unless it decompresses to ``size`` bytes and has the length that its header states."""
     said, own = (int.from_bytes(body[at : at + 4], "little") for at in (4, 12))
     if len(body) < 16 or (said, own) != (size, len(body)):
         raise ArchiveError(
-            f"the stored bytes say that they unfold to {said} from {own}; they are {len(body)}, of {size}"
+            f"the stored bytes claim to decompress from {own} to {said} bytes; they are {len(body)}, for {size}"
         )
 
 
 def refuse_codecs(node: Mapping[str, Any]) -> None:
-    """Refuse an array that is to be read by a codec that no run uses."""
+    """Refuse an array with a codec that no run uses."""
     found = node.get("codecs", [])
     for one in found if isinstance(found, list) else [found]:
         name = one.get("name") if isinstance(one, dict) else one

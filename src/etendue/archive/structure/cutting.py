@@ -1,13 +1,13 @@
-"""How the variables of a plan are cut into shards and encoded: decided once, when an array is made, and written in the
-journal.
+"""How the variables of a plan are split into shards and encoded. Decided once, when an array is created, and recorded
+in the journal.
 
-In:  a plan and its layout, the axes as they are stored.
-Out: for every variable the block of axis values that share a shard, and the codec of its chunks.
+In:  a plan and its layout, and the axes as stored.
+Out: for every variable, the block of axis values that share a shard, and the codec of its chunks.
 
-A shard holds the innermost axes. Axes that grow later get further shards of the same block: Zarr's grid is regular, and
-what is stored stays where it is; ``etendue compact`` cuts anew. Integers and what is smooth are compressed; floats
-behind a stage that draws random numbers are noise to a compressor, which takes longer than all else and saves little:
-they stay as they are, and so do small chunks (``benchmarks/archive.py`` prints the bytes).
+A shard holds the innermost axes. Axes that grow later get further shards of the same block: Zarr's grid is regular,
+and stored chunks stay where they are; ``etendue compact`` recuts an archive. Integers and smooth data are compressed.
+Floats after a stage that draws random numbers look like noise to a compressor, which would take longer than everything
+else and save little: they are stored raw, and so are small chunks (``benchmarks/archive.py`` prints the bytes).
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from etendue.archive.sharding.shards import EXTRA, LARGEST, block_of, shards_of
 from etendue.archive.structure.layout import Layout, VariableLayout
 from etendue.plan.model import Plan
 
-SMALL = 4096  # bytes of a chunk below which compressing takes longer than all else, and saves next to nothing
+SMALL = 4096  # bytes; compressing a smaller chunk takes longer than everything else and saves next to nothing
 Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces, chunk
 
 
 def bytes_of(variable: VariableLayout) -> int:
-    """Of one cell, as in memory."""
+    """Return the bytes of one cell of a variable in memory."""
     return int(np.prod(variable.shape)) * int(np.dtype(variable.dtype).itemsize)
 
 
 def cut(
     plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]], known: Blocks
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """Block and codec of every variable; those that are known stay, unless the variable is another one now."""
+    """Return block and codec of every variable; known ones are kept unless the variable's form has changed."""
     noisy = _noisy(plan)
     sizes = {path: tuple(len(values) for values in axes[path].values()) for path in layout.groups}
     found: dict[str, dict[str, dict[str, Any]]] = {path: {} for path in layout.groups}
@@ -66,10 +66,11 @@ def cut(
 
 
 def blocks_of(variables: Sequence[tuple[tuple[int, ...], int, int]]) -> list[tuple[int, ...]]:
-    """The blocks of variables given by sizes of their axes, bytes and chunks of a cell: large enough that there are
-    few shards.
+    """Return the blocks of variables given as (axis sizes, bytes per cell, chunks per cell), large enough to keep the
+    number of shards small.
     """
     largest = LARGEST
+    # Double the size limit until all variables together have few shards: each shard is a file to open and to index.
     while True:
         blocks = [block_of(*one, largest) for one in variables]
         extra = sum(shards_of(one[0], block) - 1 for one, block in zip(variables, blocks, strict=True))
@@ -83,7 +84,7 @@ def _form(variable: VariableLayout) -> str:
 
 
 def _noisy(plan: Plan) -> set[str]:
-    """The stages that draw random numbers, and all behind them."""
+    """Return the stages that draw random numbers and all stages after them."""
     found: set[str] = set()
     for node in plan.nodes:
         if node.is_random or any(source in found for bound in node.inputs for _, source, _ in bound):
@@ -94,12 +95,12 @@ def _noisy(plan: Plan) -> set[str]:
 def chunk_shapes(
     shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Shapes of a chunk and of its shard, from that of a cell; no shard for a single number."""
+    """Return the shapes of a chunk and its shard from that of a cell; no shard for a single number."""
     return (*(1 for _ in block), *chunk), (*block, *room_of(shape, chunk)) if block or shape else None
 
 
 class Whereabouts:
-    """Where the chunks of one variable of a group lie: files and slots by the place of a cell."""
+    """Where the chunks of one variable of a group lie: file and slot by the position of a cell."""
 
     def __init__(self, path: str, variable: VariableLayout, known: Mapping[str, Any]) -> None:
         self.variable, self.block, self.codec = variable, tuple(known["block"]), known["codec"]
@@ -109,10 +110,10 @@ class Whereabouts:
         self.shape = variable.shape if self.count == 1 else chunk
         self.slots = prod(self.block) * self.count if self.block or variable.shape else 0
         self.folder, self.inner = f"{DATA}/{path}/{variable.name}", ["0"] * len(variable.shape)
-        self.files: dict[tuple[int, ...], str] = {}  # each name once: a shard has many chunks
+        self.files: dict[tuple[int, ...], str] = {}  # each name is built once: a shard has many chunks
 
     def at(self, place: tuple[int, ...]) -> tuple[str, int]:
-        """The shard of a cell, and the first of its slots there."""
+        """Return the shard of a cell and the first of its slots there."""
         slot = 0
         for at, size in zip(place, self.block, strict=True):
             slot = slot * size + at % size

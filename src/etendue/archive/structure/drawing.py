@@ -1,8 +1,8 @@
-"""What arrays say of how they are drawn, and of which direction is better, so that a program without a plan draws them
-right.
+"""Attributes that say how an array is drawn and which direction is better, so that programs without a plan draw it
+correctly.
 
-In:  a plan, a stage of it, some of its cells, one of its variables.
-Out: attributes: those of ``spec.drawn.Drawn``, in ``drawn_by`` what differs along axes; ``better`` (higher, lower).
+In:  a plan, one of its stages, some cells of that stage, and one of its variables.
+Out: attributes: those of ``spec.drawn.Drawn``, with what varies along axes in ``drawn_by``; ``better`` (higher, lower).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from etendue.plan.model import Cell, Node, Plan
 
 
 def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[str, Any]:
-    """What holds for all cells, and what for some."""
+    """Return the attributes common to all cells, and in ``drawn_by`` those that vary."""
     better = variable(name).better
     found: dict[str, Any] = {"better": better} if better else {}
     if drawn_of(plan, cells[0], name) is None:
@@ -41,8 +41,8 @@ def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str)
 
 
 def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], dict[str, Any]]:
-    """Attributes by position on the axes; cells that are drawn alike share them."""
-    names = {variable(name).pattern, variable(name).black} - {""}  # quantities on which it depends how it is drawn
+    """Return the attributes by position on the axes; cells that are drawn alike share one dictionary."""
+    names = {variable(name).pattern, variable(name).black} - {""}  # quantities that determine how it is drawn
     swept = [plan.axis(dim) for dim in node.axes]
     axes = [number for number, axis in enumerate(swept) if axis.key in names or names & axis.gives.keys()]
     viewed = any(issubclass(one.kind, Viewed) for one in node.alternatives)
@@ -62,8 +62,8 @@ def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[t
 
 
 def _starts(cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], tuple[int, int]]:
-    """The first row and column of each array, 0 along which all begin alike: coordinates are counted from the first
-    sample elsewhere.
+    """Return the first row and column of each array, or 0 along a direction in which all arrays begin alike: there,
+    coordinates count from the first sample.
     """
     lines = [(cell.grids[name].line("y"), cell.grids[name].line("x")) for cell in cells]
     rows, columns = ([round(line.start) for line in along] for along in zip(*lines, strict=True))
@@ -72,14 +72,14 @@ def _starts(cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], tuple[int
 
 
 def _rows(pattern: str, start: tuple[int, int]) -> str:
-    """A pattern row by row, from a pixel on."""
+    """Return a pattern row by row, shifted to a starting pixel."""
     if not pattern:
         return ""
     return "/".join(colouring.pattern(pattern).moved(*start))
 
 
 def _moving(found: Mapping[tuple[int, ...], Any], axes: int) -> list[int]:
-    """The axes along which something differs; all of them where cells are too few to tell."""
+    """Return the axes along which something differs; all axes if there are too few cells to tell."""
     moving = []
     for number in range(axes):
         rest: dict[tuple[int, ...], Any] = {}

@@ -1,11 +1,11 @@
-"""The group of the store in which the cells of a stage stand: by their shapes, and where they have stood before.
+"""Choose the group of the store for the cells of a stage, from their shapes and from where they are stored already.
 
 In:  the cells of a stage; where the journal says that cells are stored, and in which form.
-Out: the group of every cell; a group that has to become another one.
+Out: the group of every cell, and a group that has to be renamed.
 
-In a new archive a stage has one group, or a child for each shape where its grids differ. What is stored stays where it
-is: cells of one shape stay in the group that they have, whatever else of that shape comes. Only where a second shape
-joins cells that stand in the group of the stage itself do these move into a child, without their bytes: a group with
+In a new archive a stage has one group, or one child per shape if its grids differ. Stored cells stay where they are:
+cells of one shape stay in their group, whatever else of that shape is added. Only if a second shape joins cells that
+are stored in the group of the stage itself do these move into a child, without rewriting their bytes: a group with
 children holds no arrays.
 """
 
@@ -24,8 +24,8 @@ from etendue.plan.model import Cell, CellRef, Node
 
 @dataclass(frozen=True)
 class ArchivedLayout:
-    """What an archive holds: its groups, how their variables are stored, and in which shard a cell begins ('': it is
-    not stored).
+    """What an archive holds: its groups, how their variables are stored, and the shard in which a cell begins ('' if it
+    is not stored).
     """
 
     groups: Collection[str] = ()
@@ -33,8 +33,8 @@ class ArchivedLayout:
     shard: Callable[[CellRef], str] = lambda ref: ""
 
     def of(self, cells: Sequence[Cell], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
-        """The groups in which some cells are stored, in the shapes that their variables have, the one with most of
-        them first.
+        """Return the groups in which some of the cells are stored with matching variable shapes, the one with most
+        cells first.
         """
         shards = (self.shard(cell.ref) for cell in cells) if self.groups else ()
         found = Counter(path.rsplit("/", 2)[0].removeprefix(f"{DATA}/") for path in shards if path)
@@ -50,8 +50,8 @@ class ArchivedLayout:
 def groups_of(
     node: Node, cells: Sequence[Cell], kept: Sequence[str], before: ArchivedLayout
 ) -> tuple[str | dict[CellRef, str], str]:
-    """The one group of all cells of a stage, or that of each; and the child that its own group becomes, '' where it
-    stays.
+    """Return the group of all cells of a stage, or the group of each; and the child that the stage's own group has to
+    become, '' if it stays.
     """
     same = alike(cells)
     if same and not any(group.startswith(f"{node.name}/") for group in before.groups):
@@ -75,15 +75,15 @@ def groups_of(
 
 
 def alike(cells: Sequence[Cell]) -> bool:
-    """Whether cells have the same grids."""
+    """Return True if all cells have the same grids."""
     first = cells[0].grids
     return all(cell.grids is first or cell.grids == first for cell in cells)
 
 
 def shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
-    """A name for the shape of each cell: cells share one that have the same sizes, bins and labels.
+    """Return a name for the shape of each cell; cells with the same sizes, bins and labels share one.
 
-    ``64x64`` from the sizes of y and x, behind it every other dim that differs between the cells.
+    The name is ``64x64`` from the sizes of y and x, followed by every other dim that differs between the cells.
     """
     own: dict[CellRef, dict[str, tuple[int, Coordinate | None]]] = {}
     for cell in cells:
@@ -101,6 +101,6 @@ def shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
         names[ref] = "_".join([*([plane] if plane else []), *(f"{dim}{found[dim][0]}" for dim in rest)]) or "scalar"
         shapes.setdefault(names[ref], set()).add(tuple(sorted(found.items())))
     for ref, name in names.items():
-        if len(shapes[name]) > 1:  # the same sizes with other bins or labels
+        if len(shapes[name]) > 1:  # same sizes but different bins or labels
             names[ref] = f"{name}_{digest(repr(tuple(sorted(own[ref].items()))).encode())[:8]}"
     return names

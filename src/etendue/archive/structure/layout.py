@@ -1,7 +1,7 @@
-"""Where everything stands in an archive: groups, arrays, dims and coordinates, from a plan and what is stored already.
+"""The layout of an archive (groups, arrays, dims and coordinates), from a plan and what is stored already.
 
-A stage is a group; its variables have the axes that reach it in front of their own dims. Where an axis changes the
-grid, the group holds attributes only and a child for each shape, named by the shape.
+A stage is a group; its variables have the axes that reach it before their own dims. If an axis changes the grid, the
+group holds only attributes and one child per shape, named by the shape.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from etendue.plan.model import Cell, CellRef, Node, Plan
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
 STATUS_ATTRIBUTES = {
-    "long_name": "what became of the cell",
+    "long_name": "status of the cell",
     "units": "1",
     "flag_values": [0, 1, 2, 3, 4],
     "flag_meanings": " ".join(STATUS),
 }
-BOUNDS = "_bounds"  # behind the name of a dim of bands: their edges
+BOUNDS = "_bounds"  # suffix to the name of a dim of bands, for their edges
 
 
 @dataclass
@@ -49,7 +49,7 @@ class VariableLayout:
     shape: tuple[int, ...]  # of one cell
     dtype: str
     attrs: dict[str, Any]
-    beside: str = ""  # the dim with which it is a coordinate of others
+    beside: str = ""  # the dim along which it is a coordinate of other variables
 
 
 @dataclass
@@ -67,7 +67,7 @@ class GroupLayout:
 
 @dataclass
 class Layout:
-    """All groups of a plan, and the group of every cell; ``moves``: what stored groups have to become."""
+    """All groups of a plan and the group of every cell; ``moves``: stored groups and what they must become."""
 
     groups: dict[str, GroupLayout]
     parents: dict[str, dict[str, Any]]
@@ -76,7 +76,7 @@ class Layout:
 
 
 def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
-    """The layout of all kept variables of a plan; ``before``: what the archive holds that it goes into."""
+    """Return the layout of all kept variables of a plan; ``before`` describes what the archive already holds."""
     groups: dict[str, GroupLayout] = {}
     parents: dict[str, dict[str, Any]] = {}
     homes: dict[str, str | dict[CellRef, str]] = {}
@@ -114,7 +114,7 @@ def layout_of(plan: Plan, before: ArchivedLayout | None = None) -> Layout:
 
 
 def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -> dict[CellRef, tuple[int, ...]]:
-    """Where cells stand in a group that has not all values of its axes."""
+    """Return the positions of cells in a group that lacks some values of its axes."""
     at = [{value: place for place, value in enumerate(group.axes[dim])} for dim in node.axes]
     places = [[own.get(value, -1) for value in plan.axis(dim).values] for dim, own in zip(node.axes, at, strict=True)]
     return {cell.ref: tuple(own[i] for own, i in zip(places, cell.ref[1], strict=True)) for cell in cells}
@@ -123,7 +123,7 @@ def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -
 def _fill(
     plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kept: Sequence[str], cells: Sequence[Cell]
 ) -> None:
-    """Variables and coordinates of every cell of a group, from ``cells`` among which all its grids are."""
+    """Add the variables and coordinates of all cells of a group; ``cells`` must cover all its grids."""
     for dim in group.axes:
         axis = plan.axis(dim)
         attrs = {"long_name": quantities.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
@@ -139,7 +139,7 @@ def _fill(
             for dim in dims
             if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)
         ]
-        if averaged:  # in the words of the CF conventions
+        if averaged:  # as in the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
         attrs |= _flags(name, cells[0])
         unseen = not_in_it(plan, node, name)
@@ -154,9 +154,7 @@ def _fill(
 
 
 def _flags(name: str, cell: Cell) -> dict[str, Any]:
-    """Attributes that name the values of a variable, in the words of the CF conventions; a NaN among them stands for
-    none.
-    """
+    """Return the attributes that name the values of a variable, as in the CF conventions; NaN means no value."""
     known = variable(name)
     named = known.flags or known.masks
     if named:
@@ -169,7 +167,7 @@ def _flags(name: str, cell: Cell) -> dict[str, Any]:
 
 
 def coordinates_of(group: GroupLayout, own: VariableLayout) -> list[str]:
-    """The variables of a group that are coordinates of one of them."""
+    """Return the variables of a group that are coordinates of one of them."""
     return [
         v.name
         for v in group.variables.values()
@@ -208,7 +206,7 @@ def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[C
 
 
 def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef, Line]) -> None:
-    """``y_um`` over the axes that move it; of a line in another unit than those of a frame ``<dim>_at``."""
+    """Add ``y_um`` over the axes that move it; for a line in a unit other than a frame's, ``<dim>_at``."""
     moving = []
     for number, axis in enumerate(node.axes):
         rest: dict[tuple[int, ...], set[tuple[float, float]]] = {}

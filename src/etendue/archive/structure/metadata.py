@@ -1,7 +1,7 @@
-"""Metadata of groups and arrays as zarr writes it: the same bytes, without a store and its event loop.
+"""Metadata of groups and arrays exactly as zarr writes it, without a store and its event loop.
 
 In:  attributes, shapes, dims, codecs.
-Out: the text of ``zarr.json``; chunks of texts. Tests hold them equal to what zarr's own API writes.
+Out: the text of ``zarr.json``; chunks of texts. Tests check that they equal what zarr's own API writes.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ TEXT = "text"
 
 
 def document(node: Mapping[str, Any]) -> bytes:
-    """A node as zarr writes it: the bytes of ``json.dumps(node, indent=2)``, whose indenting alone takes five times
-    as long.
+    """Return a node as zarr writes it: the bytes of ``json.dumps(node, indent=2)``, which takes five times as long
+    because of its indenting.
     """
     compact = json.dumps(node)
     try:
         return msgspec.json.format(compact.encode(), indent=2)
-    except msgspec.DecodeError:  # NaN, which is no JSON: an attribute that a plugin gave
+    except msgspec.DecodeError:  # an attribute from a plugin is NaN, which is not valid JSON
         return json.dumps(node, indent=2).encode()
 
 
@@ -45,7 +45,7 @@ def array_node(
     separator: str,
     attrs: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Of an array whose chunks, or shards of chunks, are checksummed; ``dtype``: of numpy, or ``text``."""
+    """Return an array whose chunks, or shards of chunks, are checksummed; ``dtype`` is a numpy dtype or ``text``."""
     text = dtype == TEXT
     kind = np.dtype("u1" if text else dtype)
     inner = _text_codecs() if text else _codecs(kind, codec)
@@ -95,34 +95,34 @@ def _text_codecs() -> list[dict[str, Any]]:
 
 
 def text_chunk(texts: Sequence[str]) -> bytes:
-    """The one chunk of an array of texts, in C order."""
+    """Return the single chunk of an array of texts, in C order."""
     body = Zstd(level=0).encode(VLenUTF8().encode(np.array([*texts, None], dtype=object)[:-1]))
     return bytes(body) + int(google_crc32c.value(bytes(body))).to_bytes(4, "little")
 
 
 def texts_of(data: bytes) -> list[str]:
-    """The texts of such a chunk.
+    """Return the texts of such a chunk.
 
     Raises
     ------
     ArchiveError
-        It is none.
+        It does not hold texts.
     """
     body, checksum = data[:-4], data[-4:]
     if int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
-        raise ArchiveError("the stored bytes do not fit their checksum")
+        raise ArchiveError("the stored bytes do not match their checksum")
     refuse_unfolding(body)
     try:
         texts = Zstd().decode(body)
         if 4 * int.from_bytes(bytes(texts[:4]), "little") > len(texts):  # each begins with its length
-            raise ValueError("more of them than there are bytes")
+            raise ValueError("more texts than there are bytes")
         return list(map(str, VLenUTF8().decode(texts)))
     except (RuntimeError, ValueError, TypeError) as error:
-        raise ArchiveError(f"the stored bytes are no texts: {error}") from None
+        raise ArchiveError(f"the stored bytes do not decode to texts: {error}") from None
 
 
 def consolidated(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The root with the metadata of all nodes in it, by path: '' is the root itself."""
+    """Return the root with the metadata of all nodes, by path; '' is the root itself."""
     found = {}
     for path in sorted(nodes, key=lambda path: (path.count("/"), unicodedata.normalize("NFKC", path).casefold())):
         if path:

@@ -1,7 +1,7 @@
-"""Names and places of cells, found from their references: nothing is held of a cell.
+"""Names and positions of cells, computed from their references on demand instead of stored per cell.
 
 In:  a plan.
-Out: the name of a cell in the journal; which group it is of, and where it stands there.
+Out: each cell's name in the journal, its group, and its position in that group.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ Index = tuple[int, ...]
 
 
 def cell_name(plan: Plan, ref: CellRef) -> str:
-    """A cell by stage and axis values: the same name whatever else is swept."""
+    """Return the name of a cell from its stage and axis values; it does not depend on what else is swept."""
     return cell_label(ref[0], plan.labels(ref))
 
 
 def cell_label(stage: str, labels: Mapping[str, Any]) -> str:
-    """The name of a cell in the journal."""
+    """Return the name of a cell in the journal."""
     return stage + "".join([_piece(dim, value) for dim, value in labels.items()])
 
 
@@ -29,7 +29,7 @@ def _piece(dim: str, value: Any) -> str:
 
 
 class Names(Mapping[CellRef, str]):
-    """``cell_name`` of every cell of a plan."""
+    """The ``cell_name`` of every cell of a plan."""
 
     def __init__(self, plan: Plan) -> None:
         pieces = {axis.dim: [_piece(axis.dim, value) for value in axis.values] for axis in plan.axes}
@@ -46,8 +46,8 @@ class Names(Mapping[CellRef, str]):
 
 
 class Homes(Mapping[CellRef, str]):
-    """The group of every cell of which something is kept. ``of``: by stage its one group, or the group of each of
-    its cells.
+    """The group of every cell that is stored. ``of`` maps a stage to its single group, or to the group of each of its
+    cells.
     """
 
     def __init__(self, plan: Plan, of: Mapping[str, str | Mapping[CellRef, str]]) -> None:
@@ -65,7 +65,7 @@ class Homes(Mapping[CellRef, str]):
 
 
 class Whole(Mapping[CellRef, Index]):
-    """The places of the cells of a stage that has one group: those on its axes."""
+    """The positions of the cells of a stage with a single group: their indices on its axes."""
 
     def __init__(self, cells: list[Cell]) -> None:
         self.cells = cells

@@ -1,8 +1,8 @@
-"""What a run removes of an archive: by the names that runs give, in folders that were listed without links, and nothing
-else.
+"""What a run removes from an archive: only files with names that runs give, in folders that were listed without
+following links.
 
-In:  the folder of an archive, a listing of it.
-Out: what killed runs left half written is gone; groups and arrays that nobody asks for any more.
+In:  the folder of an archive, and a listing of it.
+Out: half-written files of killed runs, and groups and arrays that are no longer wanted, are removed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ASIDE = re.compile(r"\..*\.\d+\.\d+" + re.escape(disk.PARTIAL))
 
 
 def sweep(folder: Path, listing: disk.Listing, kept: Collection[str]) -> None:
-    """Remove what a killed run left half written, parts that hold finished cells aside."""
+    """Remove half-written files of killed runs, except parts that hold finished cells (``kept``)."""
     for place, names in listing.files.items():
         for name in names:
             if name.startswith(".") and name.endswith(disk.PARTIAL):
@@ -34,7 +34,7 @@ def sweep(folder: Path, listing: disk.Listing, kept: Collection[str]) -> None:
 
 
 def remove_node(folder: Path, listing: disk.Listing, node: str) -> None:
-    """Remove a group or array: metadata, shards and chunks, by name; what somebody else put beside them stays."""
+    """Remove a group or array: its metadata, shards and chunks, by name. Files that somebody else added stay."""
     place = f"{DATA}/{node}"
     for name in listing.files.get(place, ()):
         if name == ROOT or CHUNK.fullmatch(name) or PART.fullmatch(name):
@@ -56,7 +56,7 @@ def _remove_digits(folder: Path, listing: disk.Listing, place: str) -> None:
 
 
 def dims_on_disk(listing: disk.Listing, node: str) -> int:
-    """How many dims the one chunk of a plain array has, a folder for each but the last; 0: there is none."""
+    """Return the number of dims of the single chunk of a plain array (nested folders of it); 0 if there is none."""
     place, count = f"{DATA}/{node}/c", int("c" in listing.folders.get(f"{DATA}/{node}", ()))
     while count and "0" in listing.folders.get(place, ()):
         place, count = f"{place}/0", count + 1
@@ -64,7 +64,7 @@ def dims_on_disk(listing: disk.Listing, node: str) -> int:
 
 
 def nodes_on_disk(listing: disk.Listing, path: str) -> list[str]:
-    """Groups and arrays at and below a folder of the store."""
+    """Return the paths of the groups and arrays at and below a folder of the store."""
     own = [path] if listing.has(f"{DATA}/{path}/{ROOT}") else []
     for name in sorted(listing.folders.get(f"{DATA}/{path}", ())):
         own += nodes_on_disk(listing, f"{path}/{name}")

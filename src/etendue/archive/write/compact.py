@@ -1,11 +1,11 @@
-"""An archive written anew: axes sorted, shards cut as for a fresh sweep, every chunk with the bytes it has.
+"""Rewrite an archive: axes sorted, shards cut as for a new sweep, every chunk with the same bytes.
 
-In:  the folder of an archive whose last run has ended in order, of this form or with a file for every chunk.
-Out: another archive beside it, whole or not at all. The old one is only read.
+In:  the folder of an archive whose last run ended in order, in this format or with one file per chunk.
+Out: another archive beside it, complete or absent. The old one is only read.
 
-Each chunk is held against its checksum on the way. What somebody else has put into the store is copied as it is.
-``in_place`` puts the new one where the old one is: what is as it should be already is shared by both for that while,
-and not written.
+Each chunk is checked against its checksum on the way. What somebody else has put into the store is copied unchanged.
+``in_place`` replaces the old archive by the new one: shards that need no change are shared by both (hard links) while
+it works, and not rewritten.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ ASIDE = ".compact.partial"
 
 
 def compact(old: Path, new: Path) -> Compacted:
-    """Write an archive anew.
+    """Rewrite an archive into a new folder.
 
     Raises
     ------
     ArchiveError
-        The old one is none, is unfinished or damaged; something stands in the place of the new one.
+        The old one is not an archive, is unfinished or damaged, or the new path exists.
     ArchiveInUse
         A run is writing to it.
     """
     old, aside = old.resolve(), new.parent.resolve() / f".{new.name}{ASIDE}"
     if new.exists() or new.is_symlink():
-        raise ArchiveError(f"{new} exists; name a new folder for the archive that is to be written")
+        raise ArchiveError(f"{new} exists; give a new folder for the compacted archive")
     open_archive(old)
     lock = locked(old, fcntl.LOCK_SH)
     try:
@@ -61,27 +61,25 @@ def compact(old: Path, new: Path) -> Compacted:
 
 
 def aside_of(folder: Path) -> Path:
-    """Where an archive is written anew: beside its place."""
+    """Return the folder beside an archive in which it is rewritten."""
     whole = folder.resolve()
     return whole.with_name(f".{whole.name}{ASIDE}")
 
 
 def left_by_compact(folder: Path) -> str:
-    """The folder in which one that was killed has begun another archive in the place of this one; '' where there is
-    none.
-    """
+    """Return the folder in which a killed ``compact --in-place`` has begun the new archive; '' if there is none."""
     aside = aside_of(folder)
     return str(aside) if aside.is_dir() and not aside.is_symlink() else ""
 
 
 def locked(folder: Path, how: int) -> int:
-    """The open lock of an archive that nobody is writing to."""
+    """Return the open lock of an archive that nobody is writing to."""
     lock = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(lock, how | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(lock)
-        raise ArchiveInUse(f"{folder} is in use; write it anew when that has ended") from None
+        raise ArchiveInUse(f"{folder} is in use; compact it after that run has ended") from None
     return lock
 
 
@@ -91,7 +89,7 @@ def check_in_order(old: Path, archive: StoredArchive) -> None:
     lost = {chunk.group for cell in archive.cells.values() for chunk in cell.chunks} - archive.journal.axes.keys()
     if changed or lost or archive.journal.damaged or archive.journal.torn:
         raise ArchiveError(
-            f"{old / (changed or ['journal.jsonl'])[0]} is missing or not as a run left it: only an archive in order "
-            f"is written anew. "
+            f"{old / (changed or ['journal.jsonl'])[0]} is missing or damaged: only an archive in order "
+            f"can be compacted. "
             f"Run its pipeline on it first"
         )

@@ -1,7 +1,7 @@
-"""Whose an archive is: what tells it from a folder of somebody else, and what somebody else has put into it.
+"""Foreign files: tell an archive from any other folder, and find what others have put into it.
 
-In:  a folder, a listing of it.
-Out: ``ArchiveError`` where a run would write over, or among, what is not its own.
+In:  a folder, and a listing of it.
+Out: ``ArchiveError`` if a run would overwrite, or write among, files that are not its own.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from etendue.errors import ArchiveError, ArchiveInUse
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder of somebody else, and links. What another run is just beginning looks like neither, and is in
-    use.
+    """Refuse links and folders that are not archives. A folder in which another run is just starting may look like
+    one, and is reported as in use.
     """
     for again in (False, True):
         try:
@@ -37,23 +37,23 @@ def check_folder(folder: Path) -> None:
         except (ArchiveError, FileNotFoundError):
             if is_running(folder):
                 raise ArchiveInUse(f"{folder} is in use by another run") from None
-            if again:  # its run has not ended between the two
+            if again:  # so no run ended between the two attempts
                 raise
 
 
 def check_ours(folder: Path) -> None:
-    """Refuse a directory that holds something else."""
+    """Refuse a folder that holds something else."""
     names = {name for name in os.listdir(folder) if not ASIDE.fullmatch(name)} if folder.is_dir() else {""}
     begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(
         p.is_dir() for p in (folder / DATA).glob("*")
     )
     if begun or "etendue" in _root_attributes(folder):
         return
-    begins = rb'\{"event":"(axes|arrays|start|done|run)"'  # as a journal of ours does
+    begins = rb'\{"event":"(axes|arrays|start|done|run)"'  # as our journals do
     if DATA not in names or not (
         latest_record(folder) or re.match(begins, disk.content_of(folder / "journal.jsonl") or b"")
     ):
-        raise ArchiveError(f"{folder} exists and is not an archive; name another with --archive DIR")
+        raise ArchiveError(f"{folder} exists but is not an archive; choose another folder with --archive DIR")
 
 
 def _root_attributes(folder: Path) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def _root_attributes(folder: Path) -> dict[str, Any]:
 
 
 def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """The stages and the names of their axes, as the archive was created: from what is undamaged."""
+    """Return the stages and their axes with which the archive was created, from an intact source."""
     root: Any = _root_attributes(folder).get("etendue")
     axes = root.get("axes") if isinstance(root, dict) else None
     whole = isinstance(axes, dict) and all(isinstance(names, list) for names in axes.values())
@@ -80,18 +80,18 @@ def other_stages(
     wanted: Iterable[str] | None,
     record: Mapping[str, Any] | None,
 ) -> str:
-    """Why a run of other stages or axes cannot go on here, and what to type instead. ``wanted``: what alone it asks
-    for.
+    """Return why a run with other stages or axes cannot continue here, and what to type instead. ``wanted``: the
+    stages that the run is limited to.
     """
     lacking, over = [n for n in new if n not in old], sorted(set(old) - set(new))
     axes = [n for n in new if n in old and old[n] != new[n]]
     free = next(name for n in itertools.count(2) if not (folder.parent / (name := f"{folder.name}-{n}")).exists())
     ways = [f"Use another archive: --archive {free}"]
     if over and not lacking and not axes and wanted:
-        ways.append(f"or, without --want {' --want '.join(wanted)}, go on in {folder.name}")
+        ways.append(f"or continue in {folder.name} without --want {' --want '.join(wanted)}")
     if lacking and wanted and (before := _wanted_before(record)):
         both = dict.fromkeys([*before, *wanted])
-        ways.append(f"for both in one: --archive {free} --want {' --want '.join(map(shlex.quote, both))}")
+        ways.append(f"or get both in one archive: --archive {free} --want {' --want '.join(map(shlex.quote, both))}")
     return (
         f"{folder} was made with other stages or axes ({_unlike(old, new, lacking, over, axes)}); both are fixed when "
         f"an archive is created. {'; '.join(ways)}"
@@ -101,20 +101,20 @@ def other_stages(
 def _unlike(
     old: Mapping[str, Any], new: Mapping[str, Any], lacking: Sequence[str], over: Sequence[str], axes: Sequence[str]
 ) -> str:
-    """What tells the stages of an archive from those of a run; ``axes``: stages that both have, along other axes."""
+    """Return how the stages of an archive and of a run differ; ``axes``: stages of both that have different axes."""
     there, here = ({dim for dims in own.values() for dim in dims} for own in (old, new))
     parts = {
-        "it lacks": lacking,
-        "this run lacks": over,
-        "this run sweeps also": sorted(here - there) if axes else (),
-        "it sweeps also": sorted(there - here) if axes else (),
-        "they reach other stages": axes if here == there else (),
+        "not in the archive": lacking,
+        "not in this run": over,
+        "swept only in this run": sorted(here - there) if axes else (),
+        "swept only in the archive": sorted(there - here) if axes else (),
+        "axes reach other stages": axes if here == there else (),
     }
     return "; ".join(f"{what}: {_some(names)}" for what, names in parts.items() if names)
 
 
 def _wanted_before(record: Mapping[str, Any] | None) -> list[str]:
-    """What alone the last run has asked for, as its record has it; nothing where that says something else."""
+    """Return the ``wanted`` stages in the record of the last run; empty if it has none."""
     try:
         before = json.loads((record or {}).get("overrides", {}).get("wanted", "[]"))
     except (ValueError, TypeError, AttributeError):
@@ -127,8 +127,8 @@ def _some(names: Sequence[str]) -> str:
 
 
 def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours: set[str]) -> None:
-    """A group of somebody else beside ours may stay; in the place of ours, or in them, it would be lost or break the
-    tree.
+    """Refuse foreign groups or arrays in the place of ours or inside ours, where they would be lost or break the tree.
+    Foreign groups beside ours may stay.
     """
     for name in sorted(listing.folders.get(DATA, ())):
         found = [name] if name not in stages and name not in TABLES else []
@@ -141,7 +141,7 @@ def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours
             found = [node for node in inside if node not in ours]
         if found:
             raise ArchiveError(
-                f"{folder / DATA / found[0]} was not written by a run of this archive, and stands where its own "
-                f"results do; "
-                f"move it elsewhere (a group of your own may stand in {DATA} itself)"
+                f"{folder / DATA / found[0]} was not written by a run of this archive, but is where its own "
+                f"results belong; "
+                f"move it elsewhere (a group of your own may be directly in {DATA})"
             )

@@ -1,11 +1,11 @@
-"""An archive written anew in its own place, so that at every instant one of the two is there, whole.
+"""Compact an archive in its own place, such that one complete archive is there at every instant.
 
 In:  the folder of an archive whose last run has ended in order.
-Out: the same cells, axes sorted, shards as of a fresh sweep; nothing is written where nothing would change.
+Out: the same cells, axes sorted, shards as of a new sweep; nothing is written if nothing would change.
 
-The new one is made beside the old one, shard by shard; what is right already is no more than a second name. Then the
-system exchanges the two folders in one step, and what was the old one is removed. Killed at any instant, the same
-command goes on with what is there.
+The new archive is built beside the old one, shard by shard; shards that need no change are hard links. Then the system
+exchanges the two folders atomically, and the old one is removed. If the command is killed at any instant, running it
+again continues with what is there.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ AT_HERE, EXCHANGE = -100, 2  # AT_FDCWD; RENAME_EXCHANGE of Linux, and RENAME_SW
 
 
 def compact_in_place(folder: Path) -> Compacted:
-    """Write an archive anew where it is. Interrupted by a signal it leaves nothing beside it.
+    """Compact an archive where it is. Interrupted by a signal, it leaves nothing beside it.
 
     Raises
     ------
     ArchiveError
-        It is none, is unfinished or damaged; its file system cannot exchange two folders.
+        It is not an archive, is unfinished or damaged; or its file system cannot exchange two folders.
     ArchiveInUse
         Somebody is writing to it.
     MachineError
-        The disk has no room for what is to be written.
+        The disk has too little free space.
     """
     open_archive(folder)
     with interrupts.held():
@@ -65,15 +65,16 @@ def _exchanged(folder: Path) -> Compacted:
             free = shutil.disk_usage(folder).free
             if needed > free:
                 raise MachineError(
-                    f"{folder}: {needed / 1e9:.2g} GB are written anew beside it, and {free / 1e9:.2g} GB are free"
+                    f"{folder}: compacting needs {needed / 1e9:.2g} GB beside it, but only {free / 1e9:.2g} GB are free"
                 )
             done = anew.write()
-            locks.append(locked(aside, fcntl.LOCK_EX))  # whoever comes between finds it in use
+            # the lock moves with the folder: a run that starts right after the exchange finds it in use
+            locks.append(locked(aside, fcntl.LOCK_EX))
             _sync(aside)
             interrupts.check()
             exchange(folder, aside)
             disk.sync_folder(folder.parent)
-        finally:  # also where somebody interrupts it: what stands aside is not yet the new one, or no more the old one
+        finally:  # also on interruption: what is aside is either the unfinished new archive or the replaced old one
             shutil.rmtree(aside, ignore_errors=True)
     finally:
         for lock in locks:
@@ -82,9 +83,7 @@ def _exchanged(folder: Path) -> Compacted:
 
 
 def _clear(aside: Path, shards: set[str]) -> None:
-    """Leave of an attempt that was broken off, or of the archive that was here before, the shards that may be of
-    use.
-    """
+    """Keep only shards that may be of use from an interrupted attempt, or from the archive that was here before."""
     aside.mkdir(exist_ok=True)
     for entry in list(aside.iterdir()):
         if entry.name == DATA and entry.is_dir() and not entry.is_symlink():
@@ -98,18 +97,18 @@ def _clear(aside: Path, shards: set[str]) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """The names in all folders survive the loss of power."""
+    """Sync all folders, so that the names in them survive a power cut."""
     for place, _, _ in os.walk(folder):
         disk.sync_folder(Path(place))
 
 
 def exchange(one: Path, other: Path) -> None:
-    """Two folders change places, in one step.
+    """Exchange two folders atomically.
 
     Raises
     ------
     ArchiveError
-        The system or the file system cannot.
+        The system or the file system does not support it.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     names = os.fsencode(one), os.fsencode(other)
@@ -122,5 +121,6 @@ def exchange(one: Path, other: Path) -> None:
     if failed:
         why = os.strerror(ctypes.get_errno())
         raise ArchiveError(
-            f"{one}: its file system cannot exchange two folders ({why}); write it elsewhere: etendue compact {one} NEW"
+            f"{one}: its file system cannot exchange two folders ({why}); compact it to another folder: "
+            f"etendue compact {one} NEW"
         )

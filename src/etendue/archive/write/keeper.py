@@ -1,7 +1,7 @@
-"""An archive as the keeper of a run: what of a plan it has already, what becomes of the rest, and how it is closed.
+"""The archive as the storage backend of a run: what it has of a plan, what it stores, and how it is closed.
 
-In:  what is asked for; reports of cells as they end; tables and pictures at the end.
-Out: what is left to do; an archive in order, whatever happens.
+In:  the plan asked for; reports of cells as they end; tables and pictures at the end.
+Out: what is left to compute; an archive in order, whatever happens.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class ArchiveKeeper:
-    """Use as a context manager: the archive is owned until it is closed."""
+    """Use as a context manager: the archive is locked until it is closed."""
 
     keeps_arrays, draws = False, True
 
@@ -38,7 +38,7 @@ class ArchiveKeeper:
         self.folder: Path | None = self.store.folder
         self.scheduler, self.recompute, self.prune = options.scheduler, options.recompute, options.prune
         self.accept_platform = options.accept_platform
-        self.restore = options.restore  # of a repair: names of cells of earlier runs that are to be there as well
+        self.restore = options.restore  # in a repair: names of cells of earlier runs that must be restored as well
         self.recorded = False  # whether this run has a record of its own
         self.lock = threading.Lock()
         self.mark: tuple[str, bytes] | None = (str(self.store.folder / "run.id"), self.store.run_id.encode())
@@ -51,12 +51,12 @@ class ArchiveKeeper:
         self.store.__exit__(*error)
 
     def begin(self, asked: Plan) -> Work:
-        """Lay a plan out over what is there, make the archive ready for the rest, and record the run.
+        """Lay a plan out over the stored cells, prepare the archive for the rest, and record the run.
 
         Raises
         ------
         ArchiveError
-            The archive is of another pipeline or platform, or finished results would be lost. It is as it was.
+            The archive is of another pipeline or platform, or finished results would be lost. It is left unchanged.
         """
         store = self.store
         plan, stay, pruned = keeping.with_stored(asked, store, self.prune)
@@ -73,10 +73,10 @@ class ArchiveKeeper:
         todo = select(plan, finished, {*cells.values(), *restored})
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
-        reasons = self._reasons(plan, {name for name, _ in todo})  # before the journal forgets what was done
+        reasons = self._reasons(plan, {name for name, _ in todo})  # before the journal drops the old entries
         store.begin(todo, finished, outdated)
         if self.restore is not None:
-            store.change()  # also where nothing is left to do: what vouches for the rest is written anew
+            store.change()  # also if nothing is left to do: rewrite the journal and manifest
         store.begin_run(*(dict(Counter(name for name, _ in refs)) for refs in (cells.values(), todo)))
         resolved = inputs.resolve_pipeline(asked)
         store.mended += inputs.copy_inputs(store.folder, resolved.inputs, store.durable)
@@ -91,7 +91,7 @@ class ArchiveKeeper:
         )
 
     def _reasons(self, plan: Plan, again: Collection[str]) -> dict[str, str]:
-        """Why stages are computed again: what of them has changed, else what is damaged."""
+        """Return why stages are recomputed: what has changed in them, else what is damaged."""
         changed = provenance.reasons(self.store.record, plan) if self.store.journal.entries.any_done() else {}
         found = {name: why for name, why in changed.items() if name in again}
         for name, count in self.store.damaged.items():
@@ -100,23 +100,23 @@ class ArchiveKeeper:
         return found
 
     def _is_elsewhere(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> bool:
-        """Whether the archive was begun on another platform, which is refused where it may mix bits."""
+        """Return True if the archive was begun on another platform; raise if that could mix different bits."""
         folder, mixed = self.store.folder, not (self.accept_platform or self.recompute)
-        way_out = "Go on with its finished cells: --accept-platform; compute all again: --recompute"
+        way_out = "Keep its finished cells with --accept-platform, or recompute everything with --recompute"
         if old is None:
             if mixed and self.store.journal.entries.any_done():
                 raise ArchiveError(
-                    f"no record in {folder / 'runs'} can be read, which say on what its cells were computed. {way_out}"
+                    f"no readable record in {folder / 'runs'} says on which platform its cells were computed. {way_out}"
                 )
             return False
         then = old["platform"]
         if mixed and then != dict(now):
             changed = ", ".join(f"{k} {then.get(k)} -> {now[k]}" for k in now if then.get(k) != now[k])
-            raise ArchiveError(f"{folder} was begun on another platform ({changed}), where bits may differ. {way_out}")
+            raise ArchiveError(f"{folder} was begun on another platform ({changed}), so bits may differ. {way_out}")
         return bool(then != dict(now))
 
     def target(self, cell: Cell) -> CellFiles:
-        with self.lock:  # in a thread of the run, while another tells what it has written
+        with self.lock:  # other threads of the run may be reporting what they have written
             return self.store.target(cell)
 
     def place(self, ref: CellRef, variable: str) -> None: ...
@@ -133,7 +133,7 @@ class ArchiveKeeper:
         return arrays
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterator[CellReport]:
-        """What the journal says of finished cells."""
+        """Yield reports of finished cells from the journal."""
         store = self.store
         for ref in refs:
             entry = store.journal.entries.get(store.names[ref])
@@ -153,7 +153,7 @@ class ArchiveKeeper:
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
     ) -> dict[CellRef, dict[str, Any]]:
-        """Arrays of finished cells; all that are kept, or plain figures only, or of these those that are named."""
+        """Return arrays of finished cells: all kept variables, or plain metrics only; limited to ``named`` if given."""
         found, plan = {}, self.store.plan
         for ref in refs:
             target, writes = self.store.target(plan.cells[ref]), plan.node(ref[0]).writes
@@ -175,7 +175,7 @@ class ArchiveKeeper:
         return [self.store.plan.cells[ref].key for ref in refs]
 
     def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None:
-        """What is finished can be looked at, and the next run goes on from it."""
+        """Close an interrupted run so that finished cells can be read and the next run continues from them."""
         if abandoned:
             self.store.abandon()
         self.store.close_run(tables)
@@ -189,14 +189,15 @@ class ArchiveKeeper:
             attrs = {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at}
             tables = {**tables, "frames": {**sheet.table, "attrs": attrs}}
         if sheet:
-            drawn = place.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed
+            # drawn beside its place and then moved: a link in its place is not followed
+            drawn = place.with_name(".contact_sheet.partial.png")
             drawn.unlink(missing_ok=True)
             sheet.draw(drawn)
             store.change()
             os.replace(drawn, place)
         store.close_run(tables)
         if store.touched:
-            store.sweep()  # a worker that was stopped, or had to do a batch again, may have left something
+            store.sweep()  # workers that were stopped or repeated a batch may have left files
             crate.write_crate(store.folder, store.plan, store.manifest, self.recorded, store.durable)
         store.write_manifest()
         return None, [place] if place.exists() else []

@@ -1,7 +1,7 @@
-"""What an archive holds that a run would not keep: finished results are removed only when that is asked for.
+"""What an archive holds that a run would not keep: finished results are removed only on request.
 
-In:  a plan over all stored axis values, what the archive has, what its journal says.
-Out: the variables that stay because they are right, and what would be lost.
+In:  a plan over all stored axis values, the archive, and its journal.
+Out: the variables that stay because they are still valid, and what would be lost.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from etendue.plan.resume import is_of_names, with_stored_values
 
 
 def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, list[str], int]:
-    """The plan over what an archive holds as well; the stages kept for that reason alone, and how many cells are given
-    up.
+    """Return the plan extended by what an archive holds, the stages kept for that reason alone, and the number of cells
+    given up.
 
     Raises
     ------
     ArchiveError
-        It was made with other stages or axes; finished results would be lost, and nobody has asked for that.
+        It was made with other stages or axes; or finished results would be lost without ``prune``.
     """
     swapped = any(is_of_names(axis.key) for axis in asked.axes)
     sweeps = [sweep_of(record, store.folder) for record in records(store.folder)] if swapped else []
@@ -44,7 +44,7 @@ def with_stored(asked: Plan, store: ArchiveWriter, prune: bool) -> tuple[Plan, l
 
 
 def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
-    """Each cell of what is asked for in a plan over more values; nothing where one is not there."""
+    """Map each cell asked for to its cell in a plan over more values; empty if one is missing there."""
     if plan.cells is asked.cells:
         return {ref: ref for ref in asked.cells}
     by_name = {name: ref for ref, name in Names(plan).items()}
@@ -54,7 +54,7 @@ def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
 
 @dataclass
 class RemovedCells:
-    """Finished cells by stage, and their bytes."""
+    """Finished cells by stage, and their total bytes."""
 
     cells: dict[str, int] = field(default_factory=dict)
     bytes: int = 0
@@ -65,23 +65,23 @@ class RemovedCells:
             self.bytes += sum(file.size for file in entry.files)
 
     def refuse(self, folder: str) -> None:
-        """Say what would be lost, and how to go on."""
+        """Raise an error that says what would be lost and how to proceed."""
         stages = [f"{stage} ({count} {'cell' if count == 1 else 'cells'})" for stage, count in self.cells.items()]
         shown = ", ".join(stages[:8]) + (f" and {len(stages) - 8} more stages" if len(stages) > 8 else "")
         total = sum(self.cells.values())
         raise ArchiveError(
             f"{folder} holds finished results that this run neither keeps nor replaces: {shown}; "
-            f"{total} {'cell' if total == 1 else 'cells'}, {self.bytes} bytes in all. "
-            f"Remove them: --prune; keep them: name them under 'keep' and in the sweep, or use another archive, "
-            f"--archive DIR"
+            f"{total} {'cell' if total == 1 else 'cells'}, {self.bytes} bytes in total. "
+            f"Remove them with --prune; keep them by naming them under 'keep' and in the sweep; or use another archive "
+            f"with --archive DIR"
         )
 
 
 def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple[Plan, list[str], RemovedCells]:
-    """The plan that also keeps what is stored and right; the stages that are kept for that reason alone; what would be
+    """Return the plan that also keeps valid stored variables, the stages kept for that reason alone, and what would be
     lost.
 
-    A stage of which something is kept goes on with all that is stored of it: one status holds for all its variables.
+    A stage that keeps anything keeps all its stored variables: one status applies to all of them.
     """
     plan = replace(plan, nodes=tuple(_with_optional(node, stored) for node in plan.nodes))
     lost, kept, stay = RemovedCells(), set(plan.kept), list[str]()
@@ -111,14 +111,14 @@ def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple
 
 
 def _with_optional(node: Node, stored: set[tuple[str, str]]) -> Node:
-    """A stage that goes on writing what was once asked for."""
+    """Return a stage that also writes the optional variables that are stored already."""
     back = {v: d for v, d in node.optional.items() if (node.name, v) in stored}
     rest = {v: d for v, d in node.optional.items() if v not in back}
     return replace(node, writes={**node.writes, **back}, optional=rest) if back else node
 
 
 def pruned(plan: Plan, entries: Mapping[str, Entry]) -> RemovedCells:
-    """What goes when only what a run keeps is to stay."""
+    """Return what is removed if only what the run keeps is to stay."""
     names = set(Names(plan).values())
     gone = RemovedCells()
     for name, entry in entries.items():

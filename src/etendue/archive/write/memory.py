@@ -1,7 +1,7 @@
-"""The same tree without an archive: results in memory as an ``xarray.DataTree``.
+"""The results of a run in memory, as the ``xarray.DataTree`` that an archive would give.
 
 In:  a plan and the arrays of its cells.
-Out: what ``xarray.open_datatree`` gives for the archive of the same plan.
+Out: the tree that ``xarray.open_datatree`` gives for the archive of the same plan.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from etendue.plan.resume import Work
 
 
 class Standing(Mapping[CellRef, dict[str, Any]]):
-    """The arrays of the cells that have ended, where they stand; ``others``: of those of which more was given than
-    is kept.
+    """The arrays of the cells that have ended, as views into the results; ``others``: cells that returned more than is
+    kept.
     """
 
     def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Any]]) -> None:
@@ -45,7 +45,7 @@ class Standing(Mapping[CellRef, dict[str, Any]]):
 
 
 class MemoryKeeper(Passing):
-    """Arrays of a whole sweep, filled cell by cell as they are computed. Nothing is there from an earlier run."""
+    """Arrays of a whole sweep, filled cell by cell as they are computed. Never holds results of an earlier run."""
 
     keeps_arrays = True
 
@@ -55,9 +55,9 @@ class MemoryKeeper(Passing):
         self.missing: dict[tuple[str, str], Any] = {}
 
     def begin(self, asked: Plan) -> Work:
-        """Make room for all that is kept."""
+        """Allocate the arrays of everything that is kept."""
         self.plan, self.layout, self.number = asked, layout_of(asked), asked.numbers.of
-        self.status = bytearray(asked.numbers.count)  # 1 above that of a cell that has ended
+        self.status = bytearray(asked.numbers.count)  # by cell: 0, or its status + 1 once it has ended
         for path, group in self.layout.groups.items():
             sizes = tuple(len(values) for values in group.axes.values())
             for variable in group.variables.values():
@@ -89,7 +89,7 @@ class MemoryKeeper(Passing):
         return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []
 
     def placed(self, ref: CellRef) -> dict[str, Any]:
-        """The arrays of a cell as they stand in their places."""
+        """Return the arrays of a cell as views into the results."""
         path = self.layout.home.get(ref)
         if path is None:
             return {}
@@ -98,9 +98,7 @@ class MemoryKeeper(Passing):
         return {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
 
     def _put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
-        """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they
-        came).
-        """
+        """Copy a cell into its place; return its arrays as views there (variables that are not kept: unchanged)."""
         path = self.layout.home.get(ref)
         placed = {}
         for name, array in arrays.items():
@@ -109,7 +107,8 @@ class MemoryKeeper(Passing):
                 placed[name] = array
                 continue
             index = self.layout.groups[path].cells[ref]
-            if type(array) is not np.ndarray or array.base is not whole:  # else it has been put there
+            # else the cell has written into its place directly
+            if type(array) is not np.ndarray or array.base is not whole:
                 whole[index] = array
             self.missing[path, name][index] = False
             placed[name] = whole[index]
@@ -128,7 +127,7 @@ class MemoryKeeper(Passing):
             if status := self.status[self.number(ref)]:
                 flags[index] = status - 1
         data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
-        coordinates = {  # a variable named like its own axis stands in the place of the axis values, as in the store
+        coordinates = {  # a variable named like its own axis replaces the axis values, as in the store
             name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items() if name not in data
         }
         for name in [name for name in coordinates if str(name).endswith(BOUNDS)]:
@@ -138,7 +137,7 @@ class MemoryKeeper(Passing):
         return xarray.Dataset(data, coordinates, layout.attrs)
 
     def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
-        """Groups by stage, with ledger, summary and frames beside them."""
+        """Return the groups by stage, with ledger, summary and frames beside them."""
         groups: dict[str, xarray.Dataset] = {
             node: xarray.Dataset(attrs=attrs) for node, attrs in self.layout.parents.items()
         }

@@ -1,11 +1,11 @@
-"""A group of the store becomes another one: its shards get a second name there, then the journal says so, then the
-first name goes.
+"""Rename a group of the store: its shards get second names there, then the journal is updated, then the first names are
+removed.
 
-In:  an archive opened for a run; groups and what they become.
-Out: the same cells in other groups: no byte of them is copied where the disk knows hard links.
+In:  an archive opened for a run; groups and their new names.
+Out: the same cells in other groups; no byte is copied if the file system supports hard links.
 
-Killed at any instant every cell lies where the journal says: the old names go only when all cells are named under the
-new ones.
+If the run is killed at any instant, every cell lies where the journal says: the old names are removed only when all
+cells are recorded under the new ones.
 """
 
 from __future__ import annotations
@@ -28,25 +28,26 @@ if TYPE_CHECKING:
 
 
 def move(store: ArchiveWriter, moves: Mapping[str, str]) -> None:
-    """Give groups their new names: shards, parts of them, axes and lines of the journal."""
+    """Give groups their new names: shards, parts, axes and journal lines."""
     store.change()
     root = disk.read_document(store.folder / DATA / ROOT) or {}
-    if root.pop("consolidated_metadata", None):  # its readers would be given fill values under the old names
+    if root.pop("consolidated_metadata", None):  # readers that use it would get fill values under the old names
         disk.write(store.folder, f"{DATA}/{ROOT}", json.dumps(root).encode(), store.durable)
     for old, new in moves.items():
         variables = list(store.journal.blocks[old])
         if not _name_twice(store, old, new, variables):
-            continue  # what stands there is computed again
+            continue  # its cells are recomputed
         _say(store, old, new)
         for variable in variables:
-            disk.remove(store.folder, f"{DATA}/{old}/{variable}/{ROOT}")  # nobody reads an array that loses its shards
+            # first, so that nobody reads an array that is losing its shards
+            disk.remove(store.folder, f"{DATA}/{old}/{variable}/{ROOT}")
         for variable in variables:
             remove_node(store.folder, store.listing, f"{old}/{variable}")
     store.listing = disk.Listing(store.folder)
 
 
 def _name_twice(store: ArchiveWriter, old: str, new: str, variables: Iterable[str]) -> bool:
-    """Give every file of cells a second name; whether that could be: other bytes may stand there already."""
+    """Give every file of the cells a second name; return whether that succeeded: other files may be there already."""
     places = [(f"{DATA}/{old}/{variable}", f"{DATA}/{new}/{variable}") for variable in variables]
     files = [
         (f"{a}/{name}", f"{b}/{name}")
@@ -58,17 +59,17 @@ def _name_twice(store: ArchiveWriter, old: str, new: str, variables: Iterable[st
         os.path.lexists(store.folder / b) and not os.path.samefile(store.folder / a, store.folder / b) for a, b in files
     ):
         return False
-    store.journal.set_arrays({new: variables})  # before any is there: nobody else has put it there
+    store.journal.set_arrays({new: variables})  # before any exists, which marks them as ours
     store.ours |= {new, *(f"{new}/{variable}" for variable in variables)}
     for first, second in files:
-        os.close(stubs.opened(store.folder, first))  # what lies on an object store has no second name there
+        os.close(stubs.opened(store.folder, first))  # fetch stand-ins: objects cannot be hard-linked
         disk.link(store.folder, first, second, store.durable)
     store.behind.sealed(second for _, second in files if second in _shards(store, old, new).values())
     return True
 
 
 def _shards(store: ArchiveWriter, old: str, new: str) -> dict[str, str]:
-    """The shards of a group, and what they become."""
+    """Return the shards of a group and their new paths."""
     return {path: there for path in store.journal.shards if (there := _moved(path, old, new)) != path}
 
 
@@ -78,7 +79,7 @@ def _moved(path: str, old: str, new: str) -> str:
 
 
 def _say(store: ArchiveWriter, old: str, new: str) -> None:
-    """The journal knows the cells of a group under its new name."""
+    """Record the cells of a group under its new name in the journal."""
     journal = store.journal
     journal.set_axes({new: journal.axes[old]})
     journal.set_blocks({new: journal.blocks[old]})

@@ -1,8 +1,8 @@
-"""A plan laid out over what an archive has: axes as they are stored, where each cell stands, and the files around the
+"""A plan laid out over what an archive has: stored axes, the position of each cell, and all files except chunks of
 cells.
 
-In:  a plan; of earlier runs the axis values by group, how variables are cut, and which cells are stored.
-Out: groups, places and chunks of cells; the store in memory (``tree``).
+In:  a plan; from earlier runs, the axis values by group, how variables are split, and which cells are stored.
+Out: groups, positions and chunks of cells; the expected store in memory (``tree``).
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ Slot = tuple[str, int, int]
 
 
 class Laid:
-    """A plan in its places.
+    """A plan laid out in an archive.
 
     Attributes
     ----------
     names : the name of each cell in the journal
-    axes : axis values by group as stored: those of earlier runs first
-    places : by group and axis, where the plan's values are among the stored ones
-    blocks : by group and variable, how it is cut into shards and encoded
+    axes : axis values by group as stored, those of earlier runs first
+    places : by group and axis, the positions of the plan's values among the stored ones
+    blocks : by group and variable, how it is split into shards and encoded
     nodes : every group and array, by path
     """
 
@@ -59,6 +59,7 @@ class Laid:
         self.places: dict[str, list[list[int]]] = {}
         for path, group in self.layout.groups.items():
             own = {dim: list(stored.get(path, {}).get(dim, ())) for dim in group.axes}
+            # Append new values behind the stored ones, whatever their order: stored chunks then keep their slots.
             for dim, values in group.axes.items():
                 known = set(own[dim])
                 own[dim] += [v for v in values if v not in known]
@@ -77,8 +78,8 @@ class Laid:
         }
 
     def tree(self, entries: Entries, todo: Collection[CellRef]) -> Tree:
-        """Everything in the store that the plan knows, tables aside; ``todo`` cells are not computed yet, whatever
-        is stored.
+        """Return everything in the store that follows from the plan, except tables; ``todo`` cells count as not
+        computed, whatever is stored.
         """
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         tree = Tree()
@@ -99,9 +100,9 @@ class Laid:
     def put_status(
         self, tree: Tree, entries: Entries, todo: Collection[CellRef] = (), ended: Sequence[int] = ()
     ) -> None:
-        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold.
+        """Add ``status`` according to the journal; cells in ``todo`` are "not_computed", whatever their chunks hold.
 
-        ``ended``: by number of a cell, 1 above its status where it has ended in this run.
+        ``ended``: by number of a cell, its status + 1 if it has ended in this run.
         """
         number = self.plan.numbers.of
         for path, layout in self.layout.groups.items():
@@ -138,7 +139,7 @@ class Laid:
             self._lay_out_variable(tree, path, layout, variable, merged)
 
     def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
-        """Positions along axes that have grown: those of the plan in their place, others missing like their cells."""
+        """Return positions along grown axes: those of the plan, and NaN elsewhere."""
         merged, places = self.axes[path], dict(zip(self.axes[path], self.places[path], strict=True))
         whole = np.full((*(len(merged[axis]) for axis in axes), own.shape[-1]), np.nan)
         whole[np.ix_(*(places[axis] for axis in axes), range(own.shape[-1]))] = own
@@ -162,13 +163,15 @@ class Laid:
         tree.put_cells(f"{path}/{variable.name}", shape, form, dims, attrs)
 
     def place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
-        """Position of a cell in the stored arrays of its group, from its position among the plan's values."""
+        """Return the position of a cell in the stored arrays of its group, from its position among the plan's
+        values.
+        """
         if path in self.unmoved:
             return index
         return tuple([places[i] for places, i in zip(self.places[path], index, strict=True)])
 
     def chunks(self, cell: Cell) -> tuple[Chunk, ...]:
-        """The chunks of a cell's kept variables."""
+        """Return the chunks of a cell's kept variables."""
         path = self.layout.home.get(cell.ref)
         if path is None:
             return ()
@@ -176,7 +179,7 @@ class Laid:
         return tuple([chunk for one in self.whereabouts[path] for chunk in one.chunks(place)])
 
     def slots(self, ref: CellRef) -> list[Slot]:
-        """The same as (shard, slot, slots of the shard)."""
+        """Return the same as ``chunks``, as (shard, slot, slots of the shard)."""
         path = self.layout.home.get(ref)
         if path is None:
             return []
@@ -189,7 +192,7 @@ class Laid:
 
 
 def _nodes(layout: Layout) -> set[str]:
-    """Every group and array of a layout, by path."""
+    """Return the paths of all groups and arrays of a layout."""
     found = {*layout.parents, *layout.groups}
     for path, group in layout.groups.items():
         found |= {f"{path}/{name}" for name in (*group.variables, *group.coordinates, "status")}

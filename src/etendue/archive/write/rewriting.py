@@ -1,8 +1,8 @@
-"""An archive on its way from one folder to another: axes sorted, shards cut as for a fresh sweep, every chunk with the
-bytes it has.
+"""Rewrite an archive from one folder to another: axes sorted, shards cut as for a new sweep, every chunk with the same
+bytes.
 
-In:  an archive open for reading, the folder of the other.
-Out: its shards, metadata and journal. Each chunk is held against its checksum on the way.
+In:  an archive open for reading, and the target folder.
+Out: its shards, metadata and journal. Each chunk is checked against its checksum on the way.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from etendue.archive.write.clearing import nodes_on_disk
 from etendue.contract.ports import WrittenChunk
 from etendue.errors import ArchiveError
 
-WASTE = 8  # a shard is written anew when more than the eighth of its chunks is nothing
+WASTE = 8  # a shard is rewritten if unused bytes exceed one eighth of its chunks
 BESIDE = ("contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", "measured.json")
 Chunks = Mapping[int, tuple[StoredCell, StoredChunk]]  # of a shard, by slot
 
 
 @dataclass(frozen=True)
 class Compacted:
-    """What was written: shards, cells and bytes of their chunks; the axes that were sorted, by group; all bytes that
-    this took.
+    """What was written: cells, shards, and bytes of their chunks; the axes that were sorted, by group; all bytes
+    written.
     """
 
     folder: Path
@@ -56,15 +56,15 @@ class Compacted:
 
     @property
     def amplification(self) -> float:
-        """Bytes written for each byte of cells."""
+        """Bytes written per byte of cells."""
         return self.written / self.bytes if self.bytes else 0.0
 
 
 class Anew:
-    """An archive on its way from one folder to another.
+    """Rewrites an archive from one folder to another.
 
-    ``shares``: files that need not be written again have a name in both folders, and all that is written survives the
-    loss of power.
+    ``shares``: files that need no change are hard-linked into the new folder, and everything written survives a power
+    cut.
     """
 
     def __init__(self, archive: StoredArchive, target: Path, shares: bool = False) -> None:
@@ -86,7 +86,7 @@ class Anew:
         self.forms = self._cut()
 
     def _cut(self) -> dict[tuple[str, str], StoredForm]:
-        """How every variable is cut now."""
+        """Return the new form of every variable."""
         forms = {key: own[0][1].form for key, own in self.by_variable.items()}
         given = []
         for (group, _), form in forms.items():
@@ -113,7 +113,7 @@ class Anew:
         return Compacted(self.target, len(self.archive.cells), len(shards), size, self.changed(), self.written)
 
     def changed(self) -> dict[str, list[str]]:
-        """The axes that are to be sorted, by group."""
+        """Return the axes that must be sorted, by group."""
         own = {
             group: [dim for dim, order in dims.items() if order != list(range(len(order)))]
             for group, dims in self.order.items()
@@ -121,7 +121,7 @@ class Anew:
         return {group: dims for group, dims in own.items() if dims}
 
     def needed(self) -> int:
-        """Bytes of the shards that are to be written; 0: every one is there, and as it should be."""
+        """Return the bytes of the shards that must be written; 0 if every shard is fine as it is."""
         return sum(
             chunk.written.size
             for path, own in self.shards.items()
@@ -134,7 +134,7 @@ class Anew:
         self.written += len(data)
 
     def _copied(self, source: Any, target: Any) -> None:
-        """A file as it is: under a second name where that may be, for a while."""
+        """Copy a file unchanged; with ``shares`` link it where the file system allows that."""
         if self.shares:
             with suppress(OSError):
                 os.link(source, target)
@@ -145,7 +145,7 @@ class Anew:
     # -- chunks -------------------------------------------------------------------------------------------------------
 
     def _chunks(self) -> tuple[dict[str, list[WrittenChunk]], dict[str, Shard], int]:
-        """Every chunk into its new shard; where it stands there, by cell."""
+        """Put every chunk into its new shard; return chunk positions by cell, the shards and the total bytes."""
         placed: dict[str, list[WrittenChunk]] = {name: [] for name in self.archive.cells}
         shards: dict[str, Shard] = {}
         for path, own in self.shards.items():
@@ -160,7 +160,7 @@ class Anew:
 
     @cached_property
     def shards(self) -> dict[str, dict[int, tuple[StoredCell, StoredChunk]]]:
-        """What is to be in every shard, by slot."""
+        """Map every new shard to its chunks by slot."""
         found: dict[str, dict[int, tuple[StoredCell, StoredChunk]]] = {}
         for key, own in self.by_variable.items():
             for cell, chunk in own:
@@ -169,7 +169,7 @@ class Anew:
         return found
 
     def _stays(self, path: str, own: Chunks) -> bool:
-        """Whether a shard is what it is to be: its chunks in their slots, and little besides."""
+        """Return True if a shard can stay: its chunks are in their slots, with few unused bytes."""
         slots, archive = self._slots(own), self.archive
         if archive.journal.files_a_cell or archive.finder.odd(path, slots) or path not in archive.journal.shards:
             return False
@@ -187,7 +187,7 @@ class Anew:
         return self.forms[chunk.group, chunk.variable].slots
 
     def _shared(self, path: str) -> bool:
-        """A shard under a second name; whether that may be."""
+        """Link a shard into the new folder; return whether that succeeded."""
         (self.target / path).parent.mkdir(parents=True, exist_ok=True)
         with suppress(OSError):
             if (self.target / path).exists():
@@ -199,7 +199,7 @@ class Anew:
         return False
 
     def _place(self, key: tuple[str, str], chunk: StoredChunk) -> tuple[str, int]:
-        """Shard and slot of a chunk."""
+        """Return the new shard and slot of a chunk."""
         form, slot, shard = self.forms[key], 0, []
         axes = self.order[key[0]].values()
         for at, order, size in zip(chunk.position, axes, form.block, strict=True):
@@ -234,14 +234,14 @@ class Anew:
         return Shard((self.target / path).stat().st_size, ((part, 0, 0, end),))
 
     def _known(self, chunk: StoredChunk) -> tuple[int, int]:
-        """Size and checksum of a chunk, once it has been read."""
+        """Return size and checksum of a chunk that has been read."""
         if not self.archive.journal.files_a_cell:
             return chunk.written.size, chunk.written.digest
         data = (self.old / chunk.written.path).read_bytes()
         return len(data), int.from_bytes(data[-4:], "little")
 
     def _is_there(self, path: str, slots: int, own: Chunks) -> bool:
-        """Whether an attempt that was broken off has written a shard: every chunk of it is read."""
+        """Return True if an interrupted attempt has already written this shard; every chunk of it is checked."""
         if not self.shares or self.archive.journal.files_a_cell:
             return False
         places, end = dict[int, tuple[int, int]](), 0
@@ -267,16 +267,16 @@ class Anew:
             or int(google_crc32c.value(data[:-4])).to_bytes(4, "little") != data[-4:]
         ):
             raise ArchiveError(
-                f"{self.old / chunk.written.path}: {chunk.variable} of {cell.name} is missing or damaged; compute it "
-                f"again first, by "
+                f"{self.old / chunk.written.path}: {chunk.variable} of {cell.name} is missing or damaged; recompute it "
+                f"first by "
                 f"running its pipeline on the archive with --recompute"
             )
         return data
 
-    # -- what stands around them --------------------------------------------------------------------------------------
+    # -- metadata and journal -----------------------------------------------------------------------------------------
 
     def _metadata(self) -> None:
-        """Arrays along axes in their new order; everything else as it is."""
+        """Write arrays along the reordered axes; copy everything else unchanged."""
         nodes = sorted(node for folder in self.listing.folders[DATA] for node in nodes_on_disk(self.listing, folder))
         root = disk.read_document(self.old / DATA / ROOT) or {}
         attributes = dict(root.get("attributes", {}))
@@ -304,7 +304,7 @@ class Anew:
                 attrs.pop("order", None)
             self.tree.put_array(group, name, values, tuple(dims), attrs)
         else:
-            # Its metadata, its chunks, what somebody has put beside them; other nodes below it are copied as such.
+            # The node's metadata, chunks and any foreign files beside them; nodes below it are handled on their own.
             place = f"{DATA}/{node}"
             chunks = (path for path in self.listing.below(place) if path.startswith(f"{place}/c/"))
             own = (*(f"{place}/{file}" for file in self.listing.files.get(place, ())), *chunks)
@@ -339,7 +339,7 @@ class Anew:
 
 
 def _order(values: list[Any]) -> list[int]:
-    """The positions of axis values in sorted order; texts, and values in falling order, stay as they are."""
+    """Return the positions of axis values in sorted order; texts and falling values keep their order."""
     plain = not any(isinstance(value, str) for value in values)
     if plain and values not in (sorted(values), sorted(values, reverse=True)):
         return sorted(range(len(values)), key=values.__getitem__)

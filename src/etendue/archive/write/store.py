@@ -3,14 +3,14 @@
 paper/
   data.zarr/          one Zarr v3 store, one DataTree: opened by ``xarray.open_datatree`` without etendue
   inputs/             every file parameter, by SHA-256
-  journal.jsonl       what is finished
+  journal.jsonl       which cells are finished
   manifest.json       digests of all metadata, written at close
   runs/               a record of every run: pipeline, versions, platform
-  lock  run.id        who owns it
+  lock  run.id        which run owns it
 
-Chunks of cells are trusted where the journal names them and they lie where it says; everything else in the store is
-known from the plan (``tree``), compared with what is there, and written again where it differs. Nothing is removed but
-by its name, and nothing is written where nothing has changed.
+Chunks of cells are trusted if the journal names them and they lie where it says. Everything else in the store follows
+from the plan (``tree``): it is compared with the files and rewritten if they differ. Files are removed only by name,
+and nothing is written if nothing has changed.
 """
 
 from __future__ import annotations
@@ -49,23 +49,23 @@ from etendue.plan.model import Cell, CellRef, Plan
 class ArchiveWriter:
     """An archive opened for a run. Use as a context manager: the lock is held until it is closed.
 
-    ``use`` gives it a plan. Nothing in the store changes before ``begin``: a refused run leaves an archive as it was.
+    ``use`` gives it a plan. Nothing in the store changes before ``begin``: a refused run leaves the archive unchanged.
     """
 
     def __init__(self, folder: Path, durable: bool = False) -> None:
         self.durable = durable
         try:
-            self.folder = folder.resolve()  # the archive itself may be named by a link; inside there is none
+            self.folder = folder.resolve()  # the archive itself may be given by a link; inside it there are none
         except (OSError, RuntimeError) as error:
-            raise ArchiveError(f"{folder} leads nowhere: {error}") from None
-        if self.folder.is_symlink():  # Python 3.13 gives a circle of links back as it is
-            raise ArchiveError(f"{folder} leads nowhere: it is a link to itself")
+            raise ArchiveError(f"{folder} cannot be resolved: {error}") from None
+        if self.folder.is_symlink():  # Python 3.13 returns a circular link unresolved
+            raise ArchiveError(f"{folder} cannot be resolved: it is a link to itself")
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
-        # of cells of which more is asked for than is stored: what stays
+        # Cells of which more is asked for than is stored: their stored chunks, which stay.
         self.held: dict[CellRef, tuple[WrittenChunk, ...]] = {}
         self.touched = False  # whether anything has been changed
-        self.mended: list[str] = []  # what was missing or changed and has been written again
-        self.former = Former()  # of the platform of the last run, where that is accepted
+        self.mended: list[str] = []  # missing or changed files that have been rewritten
+        self.former = Former()  # keys on the platform of the last run, if that is accepted
         self.run_id = fresh_id()
         self.place = str(self.folder)
         self.behind = behind(self.folder)
@@ -81,15 +81,15 @@ class ArchiveWriter:
                 disk.sync_folder(self.folder.parent)
             self.lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
         except OSError as error:
-            raise MachineError(f"the archive {self.folder} cannot be written: {error.strerror}") from None
+            raise MachineError(f"cannot write the archive {self.folder}: {error.strerror}") from None
         try:
             try:
                 take(self.lock)
                 if not os.path.samestat(os.fstat(self.lock), os.stat(self.folder / "lock")):
-                    raise BlockingIOError  # the archive was written anew between the two
+                    raise BlockingIOError  # compacting has replaced the archive between the two calls
             except BlockingIOError:
                 raise ArchiveInUse(
-                    f"{self.folder} is in use by another run: wait for it (etendue show says how far it is), or give "
+                    f"{self.folder} is in use by another run: wait for it (etendue show reports its progress), or use "
                     f"another --archive"
                 ) from None
             self.listing = disk.Listing(self.folder)
@@ -105,7 +105,7 @@ class ArchiveWriter:
             self.mended.append("manifest.json")
         if self.journal.damaged:
             self.mended.append(
-                f"journal.jsonl ({self.journal.damaged} of its lines: what they named is computed again)"
+                f"journal.jsonl ({self.journal.damaged} damaged lines: the cells they named are recomputed)"
             )
         made = self.journal.arrays.items()
         self.ours = (self.manifest.nodes() if self.manifest else set()) | {
@@ -120,25 +120,25 @@ class ArchiveWriter:
         os.close(self.lock)
 
     def check_stages(self, plan: Plan) -> None:
-        """Refuse a plan of other stages or axes than those the archive was made with."""
+        """Raise ``ArchiveError`` if the plan has other stages or axes than the archive was made with."""
         new = {node.name: list(node.axes) for node in plan.nodes}
         old = known_axes(self.folder, self.manifest, self.record)
         if old is not None and old != new:
             raise ArchiveError(other_stages(self.folder, old, new, plan.pipeline.wanted, self.record))
 
     def use(self, plan: Plan) -> None:
-        """Lay the plan out over what the archive has.
+        """Lay the plan out over what the archive holds.
 
         Raises
         ------
         ArchiveError
-            Somebody else's things stand in the place of the plan's.
+            The archive has the old format, or foreign files are where the plan's results belong.
         """
         if self.journal.files_a_cell:
             raise ArchiveError(
-                f"{self.folder} has a file for every cell, as earlier versions wrote it: it can be looked at, and "
+                f"{self.folder} has one file per cell, the format of earlier versions: it can be read, but "
                 f"nothing can be added. "
-                f"Make one of the present form of it: etendue compact {self.folder} {self.folder.name}-2"
+                f"Convert it with: etendue compact {self.folder} {self.folder.name}-2"
             )
         self.plan, self.laid = plan, Laid(plan, self.journal.axes, self.journal.blocks, self.journal.entries)
         self.finder = Finder(self.folder, self.journal)
@@ -157,7 +157,7 @@ class ArchiveWriter:
     # -- what is finished -----------------------------------------------------------------------------
 
     def stored(self) -> set[tuple[str, str]]:
-        """The (stage, variable) pairs of which the archive has an array."""
+        """Return the (stage, variable) pairs for which the archive has an array."""
         there = [
             node
             for node in self.ours
@@ -166,9 +166,7 @@ class ArchiveWriter:
         return {(node.split("/")[0], node.rpartition("/")[2]) for node in there if "/" in node}
 
     def finished(self, ref: CellRef) -> bool:
-        """Whether a cell needs no computing: the journal says done with its key, and its files are as the journal
-        says.
-        """
+        """Return True if a cell needs no computing: the journal has it done with its key, and its files are intact."""
         entry, key = self.journal.entries.get(self.names[ref]), self.plan.cells[ref].key
         if entry is None or not (is_done(entry, key) or is_done(entry, self.former.keys.get(ref, key))):
             return False
@@ -180,14 +178,12 @@ class ArchiveWriter:
         self.blocks.keep(chunks, found)
         if len(found) == len(chunks):
             return True
-        if found:  # more is asked for than there is: the rest is added to it; else it was computed, and not kept
+        if found:  # some variables are missing: only these are added. None stored: it was computed but not kept
             self.held[ref] = tuple(file for file, _ in found.values())
         return False
 
     def _found(self, entry: Entry, chunks: Slots) -> Stored | None:
-        """Of the chunks of a cell those that its entry names, as they were written and where they lie; None where
-        one is lost.
-        """
+        """Return the chunks of a cell that its entry names, as written and where they lie; None if one is lost."""
         known = {(file.path, file.slot): file for file in entry.files}
         found: dict[tuple[str, int], tuple[WrittenChunk, ChunkPlace]] = {}
         for path, slot, slots in chunks:
@@ -201,7 +197,7 @@ class ArchiveWriter:
         return found
 
     def has_files(self, ref: CellRef) -> bool:
-        """Whether anything of a cell is stored, right or not."""
+        """Return True if anything of a cell is stored, valid or not."""
         states = [(slot, self.finder.state(path, slots)) for path, slot, slots in self.laid.slots(ref)]
         return any(state is not None and slot in (state.index or {}) for slot, state in states)
 
@@ -210,10 +206,9 @@ class ArchiveWriter:
     def begin(
         self, todo: Collection[CellRef], finished: Collection[CellRef], outdated: Collection[CellRef] = ()
     ) -> None:
-        """Make the store ready for a run that computes ``todo``: own it, create and grow arrays, drop what is not
-        planned.
+        """Prepare the store for a run that computes ``todo``: own it, create and grow arrays, drop what is not planned.
 
-        ``outdated`` cells stand at axis values of earlier runs and would come out differently now: they are removed.
+        ``outdated`` cells are at axis values of earlier runs and would give other results now: they are removed.
         """
         was = ((ref, self.journal.entries[self.names[ref]]) for ref in finished)
         if fresh := accepted(self.former, self.plan, was):
@@ -225,7 +220,7 @@ class ArchiveWriter:
         for ref in outdated:
             blocks.drop(self.laid.slots(ref))
         self.todo = todo
-        self.ended = bytearray(self.plan.numbers.count)  # of cells that have ended: their status, from 1
+        self.ended = bytearray(self.plan.numbers.count)  # by cell: 0, or its status + 1 once it has ended
         gone = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
         gone += self.journal.entries.done_beside(self.names)
         self.tree = self.laid.tree(self.journal.entries, todo)
@@ -233,8 +228,10 @@ class ArchiveWriter:
             self._change(gone)
 
     def _change(self, gone: Iterable[str]) -> None:
-        """Make the store that of the plan; ``gone``: cells that are not to be there any more."""
+        """Make the store match the plan; ``gone``: cells to remove."""
         self.change()
+        # The journal first says which arrays are ours and which results are replaced or given up; only then do files
+        # change. A run that is killed in between leaves nothing that wrongly reads as a result.
         names = {
             path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path]
             for path in self.layout.groups
@@ -248,9 +245,10 @@ class ArchiveWriter:
         self.journal.set_outdated(self.journal.entries.done_otherwise(keys))
         self.journal.give_up(gone)
         self.mended += last_run.damaged(self)
-        self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
+        self._put({ROOT: self.tree.files()[ROOT]})  # drop consolidated metadata, which would still have the old shapes
         entries = self.journal.entries
-        shards = self.journal.shards  # of a copy also those that it has not yet: their chunks lie in parts still
+        # a copied archive may lack shards that the journal names: their chunks are still in parts
+        shards = self.journal.shards
         of_done = {
             part_path(file)
             for name in entries.done()
@@ -266,17 +264,17 @@ class ArchiveWriter:
         self.blocks.put(self.blocks.unsettled())
 
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
-        """Say what a run is asked for, and what of it is to be computed."""
+        """Record in the journal what a run is asked for, and how much of it must be computed."""
         if self.journal.begins(planned, todo):
             self.change()
             self.journal.begin_run(planned, todo)
 
     def abandon(self) -> None:
-        """Whatever is still under way is refused from now on."""
+        """Mark the archive so that any worker still running is refused from now on."""
         disk.write(self.folder, "run.id", ABANDONED.encode(), self.durable)
 
     def change(self) -> None:
-        """The archive is the run's own from now on, and not in order until it has ended."""
+        """Take ownership before the first change; the archive is not in order again until the run has ended."""
         if not self.touched:
             self.behind.own()
             self.touched = True
@@ -285,12 +283,12 @@ class ArchiveWriter:
             disk.remove(self.folder, "manifest.json")
 
     def sweep(self) -> None:
-        """Remove what a run or worker has left half written."""
+        """Remove half-written files of a run or worker."""
         self.listing = disk.Listing(self.folder)
         sweep(self.folder, self.listing, self.blocks.parts())
 
     def _drop_unplanned(self) -> None:
-        """Groups, variables and shards that the plan no longer has: they must not read as results of it."""
+        """Remove groups, variables and shards that the plan no longer has, so that they are not read as its results."""
         for node in sorted(self.ours - self.nodes, key=lambda node: -node.count("/")):
             if node.split("/")[0] not in TABLES:
                 remove_node(self.folder, self.listing, node)
@@ -298,7 +296,7 @@ class ArchiveWriter:
         for path, group in self.layout.groups.items():
             for name, coordinate in group.coordinates.items():
                 there = dims_on_disk(self.listing, f"{path}/{name}")
-                if there not in (0, len(coordinate.dims)):  # files where there will be folders
+                if there not in (0, len(coordinate.dims)):  # a file is where a folder is needed
                     remove_node(self.folder, self.listing, f"{path}/{name}")
             for name in group.variables:
                 folder = f"{DATA}/{path}/{name}"
@@ -306,14 +304,12 @@ class ArchiveWriter:
                 fresh = incompatible(old, json.loads(files[f"{path}/{name}/{ROOT}"]))
                 for file in filter(CHUNK.fullmatch, self.listing.files.get(folder, ())):
                     own = self.blocks.wanted.get(f"{folder}/{file}")
-                    if own is None or (fresh and not own):  # of another form go those without finished cells
+                    if own is None or (fresh and not own):  # after a change of form, drop shards without finished cells
                         disk.remove(self.folder, f"{folder}/{file}")
                         self.finder.states[f"{folder}/{file}"] = None
 
     def _put(self, files: Mapping[str, bytes]) -> None:
-        """Files of the store in their places, where others are there; what describes the rest of a group or array
-        comes last.
-        """
+        """Write files of the store that differ from those on disk; metadata of a group or array after its content."""
         for path in sorted(files, key=lambda path: (path.endswith(ROOT), -path.count("/"))):
             if disk.content_of(self.folder / DATA / path) != files[path]:
                 self.change()
@@ -333,7 +329,7 @@ class ArchiveWriter:
         self.journal.start((self.names[ref], self.plan.cells[ref].key) for ref in refs)
 
     def reported(self, reports: Iterable[CellReport]) -> None:
-        """Journal what became of cells. A cell without a result keeps no file of an earlier one."""
+        """Record the results of cells in the journal. A cell without a result keeps no file of an earlier one."""
         lines, complete = [], []
         for report in reports:
             ref = (report.stage, report.index)
@@ -350,16 +346,17 @@ class ArchiveWriter:
     # -- closing --------------------------------------------------------------------------------------
 
     def shown(self) -> Any:
-        """The keys of the cells whose pictures an earlier run has left; None where there are no whole ones."""
+        """Return the keys of the cells in the pictures of an earlier run; None if these are not intact."""
         return earlier_pictures.attributes(earlier_pictures.stored(self.folder, self.listing)).get("shown")
 
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
-        """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the
-        one before.
+        """Complete shards, write status and tables, then consolidate: readers see either a finished run or the one
+        before.
         """
         lacking = (ref for ref in self.todo if not self.ended[self.plan.numbers.of(ref)] and ref not in self.held)
         entries = self.journal.entries
-        self.journal.give_up(entries.done_among(self.names[ref] for ref in lacking))  # shards are made without them
+        # so that shards are completed without them
+        self.journal.give_up(entries.done_among(self.names[ref] for ref in lacking))
         self.blocks.close()
         self.laid.put_status(self.tree, entries, self.todo, self.ended)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
@@ -377,12 +374,12 @@ class ArchiveWriter:
         self._put({ROOT: self.root})
 
     def _put_table(self, name: str, table: Mapping[str, Any]) -> None:
-        """A table in its place; of one of an earlier run no column stays that this one has not."""
+        """Write a table; remove columns of an earlier run that the new table lacks."""
         for column, (dims, values, attrs) in table["arrays"].items():
             self.tree.put_array(name, column, values, dims, attrs)
         attrs = dict(table.get("attrs", {}))
         self.tree.put_group(name, attrs)
-        if name == FRAMES:  # which is not made again by every run
+        if name == FRAMES:  # not every run rewrites this table
             self.tree.take(earlier_pictures.sealed(self.tree.files(name), attrs))
         own = self.tree.files(name)
         on_disk = nodes_on_disk(self.listing, name)
@@ -392,7 +389,7 @@ class ArchiveWriter:
         self._put(own)
 
     def write_manifest(self) -> None:
-        """The last act of a run: from now on what differs was changed by somebody else."""
+        """End the run: whatever differs from the manifest from now on was changed by somebody else."""
         if not self.touched:
             return
         self.journal.closed()

@@ -1,7 +1,7 @@
-"""Transfer functions as stages look at them: the product of all stages up to one, at any frequencies.
+"""Transfer functions as other stages see them: the product of all stages up to one, at any frequency.
 
 In:  the ``Job`` of a stage that reads ``"*.transfer"``.
-Out: ``Otf`` values, each with the name of the stage up to which it holds.
+Out: ``Otf`` values, each with the name of the last stage in it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,12 @@ from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer
 from etendue.contract.stage import Stage, state_of
 from etendue.transfer.products import Product, behind_filters, between, weights
 
-REMEMBERED = (
-    64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
-)
-BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square the diagonal is taken
+REMEMBERED = 64  # frequencies from which a table is cached: a search uses the same coarse grid in every cell of a sweep
+BLOCK = 16  # frequencies of a slanted line per block; each block evaluates a square and takes its diagonal
 
 
 def transfers_of(job: Job) -> list[tuple[str, Otf]]:
-    """For every transfer stage in front of a stage: its name, and the transfer function up to and including it."""
+    """Return, for every transfer stage before a stage, its name and the transfer function up to and including it."""
     look = job.looking
     assert look is not None
     port, pairs = next((port, pairs) for port, what, pairs in look.ports if what == "transfer")
@@ -49,7 +47,7 @@ def transfers_of(job: Job) -> list[tuple[str, Otf]]:
 def _behind(
     pixel: int, every: Sequence[tuple[str, Stage]], chains: Sequence[Sequence[int]]
 ) -> tuple[tuple[str, ChannelTransfer], ...]:
-    """The stages that move charge behind a pixel stage, one behind the other; where light goes several ways, on the
+    """Return the stages that move charge after a pixel stage, in order; where light takes several ways, those on the
     first.
     """
     found: list[int] = []
@@ -60,21 +58,22 @@ def _behind(
 
 
 def weights_of(stage: Summed, edges: tuple[float, ...]) -> Any:
-    """(channel, band): weights of the bands of a stage that ends in a sum."""
+    """Return the (channel, band) weights of the bands of a stage that ends in a sum."""
     return weights(stage, prepared_for(stage, edges))
 
 
 @dataclass(frozen=True)
 class Otf:
-    """The product of the transfer functions of some stages. Frequencies in cycles/um; values are 1 at 0, complex where
-    shifted.
+    """The product of the transfer functions of some stages. Frequencies in cycles/um; values are 1 at 0, and complex
+    for shifts.
 
-    ``parts`` are (name, stage) in the order of the light, ``edges`` those of the bands. What a plan has left out is
-    among them: it is asked of the stages, not of the arrays. ``grid`` is that of what the last of them writes.
-    ``whole`` is False where a stage in front moves light without being a transfer function (a warp, a blur that changes
-    over the field): then no product is all that light meets. ``behind`` are the stages that move charge between pixels,
-    where the last part is a pixel: no product holds them, ``channels`` and ``channels_along`` do. ``light`` is that of
-    a white surface in front of the pixel by band, the largest 1; None where nobody says.
+    ``parts`` are (name, stage) in the order of the light, ``edges`` those of the bands. Stages that a plan has left out
+    are included: the product is taken from the stages, not from arrays. ``grid`` is that of the last one's output.
+    ``whole`` is False if an earlier stage moves light without being a transfer function (a warp, a blur that varies
+    over the field): then the product does not describe all that happens to the light. ``behind`` are the stages that
+    move charge between pixels, if the last part is a pixel: they are not in the product, only in ``channels`` and
+    ``channels_along``. ``light`` is that of a white surface in front of the pixel by band, with maximum 1; None if
+    unknown.
     """
 
     parts: tuple[tuple[str, Transfer], ...]
@@ -86,22 +85,22 @@ class Otf:
     light: tuple[float, ...] | None = None
 
     def __call__(self, frequency: Any) -> Any:
-        """(band, n) at frequencies (n,) along x."""
+        """Return (band, n) at frequencies (n,) along x."""
         fx = np.asarray(frequency, dtype=float)
         return self.along(np.zeros_like(fx), fx)
 
     def along(self, fy: Any, fx: Any) -> Any:
-        """(band, n) at points (n,) of a line in any direction, or at any other points."""
+        """Return (band, n) at points (n,) of a line in any direction, or at any other points."""
         fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
         if fy.ndim != 1:
-            raise ValueError(f"fy and fx have shape {fy.shape}; allowed are two lists of equal length")
+            raise ValueError(f"fy and fx must be two lists of equal length; they have shape {fy.shape}")
         product: Any = np.ones((len(self.edges) - 1, fx.size))
         for _, stage in self.parts:
             product = product * _remembered("along", _along, stage, fy, fx, self.edges)
         return product
 
     def plane(self, fy: Any, fx: Any) -> Any:
-        """(band, m, n) at all pairs of frequencies (m,) along y and (n,) along x."""
+        """Return (band, m, n) at all pairs of frequencies (m,) along y and (n,) along x."""
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         product: Any = np.ones((len(self.edges) - 1, fy.size, fx.size))
         for _, stage in self.parts:
@@ -109,11 +108,11 @@ class Otf:
         return product
 
     def channels(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
-        """(channel, m, n) at all pairs of frequencies: grey detail behind each filter, with the charge that moves
-        between pixels.
+        """Return (channel, m, n) at all pairs of frequencies: grey detail after each filter, including charge that
+        moves between pixels.
 
-        ``light``: (band,) of a white surface, of any scale; None: the same in every band. ``weights``: those of the
-        pixel, where it is left out.
+        ``light``: (band,) of a white surface, in any scale; None: equal in every band. ``weights``: those of the pixel,
+        if it is left out.
         """
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         return self._of_channels(
@@ -121,7 +120,7 @@ class Otf:
         )
 
     def channels_along(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
-        """(channel, n): the same at points (n,) of a line in any direction."""
+        """Return (channel, n): the same at points (n,) of a line in any direction."""
         fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
 
         def moved(stage: ChannelTransfer, white: Any) -> Any:
@@ -145,35 +144,37 @@ class Otf:
         return TABLES.get(("between", state_of(stage), self.edges, fy.tobytes(), fx.tobytes(), white.tobytes()), make)
 
     def without(self, names: Iterable[str]) -> Otf:
-        """The same with these stages left out."""
+        """Return the same without these stages."""
         left_out = {names} if isinstance(names, str) else set(names)
         parts = tuple(part for part in self.parts if part[0] not in left_out)
         return replace(self, parts=parts, behind=tuple(one for one in self.behind if one[0] not in left_out))
 
     @property
     def stages(self) -> tuple[tuple[str, Stage], ...]:
-        """All of them, in the order of the light."""
+        """All stages, in the order of the light."""
         return (*self.parts, *self.behind)
 
     def once(self, what: Hashable, make: Callable[[], Any]) -> Any:
-        """``make()``, remembered by the values of these stages; ``what`` names it and all else that it depends on."""
+        """Return ``make()``, cached by the values of these stages; ``what`` names it and everything else it depends
+        on.
+        """
         return TABLES.get(
             ("of a product", what, tuple(state_of(stage) for _, stage in self.stages), self.edges, self.rendered), make
         )
 
     @property
     def weights(self) -> Any:
-        """(channel, band): weights of the bands behind each filter, or None in front of the pixel."""
+        """(channel, band): weights of the bands for each filter, or None before the pixel."""
         stage = next((stage for _, stage in self.parts if isinstance(stage, Summed)), None)
         return None if stage is None else weights_of(stage, self.edges)
 
     @property
     def middles(self) -> Any:
-        """Middle of every band, in the unit in which transfer functions are asked."""
+        """The middle of every band, in the unit in which transfer functions take it."""
         return Product(tuple(stage for _, stage in self.parts), self.edges, prepared_for).middles[:, 0, 0]
 
     def scene_along(self, fy: Any, fx: Any) -> Any:
-        """(n,): with what the ideal chart of the scene was rendered; 1 where the scene does not say (photographs)."""
+        """Return (n,): the blur with which the scene's ideal chart was rendered; 1 if unknown (photographs)."""
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         softness, cell = self.rendered or (0.0, 0.0)
         return np.exp(-2 * (math.pi * softness) ** 2 * (fy**2 + fx**2)) * np.sinc(cell * fy) * np.sinc(cell * fx)
@@ -187,19 +188,21 @@ def _remembered(what: str, make: Any, stage: Transfer, fy: Any, fx: Any, edges: 
 
 
 def _plane(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
-    """(band or 1, m, n)."""
+    """Return (band or 1, m, n)."""
     return Product((stage,), edges, prepared_for).at(fy[:, None], fx[None, :])
 
 
 def _along(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
-    """(band or 1, n)."""
+    """Return (band or 1, n)."""
     if stage.radial:
         fy, fx = np.zeros_like(fx), np.hypot(fy, fx)
     return _on_line(lambda y, x: _plane(stage, y, x, edges), fy, fx)
 
 
 def _on_line(plane: Callable[[Any, Any], Any], fy: Any, fx: Any) -> Any:
-    """(..., n). Stages take grids: of a slanted line, which is none, short pieces are the diagonals of small ones."""
+    """Return (..., n). Stages evaluate grids, and a slanted line is none: it is pieced from diagonals of small
+    grids.
+    """
     if not fy.any():
         return plane(fy[:1], fx)[..., 0, :]
     if not fx.any():

@@ -1,7 +1,7 @@
-"""Segments that start from light of many bands: filtered and summed band by band, or projected onto few planes first.
+"""Segments with light of many bands: filtered and summed band by band, or first projected onto a few planes.
 
-In:  a ``Job`` that stands directly behind the segment's input, with the stages in between.
-Out: its arrays; what is large comes as bands to be made.
+In:  a ``Job`` that reads the segment's input directly, with the stages in between.
+Out: its arrays; large ones as bands that are computed on demand.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
 
 TOGETHER = 4  # bands projected in one product
-LARGEST_SHARED = 64 << 20  # bytes of the transforms of all channels, up to which they are kept for other pixels
-DIGITS = 14  # of a channel's weights: those of pixels of another size differ in the last bits
+LARGEST_SHARED = 64 << 20  # bytes; up to this size the transforms of all channels are cached for pixels of other sizes
+DIGITS = 14  # of channel weights: those of pixels of another size differ only in the last bits
 
 
 @dataclass(eq=False)
@@ -38,7 +38,7 @@ class GridTransfer:
     stages: tuple[Transfer, ...]
     grid: Grid
     precision: str
-    kept: float = 1.0  # share of the Nyquist frequency that there is
+    kept: float = 1.0  # share of the Nyquist frequency that is kept
 
     @cached_property
     def product(self) -> Product:
@@ -54,16 +54,16 @@ class GridTransfer:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the half transform that there is."""
+        """Rows and columns of the half transform that is kept."""
         return self._rows.size, self._columns.size
 
     def band(self, number: int) -> Any:
-        """(rows, columns)."""
+        """Return the product for one band, (rows, columns)."""
         return self.product.at(self._rows[:, None], self._columns[None, :], slice(number, number + 1))[0]
 
     @cached_property
     def plane(self) -> Any:
-        """Radial look-up, where every stage depends on the radial frequency alone; else None."""
+        """A radial look-up if every stage depends only on the radial frequency; else None."""
         if self.product.radial:
             y, x = self.grid.line("y"), self.grid.line("x")
             key = ("radial plane", y.size, y.step, x.size, x.step, self.kept, self.precision)
@@ -76,7 +76,7 @@ class GridTransfer:
         return self.product.along(self.plane.nodes)
 
     def apply(self, half_transform: Any, band: int) -> None:
-        """Multiply the transform of one band, in place."""
+        """Multiply the transform of one band in place."""
         if not self.stages:
             return
         if self.plane is not None:
@@ -88,7 +88,7 @@ class GridTransfer:
             )
 
     def gathered(self, weights: Any, basis: Any, half_transforms: Any) -> Any:
-        """(channel, Ny, Nh): sum_k u_ck(f) S_k over the transforms of the gathered planes."""
+        """Return (channel, Ny, Nh): sum_k u_ck(f) S_k over the transforms of the projected planes."""
         one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
         sums: Any = None
         tables = None if self.plane is None or not self.stages else expansion.coefficients(weights, basis, self.table)
@@ -103,7 +103,7 @@ class GridTransfer:
         return sums
 
     def _mixed(self, factors: Any) -> Any:
-        """sum_l factors[l] T_l(f) on the frequencies of the transform."""
+        """Return sum_l factors[l] T_l(f) on the frequencies of the transform."""
         total: Any = np.zeros((1, 1))
         for band, factor in enumerate(factors):
             total = total + factor * self.band(band)
@@ -112,7 +112,7 @@ class GridTransfer:
 
 @dataclass(eq=False)
 class FilteredBands(BandArray):
-    """Light behind some transfer functions, one band at a time."""
+    """Light after some transfer functions, one band at a time."""
 
     light: Any
     joined: GridTransfer
@@ -128,7 +128,9 @@ class FilteredBands(BandArray):
 
 
 def places(grid: Grid, out: Grid) -> list[tuple[float, float, int]]:
-    """Along y and x: where the first of the pixels stands and their pitch, in samples of a grid; how many there are."""
+    """Return, along y and x, the position of the first pixel and the pitch, in samples of a grid, and the pixel
+    count.
+    """
     found = []
     for dim in ("y", "x"):
         line, pixels = grid.line(dim), out.line(dim)
@@ -138,7 +140,7 @@ def places(grid: Grid, out: Grid) -> list[tuple[float, float, int]]:
 
 
 def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
-    """The arrays of a transfer stage, from the segment's input and every transfer function since."""
+    """Return the arrays of a transfer stage, from the segment's input and all transfer functions since."""
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]
     (name,) = job.writes
@@ -166,11 +168,11 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     last = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
     if last.shape[0] > 1:
         raise ValueError(
-            f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum"
+            f"{type(stage).__name__} has a separate transfer function for every band; put it before the sum"
         )
     last = last.reshape(last.shape[-2:]).astype(np.result_type(channels.real if last.dtype.kind == "f" else channels))
     where = places(grid, job.grids[name])
-    if sums is not None:  # others read the transforms too
+    if sums is not None:  # the cached transforms must not be changed in place
         behind = channels * last
         behind *= sums[:, None, None].astype(last.real.dtype)
         return {name: sampling.sample(behind, y.size, x.size, where[0], where[1]).astype(job.precision, copy=False)}
@@ -182,7 +184,7 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
 
 
 def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int) -> Any:
-    """Half transforms of the channels in front of their pixels: the same for pixels of any size, and kept for the
+    """Return half transforms of the channels before their pixels: equal for pixels of any size, and cached for the
     next of them.
     """
     assert job.segment is not None
@@ -226,7 +228,7 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
 
 
 def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
-    """Every band its own transform and transfer function; the sum is taken in frequency."""
+    """Transform and filter every band by itself; sum in frequency."""
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
         if band + 1 < len(weights[0]) and not weights[:, band].any():
@@ -240,7 +242,7 @@ def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
 
 
 def _gathered(light: Any, basis: Any) -> Any:
-    """Few planes, each a sum over bands: every channel is a mixture of them."""
+    """Return a few planes, each a sum over bands, of which every channel is a mixture."""
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
     group: list[Any] = []
     for band, plane in enumerate(in_order(light)):

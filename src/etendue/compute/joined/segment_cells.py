@@ -1,10 +1,10 @@
-"""Segments whose light is means over grid cells: every alias is folded, so that flux is kept and no light is negative.
+"""Segments whose light is means over grid cells: all aliases are folded, so flux is kept and no light becomes negative.
 
-In:  a ``Job`` that stands directly behind the segment's input, with the stages in between.
-Out: its arrays; what is large comes as bands to be made.
+In:  a ``Job`` that reads the segment's input directly, with the stages in between.
+Out: its arrays; large ones as bands that are computed on demand.
 
-What the light is behind stages 1...s follows from their product at frequencies far beyond the grid's own; products of
-what the grid knows of each would not do. So every cell of such a segment starts from the segment's input.
+The light after stages 1...s depends on the product of their transfer functions at frequencies far beyond the grid's
+own; a product of separately folded functions would be wrong. So every cell of such a segment starts from its input.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from etendue.transfer import cell_pixels, cells, sampling
 from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
 
-ROUNDING = 64  # units in the last place of the brightest cell: what transforms leave where there is no light
+ROUNDING = 64  # ulp of the brightest cell: the residue that transforms leave where there is no light
 
 
 @dataclass(eq=False)
 class CellTransfer:
-    """The product of the transfer functions of some stages at any frequency, and its tables on the cells."""
+    """The product of the transfer functions of some stages at any frequency, and its tables on the grid cells."""
 
     stages: tuple[Transfer, ...]
     grid: Grid
     precision: str
-    last: tuple[Transfer, Any] | None = None  # an end of the segment that is no window, with what it prepared
+    last: tuple[Transfer, Any] | None = None  # a segment end that is not a box window, with what it prepared
 
     @cached_property
     def axes(self) -> tuple[cells.PeriodicAxis, cells.PeriodicAxis]:
@@ -54,7 +54,7 @@ class CellTransfer:
         return Product((*self.stages, *((self.last[0],) if self.last else ())), self.grid.bands().edges, prepared)
 
     def otf(self, band: int) -> cells.Transfer:
-        """The product for one band."""
+        """Return the product for one band."""
         return lambda fy, fx: self.product.at(fy, fx, slice(band, band + 1))[0]
 
     @cached_property
@@ -68,7 +68,7 @@ class CellTransfer:
         return found
 
     def table(self, band: int, what: Any, along_y: cells.AliasRule, along_x: cells.AliasRule) -> Any:
-        """What multiplies the transform of one band, in the precision of the run; ``what`` names the rules."""
+        """Return the multiplier of the transform of one band, in the run's precision; ``what`` names the rules."""
 
         def make() -> Any:
             found = cells.folded(self.otf(band), self.reach(band), *self.axes, along_y, along_x)
@@ -84,7 +84,7 @@ class CellTransfer:
 
 @dataclass(eq=False)
 class BlurredCells(BandArray):
-    """Cell means behind some transfer functions, one band at a time."""
+    """Cell means after some transfer functions, one band at a time."""
 
     light: Any
     joined: CellTransfer
@@ -103,8 +103,8 @@ class BlurredCells(BandArray):
 
 
 def without_rounding(found: Any, given: Any) -> Any:
-    """Light that is negative by no more than rounding is none; ``given`` holds no negative light, or nothing is
-    done.
+    """Set light that is negative by no more than rounding to 0. ``given`` gives the scale; if it holds negative light,
+    nothing is changed.
     """
     if given.size and given.min() >= 0:
         least = -ROUNDING * np.finfo(given.dtype).eps * given.max()
@@ -113,7 +113,9 @@ def without_rounding(found: Any, given: Any) -> Any:
 
 
 def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
-    """The arrays of a transfer stage on cells, from the segment's input and every transfer function since."""
+    """Return the arrays of a transfer stage on grid cells, from the segment's input and all transfer functions
+    since.
+    """
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]
     (name,) = job.writes
@@ -130,9 +132,7 @@ def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Along:
-    """Pixels along one axis: where the first stands and their pitch, in cells; how many; the width of their window,
-    um.
-    """
+    """Pixels along one axis: position of the first and pitch, in cells; number; width of their window, um."""
 
     start: float
     step: float
@@ -141,7 +141,7 @@ class _Along:
 
 
 def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
-    """Sums over bands at the pixels: by folding where the pitch is a whole number of cells, else by an extended
+    """Return sums over bands at the pixels: by folding if the pitch is a whole number of cells, else by an extended
     transform.
     """
     prepared = prepared_of(end, job.input_grids, job.grids)
@@ -151,7 +151,7 @@ def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfe
     joined, windows = CellTransfer(before, grid, job.precision), None
     alone = CellTransfer((), grid, job.precision, (end, prepared))
     windows = cell_pixels.box_of(alone.otf(0), max(step for _, _, step, _ in lines))
-    if windows is None:  # its transfer function counts like any other
+    if windows is None:  # not a box: its transfer function is treated like any other
         joined, windows = CellTransfer(before, grid, job.precision, (end, prepared)), ((0.0, 0.0), (0.0, 0.0))
     along = [
         _Along((start + place - line.start) / line.step, step / line.step, size, width)
@@ -183,7 +183,7 @@ def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfe
 
 
 def _noted(plane: Any, brightest: Any, band: int) -> Any:
-    """The plane, its smallest and largest value written down."""
+    """Return the plane, and note its smallest and largest value."""
     plane = np.asarray(plane)
     brightest[:, band] = plane.min(), plane.max()
     return plane

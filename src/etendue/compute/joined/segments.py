@@ -1,4 +1,4 @@
-"""Transfer functions: one transform at the start of a segment, products in frequency, one transform for what is wanted.
+"""Transfer functions: one transform at the start of a segment, products in frequency, one transform per wanted result.
 
 In:  a ``Job`` of a transfer stage and the results it reads.
 Out: its ``Result`` with the transform for the next stage, and its arrays.
@@ -27,11 +27,11 @@ from etendue.transfer.products import Product, weights
 
 @dataclass
 class Result:
-    """What later cells read: arrays, the transform inside a segment, and the smallest value of an array once somebody
-    asked (NaN: it holds undefined values).
+    """What later cells read: arrays, the transform inside a segment, and the smallest value of an array once it has
+    been asked for (NaN: it holds undefined values).
 
-    ``untouched`` is the segment's input where all of the segment was left out so far: then it is the result, bit by
-    bit.
+    ``untouched`` is the segment's input as long as all stages of the segment were left out: it is then the exact
+    result, without a transform.
     """
 
     arrays: dict[str, Any] = field(default_factory=dict)
@@ -41,7 +41,7 @@ class Result:
     failed: str = ""
 
     def read_only(self) -> Result:
-        """Forbid writing into the arrays: a trip to another process forgets it."""
+        """Make the arrays read-only again: pickling for another process loses the flag."""
         for array in (*self.arrays.values(), self.transform, self.untouched):
             if array is not None and not isinstance(array, BandArray):
                 frozen(array)
@@ -49,8 +49,8 @@ class Result:
 
 
 def _on_grid(job: Job, stage: Transfer) -> Any:
-    """(band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
-    remembered.
+    """Return (band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
+    cached.
     """
     grid = job.input_grids[job.inputs[0][0]]
     y, x = grid.line("y"), grid.line("x")

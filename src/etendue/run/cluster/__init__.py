@@ -1,10 +1,10 @@
-"""Batches on dask.distributed: a cluster that is there already, or one of this machine for the length of a run.
+"""Batches on dask.distributed: an existing cluster, or one on this machine for the length of a run.
 
-``connect``  who computes, and what is said when nobody does
-``own``      a cluster of this machine: processes on loopback, talking TLS
-``alike``    what everybody who computes must have in common with the owner of the run
-``sending``  batches as they become ready, few per thread, so that nobody holds the whole graph
-``suspects`` batches of which workers died: their cells one by one, alone on the cluster
-``watching`` whether the scheduler is still there
+``connect``  connects to the cluster, and reports when it does not answer
+``own``      a cluster on this machine: processes on loopback, with TLS
+``alike``    what all workers must have in common with the owner of the run
+``sending``  sends batches as they become ready, few per thread, so that nobody holds the whole graph
+``suspects`` retries batches whose workers died, cell by cell, alone on the cluster
+``watching`` watches whether scheduler and workers are still there
 ``tasks``    what a worker is asked to do
 """

@@ -1,8 +1,7 @@
-"""What everybody who computes must have in common with the owner of a run: libraries, processor, code of stages, the
-archive.
+"""What all workers must have in common with the owner of a run: libraries, processor, code of stages, the archive.
 
-In:  what the owner has.
-Out: for a worker, in words, in what it differs; bits would differ with it, or results be lost.
+In:  the owner's state.
+Out: for a worker, its differences in words; with these, bits would differ or results be lost.
 """
 
 from __future__ import annotations
@@ -21,24 +20,24 @@ from etendue.plan.identity.keys import version_of
 from etendue.run.memory import keep_freed_memory
 from etendue.telling import said
 
-Platform = Callable[[], Mapping[str, Any]]  # what bits depend on, of the process that asks
-Mark = tuple[str, bytes]  # a file that all who compute must see, and what it holds
+Platform = Callable[[], Mapping[str, Any]]  # returns what bits depend on, in the calling process
+Mark = tuple[str, bytes]  # a file that all workers must see, and its content
 
 
 @dataclass(frozen=True)
 class Common:
-    """What the owner of a run has, to be held against what a worker has. Travels."""
+    """The state of the owner of a run, to be compared with that of a worker. Sent to the workers."""
 
-    run: str  # a name that no other run has
+    run: str  # a unique name
     platform: Platform
-    has: Mapping[str, Any]  # what ``platform`` gave the owner, and the version of etendue
+    has: Mapping[str, Any]  # the result of ``platform`` in the owner, and the version of etendue
     code: Mapping[
         tuple[str, str], tuple[str, str]
-    ]  # of each stage, by module and class: the digest of its code, its distribution
+    ]  # by module and class of each stage: the digest of its code, its distribution
     mark: Mark | None = None
 
     def differences(self) -> list[str]:
-        """In what the process that asks differs, in words; [] where it may compute."""
+        """Return how the calling process differs, in words; [] if it may compute."""
         found = []
         for name, there in _has(self.platform).items():
             if there != self.has.get(name):
@@ -51,17 +50,17 @@ class Common:
             try:
                 own = getattr(importlib.import_module(module), kind)
                 if code_digest(own) != digest:
-                    found.append(f"another code of the stage {kind} of {_brought_by(module)} (here of {brought})")
+                    found.append(f"different code of the stage {kind} in {_brought_by(module)} (here {brought})")
             except Exception as error:
                 found.append(f"no stage {kind} of {brought}: {shortened(said(error), 120)}")
         if self.mark is not None:
             path, content = self.mark
             found += _sees(path, content)
-        return found if len(found) <= 4 else [*found[:4], f"and {len(found) - 4} differences more"]
+        return found if len(found) <= 4 else [*found[:4], f"and {len(found) - 4} more differences"]
 
 
 def common_of(run: str, stages: Iterable[type[Stage]], platform: Platform, mark: Mark | None) -> Common:
-    """What the owner has. A class that no module holds travels whole, and is not looked for."""
+    """Return the owner's state. A class that no module holds is sent as a whole, and not looked up."""
     code = {}
     for kind in dict.fromkeys(stages):
         if kind.__module__ != "__main__" and "." not in kind.__qualname__ and kind is not Stage:
@@ -74,7 +73,7 @@ def _has(platform: Platform) -> dict[str, Any]:
 
 
 def _brought_by(module: str) -> str:
-    """'etendue 0.1.0': the distribution that holds a module, as its files say."""
+    """Return the distribution that holds a module, such as 'etendue 0.1.0'."""
     top = module.partition(".")[0]
     if top == "etendue":
         return f"etendue {version_of('etendue')}"
@@ -83,28 +82,27 @@ def _brought_by(module: str) -> str:
 
 
 def _sees(path: str, content: bytes) -> list[str]:
-    """Whether the archive is there, is the one of the run, and can be written."""
+    """Check that the archive is there, is that of the run, and can be written."""
     folder = os.path.dirname(path)
     try:
         with open(path, "rb") as file:
             if file.read() != content:
                 return [f"another folder at {folder}, the path of the archive"]
     except OSError as error:
-        return [f"no archive at {folder} ({error.strerror}): it must see the same folder at the same path"]
-    return [] if os.access(folder, os.W_OK | os.X_OK) else [f"an archive at {folder} into which it may not write"]
+        return [f"no archive at {folder} ({error.strerror}): it must have the same folder at the same path"]
+    return [] if os.access(folder, os.W_OK | os.X_OK) else [f"no write access to the archive at {folder}"]
 
 
-_sound: set[str] = set()  # the runs for which this process has been found to be sound
+_sound: set[str] = set()  # the runs for which this process has passed the check
 
 
 def be_alike(common: Common) -> None:
-    """In a worker, in front of its first batch of a run: it may have joined late, or stand in the place of one that
-    died.
+    """Check a worker before its first batch of a run: it may have joined late, or replaced one that died.
 
     Raises
     ------
     MachineError
-        It differs: who, and in what.
+        It differs; the message says which worker, and how.
     """
     if common.run in _sound:
         return
@@ -117,11 +115,11 @@ def be_alike(common: Common) -> None:
 
 
 def refused(found: Mapping[str, list[str]]) -> str:
-    """Who is refused, and why: the first worker by name, and how many more."""
+    """Return the error about refused workers: the first by name and its differences, and how many more."""
     address, differences = next(iter(found.items()))
     more = f" (and {len(found) - 1} more {'worker' if len(found) == 2 else 'workers'})" if len(found) > 1 else ""
     return (
-        f"the worker {address}{more} cannot compute for this run; it has {'; '.join(differences)}. What is finished is "
-        f"kept: "
+        f"the worker {address}{more} cannot compute for this run; it has {'; '.join(differences)}. Finished results "
+        f"are kept: "
         "end that worker or give it what this process has, and run again"
     )

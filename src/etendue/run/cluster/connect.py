@@ -1,9 +1,9 @@
-"""Who computes the batches of a run: a Dask scheduler at tcp:// or tls:// with its workers, or a cluster made for the
-run.
+"""Connect the batches of a run to a cluster: a Dask scheduler at tcp:// or tls:// with its workers, or a cluster made
+for the run.
 
-In:  batches; where the cluster is.
-Out: ``after`` is told of every batch. A cluster that is not there, is lost, or has a worker that would give other bits
-     is said to be that.
+In:  batches; the address of the cluster.
+Out: ``after`` is called for every batch. Errors say if the cluster is not there, is lost, or has a worker that would
+     give other bits.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from etendue.telling import plain, said
 
 OWN = "distributed"  # the name of a cluster that is made for the run
 ANSWER = "10s"  # how long the scheduler may take to answer at the start
-FIRST = 20.0  # seconds in which a first worker may come
-ASKED = 4  # times a worker that gives no answer is asked again
+FIRST = 20.0  # seconds to wait for the first worker
+ASKED = 4  # times that a worker without an answer is asked again
 
 
 def run_on_cluster(
@@ -41,14 +41,14 @@ def run_on_cluster(
     after: Callable[[Batch, BatchResult], None],
     how: How,
 ) -> None:
-    """Run batches on the cluster at an address, or with processes of this machine where it is ``distributed``.
+    """Run batches on the cluster at an address, or on processes of this machine for ``distributed``.
 
     Raises
     ------
     RequestError
         A package is missing.
     MachineError
-        There is no cluster, or it cannot go on.
+        There is no cluster, or it cannot continue.
     """
     address = how.address
     with _lost(address), _client(address, how.workers) as client:
@@ -73,7 +73,7 @@ def _client(address: str, workers: int) -> Iterator[Any]:
             f"--scheduler {address} needs the package distributed: pip install 'etendue[distributed]'"
         ) from None
     connect: Any = distributed.Client
-    for name in ("distributed", *logging.root.manager.loggerDict):  # what is lost is said once, here
+    for name in ("distributed", *logging.root.manager.loggerDict):  # losses are reported once, by this module
         if name.partition(".")[0] in ("distributed", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     if address == OWN:
@@ -81,7 +81,7 @@ def _client(address: str, workers: int) -> Iterator[Any]:
             yield client
         return
     try:
-        with unwarned():  # of versions that differ: those that matter are looked at below
+        with unwarned():  # about differing versions: those that matter are compared below
             client = connect(address, timeout=ANSWER, set_as_default=False)
     except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
         secure = "; a tls:// address needs certificates: see docs/cluster.md" if address.startswith("tls") else ""
@@ -93,13 +93,13 @@ def _client(address: str, workers: int) -> Iterator[Any]:
     try:
         yield client
     finally:
-        with suppress(Exception):  # a client without its scheduler has nothing to close
+        with suppress(Exception):  # closing fails if the scheduler is lost
             client.close(timeout=2)
 
 
 @contextmanager
 def _lost(address: str) -> Iterator[None]:
-    """What goes wrong because the scheduler is no longer there is said to be that."""
+    """Report errors that result from a lost scheduler as that."""
     try:
         yield
     except (EtendueError, Stopped):
@@ -118,8 +118,8 @@ def _lost(address: str) -> Iterator[None]:
 
 def _gone(address: str) -> MachineError:
     return MachineError(
-        f"--scheduler {address}: the scheduler is gone; what is finished is kept: start it again and run again to go "
-        f"on, or go on with "
+        f"--scheduler {address}: the scheduler is lost; finished results are kept: start it again and run again to "
+        f"continue, or continue with "
         "--scheduler threads"
     )
 
@@ -137,19 +137,19 @@ def _first_worker(client: Any, address: str, stop: Stop) -> None:
 
 
 def _ask(client: Any, address: str, common: Common) -> None:
-    """Refuse workers that would give other bits, or see another archive, before anything is sent."""
+    """Refuse workers that would give other bits or see another archive, before anything is sent."""
     need = f"scheduler and workers need the etendue of this process ({common.has['etendue']}) and its plugins"
     try:
         client.run_on_scheduler(_there)
     except Exception as error:
         raise MachineError(
-            f"--scheduler {address}: the scheduler cannot be asked ({shortened(said(error), 200)}); {need}"
+            f"--scheduler {address}: the scheduler does not answer ({shortened(said(error), 200)}); {need}"
         ) from None
     answers = client.run(common.differences, on_error="return")
     for _ in range(ASKED):
         silent = [worker for worker, answer in answers.items() if isinstance(answer, BaseException)]
         if silent:
-            time.sleep(0.5)  # one that has just died is forgotten by then
+            time.sleep(0.5)  # by then the scheduler has dropped workers that just died
             there = client.scheduler_info(n_workers=-1)["workers"]
             answers = {worker: answer for worker, answer in answers.items() if worker in there}
             if again := [worker for worker in silent if worker in there]:

@@ -1,10 +1,8 @@
-"""A cluster of this machine for the length of a run: a scheduler in this process, workers as processes that are
-watched.
+"""A cluster on this machine for the length of a run: a scheduler in this process, and watched worker processes.
 
-In:  how many workers.
-Out: a Dask client. Scheduler and workers listen on loopback alone and talk TLS with a certificate that only they have:
-     without it
-any program of the machine could have them run its code.
+In:  the number of workers.
+Out: a Dask client. Scheduler and workers listen only on loopback and use TLS with a certificate that only they have:
+     otherwise any program on the machine could make them run its code.
 """
 
 from __future__ import annotations
@@ -19,17 +17,17 @@ from typing import Any
 from etendue.errors import MachineError, RequestError
 from etendue.run.workers import quiet_tracker
 
-DEATHS = 1  # so many workers may die of a batch before its cells are tried one by one
-ENDING = 10.0  # seconds in which workers may end in order
+DEATHS = 1  # this many workers may die of a batch before its cells are tried one by one
+ENDING = 10.0  # seconds for workers to end in order
 SILENT = logging.CRITICAL + 1
 NO_PROFILE = {
     "distributed.worker.profile.enabled": False
-}  # it looks at frames, where CPython 3.11 may hang (its issue 106883)
+}  # the profiler inspects frames, where CPython 3.11 may hang (its issue 106883)
 
 
 @contextmanager
 def own_cluster(workers: int) -> Iterator[Any]:
-    """A client of ``workers`` worker processes, one thread each; a worker that dies is replaced."""
+    """Give a client of ``workers`` worker processes with one thread each; a worker that dies is replaced."""
     try:
         import cryptography  # noqa: F401  # makes the certificate
         import distributed
@@ -37,9 +35,8 @@ def own_cluster(workers: int) -> Iterator[Any]:
         raise RequestError(
             f"--scheduler distributed needs the package {error.name}: pip install 'etendue[distributed]'"
         ) from None
-    quiet_tracker()  # else Python unblocks the signal when it starts its own
-    # What is blocked here is blocked in the thread that starts the workers, and in them: Ctrl-C is the owner's to
-    # answer.
+    quiet_tracker()  # otherwise Python unblocks the signal when it starts the tracker itself
+    # The thread that starts the workers, and the workers, inherit this signal mask: Ctrl-C is for the owner to handle.
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     made: Any = distributed.LocalCluster
     try:
@@ -56,7 +53,7 @@ def own_cluster(workers: int) -> Iterator[Any]:
             config=NO_PROFILE,
         )
     except (OSError, RuntimeError, TimeoutError) as error:
-        raise MachineError(f"--scheduler distributed: the workers could not be started: {error}") from None
+        raise MachineError(f"--scheduler distributed: cannot start the workers: {error}") from None
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
     connect, patience = distributed.Client, 0.5
@@ -64,16 +61,16 @@ def own_cluster(workers: int) -> Iterator[Any]:
         client = connect(cluster, set_as_default=False)  # type: ignore[no-untyped-call]
         yield client
         patience = ENDING
-        with suppress(Exception):  # all is there
+        with suppress(Exception):  # all results are here already
             client.close(timeout=patience)  # type: ignore[no-untyped-call]
     finally:
         _end(cluster, patience)
 
 
 def _end(cluster: Any, patience: float) -> None:
-    """End a cluster whose work is done: in order, or where the machine is too busy for that, its workers by force."""
+    """Shut down a cluster: in order or, if the machine is too busy for that, by killing its workers."""
     try:
-        if patience < ENDING:  # the run breaks off
+        if patience < ENDING:  # the run has failed
             _kill(cluster)
         cluster.close(timeout=patience)
     except Exception:

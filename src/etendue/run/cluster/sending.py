@@ -1,10 +1,9 @@
-"""Batches to a cluster as they become ready, few per worker thread: scheduler and workers hold what is under way, not
-the graph.
+"""Send batches to a cluster as they become ready, few per worker thread: scheduler and workers hold only running tasks,
+not the graph.
 
 In:  batches in any order; a client.
-Out: ``after`` is told of every batch. Results stay with the workers until their last reader has ended; only reports,
-     and arrays that
-were asked for, come here.
+Out: ``after`` is called for every batch. Results stay with the workers until their last reader has ended; only reports,
+     and arrays that were asked for, are fetched.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ from etendue.run.cluster.watching import Watching
 from etendue.run.order import depth_first
 from etendue.run.watch import GRACE, Stop, Stopped
 
-AHEAD = 3  # batches per worker thread that are sent: one at work, the others so that it need not wait
-LOOK = 0.2  # seconds between two looks at what is not told by itself
+AHEAD = 3  # batches sent per worker thread: one running, the others so that it need not wait
+LOOK = 0.2  # seconds between polls of what is not reported
 
 
 @dataclass
 class Sent:
-    """A batch under way: its result, where others read it, and what is fetched when it has ended."""
+    """A batch in progress: its result, if others read it, and what is fetched at its end."""
 
     result: Any
     told: Any
@@ -39,7 +38,7 @@ class Sent:
 
 
 class Sending:
-    """The batches of one run, on one cluster."""
+    """The batches of one run on one cluster."""
 
     def __init__(
         self,
@@ -66,21 +65,21 @@ class Sending:
         heapq.heapify(self.ready)
         self.unfinished = set(self.batches)
         self.sent: dict[int, Sent] = {}
-        self.results: dict[int, Any] = {}  # of batches that have ended and are still read
+        self.results: dict[int, Any] = {}  # results of ended batches that are still read
         self.suspected: list[int] = []
         self.ended: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
         self.watching = Watching(client, stop, limit, self.common.run)
         self.suspects = Suspects(client, self.batches, self.results, deliver, common, self.watching)
 
     def run(self) -> None:
-        """Until all batches have ended.
+        """Run until all batches have ended.
 
         Raises
         ------
         MachineError
-            The cluster cannot go on: no worker is left, or one differs.
+            The cluster cannot continue: no worker is left, or one differs.
         Stopped
-            The run has been asked to stop, and what was under way has had its time.
+            The run was stopped, and running batches have had time to end.
         """
         with self.watching:
             try:
@@ -98,8 +97,8 @@ class Sending:
                 raise
 
     def send(self) -> None:
-        """What is ready, as far as there is room; nothing while a batch is under suspicion: it is tried alone."""
-        ahead = AHEAD if self.watching.limit is None else 1  # what waits behind another is not at work
+        """Send ready batches while there is room; none while a batch is suspected, since that is tried alone."""
+        ahead = AHEAD if self.watching.limit is None else 1  # with a time limit, a batch must not wait behind another
         while self.ready and not self.suspected and len(self.sent) < ahead * self.watching.threads():
             place, number = heapq.heappop(self.ready)
             batch = self.batches[number]
@@ -119,7 +118,7 @@ class Sending:
             self.sent[number].told.add_done_callback(lambda future, number=number: self.ended.put((number, future)))
 
     def take(self, wait: float) -> None:
-        """Wait for batches to end and take what they tell; those of which workers died are under suspicion."""
+        """Wait for batches to end and take their reports; those whose workers died become suspects."""
         try:
             found = [self.ended.get(timeout=wait)]
         except queue.Empty:
@@ -142,7 +141,7 @@ class Sending:
                 self.finish(number, self.sent.pop(number).result, tale)
 
     def examine(self) -> None:
-        """Batches of which workers died, while nothing else is under way."""
+        """Retry batches whose workers died, while nothing else is running."""
         for number in sorted(self.suspected, key=self.place.__getitem__):
             result = self.suspects.one_by_one(self.batches[number])
             self.finish(number, result, self.watching.answer(self.client.submit(told, result, pure=False)))
@@ -152,7 +151,7 @@ class Sending:
         batch = self.batches[number]
         self.after(batch, BatchResult({}, *tale))
         self.unfinished.discard(number)
-        for n in batch.imports:  # let go of what nobody reads any more
+        for n in batch.imports:  # release results that are no longer read
             self.unread[n] -= 1
             if not self.unread[n]:
                 del self.results[n]
@@ -163,7 +162,7 @@ class Sending:
                 heapq.heappush(self.ready, (self.place[reader], reader))
 
     def wind_up(self) -> None:
-        """The run is to stop: what has not begun is taken back, what is under way may end."""
+        """Stop the run: cancel batches that have not started, and let running ones end."""
         until = time.monotonic() + 0.6 * GRACE
         try:
             at_work = self.watching.at_work()
@@ -176,6 +175,6 @@ class Sending:
                 self.client.cancel([future for future in (sent.result, sent.told) if future is not None])
             while self.sent and time.monotonic() < until:
                 self.take(LOOK / 4)
-        except Exception:  # a cluster that is lost as well tells nothing any more
+        except Exception:  # the cluster may be lost as well
             pass
         self.stop.abandoned = bool(self.sent)

@@ -1,8 +1,7 @@
-"""Batches of which workers died: their cells one by one, while nothing else is under way, so that only the guilty one
-fails.
+"""Retry batches whose workers died cell by cell, with nothing else running, so that only the guilty cell fails.
 
 In:  a batch; the results that it reads.
-Out: its result. A cell of which every worker dies that tries it, or that takes too long, is a failed cell, in words.
+Out: its result. A cell that kills every worker that tries it, or that takes too long, becomes a failed cell.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from etendue.run.cluster.watching import Watching
 
 
 class Suspects:
-    """``results``: of batches that have ended, and may be lost with the workers that held them."""
+    """``results``: those of ended batches, which may be lost with the workers that held them."""
 
     def __init__(
         self,
@@ -36,19 +35,17 @@ class Suspects:
         self.doomed: dict[CellRef, str] = {}
 
     def one_by_one(self, batch: Batch) -> Any:
-        """The result of a batch, every cell a task of its own."""
+        """Return the result of a batch, computed with one task per cell."""
         known = set(self.doomed)
-        for number in batch.imports:  # lost with a worker, and workers died of computing it again
+        for number in batch.imports:  # lost with a worker, and workers died recomputing it
             if self.results[number].status not in ("finished", "pending"):
                 self.results[number] = self.again(number)
         if self.doomed.keys() - known:
-            raise MachineError(
-                "workers die while they compute again what was lost with others; what is finished is kept: run again"
-            )
+            raise MachineError("workers die while recomputing lost results; finished results are kept: run again")
         return self.cells(batch, self.results)
 
     def again(self, number: int) -> Any:
-        """The result of a batch that had ended."""
+        """Return the result of a batch that had ended, computed again."""
         batch, sound = self.batches[number], ("finished", "pending")
         there = {n: self.results[n] for n in batch.imports if n in self.results and self.results[n].status in sound}
         return self.cells(batch, {n: there[n] if n in there else self.again(n) for n in batch.imports})
@@ -74,7 +71,7 @@ class Suspects:
         return self.client.submit(compute, self.common, data, *sources.values(), pure=False)
 
     def tried(self, future: Any) -> str:
-        """Why a cell has failed, tried alone; '' where it has not."""
+        """Return why a cell tried alone has failed; '' if it has not."""
         watching = self.watching
         watching.too_much.clear()
         why = watching.wait(future, watching.limit)
@@ -84,10 +81,10 @@ class Suspects:
             return (
                 f"it takes more memory than a worker may hold ({watching.may_hold / 1e9:.2f} GB): every worker that "
                 f"tried it alone was "
-                f"ended, at {max(watching.too_much) / 1e9:.2f} GB. Give workers more (dask worker --memory-limit), or "
-                f"make frames smaller"
+                f"stopped, at {max(watching.too_much) / 1e9:.2f} GB. Give workers more memory (dask worker "
+                f"--memory-limit), or make frames smaller"
             )
         return (
-            "every worker died that computed it, though it was alone: it crashes its process, or takes more memory "
+            "every worker that computed it died, though it ran alone: it crashes its process, or takes more memory "
             "than the machine has"
         )

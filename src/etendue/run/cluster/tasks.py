@@ -1,8 +1,7 @@
-"""What a worker is asked to do: functions by name, their arguments as bytes that neither dask nor the scheduler looks
-into.
+"""The tasks of workers: functions by name, with arguments as bytes that neither dask nor the scheduler inspects.
 
 In:  the jobs of a batch as bytes; the results that it reads.
-Out: its result, which stays where it was made; its reports, which the owner of the run fetches.
+Out: its result, which stays on its worker; its reports, which the owner of the run fetches.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from etendue.run.cluster.alike import Common, be_alike
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.workers import unfit
 
-Told = tuple[tuple[Any, ...], dict[CellRef, dict[str, object]]]  # reports, and the arrays that were asked for
+Told = tuple[tuple[Any, ...], dict[CellRef, dict[str, object]]]  # reports, and the requested arrays
 
 
 def as_bytes(
@@ -34,7 +33,7 @@ def as_bytes(
     topic: str = "",
     number: int = 0,
 ) -> bytes:
-    """A batch, or a part of one. ``topic``: where the beginning of each cell is told, with the number of the batch."""
+    """Pickle a batch or a part of one. ``topic``: where the start of each cell is reported, with the batch number."""
     jobs = tuple(jobs)
     own = frozenset(job.ref for job in jobs if job.ref in deliver)
     rest = (tuple(exports), tuple(map(tuple, imports)), own, dict(doomed), topic, number)
@@ -51,9 +50,7 @@ def as_bytes(
 
 
 def compute(common: Common, data: bytes, *before: BatchResult) -> BatchResult:
-    """The result of a batch. The worker may be somebody's process, and has threads of BLAS of its own again behind
-    it.
-    """
+    """Return the result of a batch. The worker may be shared, so its number of BLAS threads is restored afterwards."""
     with ONE_THREAD:
         be_alike(common)
         with Guest("a plugin, when it was imported,"):
@@ -71,17 +68,17 @@ def compute(common: Common, data: bytes, *before: BatchResult) -> BatchResult:
 
 
 def told(result: BatchResult) -> Told:
-    """What the owner of the run fetches."""
+    """Return what the owner of the run fetches."""
     return result.reports, result.kept
 
 
 def compute_and_tell(common: Common, data: bytes, *before: BatchResult) -> Told:
-    """Of a batch whose result nobody reads."""
+    """Compute a batch whose result nobody reads; return what the owner fetches."""
     return told(compute(common, data, *before))
 
 
 def joined(exports: tuple[CellRef, ...], *parts: BatchResult) -> BatchResult:
-    """One batch, from the results of its cells."""
+    """Join the results of the cells of one batch."""
     results = {ref: result for part in parts for ref, result in part.results.items()}
     kept = {ref: arrays for part in parts for ref, arrays in part.kept.items()}
     return BatchResult({ref: results[ref] for ref in exports}, tuple(r for part in parts for r in part.reports), kept)

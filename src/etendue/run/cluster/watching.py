@@ -1,7 +1,7 @@
-"""A cluster under watch: who is there, how long a cell takes, of what workers died.
+"""Watch a cluster: which workers there are, how long a cell takes, which tasks workers died of.
 
-In:  a client, what is told by its workers.
-Out: errors in our words where a cluster cannot go on; workers that hang are ended.
+In:  a client, and events of its workers.
+Out: readable errors if a cluster cannot continue; workers that hang are ended.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from etendue.run.watch import Stop
 from etendue.run.workers import STARTING
 from etendue.telling import said
 
-PATIENCE = 60.0  # seconds without a worker, or with none that works, until a run is given up
-AGAIN = 1.0  # seconds between two questions to the scheduler
+PATIENCE = 60.0  # seconds without a running worker until the run is given up
+AGAIN = 1.0  # seconds between two requests to the scheduler
 DEATHS = ("KilledWorker", "FutureCancelledError", "CancelledError")
 
 
 class SchedulerLost(Exception):
-    """The scheduler is gone."""
+    """The scheduler is lost."""
 
 
 class Watching:
-    """Use as a context manager, while batches are under way. ``topic``: where workers tell that they begin a cell."""
+    """Use as a context manager while batches run. ``topic``: where workers report that they start a cell."""
 
     def __init__(self, client: Any, stop: Stop, limit: float | None, run: str) -> None:
         self.client, self.stop, self.limit, self.topic = client, stop, limit, f"etendue-{run}"
-        self.begun: dict[int, float] = {}  # when the newest cell of a batch was begun
-        self.seen: dict[int, float] = {}  # since when a batch is known
+        self.begun: dict[int, float] = {}  # when the newest cell of each batch started
+        self.seen: dict[int, float] = {}  # when each batch was first seen
         self.counted, self.asked = 0, 0.0
         self.progress = time.monotonic()
-        self.too_much: list[int] = []  # bytes of workers that were ended because they took more than they may
+        self.too_much: list[int] = []  # bytes of workers that were stopped for exceeding their memory limit
         self.may_hold = 0
 
     def __enter__(self) -> Watching:
@@ -47,7 +47,7 @@ class Watching:
             if self.limit is not None:
                 self.client.unsubscribe_topic(self.topic)
             self.client.unsubscribe_topic("worker-restart-memory")
-        except Exception:  # of a scheduler that is gone
+        except Exception:  # the scheduler may be lost
             pass
 
     def _cell(self, event: Any) -> None:
@@ -60,20 +60,20 @@ class Watching:
         self.progress = time.monotonic()
 
     def threads(self) -> int:
-        """Worker threads there are, asked for once in a while."""
+        """Return the number of worker threads, polled from time to time."""
         if time.monotonic() - self.asked > AGAIN:
             self.look(True)
         return self.counted
 
     def look(self, waiting: bool) -> None:
-        """Whether anybody is there who computes.
+        """Check that a worker is there and running.
 
         Raises
         ------
         MachineError
-            Nobody has been for too long.
+            None has been for too long.
         Lost
-            The scheduler is gone.
+            The scheduler is lost.
         """
         if self.client.status != "running":
             raise SchedulerLost
@@ -88,19 +88,19 @@ class Watching:
             return
         if now - self.progress > PATIENCE:
             if not workers:
-                why = f"no worker has been there for {PATIENCE:.0f} s"
+                why = f"there has been no worker for {PATIENCE:.0f} s"
             else:
                 states = ", ".join(sorted({str(worker["status"]) for worker in workers}))
                 why = (
-                    f"no worker has worked for {PATIENCE:.0f} s (they are {states}; one that holds too much of the "
-                    f"memory it may pauses)"
+                    f"no worker has been running for {PATIENCE:.0f} s (they are {states}; a worker pauses if it holds "
+                    f"too much of its memory)"
                 )
             raise MachineError(
-                f"{why}; what is finished is kept: start workers (with more memory) and run again to go on"
+                f"{why}; finished results are kept: start workers (with more memory) and run again to continue"
             )
 
     def overdue(self, under_way: dict[int, int]) -> list[int]:
-        """The batches under way, by number and how many cells they have, in which a cell takes too long."""
+        """Return the running batches (number -> cells) in which a cell takes too long."""
         if self.limit is None:
             return []
         now = time.monotonic()
@@ -110,18 +110,18 @@ class Watching:
         for (
             number,
             cells,
-        ) in under_way.items():  # one that holds the interpreter does not get round to tell that it began
+        ) in under_way.items():  # a cell that holds the interpreter lock keeps its worker from reporting that it began
             since = self.begun.get(number)
             if now - (since or self.seen[number]) > (self.limit if since else self.limit * cells + STARTING):
                 late.append(number)
         return late
 
     def at_work(self) -> set[Any]:
-        """The tasks that workers hold."""
+        """Return the keys of the tasks that workers hold."""
         return {key for keys in self.client.processing().values() for key in keys}
 
     def wait(self, future: Any, limit: float | None = None) -> str:
-        """Until a task has ended; or why it was given up."""
+        """Wait until a task has ended; return why it was given up, else ''."""
         began = None
         while future.status == "pending":
             self.stop.check()
@@ -136,17 +136,17 @@ class Watching:
         return ""
 
     def answer(self, future: Any) -> Any:
-        """What a task of our own gives."""
+        """Return the result of one of our own tasks."""
         self.wait(future)
         if future.status != "finished":
             self.died(future)
             raise MachineError(
-                "workers die while they hand on what they have; what is finished is kept: run again to go on"
+                "workers die while they pass on their results; finished results are kept: run again to continue"
             )
         return future.result()
 
     def died(self, future: Any) -> bool:
-        """Whether workers died of a task. What it raised itself is raised."""
+        """Return True if workers died of a task; raise what the task itself raised."""
         if future.status == "finished":
             return False
         if self.client.status != "running":
@@ -158,10 +158,10 @@ class Watching:
             return True
         if isinstance(error, EtendueError):
             raise error
-        raise MachineError(f"a worker of the cluster broke off: {said(error)}")
+        raise MachineError(f"a worker of the cluster failed: {said(error)}")
 
     def kill_the_worker_of(self, future: Any) -> None:
-        """A task that runs cannot be stopped but with its worker; a nanny starts another."""
+        """Restart the worker of a task: a running task cannot be stopped otherwise. A nanny starts a new worker."""
         guilty = [worker for worker, keys in self.client.processing().items() if future.key in keys]
         future.cancel(force=True)
         if not guilty:
