@@ -18,8 +18,7 @@ from etendue.cli.saying import command, say, show
     "knobs",
     multiple=True,
     metavar="STAGE.KNOB[=V,V,..]",
-    help="Knob to try, even one that the file sets, or precision; settings from cheapest to reference"
-    + options.REPEAT,
+    help="Knob to try, even one that the file sets, or precision; settings from cheapest to reference" + options.REPEAT,
 )
 @options.settings()
 @options.SWEEPS

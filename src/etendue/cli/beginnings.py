@@ -11,7 +11,11 @@ from etendue.cli.saying import command
 from etendue.contract.tables import preset_keys
 
 FOLDER = click.option(
-    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Where to write. Default: here."
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="Where to write. Default: here.",
 )
 
 
@@ -71,6 +75,4 @@ def new_plugin(name: str, role: str | None, like: str | None, output: Path | Non
     place = (output or Path()) / one.distribution
     for path in write_folder(place, files(one)):
         click.echo(path)
-    click.echo(
-        f"next: pip install -e '{place}[test]', pytest {place}, etendue stages {one.stage}; based on {one.like}"
-    )
+    click.echo(f"next: pip install -e '{place}[test]', pytest {place}, etendue stages {one.stage}; based on {one.like}")

@@ -29,9 +29,7 @@ def _check(what: str, name: str | None, names: Sequence[str], hook: str) -> None
     from etendue.plugins import discovery
 
     if name is not None and name not in names:
-        raise RequestError(
-            f"unknown {what} {name!r}{nearest(name, names)}{discovery.installed().missed(hook, name)}"
-        )
+        raise RequestError(f"unknown {what} {name!r}{nearest(name, names)}{discovery.installed().missed(hook, name)}")
 
 
 @command("stages")

@@ -25,9 +25,7 @@ class Command:
 
 _HERE = "etendue.cli"
 OWN = {
-    "run": Command(
-        f"{_HERE}.runs:run", "FILE", "run a pipeline and archive the results; resume an existing archive"
-    ),
+    "run": Command(f"{_HERE}.runs:run", "FILE", "run a pipeline and archive the results; resume an existing archive"),
     "plan": Command(f"{_HERE}.runs:plan", "FILE", "show what would run: cells, bytes, time, what is left out and why"),
     "rerun": Command(f"{_HERE}.runs:rerun", "DIR", "bring an archive up to date, from the archive alone"),
     "stages": Command(f"{_HERE}.catalogue:stages", "[NAME]", "list installed stages: inputs, outputs, parameters"),
@@ -35,14 +33,14 @@ OWN = {
     "show": Command(f"{_HERE}.runs:archive", "DIR", "summarise an archive and the progress of its run"),
     "report": Command(f"{_HERE}.pages:report", "DIR", "write a self-contained HTML report"),
     "view": Command(f"{_HERE}.pages:view", "DIR", "browse every sample of every stage, live"),
-    "plot": Command(f"{_HERE}.plots:plot", "DIR [KIND]", "plot maps, curves, Pareto fronts, pictures; --list shows which"),
+    "plot": Command(
+        f"{_HERE}.plots:plot", "DIR [KIND]", "plot maps, curves, Pareto fronts, pictures; --list shows which"
+    ),
     "verify": Command(f"{_HERE}.trust:verify", "DIR", "check every byte; --repair fixes damage"),
     "reproduce": Command(f"{_HERE}.trust:reproduce", "DIR", "recompute and compare, cell by cell"),
     "diff": Command(f"{_HERE}.trust:diff", "DIR DIR", "list cells that differ between archives, by how much and why"),
     "compact": Command(f"{_HERE}.compacting:compact", "DIR [NEW]", "rewrite an archive with its axes sorted"),
-    "accuracy": Command(
-        f"{_HERE}.accuracy:accuracy", "FILE", "measure error against run time of accuracy settings"
-    ),
+    "accuracy": Command(f"{_HERE}.accuracy:accuracy", "FILE", "measure error against run time of accuracy settings"),
     "new": Command(f"{_HERE}.beginnings:new", "NAME", "create a commented pipeline to start from"),
     "new-plugin": Command(
         f"{_HERE}.beginnings:new_plugin", "NAME --role R", "create an installable package with a stage of your own"

@@ -65,7 +65,9 @@ WANT = click.option(
 TOLERANCE = click.option(
     "--tolerance", metavar="T", help="Error allowed per stage for approximations and omissions, relative to full scale."
 )
-NOTHING_LEFT_OUT = click.option("--nothing-left-out", is_flag=True, help="Run every stage, even where it has no effect on the scene.")
+NOTHING_LEFT_OUT = click.option(
+    "--nothing-left-out", is_flag=True, help="Run every stage, even where it has no effect on the scene."
+)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 SCHEDULER = click.option(
     "--scheduler",

@@ -53,7 +53,9 @@ def report(place: Path | str, output: Path | None, blame: bool, as_json: bool) -
 
 @command("view")
 @click.argument("place", type=PLACE, metavar="ARCHIVE")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port to listen on. Default: any free port.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port to listen on. Default: any free port."
+)
 @click.option("--no-browser", is_flag=True, help="Print the address only.")
 def view(place: Path | str, port: int, no_browser: bool) -> None:
     """Serve the report live, with every sample of every stage, to a browser on this machine.

@@ -25,7 +25,9 @@ from etendue.cli.saying import blaming, command, say, show
     help=".png, .svg, .pdf, or .csv for the numbers. Default: ./ARCHIVE-KIND.png.",
 )
 @click.option("--list", "listing", is_flag=True, help="List kinds, variables and axes, then exit.")
-@click.option("--at", multiple=True, metavar="DIM=VALUE", help="Select along an axis: gain=2.8, stage=filter; may be repeated.")
+@click.option(
+    "--at", multiple=True, metavar="DIM=VALUE", help="Select along an axis: gain=2.8, stage=filter; may be repeated."
+)
 @click.option("--x", default="", metavar="DIM", help="Axis to show along x.")
 @click.option("--y", default="", metavar="DIM", help="Axis to show along y of a map.")
 @click.option("--lines", default="", metavar="DIM", help="Axis to show as separate lines.")

@@ -114,9 +114,7 @@ def _how(function: Any) -> Any:
     help="Where to store results: a folder or s3://bucket/prefix/name. Default: ./<its name>.",
 )
 @_how
-@click.option(
-    "--measure", is_flag=True, help="Measure the global error of the wanted variables on sample cells."
-)
+@click.option("--measure", is_flag=True, help="Measure the global error of the wanted variables on sample cells.")
 @click.option(
     "--hold",
     type=click.FloatRange(0, 1, min_open=True),

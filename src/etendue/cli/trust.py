@@ -102,7 +102,9 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
     help="Where to look for lost inputs, by content: files, folders, another archive; may be repeated.",
 )
 @click.option("--digest", is_flag=True, help="Print one SHA-256 of the whole archive, to keep elsewhere.")
-@click.option("--accept-platform", is_flag=True, help="Repair even if this platform differs from that of the other cells.")
+@click.option(
+    "--accept-platform", is_flag=True, help="Repair even if this platform differs from that of the other cells."
+)
 @SCHEDULER
 @WORKERS
 @MOST_CELLS

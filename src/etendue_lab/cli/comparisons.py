@@ -103,7 +103,10 @@ def compare(
     help="Also leave this stage out of the ideal camera, such as diffusion" + options.REPEAT,
 )
 @click.option(
-    "--keep", multiple=True, metavar="STAGE", help="Keep this stage in the ideal camera, such as distortion" + options.REPEAT
+    "--keep",
+    multiple=True,
+    metavar="STAGE",
+    help="Keep this stage in the ideal camera, such as distortion" + options.REPEAT,
 )
 @click.option(
     "--pictures",
@@ -166,7 +169,11 @@ def quality(
 @options.settings("Override a value: camera.iso=800, demosaic.use=demosaic_bilinear" + options.REPEAT)
 @click.option("--reflectance", default=0.18, show_default=True, metavar="R", help="Reflectance of the grey card.")
 @click.option(
-    "--frames", default=4, show_default=True, metavar="N", help="Number of noise frames, each with its own fixed patterns."
+    "--frames",
+    default=4,
+    show_default=True,
+    metavar="N",
+    help="Number of noise frames, each with its own fixed patterns.",
 )
 @options.JSON
 @options.gather

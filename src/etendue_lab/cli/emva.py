@@ -15,7 +15,11 @@ from etendue.cli.saying import command, tell
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE|ARCHIVE")
 @options.settings("Override a value: camera.sensor=sony-imx363, camera.integration_time='1 s'" + options.REPEAT)
 @click.option(
-    "--pixels", default=192, show_default=True, metavar="N", help="Height and width of the window that is read, in pixels."
+    "--pixels",
+    default=192,
+    show_default=True,
+    metavar="N",
+    help="Height and width of the window that is read, in pixels.",
 )
 @options.JSON
 @options.gather

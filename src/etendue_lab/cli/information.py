@@ -14,9 +14,7 @@ from etendue.cli.saying import command, tell
 @click.option(
     "--reflectance", default=0.18, show_default=True, metavar="R", help="Mean reflectance of the grey detail."
 )
-@click.option(
-    "--contrast-ratio", default=4.0, show_default=True, metavar="C", help="Brightest to darkest detail."
-)
+@click.option("--contrast-ratio", default=4.0, show_default=True, metavar="C", help="Brightest to darkest detail.")
 @click.option(
     "--object",
     "size",
@@ -68,7 +66,11 @@ def information(
 @options.FILE
 @options.settings("Override a value: camera.f_number=4, sharpen.strength=0.3" + options.REPEAT)
 @click.option(
-    "--reflectance", default=0.18, show_default=True, metavar="R", help="Reflectance of the grey card for contrast and noise."
+    "--reflectance",
+    default=0.18,
+    show_default=True,
+    metavar="R",
+    help="Reflectance of the grey card for contrast and noise.",
 )
 @click.option(
     "--runs",

@@ -56,7 +56,12 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
         f"{holdings.pipeline + ': ' if holdings.pipeline else ''}time, error and omissions by stage", fontsize=10
     )
     if blame is None:
-        return Plot(whole, COLUMNS, rows, [f"each stage's share of the loss of {called()['lost']}: --blame"] if shared_out() else [])
+        return Plot(
+            whole,
+            COLUMNS,
+            rows,
+            [f"each stage's share of the loss of {called()['lost']}: --blame"] if shared_out() else [],
+        )
     for axes, loss in zip(
         np.atleast_1d(second.subplots(1, len(losses))) if second is not None else (), losses, strict=True
     ):
@@ -200,9 +205,7 @@ def by_stage(holdings: Holdings) -> list[list[Any]]:
     """
     ledger = holdings.table("ledger")
     if ledger is None:
-        raise RequestError(
-            "no ledger: a budget needs a whole archive or the whole result of a run"
-        )
+        raise RequestError("no ledger: a budget needs a whole archive or the whole result of a run")
     stages = ledger["stage"].values.astype(object)
     rows = []
     for name in dict.fromkeys(stages.tolist()):

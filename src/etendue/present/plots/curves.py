@@ -155,9 +155,7 @@ def _along(held: Held, x: str, free: Sequence[str], dims: Sequence[Dim]) -> tupl
     ]
     if x in beside:
         return free[0], x
-    raise RequestError(
-        f"--x {x}: not a dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}"
-    )
+    raise RequestError(f"--x {x}: not a dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}")
 
 
 def _told_apart(lines: str, rest: Sequence[Dim], chosen: Mapping[str, Any]) -> str:

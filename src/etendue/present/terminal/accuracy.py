@@ -171,9 +171,7 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
             rows.add_row(head[0], _value(p["setting"]), *shown, _seconds(p["seconds"]), head[1])
     console.print(rows)
     reference = {_key(curve): curve["reference"] for curve in document["curves"]}
-    rows = _table(
-        "Pareto front", ("error", "right"), ("time", "right"), ("settings", "left"), wrap=("settings",)
-    )
+    rows = _table("Pareto front", ("error", "right"), ("time", "right"), ("settings", "left"), wrap=("settings",))
     for p in document["frontier"]:
         rows.add_row(_number(p["error"]), _seconds(p["seconds"]), escape(_settings(p["settings"], reference)))
     console.print(rows)

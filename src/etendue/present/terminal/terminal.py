@@ -67,8 +67,7 @@ def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) ->
 def _print_whole(
     console: Console, title: str, columns: tuple[tuple[str, str], ...], rows: list[tuple[str, ...]], keys: int = 1
 ) -> None:
-    """Print a table without ellipses: if the terminal is too narrow, split it into parts that repeat the first columns.
-    """
+    """Print a table without ellipses: if the terminal is too narrow, split it into parts that repeat the first columns."""
     widths = [
         max(map(cell_len, (name, *(printable(row[i]) for row in rows)))) + 3 for i, (name, _) in enumerate(columns)
     ]
@@ -133,7 +132,9 @@ def _bound(stages: list[dict[str, Any]]) -> list[str]:
             found.setdefault((name, finder), []).append(stage["name"])
         if stage["one_by_one"]:
             mapped.setdefault(" ".join(stage["one_by_one"]), []).append(stage["name"])
-    texts = [f"found     {name}: from {finder}, used by {', '.join(takers)}" for (name, finder), takers in found.items()]
+    texts = [
+        f"found     {name}: from {finder}, used by {', '.join(takers)}" for (name, finder), takers in found.items()
+    ]
     return texts + [f"for each  {dims}: {', '.join(names)}" for dims, names in mapped.items()]
 
 
@@ -338,8 +339,7 @@ def _print_changes(console: Console, outcome: Any) -> None:
     if outcome.moved.get("shards"):
         shards, copied, computed = (outcome.moved[name] for name in ("shards", "copied", "computed"))
         what = (
-            f"{shards} {'shard' if shards == 1 else 'shards'}: {copied} bytes copied beside {computed} "
-            f"bytes computed"
+            f"{shards} {'shard' if shards == 1 else 'shards'}: {copied} bytes copied beside {computed} bytes computed"
         )
         console.print(f"rewritten: {what}", soft_wrap=True)
 

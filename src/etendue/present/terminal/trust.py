@@ -198,10 +198,7 @@ def print_verified(document: dict[str, Any]) -> None:
     )
     lost = len(document["cells_lost"])
     places = len(document["damages"])
-    found = (
-        f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to "
-        f"recompute"
-    )
+    found = f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to recompute"
     console.print(escape(f"{document['archive']}: {'whole' if document['whole'] else found}"), soft_wrap=True)
     console.print(f"read {read}{rate}")
     if "sha256" in document:
