@@ -88,7 +88,8 @@ def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
             names = dict.fromkeys(d for h in held for d in (*h.axes, *h.dims))
             faults.append(
                 Fault(
-                    f"{name}={asked}", f"{name} is not a dim of {' or '.join(h.name for h in held)}{nearest(name, names)}"
+                    f"{name}={asked}",
+                    f"{name} is not a dim of {' or '.join(h.name for h in held)}{nearest(name, names)}",
                 )
             )
             continue
@@ -131,7 +132,10 @@ def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
             found[name] = match[0]
         else:
             faults.append(
-                Fault(f"{name}={asked}", f"no such value of {name}; available: {', '.join(value_text(v, units, name) for v in values[:12])}")
+                Fault(
+                    f"{name}={asked}",
+                    f"no such value of {name}; available: {', '.join(value_text(v, units, name) for v in values[:12])}",
+                )
             )
     if faults:
         raise RequestError(faults)

@@ -108,9 +108,7 @@ def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str,
 def _one_open(held: Held, open_: list[str]) -> list[str]:
     if len(open_) > 1:
         chosen = _words_at(held, open_[1:])
-        raise RequestError(
-            f"{held.name} varies over {' and '.join(open_)}: fix all but one, such as {chosen}"
-        )
+        raise RequestError(f"{held.name} varies over {' and '.join(open_)}: fix all but one, such as {chosen}")
     return open_
 
 
