@@ -28,8 +28,8 @@ class Written:
 
     path: Path
     bytes: int
-    cells: int  # whose figures are in it
-    pictured: int  # cells with pictures
+    cells: int  # with metrics
+    pictured: int  # with pictures
     failed: int
 
 

@@ -131,7 +131,7 @@ def strip(
                 "unencoded": one.drawn.shown == "unencoded",
                 "units": one.units,
                 "bright": one.bright,
-                "how": "without loss",
+                "how": "lossless",
             }
         )
     data = [whole for _, whole in exact]
@@ -165,9 +165,9 @@ def _series(
     if lossless and there:
         probe = [_webp(small, None) for small in list(there.values())[:: max(1, len(there) // 4)]]
         if len(there) * sum(map(len, probe)) / len(probe) <= LOSSLESS_SHARE * BUDGET:
-            how = "without loss"
+            how = "lossless"
     for key, small in there.items():
-        data = _webp(small, None if how == "without loss" else QUALITY)
+        data = _webp(small, None if how == "lossless" else QUALITY)
         size += len(data)
         if size > budget:
             return None
