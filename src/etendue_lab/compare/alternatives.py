@@ -80,8 +80,11 @@ def planned(
     try:
         return plan_of(values), values, []
     except RequestError as whole:
-        asked_wrongly = asked.values is not None and any(  # a word or value that does not fit, rather than an incompatible stage
-            fault.place.startswith(f"sweep.{asked.key}") for fault in whole.faults
+        asked_wrongly = (
+            asked.values is not None
+            and any(  # a word or value that does not fit, rather than an incompatible stage
+                fault.place.startswith(f"sweep.{asked.key}") for fault in whole.faults
+            )
         )
         if not isinstance(values, tuple) or asked_wrongly:
             raise _as_asked(whole, asked) from None

@@ -62,7 +62,12 @@ def parse_axis(text: str, value_of: Callable[[str], Any]) -> Asked:
     for part, value in zip(parts, values, strict=True):
         if part.startswith(("{", "[")) and isinstance(value, str):
             raise RequestError(
-                [Fault(f"--axis {key}", f'{part} is not valid TOML; write a table as {{ use = "NAME", iterations = 5 }}')]
+                [
+                    Fault(
+                        f"--axis {key}",
+                        f'{part} is not valid TOML; write a table as {{ use = "NAME", iterations = 5 }}',
+                    )
+                ]
             )
     if len(values) == 1 and isinstance(values[0], list):
         return Asked(key, tuple(values[0]))
@@ -206,7 +211,9 @@ def _first(written: Any) -> Any:
 def one_camera(pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
     """Return the camera without its sweep, and a note with the values taken instead, if it has one."""
     alone, taken = without_sweep(pipeline)
-    return alone, [f"values in place of the sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] * bool(taken)
+    return alone, [
+        f"values in place of the sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"
+    ] * bool(taken)
 
 
 def own_value(pipeline: Pipeline, key: str) -> Any:

@@ -55,9 +55,7 @@ class Branched:
     display: Pair | None  # the encoded picture
     colour: Pair | None  # tristimulus values after white balance
     without: str  # the compared stage, if the reference omits it
-    counterpart: (
-        str  # the reference's copy of the compared stage; '' if both branches share it, or there is none
-    )
+    counterpart: str  # the reference's copy of the compared stage; '' if both branches share it, or there is none
     notes: tuple[str, ...]
 
     def axes(self, key: str, values: Any) -> dict[str, Any]:

@@ -46,8 +46,7 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
 
 
 def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
-    """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours it has.
-    """
+    """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours it has."""
     if max(plane.shape) <= LARGEST:
         return coloured(decode(plane), tints)
     gathered = Tinted(plane.shape, tints, decode)
@@ -111,9 +110,7 @@ class Tinted(Rows):
     def __init__(self, shape: tuple[int, ...], tints: Any, decode: Decode) -> None:
         super().__init__(shape, decode)
         self.tints = tints
-        self.rows = np.zeros(
-            (len(tints), len(self.down), shape[-1]), np.float32
-        )  # by the row of the pattern's period
+        self.rows = np.zeros((len(tints), len(self.down), shape[-1]), np.float32)  # by the row of the pattern's period
 
     def put(self, row: int, first: int, weights: Any, light: Any) -> None:
         height = len(self.tints)
