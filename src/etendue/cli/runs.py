@@ -92,8 +92,8 @@ def _how(function: Any) -> Any:
             "--cell-timeout",
             type=click.FloatRange(0, min_open=True),
             metavar="SECONDS",
-            help="Stop a cell that takes longer and count it as failed. Only with processes or a cluster: threads cannot "
-            "be stopped.",
+            help="Stop a cell that takes longer and count it as failed. Only with processes or a cluster: threads "
+            "cannot be stopped.",
         ),
         click.option("--accept-platform", is_flag=True, help="Continue with cells computed on another platform."),
         click.option("--recompute", is_flag=True, help="Recompute finished cells."),

@@ -25,7 +25,9 @@ command = functools.partial(click.command, cls=_Command)
 
 
 def say(document: Any) -> None:
-    """Print JSON on stdout. Unknown values become null and infinity becomes "inf": JSON has neither NaN nor infinity."""
+    """Print JSON on stdout. Unknown values become null and infinity becomes "inf": JSON has neither NaN nor
+    infinity.
+    """
     from etendue.result_files import finite
 
     with streams.results():

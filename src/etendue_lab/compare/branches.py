@@ -250,7 +250,8 @@ class Reference:
                 self.twin[node.name] = next(self.twin[s] for _, s, v in node.inputs[0] if v == CAMERA)
                 self.without = node.name
                 self.notes.append(
-                    f"the reference omits {node.name} and is as blurred as the light on the pixels: removed blur counts as an "
+                    f"the reference omits {node.name} and is as blurred as the light on the pixels: removed blur "
+                    "counts as an "
                     f"error here. Gain and cost of a restoration are in mtf50_gain and noise_gain, if its stage writes "
                     "them"
                 )

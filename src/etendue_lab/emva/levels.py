@@ -140,7 +140,9 @@ def _stacks(cells: list[Cell], times: Mapping[CellRef, Any], read: Read) -> dict
 
 
 def _times(plan: Plan, cells: list[Cell], options: Options | None) -> dict[CellRef, Any]:
-    """Return the exposure time of every cell, or of each frame if a stage sets it: from its axis, else from the camera."""
+    """Return the exposure time of every cell, or of each frame if a stage sets it: from its axis, else from the
+    camera.
+    """
     series = [node for node in plan.nodes if TIME in node.writes]
     if not series:
         return {cell.ref: plan.labels(cell.ref).get(TIME) or _camera_time(plan, cell) for cell in cells}

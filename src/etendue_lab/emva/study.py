@@ -107,7 +107,8 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
     there = {ref for ref, name in names.items() if name in stored.finished}
     if (node.name, RAW) not in plan.kept or not there:
         raise RequestError(
-            f"{folder} holds no raw frames: add {node.name}.raw to 'keep', or run etendue emva FILE, which takes its own"
+            f"{folder} holds no raw frames: add {node.name}.raw to 'keep', or run etendue emva FILE, which takes its "
+            "own"
         )
 
     def read(ref: CellRef) -> Any:
@@ -161,7 +162,9 @@ def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:
 def _asking(
     pipeline: Pipeline, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]
 ) -> Pipeline:
-    """Insert a series of exposures, as multiples of the camera's own, before the exposure; sweep over light and dark."""
+    """Insert a series of exposures, as multiples of the camera's own, before the exposure; sweep over light and
+    dark.
+    """
     use = next(registry.fitting(lambda kind: kind.role == "bracketing" and "brackets" in parameters_of(kind)), "")
     if not use:
         raise RequestError("no installed stage of the role 'bracketing' takes brackets")
@@ -193,8 +196,8 @@ def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options |
     short = min(time, AT_FIRST * well / dark) if dark > 0 else time
     if short < time:
         notes.append(
-            f"exposures are shorter than the camera's {time:.4g} s: in that time dark current alone gives {dark * time:.4g} "
-            f"electrons"
+            f"exposures are shorter than the camera's {time:.4g} s: in that time dark current alone gives "
+            f"{dark * time:.4g} electrons"
         )
     factor = (well - dark * short) / (best * short)
     longest = AT_LAST * well / (dark * short) if dark > 0 else np.inf

@@ -58,8 +58,8 @@ def print_information(document: dict[str, Any]) -> None:
     _print_whole(console, "information up to each stage, all channels together", columns, told)
     spot = document["object"]
     console.print(
-        f"NEQ in quanta per pixel at 0, 1/4 and 1/2 cycles/pixel along x; line bits: bits/pixel along a line; SNRi of a "
-        f"spot {spot['width_pixels']:g} pixels wide with a contrast of {100 * spot['contrast']:g} %"
+        "NEQ in quanta per pixel at 0, 1/4 and 1/2 cycles/pixel along x; line bits: bits/pixel along a line; SNRi "
+        f"of a spot {spot['width_pixels']:g} pixels wide with a contrast of {100 * spot['contrast']:g} %"
     )
     if document["neq"]:
         _print_curves(console, document["neq"])
@@ -94,7 +94,8 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
     )
     error, fewest = max(c["standard_error"] for c in curves), min(c["periodograms"] for c in curves)
     console.print(
-        f"at least {fewest} periodograms per value; standard error of the measured noise power at most {100 * error:.1f} %"
+        f"at least {fewest} periodograms per value; standard error of the measured noise power at most "
+        f"{100 * error:.1f} %"
     )
 
 

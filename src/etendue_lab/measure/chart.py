@@ -31,7 +31,7 @@ CLIPPED = 0.02  # share of clipped pixels above which a patch's colour is unknow
 BETTER, BAD = (
     0.6,
     5.0,
-)  # another order of corners must reduce the mean difference to this share; other orders are tried above this difference
+)  # another order of corners must reduce the mean difference to this share; tried only above this one
 STRANGE = 20.0  # mean difference after gain above which it is hardly that chart
 ORDER = "dark skin, bluish green, black, white"
 

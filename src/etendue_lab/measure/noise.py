@@ -90,8 +90,8 @@ def _check_even(what: str, name: str, found: PatchNoise, step: float) -> None:
     )  # anything below one number of the file is rounding
     if found.uneven > TIMES * found.uneven_white and seen:
         raise RequestError(
-            f"{what}: the patch is not uniform: its parts differ by {100 * found.uneven:.1f} % rms in {name}, in addition to "
-            f"noise"
+            f"{what}: the patch is not uniform: its parts differ by {100 * found.uneven:.1f} % rms in {name}, in "
+            "addition to noise"
         )
 
 

@@ -164,7 +164,9 @@ class FlatField:
         return {str(c): float(charge[tiles == c].mean()) for c in dict.fromkeys(self.mask.ravel())}
 
     def unsaid(self) -> str:
-        """Return why the noise of the mosaic cannot be predicted; '' if every stage before it declares what is needed."""
+        """Return why the noise of the mosaic cannot be predicted; '' if every stage before it declares what is
+        needed.
+        """
         drawing = {name: type(stage) for name, stage in self.before.items() if is_random(type(stage))}
         silent = [
             name for name, kind in drawing.items() if not issubclass(kind, Noisy) and not FLAWS & set(writes_of(kind))
@@ -180,7 +182,9 @@ class FlatField:
         return {name: stage for name, stage in self.before.items() if isinstance(stage, Noisy)}
 
     def model(self, signal: Mapping[str, float]) -> dict[str, float]:
-        """Return the variance of a pixel of the linearised mosaic by channel, from what the stages before it declare."""
+        """Return the variance of a pixel of the linearised mosaic by channel, from what the stages before it
+        declare.
+        """
         scale = self.before[self.first.name]
         if self.unsaid() or not isinstance(scale, Scaled):
             return {}

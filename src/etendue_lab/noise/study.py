@@ -123,8 +123,8 @@ class _Measurement(FlatField):
         if codes and min(value for _, value, _ in mosaic.values()) * codes < 0.5:
             least = min(value for _, value, _ in mosaic.values()) * codes
             self.notes.append(
-                f"noise is only {least:.2g} DN: rounding is then not independent noise, and the prediction of the mosaic "
-                f"is inaccurate"
+                f"noise is only {least:.2g} DN: rounding is then not independent noise, and the prediction of the "
+                "mosaic is inaccurate"
             )
         full = float(np.mean([np.mean(m >= 0.999) for m in mosaics]))
         if full > FULL:
@@ -179,7 +179,9 @@ class _Measurement(FlatField):
         )
 
     def _without_pattern(self, frames: Any) -> Any:
-        """Subtract what repeats with the mosaic cell: a demosaicer may leave the mosaic's own pattern on a flat field."""
+        """Subtract what repeats with the mosaic cell: a demosaicer may leave the mosaic's own pattern on a flat
+        field.
+        """
         mean = frames.copy()
         for y, x in np.ndindex(self.mask.shape):
             place = (..., slice(y, None, self.mask.shape[0]), slice(x, None, self.mask.shape[1]))

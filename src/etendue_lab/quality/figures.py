@@ -70,8 +70,8 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
     """
     if shot.rgb_camera.shape != ideal.rgb_camera.shape:
         raise ValueError(
-            f"the picture has shape {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they do not "
-            f"match"
+            f"the picture has shape {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they "
+            "do not match"
         )
     found = dict.fromkeys(UNITS, float("nan"))
     brightest = float(np.max(ideal.rgb_camera))

@@ -48,7 +48,7 @@ WHITE = 1e-6
 ROUNDINGS, LARGEST = (
     8,
     1e3,
-)  # rounding in the picture's own precision, times the largest matrix element, limited to this value: allowed for (1, 1, 1)
+)  # roundings in the picture's precision, times the largest matrix element, at most this: allowed at (1, 1, 1)
 
 
 @dataclass(frozen=True)
@@ -335,5 +335,6 @@ def linear(made: Document, tree: Any) -> Iterator[Broken]:
     if away > LINEAR * scale:
         yield Broken(
             "linear",
-            f"the current for ten times the light differs from ten times the current by {away / max(scale, 1e-300):.3g} of its maximum",
+            "the current for ten times the light differs from ten times the current by "
+            f"{away / max(scale, 1e-300):.3g} of its maximum",
         )

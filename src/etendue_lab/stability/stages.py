@@ -98,7 +98,9 @@ def largest(bench: Bench) -> int:
 
 
 def computed(name: str, bench: Bench, case: Case) -> Row:
-    """Run ordinary input in both precisions: finite, equal within the declared error, or refused with a clear message."""
+    """Run ordinary input in both precisions: finite, equal within the declared error, or refused with a clear
+    message.
+    """
     with measuring() as found:
         try:
             inputs = bench.given(bench.arrays("ordinary"), "float32")

@@ -51,7 +51,8 @@ def print_stability(groups: Sequence[Any], every: bool, counts: dict[str, int]) 
             )
     untried = f", {counts['untried']} not tested" if counts["untried"] else ""
     console.print(
-        f"{counts['cases']} cases of {counts['stages']} stages: {counts['held']} passed, {counts['failed']} failed{untried}"
+        f"{counts['cases']} cases of {counts['stages']} stages: {counts['held']} passed, {counts['failed']} "
+        f"failed{untried}"
     )
 
 

@@ -37,7 +37,9 @@ class Section:
 
 
 def wordings(opened: Opened) -> dict[str, Any]:
-    """Return the wordings of a page from the distributions whose stages an archive uses, and the names to show first."""
+    """Return the wordings of a page from the distributions whose stages an archive uses, and the names to show
+    first.
+    """
     stages = frozenset(
         str(one).partition(" ")[0] for node in opened.record["nodes"].values() for one in node.get("distributions", ())
     )

@@ -105,7 +105,8 @@ class Opened:
         self.ended = self.stored.manifest is not None and not self.running
         if self.stored.manifest is not None and not self.running and (changed := self.stored.manifest.changed(folder)):
             raise ArchiveError(
-                f"{folder / changed[0]} is missing or has changed since it was written. Repair it: etendue verify {folder} --repair"
+                f"{folder / changed[0]} is missing or has changed since it was written. Repair it: etendue verify "
+                f"{folder} --repair"
             )
 
     @property

@@ -68,7 +68,9 @@ class Number:
         return float(self.values[tuple(place[dim] for dim in self.figure.axes)])
 
     def worth(self, values: Any) -> Any:
-        """Return values for which higher is better, on a ratio scale: decibels and stops are converted from logarithms."""
+        """Return values for which higher is better, on a ratio scale: decibels and stops are converted from
+        logarithms.
+        """
         if self.figure.units in ("dB", "stop"):
             values = 10 ** (values / 20) if self.figure.units == "dB" else 2.0**values
         return values if self.known.better == "higher" else -values

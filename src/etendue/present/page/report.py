@@ -35,7 +35,7 @@ class Written:
 
 Blame = Callable[
     [Path, Mapping[str, Any]], Mapping[str, Any]
-]  # (folder, values of axes by dim): what each stage is owed of what is lost
+]  # (folder, values of axes by dim) -> document of each stage's share of the losses
 
 
 def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:

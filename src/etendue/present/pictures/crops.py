@@ -109,7 +109,9 @@ def _of_one_size(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]]
 
 
 def _of_several(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]], str]:
-    """Return the same square of the image plane in each, where the first compared one differs most from its reference."""
+    """Return the same square of the image plane in each, where the first compared one differs most from its
+    reference.
+    """
     planes = [p.plane for p in pictures if p.plane is not None]
     steps = [step for plane in planes for _, step in plane]
     fields = [

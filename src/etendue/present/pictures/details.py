@@ -41,7 +41,9 @@ class Window:
 
 
 def _within(line: Line, low: float, high: float) -> tuple[int, int]:
-    """Return the first sample between two positions and the one after the last; the whole line if it has no positions."""
+    """Return the first sample between two positions and the one after the last; the whole line if it has no
+    positions.
+    """
     start, step = line.um()
     if not step > 0:
         return 0, line.size

@@ -46,7 +46,9 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
 
 
 def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
-    """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours it has."""
+    """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours it
+    has.
+    """
     if max(plane.shape) <= LARGEST:
         return coloured(decode(plane), tints)
     gathered = Tinted(plane.shape, tints, decode)

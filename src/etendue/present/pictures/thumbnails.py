@@ -96,7 +96,9 @@ class _View:
 
 @dataclass(frozen=True)
 class Look:
-    """What is shown of a cell: its pictures, reduced, and its scalar metrics. It is sent to where the cell is computed."""
+    """What is shown of a cell: its pictures, reduced, and its scalar metrics. It is sent to where the cell is
+    computed.
+    """
 
     views: Mapping[str, _View]
     figures: frozenset[str]
@@ -115,7 +117,9 @@ class Look:
         return found
 
     def beside(self, keeps: bool, kept: frozenset[tuple[str, str]], stage: str) -> Look:
-        """Return the same for a store that keeps the arrays themselves: pictures are then made from the stored arrays."""
+        """Return the same for a store that keeps the arrays themselves: pictures are then made from the stored
+        arrays.
+        """
         return replace(self, kept=frozenset(v for s, v in kept if s == stage)) if keeps else self
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Gathering | None:

@@ -66,7 +66,9 @@ class Arrangement:
 
 
 def dims_of(held: Sequence[Held], counted: bool = False) -> list[Dim]:
-    """Return the dims of what is plotted: sweep axes first, the usual ones leading; then named dims such as ``stage``."""
+    """Return the dims of what is plotted: sweep axes first, the usual ones leading; then named dims such as
+    ``stage``.
+    """
     found: dict[str, Dim] = {}
     for one in held:
         own = [*one.axes, *(dim for dim in one.dims if counted or not one.is_counted(dim))]

@@ -198,7 +198,9 @@ def _checked(values: Any, sides: Sides) -> Any:
 
 
 def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
-    """Return a figure with one panel for each label and labelled sides; and the font size in cells, 0 if no text fits."""
+    """Return a figure with one panel for each label and labelled sides; and the font size in cells, 0 if no text
+    fits.
+    """
     count = len(sides.panels)
     columns = sides.columns or (min(MOST_COLUMNS, count) if count not in (5, 6, 9) else 3)
     rows = -(-count // columns)

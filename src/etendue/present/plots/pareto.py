@@ -149,7 +149,8 @@ def _better(held: Held, place: int, asked: Mapping[str, str] | Sequence[str]) ->
         if word:
             raise RequestError(f"--better {word}{nearest(word, SAID)}")
         raise RequestError(
-            f"unknown whether higher or lower {held.variable} is better; give --better {held.variable}=higher (or lower)"
+            f"unknown whether higher or lower {held.variable} is better; give --better {held.variable}=higher (or "
+            "lower)"
         )
     return SAID[word]
 

@@ -55,7 +55,9 @@ def print_archive(document: dict[str, Any]) -> None:
 
 
 def _print_stage(console: Console, document: dict[str, Any], stage: dict[str, Any], axes: dict[str, str]) -> None:
-    """Print the cells of a stage, and each of its variables once: cells of several sizes are stored in one group each."""
+    """Print the cells of a stage, and each of its variables once: cells of several sizes are stored in one group
+    each.
+    """
     cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not started"
     if document["running"] and stage["planned"]:
         cells = f"{stage['finished']} of {stage['planned']}"

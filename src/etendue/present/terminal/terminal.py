@@ -67,7 +67,9 @@ def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) ->
 def _print_whole(
     console: Console, title: str, columns: tuple[tuple[str, str], ...], rows: list[tuple[str, ...]], keys: int = 1
 ) -> None:
-    """Print a table without ellipses: if the terminal is too narrow, split it into parts that repeat the first columns."""
+    """Print a table without ellipses: if the terminal is too narrow, split it into parts that repeat the first
+    columns.
+    """
     widths = [
         max(map(cell_len, (name, *(printable(row[i]) for row in rows)))) + 3 for i, (name, _) in enumerate(columns)
     ]

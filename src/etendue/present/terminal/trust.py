@@ -123,7 +123,8 @@ def _print_where(console: Console, document: dict[str, Any]) -> None:
     """Print what caused the differences, and which cells only one archive has."""
     if any(stage["differing"] for stage in document["stages"]):
         console.print(
-            "max, rms: difference of the worst cell; relative: its rms over full scale (inf: no full scale to divide by)",
+            "max, rms: difference of the worst cell; relative: its rms over full scale (inf: no full scale to divide "
+            "by)",
             soft_wrap=True,
         )
     for stage in document["stages"]:
