@@ -240,8 +240,8 @@ def test_show_says_how_much_of_all_is_done_while_a_run_goes_on(place, plan, tmp_
     assert all(document["rate"] > 0 for document in seen)
     assert seen[0]["left"] > seen[-1]["left"] == 0
     out = capsys.readouterr().out
-    assert " cells/s since it began, about " in out
-    assert f"cells 1 of {len(plan.cells)} that the last run was asked for ({100 // len(plan.cells)} %)" in out
+    assert " cells/s since it started, about " in out
+    assert f"cells 1 of {len(plan.cells)} requested by the last run ({100 // len(plan.cells)} %)" in out
     assert f"cells {len(plan.cells)} of {len(plan.cells)}" in out
     # another parameter: what is reused counts, what is computed again does not until it is
     seen.clear()

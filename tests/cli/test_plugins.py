@@ -140,7 +140,7 @@ def test_a_role_that_nobody_declares_works_and_is_noted(etendue, tmp_path):
     install_twice(tmp_path / "plugins", MODULE.replace("    reads", "    role = 'loudness'\n    reads"))
     assert etendue("plan", pipeline(tmp_path, "twice")).returncode == 0
     assert (
-        "note: no distribution says what the role 'loudness' of twice is: etendue_roles()" in etendue("stages").stdout
+        "note: no distribution describes the role 'loudness' of twice in etendue_roles()" in etendue("stages").stdout
     )
 
 

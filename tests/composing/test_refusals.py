@@ -38,7 +38,7 @@ REFUSED = {
     "a parameter of a stage": (lambda p, t: s.uniform(lumen=3), "uniform.lumen: there is no such parameter"),
     "a scheduler": (lambda p, t: p.run(scheduler="thread"), "scheduler='thread': there is no such scheduler"),
     "an axis to compare": (lambda p, t: p.compare("irradiance"), "axis='irradiance': irradiance is a stage"),
-    "a stage to leave out": (lambda p, t: p.quality(without=["foo"]), "without='foo': there is no stage of this name"),
+    "a stage to leave out": (lambda p, t: p.quality(without=["foo"]), "without='foo': unknown stage"),
     "a call of simulate": (lambda p, t: etendue.simulate(p, f_numbr=3), "camera.f_numbr"),
     "an archive": (lambda p, t: etendue.Archive("nowhere"), "is not an archive"),
     "a plot": (lambda p, t: t.etendue.plot.map("foo"), "there is no 'foo' here"),

@@ -222,7 +222,7 @@ def test_a_dot_of_the_front_goes_there_and_back(opened):
     opened.slide("f_number", 2 if not chosen[0].endswith("8") else 0)
     expect(page.locator("#cell .moved button")).to_have_count(1)
     expect(page.locator("#cell .wrong h3")).to_have_text(
-        "How far the choice may be wrong"
+        "Error of the choice"
     )  # it does not move with the sliders
     page.click("#cell .moved button")
     expect(page.locator("#cell .moved button")).to_have_count(0)

@@ -238,7 +238,7 @@ def test_the_name_of_a_variable_says_how_it_is_drawn(holdings, word, kind):
         ("map", Asked(("rgb_display",)), "draw it with show or strip"),
         ("map", Asked(("mean_snr",), x="f_numbr"), "did you mean 'f_number'"),
         ("map", Asked(("mean_snr",), at={"f_number": 3}), "it is f/2, f/2.8, f/5.6"),
-        ("mp", Asked(), "no kind of plot"),
+        ("mp", Asked(), "neither a kind of plot"),
         ("pareto", Asked(("mean_snr", "fit_condition")), "--better fit_condition=higher"),
         ("pareto", Asked(("mean_snr",)), "a front is of two figures"),
         ("budget", Asked(x="f_number"), "--x is for"),

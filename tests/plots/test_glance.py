@@ -249,7 +249,7 @@ def test_a_ledger_that_cannot_be_read_or_has_lost_rows_is_said_to_be_so(archive,
     chunk.unlink()
     seen = glance(tree := xarray.open_datatree(folder, engine="zarr"))
     assert seen.counts == {"unknown": seen.cells} and seen.cells > 0
-    assert seen.state == f"damaged: of {seen.cells} cells the ledger says nothing"
+    assert seen.state == f"damaged: no ledger entry for {seen.cells} cells"
     assert "complete" not in repr(tree.etendue)
 
 

@@ -247,7 +247,7 @@ def test_of_a_sweep_the_cameras_own_values_hold_else_the_first_and_both_are_name
     print_comparison(result, [])
     said = capsys.readouterr().out
     assert "f_number = 4, demosaic.use = demosaic_bilinear: as the file gives it" in said
-    assert "sharpen.strength = 0.2: the first of the file's sweep" in said
+    assert "sharpen.strength = 0.2: the first value of the file's sweep" in said
     assert document(result)["first_of_sweep"] == ["sharpen.strength"]
 
 
@@ -307,7 +307,7 @@ def test_values_with_references_of_their_own_are_ranked_by_what_can_be_held_side
         assert document(result)["rank_by"] == by
     print_comparison(result, [])
     said = capsys.readouterr().out
-    assert "full scale the brightest of each reference" in said
+    assert "relative to the brightest value of each reference" in said
     assert "each value has its own" in said
 
 
@@ -331,7 +331,7 @@ def test_where_the_scene_is_the_axis_it_is_said_that_no_edge_can_take_its_place(
     rows, result = rows_of("scene.use", edges=True)
     assert rows["composite"].status == "done"
     assert [note for note in result.notes if "MTF50" in note] == [
-        "no MTF50: the scene is the axis, and an edge would have to take its place"
+        "no MTF50: the scene is the axis, so it cannot be replaced by an edge"
     ]
 
 

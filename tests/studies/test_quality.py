@@ -188,7 +188,7 @@ def test_lens_and_sharpening_go_while_light_and_sensor_stay():
 def test_what_belongs_to_the_lens_can_be_said():
     assert "diffusion" in ideal(without=["diffusion"]).left_out
     assert "lens" not in ideal(keep=["lens"]).left_out
-    with pytest.raises(RequestError, match="--keep lense: there is no stage of this name; did you mean 'lens'"):
+    with pytest.raises(RequestError, match="--keep lense: unknown stage; did you mean 'lens'"):
         ideal(keep=["lense"])
 
 

@@ -175,7 +175,7 @@ def test_their_noise_is_predicted_from_what_it_says():
     report = noise(camera(secretive), strangers.registry(), frames=1)
     assert all(predicted is None for predicted, _, _ in report.mosaic.values())
     assert any(
-        "secretive draws random numbers and does not say how much noise that is" in note for note in report.notes
+        "secretive draws random numbers but does not declare its noise" in note for note in report.notes
     )
 
 
