@@ -221,9 +221,7 @@ def test_a_dot_of_the_front_goes_there_and_back(opened):
     chosen = page.locator(".slider output").all_text_contents()
     opened.slide("f_number", 2 if not chosen[0].endswith("8") else 0)
     expect(page.locator("#cell .moved button")).to_have_count(1)
-    expect(page.locator("#cell .wrong h3")).to_have_text(
-        "Error of the choice"
-    )  # it does not move with the sliders
+    expect(page.locator("#cell .wrong h3")).to_have_text("Error of the choice")  # it does not move with the sliders
     page.click("#cell .moved button")
     expect(page.locator("#cell .moved button")).to_have_count(0)
     expect(page.locator("#cell .wrong h3")).to_have_text("How far it may be wrong")

@@ -174,9 +174,7 @@ def test_their_noise_is_predicted_from_what_it_says():
     secretive = tuple("secretive" if use == "reset" else use for use in PLAIN)
     report = noise(camera(secretive), strangers.registry(), frames=1)
     assert all(predicted is None for predicted, _, _ in report.mosaic.values())
-    assert any(
-        "secretive draws random numbers but does not declare its noise" in note for note in report.notes
-    )
+    assert any("secretive draws random numbers but does not declare its noise" in note for note in report.notes)
 
 
 def test_their_lens_is_none_of_the_ideal_camera_and_their_window_is():

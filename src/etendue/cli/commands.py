@@ -80,7 +80,7 @@ def loaded(name: str, command: Command) -> click.Command:
     Raises
     ------
     PluginError
-            Its module cannot be imported or holds no click command of this name.
+        Its module cannot be imported or holds no click command of this name.
     """
     from importlib.metadata import EntryPoint
 

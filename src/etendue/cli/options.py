@@ -204,7 +204,7 @@ def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
     Raises
     ------
     RequestError
-            A knob is given twice, or a setting is neither a number nor a word.
+        A knob is given twice, or a setting is neither a number nor a word.
     """
     from decimal import Decimal
 
@@ -226,7 +226,7 @@ def overrides(given: Given) -> dict[str, Any]:
     Raises
     ------
     RequestError
-            A setting is not ``name=value``.
+        A setting is not ``name=value``.
     """
     from etendue.errors import Fault, RequestError
 

@@ -49,14 +49,14 @@ def plot(
     """Plot what an archive holds: maps and curves of metrics, Pareto fronts, pictures, budgets.
 
     \b
-        etendue plot sweep                                    the plot that fits best
-        etendue plot sweep --list                             list metrics and axes
-        etendue plot sweep map METRIC -o map.svg              a metric over two axes, a third as panels
-        etendue plot sweep pareto METRIC METRIC               Pareto front of two metrics, labelled
-        etendue plot sweep curves METRIC --x time --lines gain
-        etendue plot sweep strip                              pictures of all stages, each with an enlarged detail
-        etendue plot sweep show PICTURE --at gain=2.8 --at spacing=4um --at time=10ms
-        etendue plot sweep budget                             time, error, omissions by stage; --blame adds losses
+    etendue plot sweep                                    the plot that fits best
+    etendue plot sweep --list                             list metrics and axes
+    etendue plot sweep map METRIC -o map.svg              a metric over two axes, a third as panels
+    etendue plot sweep pareto METRIC METRIC               Pareto front of two metrics, labelled
+    etendue plot sweep curves METRIC --x time --lines gain
+    etendue plot sweep strip                              pictures of all stages, each with an enlarged detail
+    etendue plot sweep show PICTURE --at gain=2.8 --at spacing=4um --at time=10ms
+    etendue plot sweep budget                             time, error, omissions by stage; --blame adds losses
 
     Plugins may add kinds: --list names them.
     """

@@ -28,7 +28,7 @@ def camera_of(base: Pipeline, asked: Asked, expected: bool, registry: Registry) 
     Raises
     ------
     RequestError
-            The file is invalid, or nothing depends on the axis.
+        The file is invalid, or nothing depends on the axis.
     """
     nodes = nodes_of(base, registry)
     if expected:

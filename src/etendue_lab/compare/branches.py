@@ -112,7 +112,7 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, regist
     Raises
     ------
     RequestError
-            The pipeline has no ``photon_rate``, or no stage makes ``rgb_camera`` from it.
+        The pipeline has no ``photon_rate``, or no stage makes ``rgb_camera`` from it.
     """
     demosaic, light = makes(nodes, CAMERA), writer(nodes, LIGHT)
     if demosaic is None or light is None:

@@ -30,7 +30,7 @@ def made_for(registry: Registry, base: type) -> str:
     Raises
     ------
     RequestError
-            None is installed.
+        None is installed.
     """
     name = next(registry.fitting(lambda kind: issubclass(kind, base)), "")
     if not name:
@@ -44,7 +44,7 @@ def reference(registry: Registry, reads: str, writes: str, dims: tuple[str, ...]
     Raises
     ------
     RequestError
-            None is installed.
+        None is installed.
     """
     name = serving(registry, REFERENCE, reads, writes, dims)
     if not name:

@@ -91,19 +91,19 @@ def compare(
 
     Parameters
     ----------
-        pipeline : as read; a sweep is replaced by the values that the file gives beside it, else by its first values
-        asked : the axis
-        repeat : number of timing runs of each alternative; the fastest is kept
-        expected : whether noise and rounding are left out (expected values)
-        options : how the run is done
-        progress : ``plan -> Progress`` for the main run, or None
-        edges : whether MTF50 is measured, in a second run with a slanted edge
-        ready : called once the request is known to be valid, before anything is computed
+    pipeline : as read; a sweep is replaced by the values that the file gives beside it, else by its first values
+    asked : the axis
+    repeat : number of timing runs of each alternative; the fastest is kept
+    expected : whether noise and rounding are left out (expected values)
+    options : how the run is done
+    progress : ``plan -> Progress`` for the main run, or None
+    edges : whether MTF50 is measured, in a second run with a slanted edge
+    ready : called once the request is known to be valid, before anything is computed
 
     Raises
     ------
     RequestError
-            The pipeline or the axis is invalid. An alternative that is incompatible or fails is a row with the reason.
+        The pipeline or the axis is invalid. An alternative that is incompatible or fails is a row with the reason.
     """
     options, registry = replace(options or Options(), pictures=False), installed_stages()
     asked = check_axis(asked, pipeline)
@@ -179,7 +179,7 @@ def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Any]
     Raises
     ------
     RequestError
-            None was computed.
+        None was computed.
     """
     found = {i: reader.at(branched.linear.reference, i) for i in range(reader.count)}
     if all(r is None for r in found.values()):

@@ -46,7 +46,7 @@ def of_plan(
     Raises
     ------
     RequestError
-            There are no frames of light and dark at four times, two of each.
+        There are no frames of light and dark at four times, two of each.
     """
     node = raw_node(plan)
     exposures = {dim for one in plan.nodes if TIME in one.writes for dim in one.writes[TIME].dims}

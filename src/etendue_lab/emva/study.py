@@ -62,15 +62,15 @@ def of_pipeline(
     Parameters
     ----------
     pipeline : Pipeline
-            A sweep is ignored.
+        A sweep is ignored.
     registry : Registry
     pixels : int
-            Height and width of the window, at least 16.
+        Height and width of the window, at least 16.
 
     Raises
     ------
     RequestError
-            The pipeline is invalid, or the camera has no raw frames or no light.
+        The pipeline is invalid, or the camera has no raw frames or no light.
     """
     if pixels < 16:
         raise RequestError(f"--pixels {pixels}: must be at least 16")
@@ -94,9 +94,9 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
     Raises
     ------
     ArchiveError
-            It is not an archive, or it is damaged.
+        It is not an archive, or it is damaged.
     RequestError
-            It holds no raw frames of light and dark at several times.
+        It holds no raw frames of light and dark at several times.
     """
     describe_archive(folder)  # refuses what is not an archive or is damaged
     stored = Stored(folder)

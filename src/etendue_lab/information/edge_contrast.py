@@ -45,7 +45,7 @@ def edge_contrast(
     Raises
     ------
     ValueError
-            There is no single scene to replace, a stage failed, or no edge is visible.
+        There is no single scene to replace, a stage failed, or no edge is visible.
     """
     base, _, sigma = edge_and_field(detail.pipeline, detail.plan.nodes, detail.plan, white, registry)
     plan = make_plan(wanting(base, places, exact=True), registry, leave_out_allowed=False)

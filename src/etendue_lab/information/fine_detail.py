@@ -243,8 +243,8 @@ def fine_detail(
     Raises
     ------
     RequestError
-            The pipeline is invalid; the camera has no mosaic, no noise, or a stage that does not declare its noise; the
-            picture is too small; there is no light.
+        The pipeline is invalid; the camera has no mosaic, no noise, or a stage that does not declare its noise; the
+        picture is too small; there is no light.
     """
     if not 0 < reflectance <= 1:
         raise RequestError(f"--reflectance {reflectance:g}: must be greater than 0 and at most 1")

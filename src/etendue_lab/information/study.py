@@ -54,22 +54,22 @@ def information(
     Parameters
     ----------
     pipeline : Pipeline
-            Its scene is replaced by a grey card of the same size and light; a sweep is ignored.
+        Its scene is replaced by a grey card of the same size and light; a sweep is ignored.
     registry : Registry
     reflectance : float
-            Of the card, greater than 0 and at most 1.
+        Of the card, greater than 0 and at most 1.
     ratio : float
-            Brightest to darkest detail, greater than 1: the signal is uniformly distributed in between, with the same
-            power at all frequencies.
+        Brightest to darkest detail, greater than 1: the signal is uniformly distributed in between, with the same
+        power at all frequencies.
     size, contrast : float
-            Of the Gaussian spot that the ideal observer looks for: full width at half maximum in pixels, peak contrast.
+        Of the Gaussian spot that the ideal observer looks for: full width at half maximum in pixels, peak contrast.
     count : int
-            Number of noise frames; 0: nothing is measured.
+        Number of noise frames; 0: nothing is measured.
 
     Raises
     ------
     RequestError
-            The pipeline or one of these values is invalid; a stage does not declare its noise.
+        The pipeline or one of these values is invalid; a stage does not declare its noise.
     """
     _check(ratio, size, contrast, count)
     alone, notes = one_camera(pipeline)

@@ -54,9 +54,9 @@ def camera_at(folder: Path, at: Mapping[str, Any]) -> Pipeline:
     Raises
     ------
     ArchiveError
-            Its record or an input is damaged or missing.
+        Its record or an input is damaged or missing.
     RequestError
-            The recorded pipeline cannot be read here.
+        The recorded pipeline cannot be read here.
     """
     run = recorded(folder)
     pipeline, axes = run.pipeline(), run.record["axes"]

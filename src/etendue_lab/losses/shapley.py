@@ -57,17 +57,17 @@ def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) 
     Parameters
     ----------
     value : callable
-            Value of a coalition, including the empty one. Called once for each.
+        Value of a coalition, including the empty one. Called once for each.
     players : names, all different
     most : int
-            Maximum number of coalitions to evaluate.
+        Maximum number of coalitions to evaluate.
     seed : int
-            Of the random orders, which come in pairs: one, and its reverse.
+        Of the random orders, which come in pairs: one, and its reverse.
 
     Raises
     ------
     ValueError
-            A name occurs twice, or ``most`` does not allow a single pair of orders.
+        A name occurs twice, or ``most`` does not allow a single pair of orders.
     """
     names, known = tuple(players), {}
     if len(set(names)) < len(names):

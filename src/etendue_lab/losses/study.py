@@ -73,23 +73,23 @@ def losses(
     Parameters
     ----------
     pipeline : Pipeline
-            A sweep is ignored. Contrast and noise are those of a grey card in place of its scene; colour is that of its
-            own scene.
+        A sweep is ignored. Contrast and noise are those of a grey card in place of its scene; colour is that of its
+        own scene.
     registry : Registry
     reflectance : float
-            Of the card, greater than 0 and at most 1.
+        Of the card, greater than 0 and at most 1.
     runs : int
-            Maximum number of cameras run for colour; 0: none. Exact if that covers all sets of its stages, else random
-            orders.
+        Maximum number of cameras run for colour; 0: none. Exact if that covers all sets of its stages, else random
+        orders.
     seed : int
-            Of random orders.
+        Of random orders.
     told : callable
-            Called with a short text for each camera before it is run.
+        Called with a short text for each camera before it is run.
 
     Raises
     ------
     RequestError
-            The pipeline or one of these values is invalid; a stage does not declare its noise.
+        The pipeline or one of these values is invalid; a stage does not declare its noise.
     """
     if runs < 0 or seed < 0:
         raise RequestError(f"--runs {runs} --seed {seed}: must be whole numbers of at least 0")

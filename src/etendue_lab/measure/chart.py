@@ -63,7 +63,7 @@ def measured_chart(photograph: Photograph, text: str, space: str, confidence: fl
     Raises
     ------
     RequestError
-            The picture is grey; corners are outside it, in the wrong order, or too close.
+        The picture is grey; corners are outside it, in the wrong order, or too close.
     """
     places = corners("--chart", text, photograph.columns, photograph.rows)
     if photograph.names == ("grey",):

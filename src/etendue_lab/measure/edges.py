@@ -73,7 +73,7 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
     Raises
     ------
     RequestError
-            The region is outside the picture, or its edge is missing, along the raster, or bent.
+        The region is outside the picture, or its edge is missing, along the raster, or bent.
     """
     if text != FOUND:
         return _measured_in(

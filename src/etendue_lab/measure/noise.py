@@ -30,7 +30,7 @@ def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict
     Raises
     ------
     RequestError
-            The region is outside the picture, too small, clipped or not uniform.
+        The region is outside the picture, too small, clipped or not uniform.
     """
     place = window("--noise", text, photograph.columns, photograph.rows)
     what = f"--noise {place}"

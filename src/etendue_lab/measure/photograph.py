@@ -102,7 +102,7 @@ class Photograph:
         Raises
         ------
         RequestError
-                    The picture does not have it.
+            The picture does not have it.
         """
         if self.names == ("grey",):
             if asked in PLANES:
@@ -193,7 +193,7 @@ def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Ph
     Raises
     ------
     RequestError
-            The file does not exist, is not a supported picture, or is a raw file and rawpy is missing.
+        The file does not exist, is not a supported picture, or is a raw file and rawpy is missing.
     """
     if not path.exists():
         raise RequestError(f"{path}: file not found")
@@ -220,7 +220,7 @@ def reader() -> Any:
     Raises
     ------
     RequestError
-            It is not installed.
+        It is not installed.
     """
     try:
         import rawpy

@@ -51,7 +51,7 @@ def numbers(option: str, text: str, count: int, form: str) -> list[float]:
     Raises
     ------
     RequestError
-            They are not numbers, or not ``count`` of them.
+        They are not numbers, or not ``count`` of them.
     """
     try:
         found = [float(one) for one in text.split(",")]

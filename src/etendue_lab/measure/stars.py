@@ -27,7 +27,7 @@ def measured_star(
     Raises
     ------
     RequestError
-            The star is outside the picture, or cannot be measured there.
+        The star is outside the picture, or cannot be measured there.
     """
     place = circle("--star", text, photograph.columns, photograph.rows)
     left, top = (max(math.floor(one - place.radius) - ROOM, 0) for one in (place.x, place.y))

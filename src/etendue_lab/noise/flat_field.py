@@ -100,7 +100,7 @@ def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
     Raises
     ------
     RequestError
-            The camera has no mosaic.
+        The camera has no mosaic.
     """
     last = next((node.name for node in reversed(plan.nodes) if MOSAIC in node.writes), None)
     if last is None:

@@ -53,17 +53,17 @@ def noise(
     Parameters
     ----------
     pipeline : Pipeline
-            Its scene is replaced by a flat one of the same size and light; a sweep is ignored.
+        Its scene is replaced by a flat one of the same size and light; a sweep is ignored.
     registry : Registry
     reflectance : float
-            Of the flat scene, greater than 0 and at most 1.
+        Of the flat scene, greater than 0 and at most 1.
     frames : int
-            Number of noise frames, at least 1, each with its own fixed patterns.
+        Number of noise frames, at least 1, each with its own fixed patterns.
 
     Raises
     ------
     RequestError
-            The pipeline is invalid, the camera has no mosaic, or the picture is too small.
+        The pipeline is invalid, the camera has no mosaic, or the picture is too small.
     """
     if not 0 < reflectance <= 1:
         raise RequestError(f"--reflectance {reflectance:g}: must be greater than 0 and at most 1")

@@ -66,7 +66,7 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
     Raises
     ------
     ValueError
-            The pictures have different sizes.
+        The pictures have different sizes.
     """
     if shot.rgb_camera.shape != ideal.rgb_camera.shape:
         raise ValueError(

@@ -54,17 +54,17 @@ def ideal_of(
     Parameters
     ----------
     pipeline : Pipeline
-            As written; the planner reports its faults.
+        As written; the planner reports its faults.
     registry : Registry
     without : names of stages
-            Also left out, such as ``diffusion``.
+        Also left out, such as ``diffusion``.
     keep : names of stages
-            Not left out, although they spread light.
+        Not left out, although they spread light.
 
     Raises
     ------
     RequestError
-            The pipeline has no pixel stage or no demosaicer, or a name is not one of its stages.
+        The pipeline has no pixel stage or no demosaicer, or a name is not one of its stages.
     """
     kinds = {entry.name: _kind(entry, registry) for entry in pipeline.stages}
     _check_names(pipeline, {"--without": without, "--keep": keep}, kinds)

@@ -96,28 +96,28 @@ def quality(
     Parameters
     ----------
     pipeline : Pipeline
-            Its sweep is the sweep of the comparison; ``wanted`` and ``keep`` of the file are ignored.
+        Its sweep is the sweep of the comparison; ``wanted`` and ``keep`` of the file are ignored.
     registry : Registry
     samples_per_degree : float, greater than 0
-            Pixels per degree of visual angle, for S-CIELAB and visible noise.
+        Pixels per degree of visual angle, for S-CIELAB and visible noise.
     without, keep : names of stages
-            See `ideal_of`.
+        See `ideal_of`.
     leave_out : bool
-            Whether what the scene does not need may be left out, within the pipeline's tolerance.
+        Whether what the scene does not need may be left out, within the pipeline's tolerance.
     progress : callable
-            Makes the progress of a plan; the camera and the ideal one run one after the other.
+        Makes the progress of a plan; the camera and the ideal one run one after the other.
     show : callable
-            Called for each chosen row with its number, the axis values, the two pictures, the map of differences.
-            Returns the name of a PNG and its bytes.
+        Called for each chosen row with its number, the axis values, the two pictures, the map of differences.
+        Returns the name of a PNG and its bytes.
     folder : Path
-            Where the result will be written; it is created before anything is computed.
+        Where the result will be written; it is created before anything is computed.
     most : int
-            Maximum number of rows with pictures, spread evenly over those available; a note counts the others.
+        Maximum number of rows with pictures, spread evenly over those available; a note counts the others.
 
     Raises
     ------
     RequestError
-            The pipeline is invalid, there is nothing to compare, or the folder is not writable.
+        The pipeline is invalid, there is nothing to compare, or the folder is not writable.
     """
     if not 0 < samples_per_degree < math.inf:
         raise RequestError(f"--samples-per-degree {samples_per_degree:g}: must be greater than 0")

@@ -198,9 +198,9 @@ def run(document: Document) -> Any:
     Raises
     ------
     Refused
-            The plan refuses it, with a message.
+        The plan refuses it, with a message.
     Fault
-            A failed cell, a warning, or an unexpected exception.
+        A failed cell, a warning, or an unexpected exception.
     """
     try:
         with warnings.catch_warnings():

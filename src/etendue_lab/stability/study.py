@@ -42,7 +42,7 @@ def parts(names: Sequence[str]) -> list[Part]:
     Raises
     ------
     RequestError
-            A name is not an installed stage.
+        A name is not an installed stage.
     """
     registry = installed_stages()
     for name in names:

@@ -168,7 +168,7 @@ def picture(opened: Opened, stage: str, variable: str, at: Mapping[str, int]) ->
     Raises
     ------
     ArchiveError
-            It is damaged.
+        It is damaged.
     """
     found = opened.find(stage, at)
     if found is None or not opened.has(found[1]):

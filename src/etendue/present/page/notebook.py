@@ -22,9 +22,9 @@ def view(archive: str | Path, height: int = 900) -> Any:
     Raises
     ------
     ArchiveError
-            It is not an archive, or it is damaged.
+        It is not an archive, or it is damaged.
     MachineError
-            anywidget is not installed.
+        anywidget is not installed.
     """
     kind = _kind()
     live = Live(Path(archive))

@@ -80,11 +80,11 @@ class Opened:
 
     Attributes
     ----------
-        record : of the last run: parameters, versions, platform
-        running : whether a run is writing to it
-        ended : whether its last run is finished, so that its tables are valid
-        damaged : what was requested and found damaged
-        whites : values shown as white, by the picture that sets them: stage, variable, positions on its axes
+    record : of the last run: parameters, versions, platform
+    running : whether a run is writing to it
+    ended : whether its last run is finished, so that its tables are valid
+    damaged : what was requested and found damaged
+    whites : values shown as white, by the picture that sets them: stage, variable, positions on its axes
     """
 
     def __init__(self, folder: Path) -> None:
@@ -219,7 +219,7 @@ class Opened:
         Raises
         ------
         ArchiveError
-                    It was not stored, or it is damaged.
+            It was not stored, or it is damaged.
         """
         cell = self.stored.cell(name)
         if variable not in cell.variables:

@@ -45,9 +45,9 @@ def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:
     Raises
     ------
     ArchiveError
-            It is not an archive, or it is damaged.
+        It is not an archive, or it is damaged.
     RequestError
-            The output is a folder.
+        The output is a folder.
     """
     if output.is_dir():
         raise RequestError(f"-o {output} is a folder; give a file, such as {output / 'report.html'}")

@@ -99,7 +99,7 @@ def appearance(
     ----------
     dims : y and x, preceded by at most one other
     edges : (bands + 1) array, nm
-            Edges of the bands of light.
+        Edges of the bands of light.
     channels : names of planes
     first : row and column of the pattern at which an array starts
     """

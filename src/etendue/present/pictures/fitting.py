@@ -30,8 +30,8 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
     ----------
     picture : (..., y, x) array
     decode : callable
-            Converts values to float32, elementwise; called for some rows at a time, so that nothing of the size of the
-            picture is allocated.
+        Converts values to float32, elementwise; called for some rows at a time, so that nothing of the size of the
+        picture is allocated.
 
     Returns
     -------

@@ -120,7 +120,7 @@ def show(what: Any, variable: str = "", **at: Any) -> Plot:
     Raises
     ------
     RequestError, ArchiveError
-            No picture, or several and none is chosen; no archive.
+        No picture, or several and none is chosen; no archive.
     """
     if isinstance(what, str | Path):
         what = opened(Path(what))

@@ -100,7 +100,7 @@ def arranged(
     Raises
     ------
     RequestError
-            A requested dim does not exist, or is requested twice.
+        A requested dim does not exist, or is requested twice.
     """
     at = dict(at or {})
     x, y = (*along, "", "")[:2]

@@ -28,7 +28,7 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
     Raises
     ------
     RequestError
-            There is no ledger.
+        There is no ledger.
     """
     rows = by_stage(holdings)
     losses = list(blame["losses"]) if blame else []
@@ -201,7 +201,7 @@ def by_stage(holdings: Holdings) -> list[list[Any]]:
     Raises
     ------
     RequestError
-            There is no ledger.
+        There is no ledger.
     """
     ledger = holdings.table("ledger")
     if ledger is None:

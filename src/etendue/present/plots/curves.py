@@ -44,7 +44,7 @@ def curves(
     Raises
     ------
     RequestError
-            Unknown variable, dim or value.
+        Unknown variable, dim or value.
     """
     held = holdings.find(variable, "curve", "figure") if variable else _preferred(holdings)
     free = [dim for dim in held.dims if held.is_counted(dim)]

@@ -78,14 +78,14 @@ class Glance:
 
     Attributes
     ----------
-        place : the folder or address, quoted for a shell; '' in memory
-        state : progress of the run, in words
-        counts : number of cells by status
-        axes : (name, values, how many)
-        at : axis values of the cell whose metrics and pictures are shown
-        omitted : (stage, cells, of, why, error bound, seconds saved)
-        failed : (stage, where, message)
-        commands : command and what it does
+    place : the folder or address, quoted for a shell; '' in memory
+    state : progress of the run, in words
+    counts : number of cells by status
+    axes : (name, values, how many)
+    at : axis values of the cell whose metrics and pictures are shown
+    omitted : (stage, cells, of, why, error bound, seconds saved)
+    failed : (stage, where, message)
+    commands : command and what it does
     """
 
     name: str

@@ -122,7 +122,7 @@ class Held:
         Raises
         ------
         ArchiveError
-                    The stored values cannot be read.
+            The stored values cannot be read.
         """
         return self._joined(self.variable, at or {})[0]
 
@@ -247,7 +247,7 @@ class Holdings:
         Raises
         ------
         RequestError
-                    There is none, or none of such a kind; the message lists the nearest names.
+            There is none, or none of such a kind; the message lists the nearest names.
         """
         stage, _, variable = name.rpartition(".")
         found = [one for one in self if one.variable == variable and stage in ("", one.stage)]

@@ -97,9 +97,9 @@ def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot
     Raises
     ------
     RequestError
-            Unknown kind, metric, axis or value.
+        Unknown kind, metric, axis or value.
     PluginError
-            A kind of a distribution cannot be loaded, or returns no plot.
+        A kind of a distribution cannot be loaded, or returns no plot.
     """
     asked = _by_dims(holdings, asked or Asked())
     kind, figures = kind_of(holdings, kind, asked.figures)

@@ -37,7 +37,7 @@ def figure_map(
     Raises
     ------
     RequestError
-            Unknown metric, axis or value.
+        Unknown metric, axis or value.
     """
     held = holdings.find(figure, "figure") if figure else preferred(holdings)
     if held.known.index:
@@ -64,7 +64,7 @@ def factor_map(
     Raises
     ------
     RequestError
-            There is no index, or it has no names; unknown axis or value.
+        There is no index, or it has no names; unknown axis or value.
     """
     indices = [one for one in holdings.of_kind("figure") if one.known.index]
     if not figure and not indices:

@@ -20,7 +20,7 @@ def opened(folder: Path) -> xarray.DataTree:
     Raises
     ------
     ArchiveError
-            It is not an archive, nothing in it can be read yet, or it is damaged; the message says what to do.
+        It is not an archive, nothing in it can be read yet, or it is damaged; the message says what to do.
     """
     describe_archive(folder)
     return open_archive(folder)

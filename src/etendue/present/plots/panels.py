@@ -47,9 +47,9 @@ def map_of_figures(
     sides : Sides
     title, unit : str
     digits : int
-            Digits that are written.
+        Digits that are written.
     failed, there : (panel, y, x) bool arrays
-            Cells that failed, and those that were computed: a computed cell without a number is marked.
+        Cells that failed, and those that were computed: a computed cell without a number is marked.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def map_of_figures(
     Raises
     ------
     ValueError
-            The shape of the values does not match the sides.
+        The shape of the values does not match the sides.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.ticker import FuncFormatter
@@ -121,7 +121,7 @@ def map_of_names(
     Raises
     ------
     ValueError
-            The indices do not match the sides, or point beyond the names.
+        The indices do not match the sides, or point beyond the names.
     """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch

@@ -34,7 +34,7 @@ def front(points: Any) -> Any:
     Parameters
     ----------
     points : (n, metrics) array
-            Higher is better; rows with NaN are never on the front.
+        Higher is better; rows with NaN are never on the front.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def pareto(
     Raises
     ------
     RequestError
-            Unknown metrics; it is not known which is better; a dim such as ``stage`` is left open.
+        Unknown metrics; it is not known which is better; a dim such as ``stage`` is left open.
     """
     held = _chosen(holdings, first, second)
     sense = [_better(one, place, better) for place, one in enumerate(held)]

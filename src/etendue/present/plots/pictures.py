@@ -49,7 +49,7 @@ def appearance_of(array: xarray.DataArray) -> Appearance:
     Raises
     ------
     RequestError
-            The dims are not those of a picture.
+        The dims are not those of a picture.
     """
     dims = [str(dim) for dim in array.dims]
     first = [round(float(array[dim].values[0])) if dim in array.coords else 0 for dim in ("y", "x")]

@@ -78,7 +78,7 @@ def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     RequestError
-            Unknown dim, or no such value along it.
+        Unknown dim, or no such value along it.
     """
     found: dict[str, Any] = {}
     faults = []

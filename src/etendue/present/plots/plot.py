@@ -42,10 +42,10 @@ class Plot:
 
     Attributes
     ----------
-        figure : matplotlib.figure.Figure
-            Made without pyplot, so pyplot keeps no reference to it.
-        columns, rows : names and values of what is plotted, a row for each number
-        notes : what was chosen, left out or unknown
+    figure : matplotlib.figure.Figure
+        Made without pyplot, so pyplot keeps no reference to it.
+    columns, rows : names and values of what is plotted, a row for each number
+    notes : what was chosen, left out or unknown
     """
 
     figure: Any
@@ -60,7 +60,7 @@ class Plot:
         Raises
         ------
         RequestError
-                    Another suffix.
+            Another suffix.
         """
         path = Path(path)
         data = self.data(check_suffix(path))
@@ -96,7 +96,7 @@ def check_suffix(path: Path) -> str:
     Raises
     ------
     RequestError
-            The suffix is not supported.
+        The suffix is not supported.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise RequestError(f"{path}: unknown file type; the suffix must be one of {', '.join(SUFFIXES)}")

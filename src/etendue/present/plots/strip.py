@@ -58,7 +58,7 @@ def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Mapping[s
     Raises
     ------
     RequestError
-            No pictures, or no such axis value.
+        No pictures, or no such axis value.
     """
     tiles, said = (_of_variable if variable else _of_stages)(holdings, variable, stage, at or {})
     if not tiles:
@@ -118,7 +118,7 @@ def picture_of(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, boo
     Raises
     ------
     RequestError
-            An axis, or a leading dim such as ``frame``, has several values and none is chosen.
+        An axis, or a leading dim such as ``frame``, has several values and none is chosen.
     """
     open_ = [dim for dim in held.axes if dim not in at and len(held.values_of(dim)) > 1]
     if open_:
@@ -316,7 +316,7 @@ def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, An
     Raises
     ------
     RequestError
-            No such picture; an axis has several values and none is chosen.
+        No such picture; an axis has several values and none is chosen.
     """
     names = [one.variable for one in holdings.of_kind("picture")]
     if not variable:
