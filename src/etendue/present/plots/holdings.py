@@ -27,6 +27,7 @@ FAILED = (2, 3)  # failed, skipped
 BESIDE = ("status",)
 ANY = "ARCHIVE"
 KINDS = ("figure", "curve", "picture", "other")
+SHOWN = {"figure": "metric"}  # kinds that screens call by another word
 
 
 @dataclass(frozen=True)
@@ -263,9 +264,8 @@ class Holdings:
                 "figure": "; plot it with map, curves or pareto",
                 "curve": "; plot it with curves",
             }
-            raise RequestError(
-                f"{name} is a {found[-1].kind} (dims: {dims}), not a {' or '.join(kinds)}{way.get(found[-1].kind, '')}"
-            )
+            own, others = (SHOWN.get(found[-1].kind, found[-1].kind), " or ".join(SHOWN.get(k, k) for k in kinds))
+            raise RequestError(f"{name} is a {own} (dims: {dims}), not a {others}{way.get(found[-1].kind, '')}")
         raise RequestError(
             f"unknown variable {name!r}{nearest(name, names)}; to list all: etendue plot {self.archive} --list"
         )

@@ -39,5 +39,6 @@ def plots_text(document: dict[str, Any]) -> list[str]:
         own = ", ".join([*one["axes"], *(f"[{dim}]" for dim in one["dims"])]) or "one value"
         unit = f"  in {one['units']}" if one["units"] else ""
         better = f"  {one['better']} is better" if one["better"] else ""
-        lines.append(printable(f"{one['kind']:8s} {one['name']:{wide}s}  over {own}{unit}{better}"))
+        kind = "metric" if one["kind"] == "figure" else one["kind"]
+        lines.append(printable(f"{kind:8s} {one['name']:{wide}s}  over {own}{unit}{better}"))
     return lines
