@@ -105,7 +105,7 @@ def test_figures_are_the_archive_s_at_the_cell_that_is_pictured(seen, tree):
     own = tree["resolution"].dataset["mtf50_lp_mm"]
     assert mtf.value == float(own.sel({dim: at[dim] for dim in own.dims if dim in at}).isel(stage=-1))
     assert (
-        f" behind {own['stage'].values[-1]}, without " in mtf.title
+        f" after {own['stage'].values[-1]}, without " in mtf.title
         and mtf.units == "cycles/mm"
         and "per mm" not in mtf.title
     )
@@ -191,7 +191,7 @@ def test_a_run_that_goes_on_shows_what_is_finished(archive, tmp_path):
         assert sum(one.stage == "encode" for one in seen.pictures) == 1  # of a cell that is finished
         assert asked_of_a_network(tree.etendue._repr_html_()) == []
     seen = glance(etendue.open_archive(folder))
-    assert seen.state.startswith("broken off") and seen.commands[0][0].startswith("etendue run ")
+    assert seen.state.startswith("interrupted") and seen.commands[0][0].startswith("etendue run ")
 
 
 def test_a_tree_that_is_closed_or_damaged_says_what_cannot_be_read(archive, tmp_path):

@@ -110,7 +110,7 @@ def listed() -> list[tuple[str, list[tuple[str, str]]]]:
 def _title(origin: str) -> str:
     from etendue.plugins import discovery
 
-    return "Commands for cameras" if origin == discovery.OWN else f"Commands of {origin}"
+    return "More commands" if origin == discovery.OWN else f"Commands of {origin}"
 
 
 def _typed(name: str, command: Command) -> str:
