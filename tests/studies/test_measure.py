@@ -196,7 +196,7 @@ def test_the_region_of_an_edge_that_was_found_gives_it_again(tmp_path, angle, ha
         (lambda: 0.3 + 0.4 * box(9, 5), "edges are shorter than 24 pixels"),
         (
             lambda: 0.3 + np.random.default_rng(0).normal(0, 0.05, (120, 130)),
-            "edges are no stronger than noise or texture",
+            "edges are no stronger than the noise or texture",
         ),
         (lambda: np.full((120, 130), 0.3), "it is even all over"),
     ],
@@ -219,7 +219,7 @@ def test_an_edge_that_distortion_bends_is_followed(tmp_path):
         (lambda: slanted(0.4), "the edge is not slanted: it stands 0.4 degrees from the columns; allowed is 2 to 43"),
         (lambda: slanted(44.8), "the edge is not slanted: it stands 44.8 degrees from the columns"),
         (lambda: slanted(5.0, bend=12.0), "pixels from a line 5."),
-        (lambda: slanted(5.0, low=0.5, high=0.5), "no edge can be measured: its step is lost in noise"),
+        (lambda: slanted(5.0, low=0.5, high=0.5), "cannot measure an edge: its step is lost in noise"),
         (lambda: np.full(SHAPE, 0.5), "cannot measure an edge: it is even all over"),
         (lambda: np.minimum(slanted(5.0), slanted(95.0)), "the edge is not straight, or not alone"),
     ],

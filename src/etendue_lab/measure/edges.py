@@ -62,7 +62,7 @@ KINDS = {  # why edges are not found automatically: parts of the reason, and adv
     "no stronger than the noise or texture around it": ((HIDDEN,), ""),
 }
 REGIONS = (
-    "give regions: --edge X,Y,WIDTH,HEIGHT around one slanted edge, --star X,Y,RADIUS, --noise X,Y,WIDTH,HEIGHT of an "
+    "give regions: --edge X,Y,WIDTH,HEIGHT around one slanted edge, --star X,Y,RADIUS, --noise X,Y,WIDTH,HEIGHT of a "
     "uniform patch, --chart with the four corners of a ColorChecker"
 )
 
