@@ -52,7 +52,7 @@ def test_what_keep_no_longer_names_and_is_wrong_now_is_asked_about(copy, place, 
     with pytest.raises(SystemExit) as stopped:
         main([*arguments, "--prune"], prog_name="etendue")
     assert stopped.value.code == 0
-    assert "removed, as asked" in capsys.readouterr().out
+    assert "pruned" in capsys.readouterr().out
     with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree:
         assert set(tree.children) == {"pixel", "ledger", "summary", "frames"}
     run(tiny_plan(place, {"keep": ["pixel"], "camera.transmittance": 0.5}), copy.parent / "fresh")

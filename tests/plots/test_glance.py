@@ -203,7 +203,7 @@ def test_a_tree_that_is_closed_or_damaged_says_what_cannot_be_read(archive, tmp_
         if path.is_file():
             path.write_bytes(b"\0" * path.stat().st_size)
     html = tree.etendue._repr_html_()
-    assert "cannot be read" in html and "MTF" not in html.split("Figures")[-1].split("Look further")[0]
+    assert "cannot be read" in html and "MTF" not in html.split("Metrics")[-1].split("Next steps")[0]
 
 
 LOST = (

@@ -471,7 +471,7 @@ def test_a_grey_raw_file_has_grey_patches_and_is_told_to_be_no_chart(tmp_path):
     lab = np.array([row["lab"] for row in document["chart"]["patches"]])
     assert_allclose(lab[:, 1:], 0, atol=0.5)  # LibRaw's matrices have four digits
     assert_allclose(lab[:, 0], lab[0, 0], atol=0.1)
-    assert "LibRaw" in document["notes"][0] and "hardly the colours of a ColorChecker" in document["notes"][1]
+    assert "LibRaw" in document["notes"][0] and "hardly match a ColorChecker" in document["notes"][1]
 
 
 def test_a_raw_file_without_rawpy_says_how_to_get_it(tmp_path, monkeypatch):
@@ -547,7 +547,7 @@ def test_a_wrong_request_is_one_line_and_exit_code_2(picture, words, said):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("none.png", None, "there is no such file"),
+        ("none.png", None, "file not found"),
         ("text.png", b"hello", "cannot be read as a picture; allowed are PNG, JPEG or TIFF"),
         ("flat.dng", b"hello", "cannot be read as a raw file"),
     ],
