@@ -115,7 +115,7 @@ def _parameter(name: str, p: dict[str, Any]) -> tuple[str, ...]:
     units = "" if p["units"] in ("", "1") else f"`{p['units']}`"
     default = "required" if p["required"] else "`''`" if p["default"] == "" else f"`{p['default']}`"
     allowed = ", ".join(f"`{one}`" for one in p["choices"]) if p["choices"] else shown(p["range"])
-    knob = f"a finer setting costs time; reference: {p['fidelity']}" if p["fidelity"] else ""
+    knob = f"accuracy setting (finer costs time); reference: {p['fidelity']}" if p["fidelity"] else ""
     return f"`{name}`", units, default, allowed, shown("; ".join(filter(None, [p["doc"].rstrip("."), knob])))
 
 

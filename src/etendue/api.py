@@ -76,9 +76,7 @@ __all__ = [
 
 
 def _imported() -> dict[str, Any]:
-    """All of them. Import statements, so that what stands behind a name is found by reading this file
-    (``plan.identity.code``).
-    """
+    """Return all names. Import statements, because ``plan.identity.code`` finds definitions by reading this file."""
     from etendue.contract.arrays.facts import UNKNOWN, Facts
     from etendue.contract.arrays.grid import RGB, XYZ, Bands, Grid, Labels, Line
     from etendue.contract.capabilities import (

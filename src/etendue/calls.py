@@ -16,10 +16,10 @@ from etendue.errors import ArchiveError, Fault, MachineError, RequestError
 Called = TypeVar("Called", bound=Callable[..., Any])
 
 PHRASES = (  # whole commands first, because they contain options
-    ("etendue plot ARCHIVE pareto FIGURE FIGURE", "plot.pareto('FIGURE', 'FIGURE')"),
+    ("etendue plot ARCHIVE pareto METRIC METRIC", "plot.pareto('METRIC', 'METRIC')"),
     ("etendue plot ARCHIVE --list", "etendue.Archive(...).tree.etendue.list()"),
     ("etendue compare --axis", "Pipeline.compare(...)"),
-    ("leave out --at", "give no values of axes"),
+    ("omit --at", "give no values of axes"),
     ("choose cells with --at, such as --at ", "choose cells, such as with "),
     ("or write them with --all", "or write them with everything=True"),
     ("write over it with --force", "write over it with force=True"),

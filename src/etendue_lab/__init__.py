@@ -1,3 +1,3 @@
-"""Questions about cameras: alternatives ranked, quality, information, losses, noise, measured sensors and
+"""Studies of cameras: ranking of alternatives, quality, information, losses, noise, measurement of sensors and
 photographs.
 """

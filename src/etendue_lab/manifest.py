@@ -1,5 +1,5 @@
-"""What the laboratory brings, by the same hooks as any distribution: its commands, plots, and methods of pipelines
-and archives.
+"""What the studies register, through the same hooks as any distribution: commands, plots, and methods of pipelines and
+archives.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ def etendue_commands() -> dict[str, Any]:
                 "compare",
                 "comparisons:compare",
                 "FILE --axis demosaic.use",
-                "alternatives ranked: quality against run time",
+                "rank alternatives by quality against run time",
             ),
-            ("quality", "comparisons:quality", "FILE", "every camera of a sweep against the ideal one"),
-            ("noise", "comparisons:noise", "FILE", "noise after every stage, predicted and measured"),
-            ("emva", "emva:emva", "FILE", "a sensor measured after EMVA 1288, beside what it should be"),
-            ("measure", "measure:measure", "PICTURE", "a photograph of your own: MTF, noise, ColorChecker"),
+            ("quality", "comparisons:quality", "FILE", "compare every camera of a sweep with the ideal one"),
+            ("noise", "comparisons:noise", "FILE", "report noise after every stage, predicted and measured"),
+            ("emva", "emva:emva", "FILE", "measure a sensor by EMVA 1288, beside expected values"),
+            ("measure", "measure:measure", "PICTURE", "measure a photograph: MTF, noise, ColorChecker"),
             (
                 "information",
                 "information:information",
                 "FILE",
-                "bits per pixel of fine detail, and where they are lost",
+                "report bits per pixel of fine detail and where they are lost",
             ),
-            ("losses", "information:losses", "FILE", "each stage's share of the lost contrast, SNR and colour"),
-            ("stability", "stability:stability", "[STAGE]", "every stage where numbers are hard"),
+            ("losses", "information:losses", "FILE", "report each stage's share of lost contrast, SNR and colour"),
+            ("stability", "stability:stability", "[STAGE]", "test every stage at numerically hard inputs"),
         )
     }
 
@@ -56,7 +56,7 @@ def etendue_plots() -> dict[str, Any]:
     return {
         "limits": {
             "place": "etendue.present.plots.asked:names_of",
-            "doc": "which factor limits resolution where",
+            "doc": "the factor that limits resolution, over two axes",
             "uses": ("x", "y", "panels", "at"),
             "index": True,
         }

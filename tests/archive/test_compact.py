@@ -274,4 +274,4 @@ def test_the_command_says_what_it_has_written(grown, tmp_path, capsys):
     assert said["amplification"] == said["written"] / said["bytes"] > 0
     assert said["sorted"]["irradiance"] == ["f_number"]
     main(["compact", str(tmp_path / "a")], prog_name="etendue", standalone_mode=False)
-    assert "nothing to be written" in capsys.readouterr().out
+    assert "nothing to do" in capsys.readouterr().out

@@ -67,7 +67,7 @@ def called(words, outside):
     finally:
         WATCHING.clear()
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    assert "itself broke off" not in done.output and len(done.stderr) < 4000
+    assert "internal error in etendue" not in done.output and len(done.stderr) < 4000
     assert not [path for path in OPENED if path.startswith((str(outside), "/etc/passwd", "/dev/zero"))]
     return done
 

@@ -52,7 +52,7 @@ def test_what_keep_no_longer_names_and_is_wrong_now_is_asked_about(copy, place, 
     with pytest.raises(SystemExit) as stopped:
         main([*arguments, "--prune"], prog_name="etendue")
     assert stopped.value.code == 0
-    assert "removed, as asked" in capsys.readouterr().out
+    assert "pruned" in capsys.readouterr().out
     with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree:
         assert set(tree.children) == {"pixel", "ledger", "summary", "frames"}
     run(tiny_plan(place, {"keep": ["pixel"], "camera.transmittance": 0.5}), copy.parent / "fresh")
@@ -240,8 +240,8 @@ def test_show_says_how_much_of_all_is_done_while_a_run_goes_on(place, plan, tmp_
     assert all(document["rate"] > 0 for document in seen)
     assert seen[0]["left"] > seen[-1]["left"] == 0
     out = capsys.readouterr().out
-    assert " cells/s since it began, about " in out
-    assert f"cells 1 of {len(plan.cells)} that the last run was asked for ({100 // len(plan.cells)} %)" in out
+    assert " cells/s since it started, about " in out
+    assert f"cells 1 of {len(plan.cells)} requested by the last run ({100 // len(plan.cells)} %)" in out
     assert f"cells {len(plan.cells)} of {len(plan.cells)}" in out
     # another parameter: what is reused counts, what is computed again does not until it is
     seen.clear()

@@ -139,9 +139,7 @@ def test_a_broken_manifest_fails_only_what_uses_it_and_is_noted(etendue, tmp_pat
 def test_a_role_that_nobody_declares_works_and_is_noted(etendue, tmp_path):
     install_twice(tmp_path / "plugins", MODULE.replace("    reads", "    role = 'loudness'\n    reads"))
     assert etendue("plan", pipeline(tmp_path, "twice")).returncode == 0
-    assert (
-        "note: no distribution says what the role 'loudness' of twice is: etendue_roles()" in etendue("stages").stdout
-    )
+    assert "note: no distribution describes the role 'loudness' of twice in etendue_roles()" in etendue("stages").stdout
 
 
 def test_a_distribution_of_the_form_of_earlier_versions_is_told_what_to_write(etendue, tmp_path):

@@ -127,8 +127,8 @@ def test_a_kind_of_plot_is_listed_drawn_and_refused_like_the_built_in_ones(archi
     assert (place / "glow.svg").read_text().startswith("<?xml")
     for words, code, why in (
         (("glow", "--lines", "film_base"), 2, "--lines is for curves, not for glow"),
-        (("glow", "halo", "halo"), 2, "glow draws 1 variable, not halo, halo"),
-        (("nothing",), 3, "the kind of plot 'nothing' gives int; expected a figure of matplotlib"),
+        (("glow", "halo", "halo"), 2, "glow takes 1 variable, not halo, halo"),
+        (("nothing",), 3, "the kind of plot 'nothing' returns int; it must return a matplotlib figure"),
     ):
         refused = etendue(place, "plot", "a", *words)
         assert refused.returncode == code and why in refused.stderr

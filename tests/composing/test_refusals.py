@@ -38,11 +38,11 @@ REFUSED = {
     "a parameter of a stage": (lambda p, t: s.uniform(lumen=3), "uniform.lumen: unknown parameter"),
     "a scheduler": (lambda p, t: p.run(scheduler="thread"), "scheduler='thread': unknown scheduler"),
     "an axis to compare": (lambda p, t: p.compare("irradiance"), "axis='irradiance': irradiance is a stage"),
-    "a stage to leave out": (lambda p, t: p.quality(without=["foo"]), "without='foo': there is no stage of this name"),
+    "a stage to leave out": (lambda p, t: p.quality(without=["foo"]), "without='foo': unknown stage"),
     "a call of simulate": (lambda p, t: etendue.simulate(p, f_numbr=3), "camera.f_numbr"),
     "an archive": (lambda p, t: etendue.Archive("nowhere"), "is not an archive"),
-    "a plot": (lambda p, t: t.etendue.plot.map("foo"), "there is no 'foo' here"),
-    "lines": (lambda p, t: t.etendue.plot.curves("mtf", lines="foo"), "lines='foo': it is no dim"),
+    "a plot": (lambda p, t: t.etendue.plot.map("foo"), "unknown variable 'foo'"),
+    "lines": (lambda p, t: t.etendue.plot.curves("mtf", lines="foo"), "lines='foo': not a dim"),
 }
 
 

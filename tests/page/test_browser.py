@@ -191,7 +191,7 @@ def test_beside_the_choice_stands_what_was_swept_and_where_its_axis_ends(browser
         told = said.partition(".")[2]
         assert [end for end in ("f/2", "f/8", "2 ms", "8 ms", "3 µm", "6 µm") if end in told] == ends and bool(
             ends
-        ) == ("try beyond" in told)
+        ) == ("try values beyond" in told)
         assert any("mean SNR" in text for text in axis)
 
 
@@ -221,12 +221,10 @@ def test_a_dot_of_the_front_goes_there_and_back(opened):
     chosen = page.locator(".slider output").all_text_contents()
     opened.slide("f_number", 2 if not chosen[0].endswith("8") else 0)
     expect(page.locator("#cell .moved button")).to_have_count(1)
-    expect(page.locator("#cell .wrong h3")).to_have_text(
-        "How far the choice may be wrong"
-    )  # it does not move with the sliders
+    expect(page.locator("#cell .wrong h3")).to_have_text("Error of the choice")  # it does not move with the sliders
     page.click("#cell .moved button")
     expect(page.locator("#cell .moved button")).to_have_count(0)
-    expect(page.locator("#cell .wrong h3")).to_have_text("How far it may be wrong")
+    expect(page.locator("#cell .wrong h3")).to_have_text("Error of this cell")
     assert page.locator(".slider output").all_text_contents() == chosen
 
 

@@ -143,9 +143,7 @@ def test_pictures_keep_to_their_budget_and_say_what_is_left_out(archive):
     assert [one["stage"] for one in large["strip"]] == [stage for stage, _ in pictured(opened)]
     assert set(map(tuple, large["series"][0]["sizes"].values())) == {(18, 12)}
     assert (
-        len(large["series"][0]["pictures"]) == 6
-        and large["series"][0]["how"] == "without loss"
-        and not large["left_out"]
+        len(large["series"][0]["pictures"]) == 6 and large["series"][0]["how"] == "lossless" and not large["left_out"]
     )
     assert (
         sum(len(one["pictures"]) for one in small["series"]) < sum(len(one["pictures"]) for one in large["series"])

@@ -235,15 +235,15 @@ def test_the_name_of_a_variable_says_how_it_is_drawn(holdings, word, kind):
     ("kind", "asked", "says"),
     [
         ("map", PlotRequest(("mean_snt",)), "did you mean 'mean_snr'"),
-        ("map", PlotRequest(("rgb_display",)), "draw it with show or strip"),
+        ("map", PlotRequest(("rgb_display",)), "plot it with show or strip"),
         ("map", PlotRequest(("mean_snr",), x="f_numbr"), "did you mean 'f_number'"),
-        ("map", PlotRequest(("mean_snr",), at={"f_number": 3}), "it is f/2, f/2.8, f/5.6"),
-        ("mp", PlotRequest(), "no kind of plot"),
+        ("map", PlotRequest(("mean_snr",), at={"f_number": 3}), "available: f/2, f/2.8, f/5.6"),
+        ("mp", PlotRequest(), "neither a kind of plot"),
         ("pareto", PlotRequest(("mean_snr", "fit_condition")), "--better fit_condition=higher"),
-        ("pareto", PlotRequest(("mean_snr",)), "a front is of two figures"),
+        ("pareto", PlotRequest(("mean_snr",)), "a front needs two metrics"),
         ("budget", PlotRequest(x="f_number"), "--x is for"),
-        ("show", PlotRequest(("rgb_display",)), "choose a value of each"),
-        ("map", PlotRequest(("mean_snr", "dr_elgamal", "raw")), "map draws 1"),
+        ("show", PlotRequest(("rgb_display",)), "choose one value each"),
+        ("map", PlotRequest(("mean_snr", "dr_elgamal", "raw")), "map takes 1"),
     ],
 )
 def test_what_cannot_be_drawn_is_answered_with_what_can(holdings, kind, asked, says):

@@ -105,7 +105,7 @@ def test_figures_are_the_archive_s_at_the_cell_that_is_pictured(seen, tree):
     own = tree["resolution"].dataset["mtf50_lp_mm"]
     assert mtf.value == float(own.sel({dim: at[dim] for dim in own.dims if dim in at}).isel(stage=-1))
     assert (
-        f" behind {own['stage'].values[-1]}, without " in mtf.title
+        f" after {own['stage'].values[-1]}, without " in mtf.title
         and mtf.units == "cycles/mm"
         and "per mm" not in mtf.title
     )
@@ -191,7 +191,7 @@ def test_a_run_that_goes_on_shows_what_is_finished(archive, tmp_path):
         assert sum(one.stage == "encode" for one in seen.pictures) == 1  # of a cell that is finished
         assert asked_of_a_network(tree.etendue._repr_html_()) == []
     seen = glance(etendue.open_archive(folder))
-    assert seen.state.startswith("broken off") and seen.commands[0][0].startswith("etendue run ")
+    assert seen.state.startswith("interrupted") and seen.commands[0][0].startswith("etendue run ")
 
 
 def test_a_tree_that_is_closed_or_damaged_says_what_cannot_be_read(archive, tmp_path):
@@ -203,7 +203,7 @@ def test_a_tree_that_is_closed_or_damaged_says_what_cannot_be_read(archive, tmp_
         if path.is_file():
             path.write_bytes(b"\0" * path.stat().st_size)
     html = tree.etendue._repr_html_()
-    assert "cannot be read" in html and "MTF" not in html.split("Figures")[-1].split("Look further")[0]
+    assert "cannot be read" in html and "MTF" not in html.split("Metrics")[-1].split("Next steps")[0]
 
 
 LOST = (
@@ -249,7 +249,7 @@ def test_a_ledger_that_cannot_be_read_or_has_lost_rows_is_said_to_be_so(archive,
     chunk.unlink()
     seen = glance(tree := xarray.open_datatree(folder, engine="zarr"))
     assert seen.counts == {"unknown": seen.cells} and seen.cells > 0
-    assert seen.state == f"damaged: of {seen.cells} cells the ledger says nothing"
+    assert seen.state == f"damaged: no ledger entry for {seen.cells} cells"
     assert "complete" not in repr(tree.etendue)
 
 

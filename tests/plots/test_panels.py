@@ -57,7 +57,7 @@ def test_numbers_are_drawn_where_they_are_known(tmp_path):
     ("call", "text"),
     [
         (lambda: map_of_figures(np.zeros((2, 3, 2)), SIDES, ""), "shape"),
-        (lambda: map_of_names(np.full((2, 2, 3), 2.0), ["lens", "noise"], SIDES, ""), "allowed is 0 to 1"),
+        (lambda: map_of_names(np.full((2, 2, 3), 2.0), ["lens", "noise"], SIDES, ""), "must be from 0 to 1"),
     ],
 )
 def test_what_does_not_fit_is_refused(call, text):

@@ -120,7 +120,7 @@ def test_the_same_picture_by_every_way(archive, tree):
     )
     with pytest.raises(RequestError, match="choose a value of f_number"):
         etendue.show(array)
-    with pytest.raises(AttributeError, match="there are map, curves"):
+    with pytest.raises(AttributeError, match="available: map, curves"):
         tree.etendue.plot.pie()
 
 

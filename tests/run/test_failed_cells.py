@@ -128,9 +128,9 @@ def test_the_printed_command_repeats_the_failed_cell_alone(first, place):
     shutil.copytree(place / "a", place / "b")
     shown = etendue(place, "run", place / "small.toml", "--archive", place / "b", "--quiet")
     assert shown.returncode == 3
-    line = next(line for line in shown.stdout.splitlines() if "again, alone:" in line)
-    assert line.split("again, alone:")[1].strip() in {failure["again"] for failure in first[1]["failures"]}
-    words = shlex.split(line.split("again, alone:")[1].partition(" --archive ")[0])
+    line = next(line for line in shown.stdout.splitlines() if "rerun alone:" in line)
+    assert line.split("rerun alone:")[1].strip() in {failure["again"] for failure in first[1]["failures"]}
+    words = shlex.split(line.split("rerun alone:")[1].partition(" --archive ")[0])
     assert words[:2] == ["etendue", "run"]
     again = etendue(place, *words[1:], "--archive", place / "alone", "--json")
     assert again.returncode == 3, again.stderr + again.stdout

@@ -193,14 +193,14 @@ def test_the_region_of_an_edge_that_was_found_gives_it_again(tmp_path, angle, ha
 @pytest.mark.parametrize(
     ("picture", "said"),
     [
-        (lambda: 0.3 + 0.4 * box(35, 0), "edges is along rows or columns"),
-        (lambda: 0.3 + 0.4 * box(60, 43.5), "edges is nearly along a diagonal"),
+        (lambda: 0.3 + 0.4 * box(35, 0), "edges are along rows or columns"),
+        (lambda: 0.3 + 0.4 * box(60, 43.5), "edges are nearly along a diagonal"),
         (lambda: np.full((1, 1), 0.3), "it has 1 x 1 pixels; at least 3 x 3 are required"),
         (lambda: np.linspace(0, 1, 200)[None], "it has 1 x 200 pixels"),
-        (lambda: 0.3 + 0.4 * box(9, 5), "edges is shorter than 24 pixels"),
+        (lambda: 0.3 + 0.4 * box(9, 5), "edges are shorter than 24 pixels"),
         (
             lambda: 0.3 + np.random.default_rng(0).normal(0, 0.05, (120, 130)),
-            "edges is no stronger than noise or texture",
+            "edges are no stronger than the noise or texture",
         ),
         (lambda: np.full((120, 130), 0.3), "it is uniform"),
     ],
@@ -224,8 +224,8 @@ def test_an_edge_that_distortion_bends_is_followed(tmp_path):
         (lambda: slanted(0.4), "the edge is not slanted: it stands 0.4 degrees from the columns; allowed is 2 to 43"),
         (lambda: slanted(44.8), "the edge is not slanted: it stands 44.8 degrees from the columns"),
         (lambda: slanted(5.0, bend=12.0), "pixels from a line 5."),
-        (lambda: slanted(5.0, low=0.5, high=0.5), "no edge can be measured: its step is lost in noise"),
-        (lambda: np.full(SHAPE, 0.5), "no edge can be measured: it is uniform"),
+        (lambda: slanted(5.0, low=0.5, high=0.5), "cannot measure an edge: its step is lost in noise"),
+        (lambda: np.full(SHAPE, 0.5), "cannot measure an edge: it is uniform"),
         (lambda: np.minimum(slanted(5.0), slanted(95.0)), "the edge is not straight, or not alone"),
     ],
 )
@@ -292,11 +292,11 @@ def test_white_noise_comes_back_in_light_and_in_the_numbers_of_the_file(tmp_path
 @pytest.mark.parametrize(
     ("picture", "region", "said"),
     [
-        (lambda: slanted(5.0), ALL, "the patch is not even: grey changes by"),
+        (lambda: slanted(5.0), ALL, "the patch is not uniform: grey changes by"),
         (
             lambda: 0.5 + 0.02 * np.sign(np.sin(np.arange(150) / 12)) * np.ones((160, 1)),
             ALL,
-            "the patch is not even: parts of it differ by",
+            "the patch is not uniform: its parts differ by",
         ),
         (lambda: slanted(5.0, low=0.0, high=0.9), "0,0,40,160", "of the patch is clipped"),
         (lambda: np.ones(SHAPE), ALL, "100.0 % of the patch is clipped"),
@@ -480,7 +480,7 @@ def test_a_grey_raw_file_has_grey_patches_and_is_told_to_be_no_chart(tmp_path):
     lab = np.array([row["lab"] for row in document["chart"]["patches"]])
     assert_allclose(lab[:, 1:], 0, atol=0.5)  # LibRaw's matrices have four digits
     assert_allclose(lab[:, 0], lab[0, 0], atol=0.1)
-    assert "LibRaw" in document["notes"][0] and "hardly the colours of a ColorChecker" in document["notes"][1]
+    assert "LibRaw" in document["notes"][0] and "hardly match a ColorChecker" in document["notes"][1]
 
 
 def test_a_raw_file_without_rawpy_says_how_to_get_it(tmp_path, monkeypatch):
@@ -534,20 +534,20 @@ def asked(*words):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--edge", "100,0,100,100"], "--edge 100,0,100,100: outside the picture, which is 150 x 160 pixels"),
+        (["--edge", "100,0,100,100"], "--edge 100,0,100,100: outside the picture of 150 x 160 pixels"),
         (["--edge", "1,2,3"], "--edge 1,2,3: expected X,Y,WIDTH,HEIGHT"),
-        (["--edge", "0,0,20,20"], "too small for an edge; allowed is at least 32 x 32"),
+        (["--edge", "0,0,20,20"], "too small for an edge; at least 32 x 32 pixels are needed"),
         (["--star", "10,10,50"], "--star 10,10,50: outside the picture"),
         (["--noise", "-5,0,50,50"], "--noise -5,0,50,50: outside the picture"),
         (["--chart", "0,0,9,0"], "--chart 0,0,9,0: expected X0,Y0"),
-        (["--chart", "0,0,90,0,90,90,0,90"], "is grey; the colours of a chart need a colour picture"),
+        (["--chart", "0,0,90,0,90,90,0,90"], "is grey; a chart needs a colour picture"),
         (["--channel", "red"], "--channel red: edge.png is grey"),
-        (["--encoding", "log"], "--encoding log: allowed are sRGB, BT.709, linear"),
+        (["--encoding", "log"], "--encoding log: must be one of sRGB, BT.709, linear"),
         (["--space", "sRBG"], "--space: unknown RGB space 'sRBG'"),
         (["--pitch", "4 s"], "--pitch '4 s' is in s"),
         (["--pitch", "0um"], "--pitch 0um: expected a length above 0"),
         (["-o", "a.doc"], "a.doc: the ending says what to write"),
-        (["--noise", "0,0,40,160", "-o", "a.csv"], "curves are those of edges and stars, and none is asked for"),
+        (["--noise", "0,0,40,160", "-o", "a.csv"], "only edges and stars have curves"),
     ],
 )
 def test_a_wrong_request_is_one_line_and_exit_code_2(picture, words, said):
@@ -558,7 +558,7 @@ def test_a_wrong_request_is_one_line_and_exit_code_2(picture, words, said):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("none.png", None, "there is no such file"),
+        ("none.png", None, "file not found"),
         ("text.png", b"hello", "could not be read as a picture; it must be PNG, JPEG or TIFF"),
         ("flat.dng", b"hello", "cannot be read as a raw file"),
     ],
@@ -580,7 +580,7 @@ def test_a_picture_without_any_edge_says_what_regions_to_give(tmp_path):
 
 def test_tables_json_and_curves_say_the_same(picture, tmp_path):
     table = asked(picture, "--edge", ALL, "--noise", "0,0,40,160")
-    assert table.exit_code == 0 and "edge.png: 150 x 160 pixels, sRGB; intervals of 95 %" in table.output
+    assert table.exit_code == 0 and "edge.png: 150 x 160 pixels, sRGB; 95 % intervals" in table.output
     said = asked(picture, "--edge", ALL, "--json", "-o", tmp_path / "curves.csv", "--pitch", "4um")
     document = json.loads(said.stdout)
     row = document["edges"][0]

@@ -23,11 +23,11 @@ def test_who_makes_several_pictures_is_named_with_their_number_and_dim(use, more
     node = plan.node("linearise")
     assert several(plan, node, MOSAIC).startswith(f"{use} makes {many} of linearise.mosaic_linear, along '{dim}'")
     assert several(plan, node, MOSAIC, {dim}) == ""
-    with pytest.raises(RequestError, match=f"one picture: {use} makes {many}"):
+    with pytest.raises(RequestError, match=f"a single picture only: {use} makes {many}"):
         FlatField(plan, node, [], [])
 
 
 def test_frames_behind_a_polariser_are_no_repeats_of_an_exposure():
     """They were stacked as such, and broke off where a series of exposures stood beside them."""
-    with pytest.raises(RequestError, match="differ in their exposure alone: polariser makes 4 of adc.raw"):
+    with pytest.raises(RequestError, match="may differ only in exposure: polariser makes 4 of adc.raw"):
         emva_levels.of_plan(plan_of("polariser", ""), lambda ref: pytest.fail("read"))

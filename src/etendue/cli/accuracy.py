@@ -1,4 +1,4 @@
-"""The command that walks fidelity knobs: ``accuracy``."""
+"""The ``accuracy`` command: search the accuracy settings (knobs)."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from etendue.cli.saying import command, say, show
     "knobs",
     multiple=True,
     metavar="STAGE.KNOB[=V,V,..]",
-    help="Try this knob, also one that the file writes, or precision; settings from the cheapest to the reference"
-    + options.REPEAT,
+    help="Knob to try, even one that the file sets, or precision; settings from cheapest to reference" + options.REPEAT,
 )
 @options.settings()
 @options.SWEEPS
@@ -31,7 +30,7 @@ from etendue.cli.saying import command, say, show
     show_default=True,
     type=click.IntRange(1),
     metavar="N",
-    help="Points of the sweep; one is its middle.",
+    help="Number of sweep points to use; 1 takes the middle of the sweep.",
 )
 @click.option(
     "--repeat",
@@ -39,18 +38,24 @@ from etendue.cli.saying import command, say, show
     show_default=True,
     type=click.IntRange(1),
     metavar="N",
-    help="Runs of a trial; the least time counts.",
+    help="Timing runs per trial; the fastest is kept.",
 )
 @click.option(
-    "--trials", "most", default=24, show_default=True, type=click.IntRange(0), metavar="N", help="Combinations at most."
+    "--trials",
+    "most",
+    default=24,
+    show_default=True,
+    type=click.IntRange(0),
+    metavar="N",
+    help="Maximum number of combinations.",
 )
 @click.option(
     "--verify",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Try the cheapest settings there too: scene.file=other.png" + options.REPEAT,
+    help="Also check the cheapest settings here, such as scene.file=other.png" + options.REPEAT,
 )
-@options.output("Table as CSV and JSON, diagram; default ./<name>-accuracy.")
+@options.output("Folder for table (CSV, JSON) and plot. Default: ./<name>-accuracy.")
 @options.JSON
 @options.gather
 def accuracy(
@@ -61,15 +66,15 @@ def accuracy(
     output: Path | None,
     **effort: int,
 ) -> None:
-    """Error against run time: every fidelity knob alone, the front over combinations, the cheapest setting for a
+    """Measure error against run time for each accuracy setting (knob) and find the cheapest combination for a
     tolerance.
 
-    Every trial is held against the reference (all knobs at their best setting, nothing left out, 64 bits), both without
-    noise and rounding. Without --knob all knobs are tried that the file does not write, and precision; how the scene is
-    drawn is tried where it is asked for. The order of convergence is that of the stage's own error. Errors below the
-    noise of one frame cannot be seen in one.
+    Every trial is compared with the reference (all knobs at their finest setting, nothing left out, 64 bits), both
+    without noise and rounding. Without --knob, all knobs that the file does not set are tried, and precision; knobs of
+    how the scene is drawn are tried only on request. The order of convergence is that of the stage's own error. Errors
+    below the noise of a single frame are not visible in it.
 
-    Exit codes: 0 done, 2 the request is wrong.
+    Exit codes: 0 done, 2 invalid request.
     """
     from etendue.accuracy.study import accuracy as measure
     from etendue.present.terminal.accuracy import document, files_of, print_accuracy

@@ -1,4 +1,4 @@
-"""Commands that write something to begin with: ``new``, ``new-plugin``."""
+"""Commands that write starting points: ``new``, ``new-plugin``."""
 
 from __future__ import annotations
 
@@ -11,24 +11,28 @@ from etendue.cli.saying import command
 from etendue.contract.values.tables import preset_keys
 
 FOLDER = click.option(
-    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Where; default here."
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="Where to write. Default: here.",
 )
 
 
 @command("new")
 @click.argument("name")
-@click.option("--template", default="", metavar="NAME", help="Which of those that are installed; default: the first.")
+@click.option("--template", default="", metavar="NAME", help="Installed template to use. Default: the first.")
 @click.option(
     "--preset",
     *(f"--{key}" for key in sorted(preset_keys())),
     "chosen",
     default="",
     metavar="NAME",
-    help="Default: the template's.",
+    help="Preset to use. Default: the template's.",
 )
 @FOLDER
 def new(name: str, template: str, chosen: str, output: Path | None) -> None:
-    """A commented pipeline NAME.toml to begin with."""
+    """Write a commented pipeline, NAME.toml, to start from."""
     from etendue.pipeline import beginning
     from etendue.pipeline.new_files import refuse_existing
 
@@ -43,7 +47,7 @@ def new(name: str, template: str, chosen: str, output: Path | None) -> None:
 
 
 def _kept(text: str) -> dict[str, str]:
-    """What each choice under `keep` takes of a pipeline."""
+    """Return the size of what each choice of `keep` stores for a pipeline."""
     from etendue.pipeline.file import parse_pipeline
     from etendue.plan.planner import make_plan, summary
     from etendue.telling import human_bytes
@@ -55,14 +59,14 @@ def _kept(text: str) -> dict[str, str]:
 
 @command("new-plugin")
 @click.argument("name")
-@click.option("--role", metavar="ROLE", help="What it is for: one of the roles that `etendue stages` lists.")
-@click.option("--like", metavar="STAGE", help="The installed stage it begins as; default: a simple one of the role.")
+@click.option("--role", metavar="ROLE", help="Role of the stage, as listed by `etendue stages`.")
+@click.option("--like", metavar="STAGE", help="Installed stage to start from. Default: a simple one of the role.")
 @FOLDER
 def new_plugin(name: str, role: str | None, like: str | None, output: Path | None) -> None:
-    """A distribution that brings a stage of your own: it installs, passes the laws of its kind and is ranked by
-    `compare` as it stands.
+    """Create a package with a stage of your own. It installs, passes the laws of its role and is ranked by `compare` as
+    it is.
 
-    It inherits the arithmetic of an installed stage; write yours in the place of one line.
+    The stage inherits the computation of an installed one; replace one line with yours.
     """
     from etendue.pipeline.distribution import beginning, files
     from etendue.pipeline.new_files import write_folder
@@ -71,6 +75,4 @@ def new_plugin(name: str, role: str | None, like: str | None, output: Path | Non
     place = (output or Path()) / one.distribution
     for path in write_folder(place, files(one)):
         click.echo(path)
-    click.echo(
-        f"next: pip install -e '{place}[test]', pytest {place}, etendue stages {one.stage}; begins as {one.like}"
-    )
+    click.echo(f"next: pip install -e '{place}[test]', pytest {place}, etendue stages {one.stage}; based on {one.like}")

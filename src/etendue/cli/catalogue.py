@@ -1,4 +1,4 @@
-"""Commands that say what is installed: ``stages``, ``quantities``, ``schema``."""
+"""Commands that list what is installed: ``stages``, ``quantities``, ``schema``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from etendue.cli.saying import command, say, tell
 def tell_one(
     as_json: bool, name: str | None, names: Sequence[str], document: Callable[[str], Any], one: Any, all: Any
 ) -> None:
-    """The document of what is named, or those of all."""
+    """Print the document of the named item, or those of all."""
     documents = [document(own) for own in ([name] if name else names)]
     if name and not as_json:
         tell(False, documents[0], one)
@@ -29,16 +29,14 @@ def _check(what: str, name: str | None, names: Sequence[str], hook: str) -> None
     from etendue.plugins import discovery
 
     if name is not None and name not in names:
-        raise RequestError(
-            f"there is no {what} {name!r}{nearest(name, names)}{discovery.installed().missed(hook, name)}"
-        )
+        raise RequestError(f"unknown {what} {name!r}{nearest(name, names)}{discovery.installed().missed(hook, name)}")
 
 
 @command("stages")
 @NAME
 @JSON
 def stages(name: str | None, as_json: bool) -> None:
-    """What is installed, from which distribution, what it reads and writes, its parameters."""
+    """List installed stages with their package, inputs, outputs and parameters."""
     from etendue.present.terminal.catalogue import print_stage, print_stages, stage_document
     from etendue.telling import printable
 
@@ -53,7 +51,7 @@ def stages(name: str | None, as_json: bool) -> None:
 @NAME
 @JSON
 def quantities(name: str | None, as_json: bool) -> None:
-    """The quantities that stages share: meaning, unit, range, default, and which stages take one."""
+    """List the quantities that stages share: meaning, unit, range, default, and the stages that use each."""
     from etendue.contract.values import quantities as shared
     from etendue.contract.values.tables import tables
     from etendue.present.terminal.catalogue import print_quantities, print_quantity, quantity_document
@@ -73,14 +71,14 @@ def quantities(name: str | None, as_json: bool) -> None:
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="A file instead of the terminal.",
+    help="Write to this file instead of stdout.",
 )
 def schema(output: Path | None) -> None:
-    """A JSON Schema of pipeline files, with the stages and quantities of installed plugins: editors complete and check
-    by it.
+    """Print a JSON Schema of pipeline files, including the stages and quantities of installed plugins, for completion
+    and checks in editors.
 
-    With the schema in a file, `#:schema ./etendue.schema.json` as the first line of a pipeline tells editors that use
-    taplo (such as VS Code with Even Better TOML) where it is.
+    With the schema in a file, put `#:schema ./etendue.schema.json` on the first line of a pipeline: editors that use
+    taplo (such as VS Code with Even Better TOML) then find it.
     """
     from etendue.pipeline.schema import schema as make
 
@@ -89,4 +87,4 @@ def schema(output: Path | None) -> None:
         say(document)
     else:
         output.write_text(json.dumps(document, indent=1), encoding="utf-8")
-        click.echo(f"{output}: complete pipelines by it with a first line '#:schema ./{output.name}'")
+        click.echo(f"{output}: to use it in an editor, start a pipeline with the line '#:schema ./{output.name}'")

@@ -1,7 +1,7 @@
-"""Which commands there are: the engine's own, and those that distributions bring by ``etendue_commands``.
+"""Command table: the engine's own commands, and those that distributions register with ``etendue_commands``.
 
 In:  names.
-Out: ``Command``: where it stands, how it is typed, what it does. A command's module is imported when it is called.
+Out: ``Command``: where it is defined, its usage, what it does. A command's module is imported when it is called.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import click
 
 @dataclasses.dataclass(frozen=True)
 class Command:
-    """``place``: ``module:function`` of a click command; ``usage``: what is typed behind its name; ``doc``: a few
-    words for ``--help``.
+    """``place``: ``module:function`` of a click command; ``usage``: what is typed after its name; ``doc``: a few words
+    for ``--help``.
     """
 
     place: str
@@ -25,35 +25,33 @@ class Command:
 
 _HERE = "etendue.cli"
 OWN = {
-    "run": Command(
-        f"{_HERE}.runs:run", "FILE", "run a pipeline, archive it, show it; an archive that exists is resumed"
+    "run": Command(f"{_HERE}.runs:run", "FILE", "run a pipeline and archive the results; resume an existing archive"),
+    "plan": Command(f"{_HERE}.runs:plan", "FILE", "show what would run: cells, bytes, time, what is left out and why"),
+    "rerun": Command(f"{_HERE}.runs:rerun", "DIR", "bring an archive up to date, from the archive alone"),
+    "stages": Command(f"{_HERE}.catalogue:stages", "[NAME]", "list installed stages: inputs, outputs, parameters"),
+    "quantities": Command(f"{_HERE}.catalogue:quantities", "[NAME]", "list shared quantities: meaning, unit, range"),
+    "show": Command(f"{_HERE}.runs:archive", "DIR", "summarise an archive and the progress of its run"),
+    "report": Command(f"{_HERE}.pages:report", "DIR", "write a self-contained HTML report"),
+    "view": Command(f"{_HERE}.pages:view", "DIR", "browse every sample of every stage, live"),
+    "plot": Command(
+        f"{_HERE}.plots:plot", "DIR [KIND]", "plot maps, curves, Pareto fronts, pictures; --list shows which"
     ),
-    "plan": Command(f"{_HERE}.runs:plan", "FILE", "what would run: cells, bytes, time, what is left out and why"),
-    "rerun": Command(f"{_HERE}.runs:rerun", "DIR", "run an archive again into itself, from the archive alone"),
-    "stages": Command(f"{_HERE}.catalogue:stages", "[NAME]", "what is installed: reads, writes, parameters"),
-    "quantities": Command(f"{_HERE}.catalogue:quantities", "[NAME]", "what stages share: meaning, unit, range"),
-    "show": Command(f"{_HERE}.runs:archive", "DIR", "what is in an archive; how far a run is"),
-    "report": Command(f"{_HERE}.pages:report", "DIR", "one HTML page to read and send on"),
-    "view": Command(f"{_HERE}.pages:view", "DIR", "every sample of every stage, live, in a browser"),
-    "plot": Command(f"{_HERE}.plots:plot", "DIR [KIND]", "maps, curves, fronts, pictures of it; --list says which"),
-    "verify": Command(f"{_HERE}.trust:verify", "DIR", "every byte as it was written? --repair mends it"),
-    "reproduce": Command(f"{_HERE}.trust:reproduce", "DIR", "compute it again and compare, cell by cell"),
-    "diff": Command(f"{_HERE}.trust:diff", "DIR DIR", "which cells of two archives differ, by how much, since what"),
-    "compact": Command(f"{_HERE}.compacting:compact", "OLD NEW", "an archive written anew, its axes sorted"),
-    "accuracy": Command(
-        f"{_HERE}.accuracy:accuracy", "FILE", "error against run time, of every knob and of combinations"
-    ),
-    "new": Command(f"{_HERE}.beginnings:new", "NAME", "a commented pipeline to begin with"),
+    "verify": Command(f"{_HERE}.trust:verify", "DIR", "check every byte; --repair fixes damage"),
+    "reproduce": Command(f"{_HERE}.trust:reproduce", "DIR", "recompute and compare, cell by cell"),
+    "diff": Command(f"{_HERE}.trust:diff", "DIR DIR", "list cells that differ between archives, by how much and why"),
+    "compact": Command(f"{_HERE}.compacting:compact", "DIR [NEW]", "rewrite an archive with its axes sorted"),
+    "accuracy": Command(f"{_HERE}.accuracy:accuracy", "FILE", "measure error against run time of accuracy settings"),
+    "new": Command(f"{_HERE}.beginnings:new", "NAME", "create a commented pipeline to start from"),
     "new-plugin": Command(
-        f"{_HERE}.beginnings:new_plugin", "NAME --role R", "a stage of your own, in a distribution that installs"
+        f"{_HERE}.beginnings:new_plugin", "NAME --role R", "create an installable package with a stage of your own"
     ),
-    "schema": Command(f"{_HERE}.catalogue:schema", "", "the form of pipeline files, for editors"),
+    "schema": Command(f"{_HERE}.catalogue:schema", "", "print a JSON Schema of pipeline files, for editors"),
 }
 
 
 @cache
 def offered() -> dict[str, Command]:
-    """All commands by name. The engine's own go before others of the same name."""
+    """Return all commands by name. The engine's own take precedence over others of the same name."""
     found = dict(OWN)
     for name, (command, _) in _brought().items():
         found.setdefault(name, command)
@@ -62,7 +60,7 @@ def offered() -> dict[str, Command]:
 
 @cache
 def _brought() -> dict[str, tuple[Command, str]]:
-    """What distributions bring, with where it comes from; what cannot be read is left out."""
+    """Return the commands that distributions register, with their origin; those that cannot be read are omitted."""
     from etendue.errors import PluginError
     from etendue.plugins import discovery
 
@@ -77,12 +75,12 @@ def _brought() -> dict[str, tuple[Command, str]]:
 
 
 def loaded(name: str, command: Command) -> click.Command:
-    """The command itself.
+    """Import and return the command.
 
     Raises
     ------
     PluginError
-        Its module cannot be imported, or holds no click command of this name.
+        Its module cannot be imported or holds no click command of this name.
     """
     from importlib.metadata import EntryPoint
 
@@ -100,7 +98,7 @@ def loaded(name: str, command: Command) -> click.Command:
 
 
 def listed() -> list[tuple[str, list[tuple[str, str]]]]:
-    """Titles, and below each its commands as they are typed, with what they do."""
+    """Return section titles, each with its commands as typed and what they do."""
     own = [(_typed(name, one), one.doc) for name, one in OWN.items()]
     others: dict[str, list[tuple[str, str]]] = {}
     for name, (one, origin) in _brought().items():
@@ -112,7 +110,7 @@ def listed() -> list[tuple[str, list[tuple[str, str]]]]:
 def _title(origin: str) -> str:
     from etendue.plugins import discovery
 
-    return "Commands of what is installed with it" if origin == discovery.OWN else f"Commands of {origin}"
+    return "More commands" if origin == discovery.OWN else f"Commands of {origin}"
 
 
 def _typed(name: str, command: Command) -> str:
@@ -120,7 +118,7 @@ def _typed(name: str, command: Command) -> str:
 
 
 def missed(name: str) -> str:
-    """'; ...': why nobody brings a command, where a distribution that may is broken."""
+    """Return '; ...' with the reason why no distribution provides a command, if one that may is broken."""
     from etendue.plugins import discovery
 
     return discovery.installed().missed("commands", name)

@@ -1,4 +1,4 @@
-"""The command that writes an archive anew: ``compact``."""
+"""The ``compact`` command: rewrite an archive."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 from etendue.cli.options import FOLDER, JSON, PLACE
 from etendue.cli.saying import command, tell
 
-SHOWN = 6  # groups of which the name is said
+SHOWN = 6  # groups listed by name
 
 
 @command("compact")
@@ -18,15 +18,15 @@ SHOWN = 6  # groups of which the name is said
 @click.argument("new", type=FOLDER, metavar="[NEW]", required=False)
 @JSON
 def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
-    """Write an archive anew: axes that grew sorted, shards as of a fresh sweep, the same bits in every array.
+    """Rewrite an archive: sort axes that grew, lay out shards as a fresh sweep would, keep every bit of every array.
 
-    In its place: killed at any instant the archive is whole, the old one or the new one, and the same command goes on.
-    With NEW, DIR is only read, and NEW is whole or not there. Also of an archive with a file for every cell, as earlier
-    versions wrote it.
+    Without NEW the archive is rewritten in place. If the command is killed, the archive is whole at any moment, old or
+    new; run the same command again to continue. With NEW, DIR is only read, and NEW is either complete or absent.
+    Archives of earlier versions, with one file per cell, are accepted too.
     """
     if new is None:
         if not isinstance(place, Path):
-            raise click.UsageError(f"{place} is not written anew in its place: name a folder, NEW, and copy that up")
+            raise click.UsageError(f"{place} cannot be rewritten in place: give a local folder NEW and upload it")
         from etendue.archive.write.in_place import compact_in_place
 
         done = compact_in_place(place)
@@ -59,7 +59,7 @@ def _print(document: dict[str, Any]) -> None:
         more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
         click.echo(printable(f"sorted   {dims} of {', '.join(names[:SHOWN])}{more}"))
     if document["written"]:
-        click.echo(f"written  {document['written']} bytes, {document['amplification']:.2f} for each byte of cells")
+        click.echo(f"written  {document['written']} bytes, {document['amplification']:.2f} per byte of cells")
     else:
-        click.echo("nothing to be written: it is as a fresh sweep would leave it")
+        click.echo("nothing to do: the archive is laid out as by a fresh sweep")
     click.echo(printable(f"archive  {document['archive']}"))

@@ -1,6 +1,6 @@
-"""Options that commands share, each declared once, and what they give.
+"""Options shared by several commands, each declared once, and the objects they give.
 
-In:  words of the command line.
+In:  arguments of the command line.
 Out: ``Given``, which reads the pipeline.
 """
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class _Place(click.ParamType):  # type: ignore[type-arg]  # a generic to mypy; before click 8.4 it cannot be subscripted
-    """Where an archive is: a folder, or ``s3://bucket/prefix/name``."""
+    """Location of an archive: a folder, or ``s3://bucket/prefix/name``."""
 
     name = "place"
 
@@ -32,14 +32,14 @@ class _Place(click.ParamType):  # type: ignore[type-arg]  # a generic to mypy; b
 
 
 class _Folder(click.ParamType):  # type: ignore[type-arg]
-    """A folder of this machine, and no URL."""
+    """A local folder; URLs are refused."""
 
     name = "folder"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         if "://" in str(value):
             self.fail(
-                f"{value}: only a folder can be written to here; copy it to an object store when it is whole",
+                f"{value}: must be a local folder; upload it to the object store when it is complete",
                 param,
                 ctx,
             )
@@ -49,7 +49,7 @@ class _Folder(click.ParamType):  # type: ignore[type-arg]
 PLACE, FOLDER = _Place(), _Folder()
 Adds = Callable[[Any], Any]
 REPEAT = "; may be repeated."
-SETTING = "QUANTITY=4, STAGE.PARAMETER=0.3" + REPEAT
+SETTING = "Override a value: QUANTITY=4 or STAGE.PARAMETER=0.3" + REPEAT
 FILE = click.argument("file", type=click.Path(path_type=Path))
 NAME = click.argument("name", required=False)
 SWEEPS = click.option(
@@ -57,14 +57,18 @@ SWEEPS = click.option(
     "sweeps",
     multiple=True,
     metavar="AXIS=V,V,..",
-    help="QUANTITY=1,2,4, STAGE.PARAMETER=0,1 or STAGE.use=a,b" + REPEAT,
+    help="Sweep an axis: QUANTITY=1,2,4, STAGE.PARAMETER=0,1 or STAGE.use=a,b" + REPEAT,
 )
 WANT = click.option(
-    "--want", multiple=True, metavar="VARIABLE", help="Compute this, or stage.variable, and nothing else" + REPEAT
+    "--want", multiple=True, metavar="VARIABLE", help="Compute only this variable (or stage.variable)" + REPEAT
 )
-TOLERANCE = click.option("--tolerance", metavar="T", help="What may be left out or approximated, of full scale.")
-NOTHING_LEFT_OUT = click.option("--nothing-left-out", is_flag=True, help="Compute also what the scene does not need.")
-JSON = click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+TOLERANCE = click.option(
+    "--tolerance", metavar="T", help="Error allowed per stage for approximations and omissions, relative to full scale."
+)
+NOTHING_LEFT_OUT = click.option(
+    "--nothing-left-out", is_flag=True, help="Run every stage, even where it has no effect on the scene."
+)
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 SCHEDULER = click.option(
     "--scheduler",
     default="threads",
@@ -76,15 +80,15 @@ MOST_CELLS = click.option(
     "--most-cells",
     type=click.IntRange(1),
     metavar="N",
-    help="Cells that the archive's pipeline may ask for; default 1,000,000, whatever it says.",
+    help="Maximum number of cells of the archive's pipeline. Default: 1,000,000, whatever the pipeline says.",
 )
 WORKERS = click.option(
-    "--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core."
+    "--workers", type=click.IntRange(1), metavar="N", help="Number of threads or processes. Default: one per core."
 )
 
 
 def from_here(here: Path, place: Path | str) -> Path | str:
-    """A place as seen from a folder that was once the working directory: a plugin may change it."""
+    """Resolve a place against ``here``, an earlier working directory: a plugin may change the current one."""
     return here / place if isinstance(place, Path) else place
 
 
@@ -98,7 +102,7 @@ def output(help: str) -> Adds:
 
 @dataclass(frozen=True)
 class Given:
-    """What the command line says of a pipeline."""
+    """What the command line says about a pipeline."""
 
     file: Path
     settings: tuple[str, ...] = ()
@@ -115,7 +119,7 @@ class Given:
 
 @dataclass(frozen=True)
 class Way:
-    """How a command runs, and what it says meanwhile."""
+    """How a command runs and what it prints meanwhile."""
 
     scheduler: str = "threads"
     workers: int | None = None
@@ -135,21 +139,21 @@ class Way:
 
 
 def installed() -> Registry:
-    """Every installed stage."""
+    """Return the registry of all installed stages."""
     from etendue.contract.registry import installed_stages
 
     return installed_stages()
 
 
 def progress(silent: bool) -> type[TerminalProgress] | None:
-    """What makes the progress of a plan; None where nothing is said."""
+    """Return the class that shows the progress of a plan; None if silent."""
     from etendue.present.terminal.progress import TerminalProgress
 
     return None if silent else TerminalProgress
 
 
 def _gathered(kind: type[Any], name: str) -> Adds:
-    """Hands a command those of its options that a dataclass has as one argument."""
+    """Return a decorator that collects the options named by a dataclass into one argument."""
 
     def adds(function: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(function)
@@ -166,14 +170,14 @@ gather, gather_way = _gathered(Given, "given"), _gathered(Way, "way")
 
 
 def pipeline_options(function: Callable[..., None]) -> Any:
-    """All that may be said of a pipeline."""
+    """Add all options that describe a pipeline."""
     for option in (gather, JSON, NOTHING_LEFT_OUT, TOLERANCE, WANT, SWEEPS, settings(), FILE):
         function = option(function)
     return function
 
 
 def number(text: str) -> Any:
-    """A value of the command line: number, true/false, list, or text (units allowed)."""
+    """Parse a command-line value: number, true/false, list, table, or text (units allowed)."""
     from decimal import Decimal, InvalidOperation
 
     stripped = text.strip()
@@ -195,12 +199,12 @@ def number(text: str) -> Any:
 
 
 def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
-    """``STAGE.KNOB`` or ``STAGE.KNOB=V,V,..`` by knob; () where no settings are given.
+    """Parse ``STAGE.KNOB`` or ``STAGE.KNOB=V,V,..`` into settings by knob; () where none are given.
 
     Raises
     ------
     RequestError
-        A knob is written twice, or its settings are no numbers or words.
+        A knob is given twice, or a setting is neither a number nor a word.
     """
     from decimal import Decimal
 
@@ -217,12 +221,12 @@ def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
 
 
 def overrides(given: Given) -> dict[str, Any]:
-    """What stands in place of values of the file.
+    """Return the values that override those of the file.
 
     Raises
     ------
     RequestError
-        A setting is no ``name=value``.
+        A setting is not ``name=value``.
     """
     from etendue.errors import Fault, RequestError
 

@@ -18,15 +18,15 @@ from etendue.cli.saying import blaming, command, say
     "--output",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Default ./ARCHIVE-report.html; an older one is replaced.",
+    help="File to write; an existing one is replaced. Default: ./ARCHIVE-report.html.",
 )
-@click.option("--blame", is_flag=True, help="Also what each stage is owed of what is lost; computed now.")
+@click.option("--blame", is_flag=True, help="Add each stage's share of the loss; computed now.")
 @JSON
 def report(place: Path | str, output: Path | None, blame: bool, as_json: bool) -> None:
-    """One page to read and send on: pictures, maps, curves, trade-offs, errors, failures.
+    """Write a self-contained HTML report: pictures, maps, curves, trade-offs, errors, failures.
 
-    A single HTML file that opens in any browser of 2023 or later, offline. It holds the figures of all cells and the
-    pictures of at most 64. Of a run that is still going on it holds what is there.
+    The file opens offline in any browser of 2023 or later. It holds the metrics of all cells and the pictures of at
+    most 64. If the run is still in progress, it holds what is finished.
     """
     from etendue.archive import places
     from etendue.present.page.report import report as write
@@ -46,20 +46,22 @@ def report(place: Path | str, output: Path | None, blame: bool, as_json: bool) -
         return
     with streams.results():
         click.echo(
-            f"{written.path}  {written.bytes / 1e6:.2f} MB, figures of {written.cells} cells, pictures of "
+            f"{written.path}  {written.bytes / 1e6:.2f} MB, metrics of {written.cells} cells, pictures of "
             f"{written.pictured}"
         )
 
 
 @command("view")
 @click.argument("place", type=PLACE, metavar="ARCHIVE")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Default: any that is free.")
-@click.option("--no-browser", is_flag=True, help="Only say the address.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port to listen on. Default: any free port."
+)
+@click.option("--no-browser", is_flag=True, help="Print the address only.")
 def view(place: Path | str, port: int, no_browser: bool) -> None:
-    """The same page live, with every pixel of every stage: in a browser, on this machine alone.
+    """Serve the report live, with every sample of every stage, to a browser on this machine.
 
-    Follows a run that is still going on; of an archive at an object store it shows what was there at the start. The
-    address holds a secret: whoever has it, on this machine, can look; nobody can change anything. Ends with Ctrl-C.
+    A run in progress is followed; an archive in an object store is shown as it was at the start. The address contains a
+    secret: anyone on this machine who has it can look; nobody can change anything. Stop with Ctrl-C.
     """
     from etendue.archive import places
     from etendue.errors import RequestError
@@ -71,7 +73,7 @@ def view(place: Path | str, port: int, no_browser: bool) -> None:
             opened = Server(Live(folder), port)
         except OSError as error:
             raise RequestError(
-                f"--port {port}: {(error.strerror or 'refused').lower()}; without it any port that is free is taken"
+                f"--port {port}: {(error.strerror or 'refused').lower()}; omit the option to use any free port"
             ) from None
         with opened as server:
             with streams.results():
@@ -83,4 +85,4 @@ def view(place: Path | str, port: int, no_browser: bool) -> None:
             try:
                 server.serve_forever()
             except KeyboardInterrupt:
-                click.echo("ended", err=True)
+                click.echo("stopped", err=True)

@@ -1,4 +1,4 @@
-"""Plots of an archive: ``plot``."""
+"""The ``plot`` command: plots of an archive."""
 
 from __future__ import annotations
 
@@ -22,18 +22,20 @@ from etendue.cli.saying import blaming, command, say, show
     "--output",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help=".png, .svg, .pdf, or .csv: the numbers. Default ./ARCHIVE-KIND.png.",
+    help=".png, .svg, .pdf, or .csv for the numbers. Default: ./ARCHIVE-KIND.png.",
 )
-@click.option("--list", "listing", is_flag=True, help="Say which kinds, variables and axes there are.")
-@click.option("--at", multiple=True, metavar="DIM=VALUE", help="gain=2.8, stage=filter; may be repeated.")
-@click.option("--x", default="", metavar="DIM", help="What runs along x.")
-@click.option("--y", default="", metavar="DIM", help="What runs along y of a map.")
-@click.option("--lines", default="", metavar="DIM", help="What lines of curves tell apart.")
-@click.option("--panels", default="", metavar="DIM,DIM", help="What panels tell apart, at most two.")
+@click.option("--list", "listing", is_flag=True, help="List kinds, variables and axes, then exit.")
 @click.option(
-    "--better", default="", metavar="WORD,WORD", help="Of a front: higher or lower, for each figure in order."
+    "--at", multiple=True, metavar="DIM=VALUE", help="Select along an axis: gain=2.8, stage=filter; may be repeated."
 )
-@click.option("--blame", is_flag=True, help="Of a budget: also what each stage is owed of what is lost; computed now.")
+@click.option("--x", default="", metavar="DIM", help="Axis to show along x.")
+@click.option("--y", default="", metavar="DIM", help="Axis to show along y of a map.")
+@click.option("--lines", default="", metavar="DIM", help="Axis to show as separate lines.")
+@click.option("--panels", default="", metavar="DIM,DIM", help="Axes to show as panels, at most two.")
+@click.option(
+    "--better", default="", metavar="WORD,WORD", help="For pareto: higher or lower, for each metric in order."
+)
+@click.option("--blame", is_flag=True, help="For budget: add each stage's share of the loss; computed now.")
 @JSON
 def plot(
     place: Path | str,
@@ -44,19 +46,19 @@ def plot(
     as_json: bool,
     **sides: Any,
 ) -> None:
-    """Draw what an archive holds: figures over axes, curves, fronts, pictures, budgets.
+    """Plot what an archive holds: maps and curves of metrics, Pareto fronts, pictures, budgets.
 
     \b
-    etendue plot sweep                                    what fits what it holds
-    etendue plot sweep --list                             which figures and axes there are
-    etendue plot sweep map FIGURE -o map.svg              numbers over two axes, a third as panels
-    etendue plot sweep pareto FIGURE FIGURE               the front of two figures, named
-    etendue plot sweep curves FIGURE --x time --lines gain
-    etendue plot sweep strip                              all stages as pictures, a part of each enlarged
+    etendue plot sweep                                    the plot that fits best
+    etendue plot sweep --list                             list metrics and axes
+    etendue plot sweep map METRIC -o map.svg              a metric over two axes, a third as panels
+    etendue plot sweep pareto METRIC METRIC               Pareto front of two metrics, labelled
+    etendue plot sweep curves METRIC --x time --lines gain
+    etendue plot sweep strip                              pictures of all stages, each with an enlarged detail
     etendue plot sweep show PICTURE --at gain=2.8 --at spacing=4um --at time=10ms
-    etendue plot sweep budget                             run time, error, omissions by stage; --blame: and losses
+    etendue plot sweep budget                             time, error, omissions by stage; --blame adds losses
 
-    Other kinds come with what is installed: --list names them.
+    Plugins may add kinds: --list names them.
     """
     from etendue.archive import places
     from etendue.present.plots.asked import PlotRequest
@@ -111,7 +113,7 @@ def _parts(text: str) -> tuple[str, ...]:
 
 
 def _begun_at(folder: Path) -> dict[str, Any]:
-    """The axis values of the cell where the report of an archive begins, which is that of its contact sheet."""
+    """Return the axis values of the cell with which the report of an archive starts, as does its contact sheet."""
     from etendue.present.page.document import start_of
     from etendue.present.page.opened import Opened
 

@@ -1,4 +1,4 @@
-"""The program: its commands together, and what becomes of their errors."""
+"""The program: collect the commands and handle their errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
 class _Main(click.Group):
-    """Turns errors raised on purpose into one clear message and the right exit code."""
+    """Turn errors raised on purpose into one clear message and the right exit code."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.obj = "--json" in args
@@ -31,12 +31,14 @@ class _Main(click.Group):
         return sorted(commands.offered())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Its module is imported now, not before."""
-        found = commands.OWN.get(cmd_name) or commands.offered().get(cmd_name)  # one of ours is looked for nowhere else
+        """Import and return a command."""
+        found = commands.OWN.get(cmd_name) or commands.offered().get(
+            cmd_name
+        )  # own commands are not looked up among plugins
         return None if found is None else commands.loaded(cmd_name, found)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """A line for each command, by what is said of it: none is imported for it."""
+        """Write one line per command from the command table; no command is imported for it."""
         for title, rows in commands.listed():
             with formatter.section(title):
                 formatter.write_dl(rows, col_max=44)
@@ -71,14 +73,13 @@ class _Main(click.Group):
             else:
                 click.echo(refusal(str(error)), err=True)
             ctx.exit(error.exit_code)
-        except BrokenPipeError:  # whoever read the output has gone
+        except BrokenPipeError:  # the reader of the output is gone
             end_now(141)
         except OSError as error:
             self._refused(ctx, error)
         except MemoryError as error:
             click.echo(
-                f"the machine is short of memory ({plain(str(error)) or 'nothing more is known'}); the archive is "
-                f"intact",
+                f"out of memory ({plain(str(error)) or 'no details'}); the archive is intact",
                 err=True,
             )
             ctx.exit(5)
@@ -91,8 +92,8 @@ class _Main(click.Group):
             if os.environ.get("ETENDUE_TRACEBACK"):
                 raise
             text = (
-                f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what "
-                f"ETENDUE_TRACEBACK=1 shows"
+                f"internal error in etendue: {where(error)}{said(error)}; please report it with the output of "
+                f"ETENDUE_TRACEBACK=1"
             )
             click.echo(refusal(text), err=True)
             ctx.exit(1)
@@ -108,6 +109,6 @@ class _Main(click.Group):
 @click.group(cls=_Main, context_settings=CONTEXT)
 @click.version_option(package_name="etendue")
 def main() -> None:
-    """Any graph of replaceable stages on labelled arrays: planned, swept on Dask, archived in Zarr, shown,
-    reproduced.
+    """Simulate pipelines of replaceable stages on labelled arrays: plan, sweep with Dask, archive in Zarr, plot,
+    reproduce.
     """

@@ -1,4 +1,4 @@
-"""Commands of a run and its archive: ``plan``, ``run``, ``show``."""
+"""Commands that run pipelines: ``plan``, ``run``, ``rerun``, ``show``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _pipeline(given: Given) -> Any:
     pipeline = given.pipeline()
     if (
         given.want and pipeline.keep is not None and pipeline.wanted is not None
-    ):  # what is asked for now is kept, whatever the file keeps
+    ):  # what is requested now is kept, whatever the file keeps
         pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
     if not given.nothing_left_out:
         return pipeline
@@ -57,10 +57,10 @@ def _plan(given: Given, quiet: bool, pipeline: Any = None) -> Any:
 @SCHEDULER
 @WORKERS
 def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> None:
-    """What would run: stages, cells, bytes, time, what is left out and why.
+    """Show what would run: stages, cells, bytes, time, what is left out and why.
 
-    What `run` would refuse because the machine is too small, with these workers and into the archive of that name here,
-    is said behind it; the exit code is then 5, as that of `run`.
+    If `run` would refuse because this machine is too small (with these workers, into ./<name>), the reason is printed
+    after the plan and the exit code is 5, as with `run`.
     """
     from etendue.plan.planner import summary, without_collecting
     from etendue.run.machine import check_machine
@@ -69,7 +69,7 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
 
     here = Path.cwd()  # a plugin may change it
     count = workers_of(check_scheduler(scheduler), workers or 0)
-    with without_collecting():  # to the end: looking through a plan that is let go of takes as long as printing it
+    with without_collecting():  # until the end: collecting the garbage of a discarded plan takes as long as printing it
         made = _plan(given, as_json)
         document = summary(made, peak_memory(made, count).bytes)
         if as_json:
@@ -82,21 +82,21 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
 
 
 def _how(function: Any) -> Any:
-    """How a run is done: nothing here changes a bit of the result."""
+    """Add the options of how a run is done; none of them changes a bit of the result."""
     for option in (
-        click.option("--quiet", is_flag=True, help="No progress."),
+        click.option("--quiet", is_flag=True, help="Show no progress."),
         click.option(
-            "--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep."
+            "--prune", is_flag=True, help="Remove finished results from the archive that this run does not keep."
         ),
         click.option(
             "--cell-timeout",
             type=click.FloatRange(0, min_open=True),
             metavar="SECONDS",
-            help="A cell that takes longer is stopped and counts as failed. With processes or a cluster only: a thread "
+            help="Stop a cell that takes longer and count it as failed. Only with processes or a cluster: threads "
             "cannot be stopped.",
         ),
-        click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform."),
-        click.option("--recompute", is_flag=True, help="Compute again what is already finished."),
+        click.option("--accept-platform", is_flag=True, help="Continue with cells computed on another platform."),
+        click.option("--recompute", is_flag=True, help="Recompute finished cells."),
         click.option("--durable", is_flag=True, help="Survive a power cut: fsync every chunk and journal line."),
         WORKERS,
         SCHEDULER,
@@ -111,31 +111,30 @@ def _how(function: Any) -> Any:
     "--archive",
     type=PLACE,
     metavar="DIR|URL",
-    help="Where results are kept: a folder or s3://bucket/prefix/name; default ./<its name>.",
+    help="Where to store results: a folder or s3://bucket/prefix/name. Default: ./<its name>.",
 )
 @_how
-@click.option(
-    "--measure", is_flag=True, help="Measure the global error of what is wanted, on sample cells against the reference."
-)
+@click.option("--measure", is_flag=True, help="Measure the global error of the wanted variables on sample cells.")
 @click.option(
     "--hold",
     type=click.FloatRange(0, 1, min_open=True),
     metavar="E",
-    help="Find the loosest tolerance with which what is wanted stays within E of the reference, and run with it.",
+    help="Find the loosest tolerance that keeps the wanted variables within E of the reference; run with it.",
 )
 @gather_way
 def run(given: Given, way: Way, archive: Path | str | None, measure: bool, hold: float | None, **how: Any) -> None:
-    """Run a pipeline: compute what is not there yet, keep it, show it.
+    """Run a pipeline: compute what is missing, archive it, print a summary.
 
-    On an archive that exists this resumes. A cell whose stage breaks off, kills its worker process or takes longer than
-    --cell-timeout is recorded as failed, the rest goes on. Exit codes: 0 done, 2 the request is wrong, 3 some cells
-    failed, 4 the archive is in use, 5 the machine is short or the cluster is gone, 130 or 143 interrupted (the archive
-    is intact).
+    An existing archive is resumed. A cell is recorded as failed if its stage fails, kills its worker process or takes
+    longer than --cell-timeout; the other cells continue.
+
+    Exit codes: 0 done, 2 invalid request, 3 some cells failed, 4 archive in use, 5 out of memory or disk, or cluster
+    lost, 130 or 143 interrupted (the archive is intact).
     """
     interrupts.say(interrupts.INTACT)
     here = Path.cwd()  # a plugin may change it
     if hold is not None and (given.tolerance is not None or given.nothing_left_out):
-        raise click.UsageError("--hold finds the tolerance: leave out --tolerance and --nothing-left-out")
+        raise click.UsageError("--hold finds the tolerance: omit --tolerance and --nothing-left-out")
     from etendue.present.terminal.terminal import outcome_document, print_outcome
     from etendue.run.schedulers import far
     from etendue.session import check_timeout, execute
@@ -179,11 +178,10 @@ def run(given: Given, way: Way, archive: Path | str | None, measure: bool, hold:
 @JSON
 @gather_way
 def rerun(place: Path | str, way: Way, **how: Any) -> None:
-    """Run an archive again into itself, from the archive alone: the pipeline of its last run, with the files in its
-    inputs.
+    """Bring an archive up to date, from the archive alone: run its last pipeline again with the input files it stores.
 
-    What is there and right stays; what is missing, damaged, or would come out differently now is computed. Exit codes
-    as those of `run`.
+    Results that are present and valid stay; what is missing, damaged, or would come out differently now is computed.
+    Exit codes are those of `run`.
     """
     interrupts.say(interrupts.INTACT)
     place = from_here(Path.cwd(), place)  # a plugin may change it
@@ -213,7 +211,7 @@ def _warn(made: Any, way: Way) -> None:
 
 
 def _held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any) -> Any:
-    """The tolerance that holds an error; said in front of the run."""
+    """Find the tolerance that holds an error, and print it before the run."""
     from etendue.accuracy.holding import hold
     from etendue.present.terminal.global_error import say_held
 
@@ -224,7 +222,7 @@ def _held(pipeline: Any, asked: float, folder: Path, options: Any, watched: Any)
 
 
 def _measurement(made: Any, options: Any, watched: Any) -> Any:
-    """What is measured behind a run; what is wrong with it is said before anything runs."""
+    """Prepare the measurement that follows a run; invalid requests are refused before anything runs."""
     from etendue.accuracy.measuring import Measurement
 
     pipeline = replace(made.pipeline, leave_out=made.leaves_out and made.pipeline.leave_out)
@@ -232,7 +230,7 @@ def _measurement(made: Any, options: Any, watched: Any) -> Any:
 
 
 def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:
-    """The global errors of a run, as in ``--json``."""
+    """Return the global errors of a run, as in ``--json``."""
     from etendue.accuracy.stating import stated_elsewhere
     from etendue.present.terminal.global_error import global_error_document
 
@@ -245,7 +243,7 @@ def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:
 @click.argument("place", type=PLACE, metavar="DIR")
 @JSON
 def archive(place: Path | str, as_json: bool) -> None:
-    """What is in an archive: stages, variables, cells; how far a running or broken sweep is."""
+    """Summarise an archive: stages, variables, cells, and the progress of a running or interrupted sweep."""
     from etendue.archive import places
     from etendue.archive.checks.describe import describe_archive
     from etendue.present.terminal.stored import print_archive

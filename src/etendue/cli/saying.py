@@ -1,4 +1,4 @@
-"""What a command says on stdout: a document as JSON, or something drawn for people."""
+"""Write the output of a command to stdout: a document as JSON, or text for people."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from etendue import streams
 
 
 class _Command(click.Command):
-    """A command whose stdout is its results alone: what plugins print while it runs goes to stderr."""
+    """A command with only its results on stdout: output of plugins goes to stderr."""
 
     def invoke(self, ctx: click.Context) -> Any:
         with streams.plugins_on_stderr():
@@ -25,7 +25,7 @@ command = functools.partial(click.command, cls=_Command)
 
 
 def say(document: Any) -> None:
-    """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor
+    """Print JSON on stdout. Unknown values become null and infinity becomes "inf": JSON has neither NaN nor
     infinity.
     """
     from etendue.result_files import finite
@@ -35,13 +35,13 @@ def say(document: Any) -> None:
 
 
 def show(draw: Any, *what: Any) -> None:
-    """Something for people on stdout."""
+    """Print text for people on stdout."""
     with streams.results():
         draw(*what)
 
 
 def tell(as_json: bool, document: Any, draw: Any) -> None:
-    """A document, as it was asked for."""
+    """Print a document, as JSON or as text."""
     if as_json:
         say(document)
     else:
@@ -50,7 +50,7 @@ def tell(as_json: bool, document: Any, draw: Any) -> None:
 
 @contextmanager
 def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
-    """Who says the share of each stage in what is lost; None where nobody asks."""
+    """Yield the function that computes each stage's share of the loss, or None if not wanted."""
     if not wanted:
         yield None
         return
@@ -63,7 +63,7 @@ def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
 
 
 def _printable(value: Any) -> Any:
-    """A document without control characters: who shows a text of it may be a terminal."""
+    """Return a document without control characters, since it may be shown on a terminal."""
     from etendue.telling import printable
 
     if isinstance(value, str):

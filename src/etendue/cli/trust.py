@@ -1,4 +1,4 @@
-"""Commands that say whether an archive can be trusted: ``verify``, ``reproduce``, ``diff``."""
+"""Commands that check an archive: ``verify``, ``reproduce``, ``diff``."""
 
 from __future__ import annotations
 
@@ -29,25 +29,24 @@ UNCHANGED = "interrupted; the archive is as it was"
 
 @command("reproduce")
 @_ARCHIVE
-@click.option("--into", type=FOLDER, metavar="DIR", help="Keep what is computed in an archive of its own.")
+@click.option("--into", type=FOLDER, metavar="DIR", help="Keep the recomputed cells in a new archive.")
 @SCHEDULER
 @WORKERS
 @MOST_CELLS
-@click.option("--quiet", is_flag=True, help="No progress.")
+@click.option("--quiet", is_flag=True, help="Show no progress.")
 @JSON
 @gather_way
 def reproduce(place: Path | str, into: Path | None, way: Way, most_cells: int | None) -> None:
-    """Compute an archive again, from the archive alone, and compare every cell with the stored one while it is
-    computed.
+    """Recompute an archive, from the archive alone, and compare every cell with the stored one.
 
-    Then everything else that it says: coordinates, dims, units, types, attributes, status, tables, pictures, journal,
-    records. What no computing can tell (seconds, dates, versions, authors) is listed as not checked.
+    Everything else in the archive is compared too: coordinates, dims, units, types, attributes, status, tables,
+    pictures, journal, records. What cannot be recomputed (seconds, dates, versions, authors) is listed as not checked.
 
-    On the same platform every bit has to agree. On another one (processor features, numpy, scipy, Python) a cell may
-    differ by what its stage and those in front of it state as their errors. Stages that are not installed are named,
-    and so is other code than that of then. Nothing is kept without --into.
+    On the same platform every bit must agree. On another one (processor features, numpy, scipy, Python) a cell may
+    differ by the errors that its stage and those before it declare. Stages that are not installed are listed, and so is
+    code that has changed since. Nothing is kept without --into.
 
-    Exit codes: 0 reproduced, 1 not, 2 the request is wrong or something is missing here, 4 a run is writing to the
+    Exit codes: 0 reproduced, 1 not reproduced, 2 invalid request or something missing here, 4 a run is writing to the
     archive.
     """
     interrupts.say(UNCHANGED)
@@ -71,11 +70,12 @@ def reproduce(place: Path | str, into: Path | None, way: Way, most_cells: int | 
 @click.argument("second", type=PLACE, metavar="B")
 @JSON
 def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
-    """Which cells of two archives differ, by how much, and since which parameter, code or input.
+    """List the cells that differ between two archives, by how much, and which parameter, code or input caused it.
 
-    Cells are matched by stage and axis values; an axis that only one archive has is matched at the value that the other
-    has fixed. Figures are those of the worst cell of a stage; relative ones are rms over full scale. Exit codes: 0
-    equal, 1 not, 2 the request is wrong.
+    Cells are matched by stage and axis values; an axis that only one archive has is matched at the value fixed in the
+    other. Values are those of the worst cell of a stage; relative ones are rms over full scale.
+
+    Exit codes: 0 equal, 1 different, 2 invalid request.
     """
     interrupts.say(UNCHANGED)
     from etendue.archive import places
@@ -91,7 +91,7 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
 @command("verify")
 @_ARCHIVE
 @click.option(
-    "--repair", is_flag=True, help="Put back what is known, and compute again what is damaged, and nothing else."
+    "--repair", is_flag=True, help="Restore what is stored twice and recompute what is damaged, nothing else."
 )
 @click.option(
     "--from",
@@ -99,28 +99,31 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
     multiple=True,
     type=click.Path(path_type=Path),
     metavar="PATH",
-    help="Where lost inputs may be found, by their content: files, folders, another archive; may be repeated.",
+    help="Where to look for lost inputs, by content: files, folders, another archive; may be repeated.",
 )
-@click.option("--digest", is_flag=True, help="Print one SHA-256 of all of it, to be kept elsewhere.")
-@click.option("--accept-platform", is_flag=True, help="Repair with cells computed on another platform than the others.")
+@click.option("--digest", is_flag=True, help="Print one SHA-256 of the whole archive, to keep elsewhere.")
+@click.option(
+    "--accept-platform", is_flag=True, help="Repair even if this platform differs from that of the other cells."
+)
 @SCHEDULER
 @WORKERS
 @MOST_CELLS
-@click.option("--quiet", is_flag=True, help="No progress.")
+@click.option("--quiet", is_flag=True, help="Show no progress.")
 @JSON
 @gather_way
 def verify(place: Path | str, repair: bool, sources: tuple[Path, ...], digest: bool, way: Way, **how: Any) -> None:
-    """Read every byte of an archive and name what is not as it was written: array and cell, metadata, table, record,
-    input, journal.
+    """Read every byte of an archive and list what has changed since it was written: arrays and cells, metadata, tables,
+    records, inputs, journal.
 
-    Needs no stage to be installed and changes nothing. With --repair what is known twice is put back, the rest computed
-    again from the archive's own pipeline; what does not belong to the archive is moved to its folder 'strays'.
+    No stage needs to be installed, and nothing is changed. With --repair, what is stored twice is restored and the rest
+    recomputed from the archive's own pipeline; files that do not belong to the archive are moved to its folder
+    'strays'.
 
-    Who makes all digests in an archive anew is not found: reproduce finds what does not come out again, and the one
-    digest of --digest, kept elsewhere, anything else.
+    Someone who rewrites all digests in an archive is not detected: `reproduce` finds results that do not come out
+    again, and the digest printed by --digest, kept elsewhere, finds any other change.
 
-    Exit codes: 0 whole (or whole now), 1 damaged, 2 the request is wrong, or it cannot be repaired from what is there,
-    4 in use.
+    Exit codes: 0 whole (or whole now), 1 damaged, 2 invalid request, or repair is impossible from what is there, 4 in
+    use.
     """
     interrupts.say(interrupts.INTACT if repair else UNCHANGED)
     here = Path.cwd()  # a plugin may change it

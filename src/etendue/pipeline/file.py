@@ -1,8 +1,8 @@
-"""A pipeline file: shared quantities, stages, sweep, what is wanted. Text in, values and faults out; no stage is
+"""A pipeline file: shared quantities, stages, sweep, and what is wanted. Turns text into values and faults; no stage is
 imported here.
 
 In:  TOML text (or the same as a mapping), overrides from the command line.
-Out: a ``Pipeline`` whose entries still hold values as written; ``plan.wiring.graph`` resolves them against the stages.
+Out: a ``PipelineFile`` whose entries still hold values as written; ``plan.wiring.graph`` resolves them against the stages.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What people see: one renderer, tables, plots, the page, the terminal."""
+"""What people see: pictures, tables, plots, the page, the terminal."""

@@ -1,1 +1,1 @@
-"""Commands that studies bring."""
+"""Commands of the studies."""

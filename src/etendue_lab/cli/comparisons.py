@@ -1,4 +1,4 @@
-"""Commands that run a camera many times and hold the runs against each other: ``compare``, ``quality``, ``noise``."""
+"""Commands that run a camera several times and compare the runs: ``compare``, ``quality``, ``noise``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from etendue.cli.saying import command, say, show, tell
     "--axis",
     required=True,
     metavar="AXIS[=V,V,..]",
-    help="demosaic.use, demosaic.use=a,b or sharpen.strength=0,0.1,0.2.",
+    help="What to compare: demosaic.use, demosaic.use=a,b or sharpen.strength=0,0.1,0.2.",
 )
 @options.settings()
 @click.option(
@@ -26,13 +26,13 @@ from etendue.cli.saying import command, say, show, tell
     show_default=True,
     type=click.IntRange(1),
     metavar="N",
-    help="Time each alternative so often; the best counts.",
+    help="Timing repeats; the best is kept.",
 )
 @click.option("--noise-free", is_flag=True, help="Expected values: no noise, no rounding.")
-@click.option("--no-mtf50", is_flag=True, help="Leave the run in front of an edge out.")
+@click.option("--no-mtf50", is_flag=True, help="Skip the slanted-edge run.")
 @options.SCHEDULER
 @options.WORKERS
-@options.output("Table, plot and crops; default ./<name>-compare-<axis>.")
+@options.output("Folder for table, plot and crops. Default: ./<name>-compare-<axis>.")
 @options.JSON
 @options.gather
 @options.gather_way
@@ -45,24 +45,23 @@ def compare(
     no_mtf50: bool,
     output: Path | None,
 ) -> None:
-    """Rank alternatives: quality against run time, plugins included.
+    """Rank alternatives, plugins included, by quality against run time.
 
-    --axis demosaic.use takes every installed stage that writes what the stage `demosaic` of the file writes and reads
-    no more than it does, and does not say that it has another role; demosaic.use=a,b takes these, and '{ use = "mine",
-    iterations = 5 }' one with its parameters. Any stage and any parameter may be the axis. Light, mosaic and noise are
-    computed once, the same for all that stand behind them.
+    --axis demosaic.use takes every installed stage that writes what the file's stage `demosaic` writes, reads no more
+    than it does, and declares no other role; demosaic.use=a,b takes these two, and '{ use = "mine", iterations = 5 }'
+    takes one with parameters. Any stage and any parameter can be the axis. Light, mosaic and noise are computed once
+    and shared by all alternatives after them.
 
     The reference is what the same pixels would give without noise and mosaic, at every pixel, through the same later
-    stages. PSNR is measured on linear values where the axis has its effect: at the stage's own picture, or at
-    rgb_camera for what stands before it; "encoded", CIEDE2000, zipper and false colour on the finished picture. A stage
-    that reads and writes rgb_camera alone (sharpening, denoising) is left out of the reference: it is held against the
-    picture that did not need it. Any other axis in front of the pixels or behind the demosaicer (f_number,
-    display.display) reaches the reference too: then each value has one of its own, and the rank goes by PSNR of the
-    encoded picture. A border of 10 pixels is not counted. MTF50 comes from a second, noise-free run of the same camera
-    in front of a slanted edge. Time is that of the stage alone on one thread.
+    stages. PSNR is measured on linear values where the axis takes effect: on the stage's own picture, or on rgb_camera
+    for earlier stages. "encoded", CIEDE2000, zipper and false colour are measured on the finished picture. A stage that
+    reads and writes only rgb_camera (sharpening, denoising) is left out of the reference: it is compared with the
+    picture that did not need it. Any other axis before the pixels or after the demosaicer (f_number, display.display)
+    affects the reference too: each value then has its own reference, and alternatives are ranked by PSNR of the encoded
+    picture. A border of 10 pixels is ignored. MTF50 comes from a second, noise-free run of the same camera with a
+    slanted edge. Time is that of the stage alone on one thread.
 
-    Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off, or one that was named is refused, or all but
-    one are.
+    Exit codes: 0 done, 2 invalid request, 3 an alternative failed, a named one was refused, or only one was left.
     """
     from etendue.result_files import check_folder
     from etendue_lab.compare.axis import parse_axis
@@ -95,16 +94,19 @@ def compare(
     default=34.0,
     show_default=True,
     metavar="S",
-    help="Pixels in a degree of view: 100 dpi at 50 cm.",
+    help="Viewing condition in pixels per degree; 34 is 100 dpi at 50 cm.",
 )
 @click.option(
     "--without",
     multiple=True,
     metavar="STAGE",
-    help="Leave this too out of the ideal camera: diffusion" + options.REPEAT,
+    help="Also leave this stage out of the ideal camera, such as diffusion" + options.REPEAT,
 )
 @click.option(
-    "--keep", multiple=True, metavar="STAGE", help="Keep this in the ideal camera, such as distortion" + options.REPEAT
+    "--keep",
+    multiple=True,
+    metavar="STAGE",
+    help="Keep this stage in the ideal camera, such as distortion" + options.REPEAT,
 )
 @click.option(
     "--pictures",
@@ -112,11 +114,11 @@ def compare(
     show_default=True,
     type=click.IntRange(0),
     metavar="N",
-    help="Pictures with -o at most, spread over the sweep.",
+    help="Maximum number of pictures with -o, spread over the sweep.",
 )
 @options.SCHEDULER
 @options.WORKERS
-@options.output("Table as CSV and JSON, pictures side by side.")
+@options.output("Folder for table (CSV, JSON) and side-by-side pictures.")
 @options.JSON
 @options.gather
 @options.gather_way
@@ -129,14 +131,14 @@ def quality(
     pictures: int,
     output: Path | None,
 ) -> None:
-    """How far a camera is from the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
+    """Compare a camera with the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
 
     For every cell of the sweep: PSNR of camera primaries and of the encoded picture, SSIM of its luma, CIEDE2000 and
     S-CIELAB of the displayed light, SNR, visible noise in a uniform region, dynamic range. Blur, aberrations,
-    distortion and glare are left out of the ideal camera, and so is sharpening; its pixels, its light and its colours
-    are those of the camera.
+    distortion, glare and sharpening are left out of the ideal camera; its pixels, light and colours are those of the
+    camera.
 
-    Exit codes: 0 done, 2 the request is wrong, 3 some cells failed.
+    Exit codes: 0 done, 2 invalid request, 3 some cells failed.
     """
     from etendue_lab.quality.study import pictures_of, write
     from etendue_lab.quality.study import quality as measure
@@ -164,19 +166,23 @@ def quality(
 
 @command("noise")
 @options.FILE
-@options.settings("camera.iso=800, demosaic.use=demosaic_bilinear; repeatable.")
-@click.option("--reflectance", default=0.18, show_default=True, metavar="R", help="Of the grey card.")
+@options.settings("Override a value: camera.iso=800, demosaic.use=demosaic_bilinear" + options.REPEAT)
+@click.option("--reflectance", default=0.18, show_default=True, metavar="R", help="Reflectance of the grey card.")
 @click.option(
-    "--frames", default=4, show_default=True, metavar="N", help="Frames of noise, each with fixed patterns of its own."
+    "--frames",
+    default=4,
+    show_default=True,
+    metavar="N",
+    help="Number of noise frames, each with its own fixed patterns.",
 )
 @options.JSON
 @options.gather
 def noise(given: options.Given, reflectance: float, frames: int, as_json: bool) -> None:
-    """Noise behind every stage of a camera in front of a grey card: predicted, and found in frames of noise.
+    """Report noise after every stage of a camera that views a grey card: predicted, and measured in noise frames.
 
-    Predicted from shot noise, read noise, fixed patterns and rounding, and from what the stages behind the mosaic
-    answer to one pixel; stages that adapt to their picture adapt to noise, and differ from the prediction. Correlations
-    between channels and between neighbours say how coarse and how coloured the noise looks.
+    The prediction uses shot noise, read noise, fixed patterns, rounding, and the response of the stages after the
+    mosaic to one pixel. Stages that adapt to their picture adapt to noise and differ from the prediction. Correlations
+    between channels and between neighbours say how coloured and how coarse the noise looks.
     """
     from etendue_lab.noise.study import noise as measure
     from etendue_lab.noise.terminal import print_noise

@@ -1,4 +1,4 @@
-"""Commands that measure what was simulated as a laboratory would: ``emva``."""
+"""The ``emva`` command: measure a simulated sensor as a laboratory would."""
 
 from __future__ import annotations
 
@@ -13,22 +13,26 @@ from etendue.cli.saying import command, tell
 
 @command("emva")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE|ARCHIVE")
-@options.settings("camera.sensor=sony-imx363, camera.integration_time='1 s'; repeatable.")
+@options.settings("Override a value: camera.sensor=sony-imx363, camera.integration_time='1 s'" + options.REPEAT)
 @click.option(
-    "--pixels", default=192, show_default=True, metavar="N", help="Of the window that is read, along y and x."
+    "--pixels",
+    default=192,
+    show_default=True,
+    metavar="N",
+    help="Height and width of the window that is read, in pixels.",
 )
 @options.JSON
 @options.gather
 def emva(given: options.Given, pixels: int, as_json: bool) -> None:
-    """A sensor measured after EMVA 1288 release 4 (linear): its figures with intervals, beside what they should be.
+    """Measure a sensor according to EMVA 1288 release 4 (linear): values with intervals, beside the expected ones.
 
-    Of a pipeline FILE raw frames are taken of a uniform light and of the dark, two at each exposure time, with the lens
-    taken off: system gain, read noise, dark current, full well, DSNU, PRNU, linearity, saturation, sensitivity
-    threshold, dynamic range and SNR for each channel. Of an ARCHIVE the frames are those that it holds: of a uniform
-    scene, swept over reflectance (0 and 1) and integration time, two frames each, as pipelines/emva.toml takes them;
-    each camera of the sweep is measured.
+    For a pipeline FILE, raw frames of uniform light and of the dark are taken with the lens removed, two at each
+    exposure time: system gain, read noise, dark current, full well, DSNU, PRNU, linearity, saturation, sensitivity
+    threshold, dynamic range and SNR for each channel. For an ARCHIVE, the frames are those stored: a uniform scene
+    swept over reflectance (0 and 1) and integration time, two frames each, as in pipelines/emva.toml; each camera of
+    the sweep is measured.
 
-    Exit codes: 0 done, 2 the request is wrong, 3 some channels could not be measured.
+    Exit codes: 0 done, 2 invalid request, 3 some channels could not be measured.
     """
     from etendue.errors import RequestError
     from etendue_lab.emva.study import of_archive, of_pipeline
@@ -36,7 +40,7 @@ def emva(given: options.Given, pixels: int, as_json: bool) -> None:
 
     if given.file.is_dir():
         if given.settings:
-            raise RequestError("--set: an archive is measured as it is; give its pipeline file to change something")
+            raise RequestError("--set: cannot change an archive; give its pipeline file instead")
         found = of_archive(given.file, options.installed())
     else:
         found = of_pipeline(given.pipeline(), options.installed(), pixels, None, options.progress(as_json))

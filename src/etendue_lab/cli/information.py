@@ -1,4 +1,4 @@
-"""Commands that follow detail, noise and colour along a camera: ``information`` and ``losses``."""
+"""Commands that follow detail, noise and colour through a camera: ``information`` and ``losses``."""
 
 from __future__ import annotations
 
@@ -10,24 +10,22 @@ from etendue.cli.saying import command, tell
 
 @command("information")
 @options.FILE
-@options.settings("camera.f_number=4, sharpen.strength=0.3" + options.REPEAT)
+@options.settings("Override a value: camera.f_number=4, sharpen.strength=0.3" + options.REPEAT)
 @click.option(
-    "--reflectance", default=0.18, show_default=True, metavar="R", help="Of the grey card on which the detail lies."
+    "--reflectance", default=0.18, show_default=True, metavar="R", help="Mean reflectance of the grey detail."
 )
-@click.option(
-    "--contrast-ratio", default=4.0, show_default=True, metavar="C", help="Of the brightest to the darkest detail."
-)
+@click.option("--contrast-ratio", default=4.0, show_default=True, metavar="C", help="Brightest to darkest detail.")
 @click.option(
     "--object",
     "size",
     default=4.0,
     show_default=True,
     metavar="PIXELS",
-    help="Width of the spot of SNRi at half height.",
+    help="Full width at half maximum of the spot for SNRi.",
 )
-@click.option("--object-contrast", default=0.05, show_default=True, metavar="K", help="Of that spot.")
+@click.option("--object-contrast", default=0.05, show_default=True, metavar="K", help="Contrast of that spot.")
 @click.option(
-    "--frames", default=16, show_default=True, metavar="N", help="Frames of noise in which NEQ is measured; 0: none."
+    "--frames", default=16, show_default=True, metavar="N", help="Number of noise frames for measured NEQ; 0: none."
 )
 @options.JSON
 @options.gather
@@ -40,18 +38,17 @@ def information(
     frames: int,
     as_json: bool,
 ) -> None:
-    """Bits a pixel that a camera tells of fine detail, and where along the chain they are lost.
+    """Report how many bits per pixel of fine detail a camera transmits, and where along the chain they are lost.
 
     Shannon's information capacity, noise equivalent quanta (NEQ) and the signal-to-noise ratio of the ideal observer
-    (SNRi) for grey detail on a grey card: of the light with its shot noise alone, then behind every blur, every source
-    of noise and every picture, predicted from transfer functions, the camera's noise and what stages answer to one
-    pixel. NEQ of the linear pictures is measured beside: mean^2 MTF^2 / NPS, with the MTF of a slanted edge and the NPS
-    of frames of noise.
+    (SNRi) are given for grey detail on a grey card: for the light with its shot noise alone, then after every blur,
+    every source of noise and every picture. They are predicted from transfer functions, the camera's noise and the
+    response of stages to one pixel. NEQ of the linear pictures is also measured: mean^2 MTF^2 / NPS, with the MTF of a
+    slanted edge and the NPS of noise frames.
 
-    The signal is light between two levels of the contrast ratio, all equally likely, with the same power at all
-    frequencies up to
-    Nyquist: variance (range/mean)^2 / 12. Behind the mosaic the channels are taken together, as the best sum of them at
-    each frequency; what each tells alone stands beside.
+    The signal is uniformly distributed light between two levels of the contrast ratio, with equal power at all
+    frequencies up to Nyquist: variance (range/mean)^2 / 12. After the mosaic the channels are combined in the best sum
+    at each frequency; each channel alone is listed too.
     """
     from etendue.result_files import finite
     from etendue_lab.information.study import information as measure
@@ -67,9 +64,13 @@ def information(
 
 @command("losses")
 @options.FILE
-@options.settings("camera.f_number=4, sharpen.strength=0.3" + options.REPEAT)
+@options.settings("Override a value: camera.f_number=4, sharpen.strength=0.3" + options.REPEAT)
 @click.option(
-    "--reflectance", default=0.18, show_default=True, metavar="R", help="Of the grey card of contrast and noise."
+    "--reflectance",
+    default=0.18,
+    show_default=True,
+    metavar="R",
+    help="Reflectance of the grey card for contrast and noise.",
 )
 @click.option(
     "--runs",
@@ -77,24 +78,24 @@ def information(
     show_default=True,
     type=click.IntRange(0),
     metavar="N",
-    help="Cameras that may be run for colour; 64 hold all sets of six stages, beyond that orders are drawn. 0: no "
-    "colour.",
+    help="Maximum number of cameras to run for colour; 64 cover all sets of six stages, with more stages orders are "
+    "sampled. 0: no colour.",
 )
 @click.option(
-    "--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Of orders that are drawn."
+    "--seed", default=0, show_default=True, type=click.IntRange(0), metavar="N", help="Seed for sampled orders."
 )
 @options.JSON
 @options.gather
 def losses(given: options.Given, reflectance: float, runs: int, seed: int, as_json: bool) -> None:
-    """What part of the lost contrast, signal-to-noise ratio and colour each stage is owed.
+    """Compute each stage's share of the lost contrast, signal-to-noise ratio and colour.
 
-    Shapley values: what a stage adds to the loss, averaged over all orders in which the stages of the camera could be
-    made real from the ideal one; they sum to the loss. Shares are of what is lost before others win it back; a stage
-    below 0 wins back. Contrast (its mean up to Nyquist) and SNR of a grey card are counted in decibels, in which blurs
-    and gains add up, colour as mean squared CIEDE2000 to the ideal camera of `quality`. What two stages lose together
-    is predicted from the values and the interactions of pairs, and held against the camera without both.
+    Shares are Shapley values: what a stage adds to the loss, averaged over all orders in which the stages could be made
+    real, starting from the ideal camera; they sum to the loss. They refer to the loss before other stages win some
+    back; a stage below 0 wins back. Contrast (mean up to Nyquist) and SNR of a grey card are counted in decibels, in
+    which blurs and gains add up, colour as mean squared CIEDE2000 to the ideal camera of `quality`. What two stages
+    lose together is predicted from the values and the pair interactions, and compared with the camera without both.
 
-    Numerical error by stage is another question: `etendue accuracy`.
+    For numerical error by stage, see `etendue accuracy`.
     """
     from etendue.present.terminal.progress import trying
     from etendue.result_files import finite

@@ -1,4 +1,4 @@
-"""Commands that measure photographs: ``measure``."""
+"""The ``measure`` command: measure photographs."""
 
 from __future__ import annotations
 
@@ -14,65 +14,68 @@ from etendue.cli.saying import command, tell
 @command("measure")
 @click.argument("picture", type=click.Path(path_type=Path), metavar="PICTURE")
 @click.option(
-    "--edge", "edges", multiple=True, metavar="X,Y,W,H", help="One slanted edge, in a rectangle; or auto. Repeatable."
+    "--edge",
+    "edges",
+    multiple=True,
+    metavar="X,Y,W,H",
+    help="Rectangle that holds one slanted edge, or auto" + options.REPEAT,
 )
 @click.option(
-    "--star", "stars", multiple=True, metavar="X,Y,R", help="A Siemens star: its middle and radius. Repeatable."
+    "--star", "stars", multiple=True, metavar="X,Y,R", help="Centre and radius of a Siemens star" + options.REPEAT
 )
 @click.option(
     "--cycles",
     type=click.IntRange(8, 400),
     metavar="N",
-    help="Periods of the stars in one turn; counted where not given.",
+    help="Number of star periods per turn; counted if omitted.",
 )
-@click.option("--noise", multiple=True, metavar="X,Y,W,H", help="An even patch. Repeatable.")
+@click.option("--noise", multiple=True, metavar="X,Y,W,H", help="Rectangle that holds a uniform patch" + options.REPEAT)
 @click.option(
     "--chart",
     metavar="X0,Y0,..,X3,Y3",
-    help="A ColorChecker: outer corners of dark skin, bluish green, black and white, in this order.",
+    help="Corners of a ColorChecker: outer corners of dark skin, bluish green, black and white, in this order.",
 )
 @click.option(
-    "--encoding", default="sRGB", show_default=True, metavar="E", help="Of the values: sRGB, BT.709 or linear."
+    "--encoding", default="sRGB", show_default=True, metavar="E", help="Encoding of the values: sRGB, BT.709 or linear."
 )
 @click.option(
     "--space",
     default="sRGB",
     show_default=True,
     metavar="NAME",
-    help="Primaries and white: 'Display P3', 'Adobe RGB (1998)', ...",
+    help="RGB space (primaries and white): 'Display P3', 'Adobe RGB (1998)', ...",
 )
 @click.option(
     "--channel",
     type=click.Choice(["luminance", "red", "green", "blue"]),
-    help="Of edges and stars. [default: luminance; green of a raw file]",
+    help="Channel for edges and stars. [default: luminance; green of a raw file]",
 )
-@click.option("--pitch", metavar="LENGTH", help="Of the camera's pixels, such as 4um: frequencies in cycles/mm too.")
+@click.option("--pitch", metavar="LENGTH", help="Pixel pitch, such as 4um; adds frequencies in cycles/mm.")
 @options.JSON
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Curves of edges and stars: .csv, .png, .svg or .pdf.",
+    help="Write the curves of edges and stars: .csv, .png, .svg or .pdf.",
 )
 @click.option(
     "--picture",
     "shown",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="The photograph with what was measured outlined: .png, .svg or .pdf.",
+    help="Write the photograph with the measured regions outlined: .png, .svg or .pdf.",
 )
 def measure(
     picture: Path, pitch: str | None, as_json: bool, output: Path | None, shown: Path | None, **words: Any
 ) -> None:
-    """A photograph of your own, measured with the instruments that measure simulated ones, each figure with its 95 %
-    interval.
+    """Measure a photograph of your own with the same methods as simulated ones; each metric has a 95 % interval.
 
-    MTF of slanted edges and Siemens stars, noise of even patches, colour differences of a ColorChecker; in pixels from
-    the upper left. Without a region the strongest slanted edge is found. PNG, JPEG, TIFF; raw files on their own mosaic
-    (pip install 'etendue[raw]').
+    MTF of slanted edges and Siemens stars, noise of uniform patches, colour differences of a ColorChecker. Regions are
+    in pixels from the upper left corner. If no region is given, the strongest slanted edge is found automatically.
+    Reads PNG, JPEG, TIFF, and raw files on their own mosaic (pip install 'etendue[raw]').
 
-    Exit codes: 0 done, 2 the request is wrong or the picture does not hold what was said.
+    Exit codes: 0 done, 2 invalid request, or a region does not show what it should.
     """
     from etendue.contract.values.units import UnitError, to_unit
     from etendue.errors import RequestError
@@ -86,12 +89,12 @@ def measure(
     except UnitError as error:
         raise RequestError(f"--pitch {error}") from None
     if length is not None and not length > 0:
-        raise RequestError(f"--pitch {pitch}: expected a length above 0, such as 4um")
+        raise RequestError(f"--pitch {pitch}: must be a length greater than 0, such as 4um")
     asked = study.MeasurementRequest(**words, pitch=length)
     if output is not None:
         check_suffix(output)
         if (asked.noise or asked.chart) and not (asked.edges or asked.stars):
-            raise RequestError("-o: curves are those of edges and stars, and none is asked for")
+            raise RequestError("-o: only edges and stars have curves; give --edge or --star")
     if shown is not None:
         check_suffix(shown)
     document = study.measure(picture, asked)

@@ -1,4 +1,4 @@
-"""The command ``stability``: every installed stage, kernels and whole cameras at extremes."""
+"""The ``stability`` command: test every installed stage, kernels and whole cameras at extremes."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from etendue.cli.saying import command, say, show
 
 @command("stability")
 @click.argument("stages", nargs=-1, metavar="[STAGE]...")
-@click.option("--all", "every", is_flag=True, help="A row for each case, not the worst of each law.")
+@click.option("--all", "every", is_flag=True, help="Show every case, not just the worst of each law.")
 @options.WORKERS
 @options.JSON
 def stability(stages: tuple[str, ...], every: bool, workers: int | None, as_json: bool) -> None:
-    """Try stages where numbers are hard: do they compute, or refuse in words?
+    """Test stages at numerically hard inputs: they must compute, or refuse with a clear message.
 
-    Every installed stage, plugins too, at the ends and in the corners of every range that it declares, at zero and
-    infinity where they are allowed, and inside; in single, double and long double precision; with inputs that are dark,
-    bright, undefined or negative; with inputs and parameters moved by their last bit. Then the kernels against closed
-    forms of many digits, and whole cameras at extremes. With names: these stages alone.
+    Every installed stage, plugins included, is run at the ends and corners of every range that it declares, at zero and
+    infinity where allowed, and inside; in single, double and long double precision; with dark, bright, undefined or
+    negative inputs; with inputs and parameters changed in their last bit. Then kernels are compared with closed forms
+    evaluated to many digits, and whole cameras are run at extremes. If STAGE is given, only those stages are tested.
 
-    An error is relative to the largest value of what is written; condition is how many times a small change grows.
+    Errors are relative to the largest output value; the condition number says how much a small change grows.
 
-    Exit codes: 0 all hold, 1 a check failed, 2 the request is wrong.
+    Exit codes: 0 all passed, 1 a check failed, 2 invalid request.
     """
     from etendue_lab.stability.rows import counts, document, groups, single
     from etendue_lab.stability.study import stability as check

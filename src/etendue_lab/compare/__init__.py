@@ -1,1 +1,1 @@
-"""Alternatives ranked: quality against run time."""
+"""Alternatives ranked by quality against run time."""

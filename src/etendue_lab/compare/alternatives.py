@@ -1,7 +1,7 @@
-"""The alternatives of a comparison: which there are, and the plan of those that can serve.
+"""The alternatives of a comparison: which exist, and the plan of those that are compatible.
 
-In:  a camera without a sweep, the axis that is compared.
-Out: the camera as it is compared, values for the axis, the plan of all that fit, a row for each that does not.
+In:  a camera without a sweep, the compared axis.
+Out: the camera as compared, values for the axis, the plan of all that fit, a row for each that does not.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from etendue_lab.compare.compared import ComparedRow
 def camera_of(
     base: PipelineFile, asked: AxisRequest, expected: bool, registry: Registry
 ) -> tuple[PipelineFile, tuple[Node, ...]]:
-    """The camera as it is compared, and its nodes.
+    """Return the camera as compared, and its nodes.
 
     Raises
     ------
     RequestError
-        A fault of the file, or nothing depends on the axis.
+        The file is invalid, or nothing depends on the axis.
     """
     nodes = nodes_of(base, registry)
     if expected:
         base = noise_free(base, nodes, registry)
         nodes = nodes_of(base, registry)
     if asked.stage and asked.stage not in [n.name for n in nodes]:
-        what = "expected values take no part of it" if expected else "nothing that is computed depends on it"
-        raise RequestError([Fault(f"--axis {asked.key}", f"{asked.stage} has no effect here: {what}")], base.file)
+        what = "expected values do not use it" if expected else "nothing that is computed depends on it"
+        raise RequestError([Fault(f"--axis {asked.key}", f"{asked.stage} has no effect: {what}")], base.file)
     return base, nodes
 
 
 def values_of(asked: AxisRequest, nodes: Sequence[Node], registry: Registry) -> tuple[Any, list[str]]:
-    """What stands on the axis: as it was asked for, else what is installed, with notes of what is not."""
+    """Return the values of the axis: as requested, else what is installed, with notes on what could not be used."""
     if asked.values is None and asked.key == SENSOR:
         return preset_names(), []
     node = next((n for n in nodes if n.name == asked.stage), None)
@@ -52,17 +52,16 @@ def values_of(asked: AxisRequest, nodes: Sequence[Node], registry: Registry) -> 
             check_writes(asked, node, registry)
         return asked.values, []
     found, broken = candidates(node, registry)
-    notes = [f"not looked at: {text}" for text in broken]
+    notes = [f"skipped: {text}" for text in broken]
     if len(found) == 1:
         notes.append(
-            f"no other installed stage writes what {asked.stage} writes and reads no more: etendue stages lists "
-            f"them all"
+            f"no other installed stage writes the outputs of {asked.stage} and reads no more; see etendue stages"
         )
     return tuple(found), notes
 
 
 def wanted_of(branched: Branched) -> tuple[Place, ...]:
-    """What is measured, and what the colours are seen by."""
+    """Return what is measured, and the white points needed for colour differences."""
     places = [*branched.places()]
     for variable in ("white_xyz", "white"):
         node = writer(branched.nodes, variable)
@@ -74,7 +73,7 @@ def wanted_of(branched: Branched) -> tuple[Place, ...]:
 def planned(
     branched: Branched, wanted: tuple[Place, ...], asked: AxisRequest, values: Any, registry: Registry
 ) -> tuple[Plan, Any, list[ComparedRow]]:
-    """The plan of all alternatives that can serve, and rows of those that cannot."""
+    """Return the plan of all compatible alternatives, and rows of the others."""
     pipeline = wanting(branched.pipeline, wanted, kept=True)
 
     def plan_of(chosen: Any) -> Plan:
@@ -83,8 +82,11 @@ def planned(
     try:
         return plan_of(values), values, []
     except RequestError as whole:
-        asked_wrongly = asked.values is not None and any(  # a word or value that does not fit, not the stage's affair
-            fault.place.startswith(f"sweep.{asked.key}") for fault in whole.faults
+        asked_wrongly = (
+            asked.values is not None
+            and any(  # a word or value that does not fit, rather than an incompatible stage
+                fault.place.startswith(f"sweep.{asked.key}") for fault in whole.faults
+            )
         )
         if not isinstance(values, tuple) or asked_wrongly:
             raise _as_asked(whole, asked) from None
@@ -104,7 +106,7 @@ def planned(
 
 
 def keeping_inputs(plan: Plan, asked: AxisRequest) -> Plan:
-    """What the compared stage reads stays in memory, so that the stage can be run again."""
+    """Keep the inputs of the compared stage in memory, so that the stage can be run again for timing."""
     node = next((n for n in plan.nodes if n.name == asked.stage), None)
     if node is None or node.is_transfer:
         return plan
@@ -114,7 +116,7 @@ def keeping_inputs(plan: Plan, asked: AxisRequest) -> Plan:
 
 
 def _as_asked(error: RequestError, asked: AxisRequest) -> RequestError:
-    """The same faults, at the place where the axis was written."""
+    """Return the same faults, at the place where the axis was written."""
     key = f"sweep.{asked.key}"
     own = f"--axis {asked.key}"
     wrong = [f for f in error.faults if f.place.startswith(key)]

@@ -1,7 +1,7 @@
-"""What is compared: one axis of a pipeline, and what may stand on it.
+"""The compared axis of a pipeline, and its possible values.
 
 In:  ``demosaic.use``, ``demosaic.use=a,b,{ use = "c", iterations = 5 }`` or ``sharpen.strength=0,0.1``; a pipeline.
-Out: the axis with its values, or the installed alternatives of a stage; faults that name the nearest word.
+Out: the axis with its values, or the installed alternatives of a stage; faults that suggest the nearest name.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from etendue.plan.model import Node
 from etendue.plan.wiring.alternatives import unlike
 from etendue_camera.roles import REFERENCE
 
-SENSOR = "sensor"  # the word for presets of a camera
+SENSOR = "sensor"  # the name of the axis of camera presets
 
 
 @dataclass(frozen=True)
 class AxisRequest:
-    """``values`` None: whatever is installed."""
+    """A requested axis; ``values`` None: whatever is installed."""
 
     key: str
     values: tuple[Any, ...] | dict[str, Any] | None
 
     @property
     def stage(self) -> str:
-        """Name of the stage, '' where a camera quantity is the axis."""
+        """Name of the stage, '' if a camera quantity is the axis."""
         return self.key.rpartition(".")[0]
 
     @property
@@ -50,7 +50,7 @@ class AxisRequest:
 
 
 def parse_axis(text: str, value_of: Callable[[str], Any]) -> AxisRequest:
-    """``NAME`` or ``NAME=V,V,..``; commas inside brackets, braces and quotes do not separate."""
+    """Parse ``NAME`` or ``NAME=V,V,..``; commas inside brackets, braces and quotes do not separate."""
     key, equals, rest = text.partition("=")
     key = key.strip()
     if not key or (equals and not rest.strip()):
@@ -62,7 +62,12 @@ def parse_axis(text: str, value_of: Callable[[str], Any]) -> AxisRequest:
     for part, value in zip(parts, values, strict=True):
         if part.startswith(("{", "[")) and isinstance(value, str):
             raise RequestError(
-                [Fault(f"--axis {key}", f'{part} is no TOML; a table is written {{ use = "NAME", iterations = 5 }}')]
+                [
+                    Fault(
+                        f"--axis {key}",
+                        f'{part} is not valid TOML; write a table as {{ use = "NAME", iterations = 5 }}',
+                    )
+                ]
             )
     if len(values) == 1 and isinstance(values[0], list):
         return AxisRequest(key, tuple(values[0]))
@@ -72,7 +77,7 @@ def parse_axis(text: str, value_of: Callable[[str], Any]) -> AxisRequest:
 
 
 def labels_of(values: Sequence[Any], units: str) -> list[str]:
-    """What is written beside each of some values of a parameter: as they were given, with the unit, no two alike."""
+    """Return labels for values of a parameter: as given, with the unit, all different."""
     unit = "" if units in ("", "1") else f" {units}"
     labels: list[str] = []
     for value in values:
@@ -107,24 +112,24 @@ def _split(text: str) -> list[str]:
 
 
 def check_axis(asked: AxisRequest, pipeline: PipelineFile) -> AxisRequest:
-    """The axis by its name, and what can be said of it without planning: the stage is there, and there are values
-    where they are needed.
+    """Return the axis under its full name, after checks that need no plan: the stage exists, and values are given where
+    needed.
     """
     names = [entry.name for entry in pipeline.stages]
     place = f"--axis {asked.key}"
     asked = replace(asked, key=axis_name(asked.key, pipeline.document()))
     if not asked.stage and asked.key in names and asked.values is None:
         raise RequestError(
-            [Fault(place, f"{asked.key} is a stage: its alternatives are {asked.key}.use")], pipeline.file
+            [Fault(place, f"{asked.key} is a stage; use {asked.key}.use to compare its alternatives")], pipeline.file
         )
     if asked.stage and asked.stage not in names:
         uses = {entry.use: entry.name for entry in pipeline.stages}
         hint = (
-            f"; {asked.stage} is named {uses[asked.stage]!r} here"
+            f"; here {asked.stage} is named {uses[asked.stage]!r}"
             if asked.stage in uses
             else nearest(asked.stage, names)
         )
-        raise RequestError([Fault(place, f"there is no stage named {asked.stage!r}{hint}")], pipeline.file)
+        raise RequestError([Fault(place, f"unknown stage {asked.stage!r}{hint}")], pipeline.file)
     if asked.values is None and not asked.swaps and asked.key != SENSOR:
         known = (
             ""
@@ -136,12 +141,12 @@ def check_axis(asked: AxisRequest, pipeline: PipelineFile) -> AxisRequest:
 
 
 def check_writes(asked: AxisRequest, node: Node, registry: Registry) -> None:
-    """Alternatives that are named write what the stage of the file writes."""
+    """Check that named alternatives write what the stage of the file writes."""
     faults = []
     for value in asked.values if asked.swaps and isinstance(asked.values, tuple) else ():
         use = value.get("use") if isinstance(value, dict) else value
         if not isinstance(use, str) or use not in registry:
-            continue  # a fault that the planner names
+            continue  # the planner reports this fault
         try:
             texts = unlike((use, registry.load(use)), (node.alternatives[0].use, node.kind))
         except PluginError as error:
@@ -152,10 +157,11 @@ def check_writes(asked: AxisRequest, node: Node, registry: Registry) -> None:
 
 
 def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
-    """Installed stages that write what a stage writes and read no more than it does; and what could not be looked at.
+    """Return installed stages that write what a stage writes and read no more, and errors of stages that cannot be
+    loaded.
 
-    Transfer functions of earlier stages may always be read. The stage itself comes first. Those that say that they
-    serve another role (``Stage.role``) and those that only stand in references are none.
+    Transfer functions of earlier stages may always be read. The stage itself comes first. Stages that declare another
+    role (``Stage.role``) and those that only serve in references are excluded.
     """
     own = node.alternatives[0]
     reads = {str(d) for d in reads_of(own.kind).values() if not d.optional}
@@ -177,17 +183,17 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
 
 
 def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, dict[str, Any]]:
-    """The camera alone, and what of it the sweep of its file would have changed.
+    """Return the camera without its sweep, and the values taken instead.
 
-    Where the file gives a value beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) it
-    holds; where it gives none, the first value of the sweep does.
+    A value that the file gives beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) is used;
+    otherwise the first value of the sweep.
     """
     at: dict[str, Any] = {}
-    for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR):  # a sensor gives values to the others
+    for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR):  # a sensor sets values of the others
         own = own_value(pipeline, key)
         value = _first(pipeline.sweep[key]) if own is None else own
         if value is None:
-            continue  # a fault, which the planner reports
+            continue  # a fault that the planner reports
         named = key == SENSOR and isinstance(value, Mapping)
         at[key] = str(value.get("label", value.get(SENSOR, ""))) if named else value
         if own is None:
@@ -196,20 +202,22 @@ def without_sweep(pipeline: PipelineFile) -> tuple[PipelineFile, dict[str, Any]]
 
 
 def _first(written: Any) -> Any:
-    """The first value of an axis as written; None where there is none."""
+    """Return the first value of an axis as written; None if there is none."""
     if isinstance(written, Mapping):
         return written.get("from")
     return written[0] if isinstance(written, list | tuple) and written else None
 
 
 def one_camera(pipeline: PipelineFile) -> tuple[PipelineFile, list[str]]:
-    """The camera alone, and a note that says what stands for its sweep, if it has one."""
+    """Return the camera without its sweep, and a note with the values taken instead, if it has one."""
     alone, taken = without_sweep(pipeline)
-    return alone, [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] * bool(taken)
+    return alone, [
+        f"values in place of the sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"
+    ] * bool(taken)
 
 
 def own_value(pipeline: PipelineFile, key: str) -> Any:
-    """What a file gives for an axis beside its sweep, as written; None where it gives nothing."""
+    """Return what a file gives for an axis beside its sweep, as written; None if nothing."""
     stage, _, name = key.rpartition(".")
     if not stage:
         return pipeline.preset_name or None if key == SENSOR else pipeline.shared.get(name, pipeline.preset.get(name))

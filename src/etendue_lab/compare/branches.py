@@ -1,14 +1,14 @@
-"""A pipeline with a reference beside it: the same light, noise-free and at every pixel, through the same later stages.
+"""A pipeline extended by a reference: the same light, noise-free and at every pixel, through the same later stages.
 
-In:  a pipeline without a sweep, the nodes it becomes, the stage that is compared.
-Out: the pipeline with the reference's stages behind its own, and what is to be measured against what.
+In:  a pipeline without a sweep, its nodes, the compared stage.
+Out: the pipeline with the reference's stages appended, and the pairs of variables to compare.
 
 The reference branches off at ``photon_rate`` and has every channel at every pixel: no mask, an ideal exposure, no
-demosaicing, and each stage behind that is there twice. In front of the demosaicer full planes are a mosaic run plane by
-plane: what corrects the mosaic corrects them too, each plane as the mosaic of a sensor with one filter. What moves
-charge behind the mask is replaced by a stage of the same role on ``photon_rate``. Both branches read one and the same
-light, white and colour matrix, computed once. Where the compared stage stands in both branches, its axis reaches the
-reference's stage too.
+demosaicing; every later stage is duplicated. Before the demosaicer, full planes are a mosaic run plane by plane:
+corrections of the mosaic are applied to each plane as to the mosaic of a sensor with one filter. Stages that move
+charge behind the mask are replaced by a stage of the same role on ``photon_rate``. Both branches read the same light,
+white and colour matrix, computed once. If the compared stage is in both branches, its axis also drives the reference's
+stage.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from etendue_lab.compare import installed
 
 CAMERA, TRISTIMULUS = "rgb_camera", "xyz_scene"
 LIGHT, CHARGE, MOSAIC = "photon_rate", "photocurrent", "mosaic_linear"
-PLANE = (MOSAIC, "clipping_level")  # what a plane has of its own: its values, and where they are clipped
+PLANE = (MOSAIC, "clipping_level")  # what each plane has of its own: its values and its clipping level
 PICTURES = (CAMERA, TRISTIMULUS, "rgb_linear", "xyz_display", "rgb_display")
 Place = tuple[str, str]  # stage and variable
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A variable of the pipeline, and the same of the reference."""
+    """A variable of the pipeline, and its counterpart in the reference."""
 
     ours: Place
     reference: Place
@@ -47,21 +47,19 @@ class Pair:
 
 @dataclass(frozen=True)
 class Branched:
-    """What is measured where."""
+    """The extended pipeline and what is measured where."""
 
     pipeline: PipelineFile
-    nodes: tuple[Node, ...]  # of the pipeline alone
-    linear: Pair  # where the alternatives give their result
+    nodes: tuple[Node, ...]  # of the original pipeline
+    linear: Pair  # the result of the alternatives
     display: Pair | None  # the encoded picture
-    colour: Pair | None  # tristimulus values behind the balance
-    without: str  # the compared stage, where the reference does without it
-    counterpart: (
-        str  # what stands for the compared stage in the reference; '' where the two branches share it, or nothing does
-    )
+    colour: Pair | None  # tristimulus values after white balance
+    without: str  # the compared stage, if the reference omits it
+    counterpart: str  # the reference's copy of the compared stage; '' if both branches share it, or there is none
     notes: tuple[str, ...]
 
     def axes(self, key: str, values: Any) -> dict[str, Any]:
-        """The lines of a sweep that give an axis to both branches. Nothing depends on more than one of them."""
+        """Return the sweep entries that apply an axis to both branches. No stage depends on more than one of them."""
         name = key.rpartition(".")[2]
         return {key: values} | ({f"{self.counterpart}.{name}": values} if self.counterpart else {})
 
@@ -71,12 +69,12 @@ class Branched:
 
 
 def nodes_of(pipeline: PipelineFile, registry: Registry) -> tuple[Node, ...]:
-    """The stages of a pipeline as the planner binds them; raises with every fault of the file."""
+    """Return the stages of a pipeline as the planner binds them; raises with every fault of the file."""
     return graph_of(pipeline, registry).nodes
 
 
 def graph_of(pipeline: PipelineFile, registry: Registry) -> Graph:
-    """The checked pipeline, its faults at their lines."""
+    """Check the pipeline and return its graph; faults carry their lines."""
     try:
         return build_graph(pipeline, registry)
     except RequestError as error:
@@ -84,12 +82,12 @@ def graph_of(pipeline: PipelineFile, registry: Registry) -> Graph:
 
 
 def writer(nodes: tuple[Node, ...], variable: str) -> Node | None:
-    """The last stage that writes a variable."""
+    """Return the last stage that writes a variable."""
     return next((node for node in reversed(nodes) if variable in node.writes and not node.is_probe), None)
 
 
 def makes(nodes: tuple[Node, ...], variable: str) -> Node | None:
-    """The last stage that writes a variable without reading it."""
+    """Return the last stage that writes a variable without reading it."""
     return next((n for n in reversed(nodes) if variable in n.writes and variable not in _read(n)), None)
 
 
@@ -98,8 +96,8 @@ def _read(node: Node) -> set[str]:
 
 
 def noise_free(pipeline: PipelineFile, nodes: tuple[Node, ...], registry: Registry) -> PipelineFile:
-    """Expected values: what makes ``mosaic_linear`` is replaced, and with it all that stands before it up to the
-    mosaic.
+    """Return a pipeline of expected values: the stage that makes ``mosaic_linear`` is replaced, so that all stages
+    before it, back to the mosaic, are bypassed.
     """
     linear = makes(nodes, MOSAIC)
     if linear is None or writer(nodes, CHARGE) is None or linear.kind.role == REFERENCE:
@@ -109,18 +107,18 @@ def noise_free(pipeline: PipelineFile, nodes: tuple[Node, ...], registry: Regist
 
 
 def with_reference(pipeline: PipelineFile, nodes: tuple[Node, ...], key: str, registry: Registry) -> Branched:
-    """Add the reference's stages, where ``key`` is the axis that is compared.
+    """Add the reference's stages for a comparison along the axis ``key``.
 
     Raises
     ------
     RequestError
-        The pipeline has no ``photon_rate``, or nothing makes ``rgb_camera`` of it.
+        The pipeline has no ``photon_rate``, or no stage makes ``rgb_camera`` from it.
     """
     demosaic, light = makes(nodes, CAMERA), writer(nodes, LIGHT)
     if demosaic is None or light is None:
         lacking = LIGHT if light is None else CAMERA
         raise RequestError(
-            f"no stage writes {lacking}: the reference needs a pixel stage, and a demosaicer to stand for",
+            f"no stage writes {lacking}: the reference needs a pixel stage and a demosaicer",
             pipeline.file,
         )
     made = ReferenceBranch(pipeline, nodes, key, registry)
@@ -139,7 +137,7 @@ def with_reference(pipeline: PipelineFile, nodes: tuple[Node, ...], key: str, re
         linear = Pair((at.name, CAMERA), (twin[at.name], CAMERA))
     else:
         last = pair(at, own) if own else pair(writer(nodes, CAMERA), CAMERA)
-        assert last is not None  # the demosaicer writes rgb_camera, and has a twin
+        assert last is not None  # the demosaicer writes rgb_camera and has a twin
         linear = last
     branched = replace(pipeline, stages=(*pipeline.stages, *made.added))
     display, colour = (pair(writer(nodes, variable), variable) for variable in ("rgb_display", TRISTIMULUS))
@@ -147,20 +145,20 @@ def with_reference(pipeline: PipelineFile, nodes: tuple[Node, ...], key: str, re
 
 
 class ReferenceBranch:
-    """The stages of a reference while they are put together."""
+    """The stages of a reference under construction."""
 
     def __init__(self, pipeline: PipelineFile, nodes: tuple[Node, ...], key: str, registry: Registry) -> None:
         self.pipeline, self.nodes, self.key, self.registry = pipeline, nodes, key, registry
         self.compared, _, self.parameter = key.rpartition(".")
         self.entries = {entry.name: entry for entry in pipeline.stages}
         self.added: list[StageEntry] = []
-        self.stands: dict[str, str] = {}  # what works behind the mask -> what stands for it in front of it
+        self.stands: dict[str, str] = {}  # stage behind the mask -> its replacement before the mask
         self.twin: dict[str, str] = {}  # from the demosaicer on
         self.without, self.counterpart = "", ""
         self.notes: list[str] = []
 
     def add(self, node: Node, use: str, origin: Mapping[str, str]) -> str:
-        """A stage of the reference, with those parameters of the stage that it stands for which it has too."""
+        """Add a stage to the reference, with the parameters that it shares with the stage that it replaces."""
         own = parameters_of(self.registry.load(use))
         values = {k: v for k, v in self.entries[node.name].values.items() if k in own}
         return self.put(f"reference_{node.name}", use, origin, values)
@@ -171,15 +169,15 @@ class ReferenceBranch:
         return name
 
     def follow(self, node: Node, use: str, name: str) -> None:
-        """Where a stage is compared, the axis reaches what stands for it, if that has the parameter too."""
+        """If the compared stage was added, record the copy that the axis also drives, if it has the parameter."""
         if node.name == self.compared and self.parameter in parameters_of(self.registry.load(use)):
             self.counterpart = name
         elif node.name == self.compared:
-            self.notes.append(f"in the reference stands {use} as the file says, whatever the value of {self.key}")
+            self.notes.append(f"the reference uses {use} as in the file, whatever the value of {self.key}")
 
     def planes(self, light: Node, demosaic: Node, needless: Collection[str] = ()) -> None:
-        """From the light to camera channels: every channel at every pixel, corrected plane by plane, but for what is
-        named as needless.
+        """Add the stages from the light to camera channels: every channel at every pixel, corrected plane by plane,
+        except for the stages in ``needless``.
         """
         before = self.nodes[: self.nodes.index(demosaic)]
         source = self.in_front_of_mask(before[self.nodes.index(light) :], light.name)
@@ -201,13 +199,15 @@ class ReferenceBranch:
                 at |= {(node.name, variable): source for variable in PLANE if variable in node.writes}
                 continue
             self.without = node.name if node.name == self.compared else self.without
-            self.notes += [f"the reference does without {node.name}, {why}"] if why else []
+            self.notes += [f"the reference omits {node.name}, {why}"] if why else []
             at |= {(node.name, v): at[s, v] for _, s, v in node.inputs[0] if v in node.writes and (s, v) in at}
         end = installed.reference(self.registry, MOSAIC, CAMERA, ("channel", "y", "x"))
         self.twin[demosaic.name] = self.put("reference", end, {MOSAIC: source}, {})
 
     def in_front_of_mask(self, nodes: Sequence[Node], source: str) -> str:
-        """What stands for stages that move charge behind the mask; the last of it, else the ``source`` of light."""
+        """Add replacements for stages that move charge behind the mask; return the last one, else the ``source`` of
+        light.
+        """
         for node in nodes:
             if not (node.kind.role and _changes(node, CHARGE)):
                 continue
@@ -217,9 +217,9 @@ class ReferenceBranch:
         return source
 
     def why_not(self, node: Node, light: Node) -> str:
-        """Why a correction of the mosaic cannot be run plane by plane; '' where it can."""
+        """Return why a correction of the mosaic cannot be run plane by plane; '' if it can."""
         if node.name == self.compared and node.kind.role in RESTORING:
-            return "which is compared with what needed none"
+            return "which is compared with a picture that needs none"
         behind = [n for n in self.nodes[self.nodes.index(light) :] if n is not light]
         maps = [
             v
@@ -242,7 +242,7 @@ class ReferenceBranch:
         return ""
 
     def behind(self, demosaic: Node) -> None:
-        """Every stage that works on what the demosaicer gave, once more."""
+        """Duplicate every stage that works on the output of the demosaicer."""
         for node in self.nodes[self.nodes.index(demosaic) + 1 :]:
             if node.is_probe or not any(s in self.twin for _, s, _ in node.inputs[0]):
                 continue
@@ -250,10 +250,10 @@ class ReferenceBranch:
                 self.twin[node.name] = next(self.twin[s] for _, s, v in node.inputs[0] if v == CAMERA)
                 self.without = node.name
                 self.notes.append(
-                    f"the reference does without {node.name} and is as blurred as the light on the pixels: what undoes "
-                    f"blur counts as an "
-                    "error here. What a restoration gains and costs is in mtf50_gain and noise_gain, where its stage "
-                    "writes them"
+                    f"the reference omits {node.name} and is as blurred as the light on the pixels: removed blur "
+                    "counts as an "
+                    f"error here. Gain and cost of a restoration are in mtf50_gain and noise_gain, if its stage writes "
+                    "them"
                 )
                 continue
             origin = {port: self.twin.get(s, s) for port, s, _ in node.inputs[0]}
@@ -266,8 +266,6 @@ def _changes(node: Node, variable: str) -> bool:
 
 
 def _restores(node: Node) -> bool:
-    """Whether a stage betters camera values and looks at nothing else: the truth it aims at is what it was not
-    needed for.
-    """
+    """Tell whether a stage only improves camera values: it is then compared with a picture that did not need it."""
     reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
     return reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING

@@ -1,4 +1,4 @@
-"""What a run of alternatives gave, by the position of each on their axis.
+"""Results of a run of alternatives, by the position of each on their axis.
 
 In:  the plan and the outcome of a comparison's run, the axis, the branches.
 Out: arrays, reports and reasons by position.
@@ -21,29 +21,29 @@ from etendue_lab.compare.branches import Branched, Place
 
 @dataclass
 class ComparedRow:
-    """One alternative. What is not known is None."""
+    """One alternative. Unknown values are None."""
 
     value: Any
     label: str
     use: str = ""
     distribution: str = ""
     version: str = ""
-    psnr: float | None = None  # dB, where the alternatives give their result
+    psnr: float | None = None  # dB, on the result of the alternatives
     rmse: float | None = None
-    psnr_white: float | None = None  # the same, full scale the brightest of the value's own reference
+    psnr_white: float | None = None  # the same, with the brightest value of the own reference as full scale
     psnr_encoded: float | None = None
     ssim: float | None = None
     delta_e: float | None = None  # mean CIEDE2000
     zipper: float | None = None
     false_colour: float | None = None
     mtf50: float | None = None  # cycles/pixel
-    error: float | None = None  # rms, full scale 1, of what the rows are ranked by: the ordinate of the diagram
+    error: float | None = None  # rms, full scale 1, of the metric that ranks the rows: the ordinate of the plot
     mtf50_reference: float | None = None
     seconds: float | None = None  # thread time of the stage
     mpixel_per_second: float | None = None
     seconds_per_mpixel: float | None = None
-    pareto: bool = False  # nothing is both better and faster
-    status: str = "done"  # refused: it cannot serve this pipeline; failed: it broke off
+    pareto: bool = False  # on the Pareto front of quality and speed
+    status: str = "done"  # refused: incompatible with this pipeline; failed: an error during the run
     reason: str = ""
     position: int | None = None  # on the axis
 
@@ -58,7 +58,7 @@ class Reader:
         self.plan, self.outcome, self.asked = plan, outcome, asked
         axis = next((a for a in plan.axes if a.key == asked.key), None)
         if axis is None:
-            raise RequestError([Fault(f"--axis {asked.key}", "the picture does not depend on it")])
+            raise RequestError([Fault(f"--axis {asked.key}", "the picture does not depend on this axis")])
         self.axis = axis
         self.dims = {a.dim for a in plan.axes if a.key in branched.axes(asked.key, None)}  # of both branches
         self.count = len(axis.values)
@@ -80,7 +80,7 @@ class Reader:
         )
 
     def why(self, position: int) -> str:
-        """What went wrong at a value of the axis: the first stage that failed."""
+        """Return what went wrong at a value of the axis: the message of the first stage that failed."""
         for node in self.plan.nodes:
             report = self.outcome.reports.get(self.ref(node.name, position))
             if report is not None and report.status == "failed" and self.dims & set(node.axes):
@@ -89,7 +89,7 @@ class Reader:
         return ""
 
     def shared_faults(self) -> list[str]:
-        """Stages that failed for all alternatives alike."""
+        """Return stages that failed for all alternatives alike."""
         own = {node.name for node in self.plan.nodes if self.dims & set(node.axes)}
         return [
             f"{r.stage} failed: {r.message.strip().rpartition(chr(10))[2]}"
@@ -104,7 +104,7 @@ class Reader:
         return node.alternatives[position if self.asked.swaps and len(node.alternatives) > 1 else 0]
 
     def pictures(self, branched: Branched, rows: list[ComparedRow]) -> tuple[dict[int, Any], dict[int, Any]]:
-        """What to look at: encoded pictures by position, and the references'."""
+        """Return the pictures to show: encoded pictures by position, and those of the references."""
         pair = branched.display or branched.linear
         done = [row.position for row in rows if row.status == "done" and row.position is not None]
         ours, theirs = ({i: self.at(where, i) for i in done} for where in (pair.ours, pair.reference))
@@ -112,7 +112,7 @@ class Reader:
         return {i: ours[i] for i in both}, {i: theirs[i] for i in both}
 
     def planes(self, branched: Branched, positions: Iterable[int]) -> dict[int, Plane]:
-        """Where the pixels of those pictures lie on the image plane."""
+        """Return the pixel positions of those pictures on the image plane."""
         name, variable = (branched.display or branched.linear).ours
         found = {}
         for i in positions:

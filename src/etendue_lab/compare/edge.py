@@ -1,10 +1,10 @@
-"""MTF50 of alternatives: the same camera in front of a slanted edge, noise-free.
+"""MTF50 of alternatives: the same camera viewing a slanted edge, noise-free.
 
 In:  a pipeline with its reference, the axis, the plan of its main run.
 Out: for each value of the axis, and for the reference, the frequency of half contrast across the edge, cycles/pixel.
 
-The scene becomes an axis of two values, an edge and an even field of the same light, so that fall-off divides out. What
-the rendering of the edge takes from the contrast is known exactly, and divided out too.
+The scene becomes an axis of two values, an edge and a uniform field of the same light, so that fall-off divides out.
+The contrast that the rendering of the edge removes is known exactly, and divided out too.
 """
 
 from __future__ import annotations
@@ -32,13 +32,17 @@ from etendue_lab.compare.figures import BORDER
 
 ANGLE = 5.0  # degrees from the columns
 ROWS, COLUMNS, MARGIN = 120, 96, 12  # pixels; the margin is light around the frame
-DARK, BRIGHT, SATURATED = 0.2, 0.8, 0.7  # contrast 4:1 as in ISO 12233; the bright field is at most so near to clipping
+DARK, BRIGHT, SATURATED = (
+    0.2,
+    0.8,
+    0.7,
+)  # contrast 4:1 as in ISO 12233; the bright field stays below this fraction of clipping
 SAMPLES = 401
 
 
 @dataclass(frozen=True)
 class EdgeFigures:
-    """Frequencies in cycles/pixel; NaN where half contrast is not reached."""
+    """Frequencies in cycles/pixel; NaN if half contrast is not reached."""
 
     mtf50: dict[int, float]  # by the position on the axis
     reference: dict[int, float]
@@ -48,10 +52,9 @@ class EdgeFigures:
 def measure(
     branched: Branched, plan: Plan, asked: AxisRequest, values: Any, white: float, registry: Registry, options: Options
 ) -> EdgeFigures:
-    """Run the edge and measure it; what stands in the way is a note, not an exception.
+    """Run the edge and measure it; a failure becomes a note, not an exception.
 
-    ``white``: the brightest that a white surface becomes at any value of the axis, 1 where pixels saturate; 0: not
-    known.
+    ``white``: the largest value of a white surface over the axis, 1 where pixels saturate; 0: unknown.
     """
     try:
         return _measured(branched, plan, asked, values, white, registry, options)
@@ -65,9 +68,9 @@ def _measured(
 ) -> EdgeFigures:
     place, reference = branched.linear.ours, branched.linear.reference
     if place[1] == "rgb_display":
-        raise ValueError("the stage writes encoded values, on which no transfer function is defined")
+        raise ValueError("the stage writes encoded values, for which no transfer function is defined")
     if any(n.name == asked.stage and n.is_source for n in branched.nodes):
-        raise ValueError("the scene is the axis, and an edge would have to take its place")
+        raise ValueError("the scene is the axis, so it cannot be replaced by an edge")
     pipeline, scene, sigma = edge_and_field(branched.pipeline, branched.nodes, plan, white, registry)
     pipeline = replace(pipeline, sweep={**pipeline.sweep, **branched.axes(asked.key, values)})
     wanted = [place, reference]
@@ -96,11 +99,11 @@ def _measured(
             np.tensordot(weights, np.asarray(p, np.float64), 1)[BORDER:-BORDER, BORDER:-BORDER] for p in planes
         )
         if not np.all(flat > 0):
-            raise ValueError("the even field of the same light is dark")
+            raise ValueError("the uniform field of the same light is dark")
         return crossing(edge / flat, _pixels(sigma, made, position))
 
     axis = next((a for a in made.axes if a.dim != scene), None)
-    if axis is None:  # nothing of a noise-free camera depends on it
+    if axis is None:  # nothing in a noise-free camera depends on it
         both = [dict.fromkeys(range(len(values)), mtf50(where, 0)) for where in (place, reference)]
     else:
         both = [{i: mtf50(where, i) for i in range(len(axis.values))} for where in (place, reference)]
@@ -113,20 +116,20 @@ def _named(matrix: tuple[Any, Any]) -> tuple[tuple[Any, str], ...]:
 
 
 def _luminance(variable: str, channels: int, matrix: Any, white: Any) -> Any:
-    """Weights of the channels: Y where it is known, else the middle channel."""
+    """Return weights of the channels: those of luminance Y if known, else the middle channel alone."""
     if variable == CAMERA and matrix is not None and white is not None:
         return np.asarray(matrix, np.float64)[1] / np.asarray(white, np.float64)
     return np.eye(channels)[min(1, channels - 1)]
 
 
 def _pixels(sigma: float, plan: Plan, position: int) -> float:
-    """Softness of the edge in pixels, where the pitch itself may be the axis."""
+    """Return the softness of the edge in pixels, also if the pitch is the axis."""
     pitches = pitches_of(plan)
     return sigma / pitches[position if len(pitches) > 1 else 0]
 
 
 def pitches_of(plan: Plan) -> list[float]:
-    """Every pitch that an axis brings, its own or that of sensors, in order; else that of the camera."""
+    """Return every pitch on the axis, its own or that of sensors, in order; else that of the camera."""
     for axis in plan.axes:
         if axis.key == "pixel_pitch" or "pixel_pitch" in axis.gives:
             return [float(axis.value("pixel_pitch", position)) for position in range(len(axis.values))]
@@ -134,10 +137,10 @@ def pitches_of(plan: Plan) -> list[float]:
 
 
 def crossing(picture: Any, sigma: float) -> float:
-    """Lowest frequency of half contrast of what made a picture of an edge that was drawn with a Gaussian of ``sigma``
-    pixels.
+    """Return the lowest frequency of half contrast from a picture of an edge drawn with a Gaussian of ``sigma`` pixels.
 
-    NaN where it is not reached below 1 cycle/pixel. Linear between samples 1/400 cycles/pixel apart: 1e-5 relative.
+    NaN if it is not reached below 1 cycle/pixel. Interpolated linearly between samples 1/400 cycles/pixel apart: 1e-5
+    relative.
     """
     response = slanted_edge(picture, samples=SAMPLES, tails=False)
     own = np.exp(-2 * (math.pi * sigma * response.frequency) ** 2)
@@ -153,13 +156,13 @@ def crossing(picture: Any, sigma: float) -> float:
 def edge_and_field(
     base: PipelineFile, nodes: tuple[Node, ...], plan: Plan, white: float, registry: Registry
 ) -> tuple[PipelineFile, str, float]:
-    """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the
-    edge, um.
+    """Return the pipeline with an edge and a uniform field in place of its scene; the scene's dim; the rms softness of
+    the edge, um.
     """
     sources = [n for n in nodes if n.is_source and "radiance" in n.writes]
     pixel = next((n for n in nodes if n.ends_in_sum), None)
     if len(sources) != 1 or pixel is None:
-        raise ValueError("there is no single scene to be replaced by an edge")
+        raise ValueError("the pipeline has no single scene that an edge could replace")
     source = sources[0]
     light = plan.of(source.name)[0].grids["radiance"]
     pitches = pitches_of(plan)

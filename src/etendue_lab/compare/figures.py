@@ -1,6 +1,6 @@
-"""Figures of one picture against its reference.
+"""Metrics of a picture against its reference.
 
-In:  pairs of arrays (channel, y, x): where the alternatives give their result, encoded, tristimulus.
+In:  pairs of arrays (channel, y, x): the result of the alternatives, encoded, tristimulus.
 Out: PSNR, RMSE, SSIM, CIEDE2000, zipper, false colour; None where there is nothing to measure.
 """
 
@@ -13,11 +13,11 @@ import numpy as np
 from etendue_camera.colour import difference
 from etendue_camera.quality import artefacts, fidelity
 
-BORDER = 10  # pixels not counted at each side: nothing is known beyond the border
+BORDER = 10  # pixels ignored at each side, because values beyond the border are unknown
 
 
 def inside(picture: Any, border: int = BORDER) -> Any:
-    """Without its border; as it is where nothing would be left."""
+    """Return a picture without its border; unchanged if nothing would be left."""
     rows, columns = picture.shape[-2:]
     if min(rows, columns) <= 4 * border:
         return picture
@@ -25,8 +25,8 @@ def inside(picture: Any, border: int = BORDER) -> Any:
 
 
 def linear_figures(picture: Any, reference: Any, own_white: bool) -> dict[str, float | None]:
-    """PSNR and RMSE, full scale 1; with ``own_white`` PSNR also where it is the brightest value of the reference: what
-    pictures of different exposure can be ranked by.
+    """Return PSNR and RMSE, full scale 1; with ``own_white`` also PSNR relative to the brightest value of the
+    reference, which can rank pictures of different exposure.
     """
     ours, theirs = inside(picture), inside(reference)
     found = fidelity.psnr(ours, theirs)
@@ -38,14 +38,14 @@ def linear_figures(picture: Any, reference: Any, own_white: bool) -> dict[str, f
 
 
 def display_figures(picture: Any, reference: Any) -> dict[str, float | None]:
-    """PSNR and structural similarity of encoded values."""
+    """Return PSNR and structural similarity of encoded values."""
     ours, theirs = inside(picture), inside(reference)
     large = min(ours.shape[-2:]) >= fidelity.WINDOW
     return {"psnr_encoded": fidelity.psnr(ours, theirs), "ssim": fidelity.ssim(ours, theirs) if large else None}
 
 
 def colour_figures(picture: Any, reference: Any, white: Any) -> dict[str, float | None]:
-    """Mean CIEDE2000, zipper and false colour, of tristimulus values seen by an eye that is adapted to a white."""
+    """Return mean CIEDE2000, zipper and false colour of tristimulus values, for an eye adapted to a white."""
     ours, theirs = (difference.lab(np.asarray(inside(p), np.float64), white) for p in (picture, reference))
     return {
         "delta_e": float(difference.delta_e_2000(ours, theirs).mean()),

@@ -1,6 +1,6 @@
-"""Stages that a study puts into a pipeline itself, found among the installed ones by what they are, never by name.
+"""Stages that a study adds to a pipeline, found among the installed ones by role or base, never by name.
 
-In:  a registry; a role with what is read and written, or a typed base.
+In:  a registry; a role with inputs and outputs, or a typed base.
 Out: the name under which such a stage is installed. Those of the package come first.
 """
 
@@ -15,9 +15,7 @@ from etendue_camera.roles import REFERENCE
 
 
 def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[str, ...] = ()) -> str:
-    """The stage of a role that reads one variable, with these dims where they are given, and writes another; '' if
-    none.
-    """
+    """Return the stage of a role that reads one variable, with these dims if given, and writes another; '' if none."""
 
     def fits(kind: Any) -> bool:
         read = [d for d in reads_of(kind).values() if d.variable == reads and d.dims == (dims or d.dims)]
@@ -27,7 +25,7 @@ def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[
 
 
 def made_for(registry: Registry, base: type) -> str:
-    """The stage of a base, such as a flat scene.
+    """Return the installed stage of a base, such as a flat scene.
 
     Raises
     ------
@@ -41,7 +39,7 @@ def made_for(registry: Registry, base: type) -> str:
 
 
 def reference(registry: Registry, reads: str, writes: str, dims: tuple[str, ...]) -> str:
-    """The stage that only stands in references, by what it reads and writes.
+    """Return the stage that only serves in references, by what it reads and writes.
 
     Raises
     ------
@@ -50,5 +48,5 @@ def reference(registry: Registry, reads: str, writes: str, dims: tuple[str, ...]
     """
     name = serving(registry, REFERENCE, reads, writes, dims)
     if not name:
-        raise RequestError(f"no installed stage of the role {REFERENCE!r} makes {writes} of {reads}")
+        raise RequestError(f"no installed stage of the role {REFERENCE!r} makes {writes} from {reads}")
     return name

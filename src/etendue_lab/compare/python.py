@@ -1,4 +1,4 @@
-"""``Pipeline.compare``: alternatives ranked, from Python."""
+"""``Pipeline.compare``: rank alternatives from Python."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ if TYPE_CHECKING:
 
 
 def compare(pipeline: Pipeline, axis: str, *, repeat: int = 5, noise_free: bool = False) -> Any:
-    """Alternatives ranked by quality against run time, as ``etendue compare --axis`` does."""
+    """Rank alternatives by quality against run time, as ``etendue compare --axis`` does."""
     return ranked(pipeline.written(), parse_axis(axis, number), repeat, noise_free)

@@ -31,7 +31,7 @@ NARROW, WIDE, UNBOUNDED = (
     112,
     150,
     200,
-)  # columns of a terminal that hold all figures, and the distributions beside them
+)  # columns of a terminal that fit all metrics, and the distributions beside them
 UNITS = {
     "psnr": "dB",
     "psnr_white": "dB",
@@ -52,7 +52,7 @@ DISPENSABLE = ("zipper", "false colour")
 
 
 def document(found: Comparison) -> dict[str, Any]:
-    """The comparison as JSON: what is not known is null."""
+    """Return the comparison as JSON: unknown values are null."""
     return {
         "pipeline": found.pipeline,
         "axis": found.key,
@@ -93,7 +93,7 @@ def _plain(value: Any) -> Any:
 
 
 def print_comparison(found: Comparison, files: list[Path]) -> None:
-    """The table, best first, and what there is to say about it."""
+    """Print the table, best first, and remarks."""
     console = Console(highlight=False, soft_wrap=False)
     if not console.is_terminal:
         console.width = max(console.width, UNBOUNDED)
@@ -106,8 +106,7 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
         console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
     if len(shown) < len(columns):
         console.print(
-            f"{'more':<10}{', '.join(DISPENSABLE)}: in compare.csv, and here where the terminal is {NARROW} columns "
-            f"wide",
+            f"{'more':<10}{', '.join(DISPENSABLE)}: in compare.csv, and here if the terminal is {NARROW} columns wide",
             soft_wrap=True,
         )
     for path in files:
@@ -115,7 +114,7 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
 
 
 def _table_of(found: Comparison, shown: list[_Column], beside: dict[int, str]) -> Table:
-    """``beside``: where rows come from, in a column of its own, if any."""
+    """Return the table; ``beside``: the origin of rows, shown in a column if not empty."""
     height, width = found.size
     title = f"{escape(found.pipeline)}: {escape(found.key)} by {_ranked_by(found)}, {width} x {height} pixels"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
@@ -140,7 +139,7 @@ def _ranked_by(found: Comparison) -> str:
     if found.rank_by == "psnr_encoded":
         return "PSNR of the encoded picture"
     return f"PSNR at {place}" + (
-        ", full scale the brightest of each reference" if found.rank_by == "psnr_white" else ""
+        ", relative to the brightest value of each reference" if found.rank_by == "psnr_white" else ""
     )
 
 
@@ -169,7 +168,7 @@ def _columns(found: Comparison) -> list[_Column]:
 
 
 def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]]:
-    """Lines below the table: a word, and what it is about."""
+    """Return the lines below the table: a word, and its explanation."""
     lines = []
     for row in found.rows:
         if row.status != "done":
@@ -181,30 +180,29 @@ def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]
             if id(row) in origins:
                 by_origin.setdefault(origins[id(row)], []).append(row.label)
         lines += [("from", f"{origin}: {', '.join(labels)}") for origin, labels in by_origin.items()]
-    without = f", which does without {found.without}" if found.without else ""
+    without = f", without {found.without}" if found.without else ""
     each = "; each value has its own" if found.own_reference else ""
     lines.append(
-        ("reference", f"noise-free full planes of the same pixels, through the same later stages{without}{each}")
+        ("reference", f"noise-free full planes of the same pixels through the same later stages{without}{each}")
     )
     if found.own_reference:
         lines.append(
             (
                 "rank",
-                f"by {_ranked_by(found)}: on one linear scale, references of different light cannot be held side by "
-                f"side",
+                f"by {_ranked_by(found)}: references of different light cannot be compared on one linear scale",
             )
         )
-    lines.append(("PSNR", "dB, full scale 1; encoded, dE00 (CIEDE2000), zipper, false colour: of the finished picture"))
+    lines.append(("PSNR", "dB, full scale 1; encoded, dE00 (CIEDE2000), zipper, false colour: on the finished picture"))
     lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free; ideal: that of the reference"))
     if any(row.seconds is not None for row in found.rows):
         lines.append(
-            ("error", "rms, full scale 1, of what the rows are ranked by; against time in error_against_time.png")
+            ("error", "rms, full scale 1, of the ranking metric; plotted against time in error_against_time.png")
         )
-        lines.append(("time", "of the stage alone, one thread; * nothing better is as fast"))
+        lines.append(("time", "of the stage alone, one thread; * on the Pareto front"))
     lines.append(("noise", found.noise))
     for keys, text in (
-        ([k for k in found.at if k not in found.first], "as the file gives it beside its sweep"),
-        (found.first, "the first of the file's sweep"),
+        ([k for k in found.at if k not in found.first], "from the file, in place of its sweep"),
+        (found.first, "the first value of the file's sweep"),
     ):
         if keys:
             lines.append(("at", f"{', '.join(f'{k} = {_plain(found.at[k])}' for k in keys)}: {text}"))
@@ -222,37 +220,35 @@ def _milliseconds(value: float | None) -> str:
 
 
 def write_files(found: Comparison, folder: Path) -> list[Path]:
-    """CSV, JSON, and the pictures that there is something to draw for. All are made before the first is written."""
+    """Write CSV, JSON, and the pictures that have content. All are made before the first is written."""
     pictures = {PLOT: _plot(found), CROPS: _crops(found)}  # may add a note
     files = {"compare.csv": csv_text(found).encode(), "compare.json": _json(found).encode()}
     written = write_whole(folder, files | {name: data for name, data in pictures.items() if data})
     for name, data in pictures.items():
-        if not data:  # of an earlier comparison
+        if not data:  # left by an earlier comparison
             (folder / name).unlink(missing_ok=True)
     return written
 
 
 def _plot(found: Comparison) -> bytes:
-    """Error against run time, of the figure that the rows are ranked by; empty where there is nothing to draw."""
+    """Plot error against run time, for the ranking metric; empty if there is nothing to plot."""
     points = []
     for row in found.rows:
         if row.seconds_per_mpixel and row.error:  # neither can be 0 on logarithmic axes
             points.append(Point(row.label, row.seconds_per_mpixel, row.error, row.pareto))
     lacking = [row.label for row in found.rows if row.seconds_per_mpixel and getattr(row, found.rank_by) == math.inf]
     if lacking and points:
-        found.notes.append(
-            f"{PLOT} has logarithmic axes, on which no error has no place; not in it: {', '.join(lacking)}"
-        )
+        found.notes.append(f"{PLOT} has logarithmic axes and cannot show zero error; not shown: {', '.join(lacking)}")
     if not points:
         return b""
     what = "the encoded picture" if found.rank_by == "psnr_encoded" else found.variable[1]
-    scale = "the brightest of its reference" if found.rank_by == "psnr_white" else "full scale"
+    scale = "brightest value of its reference" if found.rank_by == "psnr_white" else "full scale"
     return work_precision(points, f"{found.pipeline}: {found.key}", f"rms error of {what}, {scale} 1")
 
 
 def _crops(found: Comparison) -> bytes:
-    """The best side by side with the reference of the best, each with its size; those that lie nobody knows where
-    are named in a note.
+    """Show the best alternatives side by side with the reference of the best, each with its size; pictures whose place
+    on the image plane is unknown are named in a note.
     """
     best = [(row, row.position) for row in found.rows if row.position is not None and row.position in found.pictures]
     if not best:
@@ -262,13 +258,13 @@ def _crops(found: Comparison) -> bytes:
     alike = [(row, at) for row, at in best if placed or found.pictures[at].shape == reference.shape]
     if len(alike) < len(best):
         labels = [row.label for row, at in best if (row, at) not in alike]
-        found.notes.append(f"{CROPS} shows pictures of one size, that of the best; not in it: {', '.join(labels)}")
+        found.notes.append(f"{CROPS} shows pictures of one size, that of the best; not shown: {', '.join(labels)}")
     if not alike:
         return b""
     if len(alike) > MOST_CROPS:
         others = ", ".join(row.label for row, _ in alike[MOST_CROPS:])
         found.notes.append(
-            f"{CROPS} shows the best {MOST_CROPS} of {len(alike)}; --axis '{found.key}=...' with fewer shows others: "
+            f"{CROPS} shows the best {MOST_CROPS} of {len(alike)}; use --axis '{found.key}=...' with fewer to see: "
             f"{others}"
         )
     strips = [

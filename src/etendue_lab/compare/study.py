@@ -1,12 +1,11 @@
-"""Alternatives compared: quality against run time, on the pipeline's own camera.
+"""Comparison of alternatives: quality against run time, on the pipeline's own camera.
 
-In:  a pipeline, an axis (`axis.Asked`), how often stages are timed, whether noise counts.
-Out: a ``Comparison``: a row for each alternative, best first, and the pictures to look at.
+In:  a pipeline, an axis (`axis.Asked`), the number of timing runs, whether noise is included.
+Out: a ``Comparison``: a row for each alternative, best first, and the pictures to show.
 
-The alternatives are one axis of one run: everything in front of them, its random numbers too, is computed once and the
-same for all. The reference (`branches`) is what the same pixels would give without noise and mosaic. Where the axis
-reaches the reference too, each value has one of its own, and the rank goes by what can be held side by side: the
-finished pictures.
+The alternatives are one axis of one run: everything before them, including its random numbers, is computed once and
+shared. The reference (`branches`) is what the same pixels would give without noise and mosaic. If the axis also reaches
+the reference, each value has its own reference, and the ranking uses what remains comparable: the finished pictures.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ from etendue_lab.compare.figures import BORDER, colour_figures, display_figures,
 
 @dataclass
 class Comparison:
-    """What came of it."""
+    """The result of a comparison."""
 
     pipeline: str
     key: str
@@ -56,16 +55,16 @@ class Comparison:
     without: str
     noise: str  # 1 frame, or expected values
     size: tuple[int, int]  # pixels along y and x, of the best
-    at: dict[str, Any]  # what the file's own sweep would have changed: the values that hold
+    at: dict[str, Any]  # values used in place of the file's own sweep
     notes: list[str]
-    first: tuple[str, ...] = ()  # those of ``at`` that are the sweep's first, as the file gives no other
+    first: tuple[str, ...] = ()  # keys of ``at`` whose value is the first of the sweep, because the file gives no other
     units: str = ""  # of the axis
-    rank_by: str = "psnr"  # the figure that rows are ranked by
-    own_reference: bool = False  # whether each value has a reference of its own
-    named: bool = False  # whether the values were asked for one by one, not found among what is installed
+    rank_by: str = "psnr"  # metric that ranks the rows
+    own_reference: bool = False  # whether each value has its own reference
+    named: bool = False  # whether the values were named in the request, rather than found among what is installed
     pictures: dict[int, Any] = field(default_factory=dict)  # by position: (3, y, x), encoded
     reference_pictures: dict[int, Any] = field(default_factory=dict)
-    planes: dict[int, Plane] = field(default_factory=dict)  # where their pixels lie
+    planes: dict[int, Plane] = field(default_factory=dict)  # position of their pixels
 
     @property
     def failed(self) -> bool:
@@ -73,7 +72,7 @@ class Comparison:
 
     @property
     def lacking(self) -> bool:
-        """Whether a value that was asked for is refused, or all of several but one: what was asked was not compared."""
+        """Whether a requested value was refused, or all but one were: the requested comparison did not take place."""
         refused, left = (sum((row.status == "refused") == which for row in self.rows) for which in (True, False))
         return refused > 0 and (self.named or left < 2)
 
@@ -92,19 +91,19 @@ def compare(
 
     Parameters
     ----------
-    pipeline : as read; of a sweep in it the values that the file gives beside it are taken, else the first
+    pipeline : as read; a sweep is replaced by the values that the file gives beside it, else by its first values
     asked : the axis
-    repeat : how often each alternative is timed; the fastest counts
+    repeat : number of timing runs of each alternative; the fastest is kept
     expected : whether noise and rounding are left out (expected values)
     options : how the run is done
     progress : ``plan -> Progress`` for the main run, or None
-    edges : whether MTF50 is measured, on a second run in front of an edge
-    ready : called once the request is known to be right, before anything is computed
+    edges : whether MTF50 is measured, in a second run with a slanted edge
+    ready : called once the request is known to be valid, before anything is computed
 
     Raises
     ------
     RequestError
-        The pipeline or the axis is wrong. An alternative that cannot serve or breaks off is a row with the reason.
+        The pipeline or the axis is invalid. An alternative that is incompatible or fails is a row with the reason.
     """
     options, registry = replace(options or Options(), pictures=False), installed_stages()
     asked = check_axis(asked, pipeline)
@@ -145,7 +144,7 @@ def compare(
         branched.without,
         "expected values, without noise and rounding"
         if expected
-        else "1 frame, the same draws for all where they stand behind the noise",
+        else "1 frame; alternatives after the noise share the same draws",
         tuple(next(iter(known.values())).shape[-2:]),
         at,
         notes,
@@ -162,7 +161,7 @@ def compare(
 def _with_edges(
     measured: list[ComparedRow], reader: Reader, branched: Branched, values: Any, registry: Registry, options: Options
 ) -> list[str]:
-    """MTF50 in the rows that are done, of a second run; a note where there are none."""
+    """Add MTF50 from a second run to the finished rows; return a note if there is none."""
     done = {i: row for i, row in enumerate(measured) if row.status == "done"}
     if not done:
         return []
@@ -175,38 +174,36 @@ def _with_edges(
 
 
 def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Any]:
-    """The reference of each value; None where it was not computed.
+    """Return the reference of each value; None where it was not computed.
 
     Raises
     ------
     RequestError
-        There is none at all.
+        None was computed.
     """
     found = {i: reader.at(branched.linear.reference, i) for i in range(reader.count)}
     if all(r is None for r in found.values()):
         broke = next((r.message.strip().rpartition("\n")[2] for r in reader.outcome.failed), "no reference")
-        raise RequestError(f"the pipeline itself fails, whatever stands at {reader.asked.key}: {broke}", file)
+        raise RequestError(f"the pipeline fails for every value of {reader.asked.key}: {broke}", file)
     return found
 
 
 def _if_alone(rows: list[ComparedRow]) -> list[str]:
     if sum(row.status != "refused" for row in rows) != 1:
         return []
-    return [
-        f"there is nothing to hold it against: {'the others are refused' if len(rows) > 1 else 'it is the only one'}"
-    ]
+    return [f"nothing to compare with: {'the others are refused' if len(rows) > 1 else 'it is the only one'}"]
 
 
 def rank_by(rows: Iterable[ComparedRow]) -> str:
-    """What rows are ranked by whose references differ: a dark picture has little to lose on a linear scale that all
-    share.
+    """Return the metric that ranks rows whose references differ: the encoded picture, since on a common linear scale a
+    dark picture has little to lose.
     """
     return "psnr_encoded" if all(row.psnr_encoded is not None for row in rows if row.psnr is not None) else "psnr_white"
 
 
 def ranked(rows: list[ComparedRow], by: str = "psnr") -> list[ComparedRow]:
-    """Best first; those without a figure last. Says the error of each, and marks the rows that no other is both better
-    and faster than.
+    """Sort rows, best first; those without the metric last. Set the error of each, and mark the Pareto front of quality
+    and speed.
     """
 
     def order(row: ComparedRow) -> tuple[bool, float, float, str]:
@@ -237,7 +234,7 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
     if picture.shape != reference.shape:
         row.status, row.reason = (
             "refused",
-            f"it gives {picture.shape}, but the reference has {reference.shape} (channel, y, x)",
+            f"its shape is {picture.shape}, but the reference has {reference.shape} (channel, y, x)",
         )
         return row
     found = linear_figures(picture, reference, reader.own_reference)
@@ -262,7 +259,7 @@ def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: 
 
 
 def _viewing_white(reader: Reader, branched: Branched, position: int) -> Any:
-    """White of the eye that looks at the tristimulus values: of the balance's target, else that of the scene."""
+    """Return the white to which the viewing eye is adapted: the target of the balance, else that of the scene."""
     assert branched.colour is not None
     name = branched.colour.ours[0]
     stage = reader.plan.cells[reader.ref(name, position)].stage
@@ -273,7 +270,7 @@ def _viewing_white(reader: Reader, branched: Branched, position: int) -> Any:
 
 
 def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
-    """Thread time of the compared stage alone: the fastest of several runs on what it was given."""
+    """Return the thread time of the compared stage alone: the fastest of several runs on the same inputs."""
     ref = reader.ref(reader.asked.stage, position)
     report, cell = reader.outcome.reports.get(ref), reader.plan.cells[ref]
     best = report.seconds if report is not None and report.status == "done" else math.inf
@@ -296,7 +293,7 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
 def _on_the_references(
     references: dict[int, Any], rows: list[ComparedRow], reader: Reader, branched: Branched
 ) -> list[str]:
-    """What a reader of the table should know about the pictures it was measured on."""
+    """Return notes on the pictures that the table was measured on."""
     labels = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in references}
     notes, variable = [], branched.linear.reference[1]
     over = {i: float((r > 1).any(axis=0).mean()) if variable == "rgb_camera" else 0.0 for i, r in references.items()}
@@ -304,16 +301,16 @@ def _on_the_references(
     if over[worst] > 1e-3:
         where = f" at {labels[worst]}" if labels[worst] else ""
         share = f"{100 * over[worst]:.2g} % of the pixels{where}"
-        notes.append(f"{share} are beyond clipping, which no alternative restores: lower the exposure to see more")
+        notes.append(f"{share} are clipped, which no alternative restores: lower the exposure to see more")
     sizes = {r.shape[-2:] for r in references.values()}
     if min(min(size) for size in sizes) <= 4 * BORDER:
         notes.append(f"the picture is too small to drop a border of {BORDER} pixels")
     if len(sizes) > 1:
         sized = ", ".join(f"{x} x {y}" for y, x in sorted(sizes))
-        notes.append(f"the pictures have sizes of their own ({sized} pixels): what they show differs too")
+        notes.append(f"the pictures differ in size ({sized} pixels), and so in content")
     if variable == "rgb_display" and any(labels.values()):
         notes.append(
-            f"each {reader.asked.key} gives the same light other numbers: PSNR holds each against a reference in its "
-            f"own numbers"
+            f"each {reader.asked.key} encodes the same light differently: PSNR compares each with a reference in its "
+            f"own encoding"
         )
     return notes

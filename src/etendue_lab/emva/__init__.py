@@ -1,1 +1,1 @@
-"""A sensor measured after EMVA 1288."""
+"""Measurement of a sensor according to EMVA 1288."""

@@ -1,8 +1,8 @@
-"""From a plan with raw frames to levels of exposure: stacks of a uniform light and of the dark, by time, for each
-camera of a sweep.
+"""From a plan with raw frames to exposure levels: stacks of uniform light and of the dark, by time, for each camera of
+a sweep.
 
-In:  a plan, and who reads the raw frames of its cells.
-Out: a measurement for each channel, with what the sensor's stages say of themselves.
+In:  a plan, and a function that reads the raw frames of its cells.
+Out: a measurement for each channel, with the values that the sensor's stages declare.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ Read = Callable[[CellRef], Any]
 
 
 def raw_node(plan: Plan) -> Node:
-    """The last stage that writes raw frames."""
+    """Return the last stage that writes raw frames."""
     found = [node for node in plan.nodes if RAW in node.writes]
     if not found:
-        raise RequestError("there is no stage that writes raw: a sensor is measured from its raw frames")
+        raise RequestError("no stage writes raw: a sensor is measured from its raw frames")
     return found[-1]
 
 
 def of_plan(
     plan: Plan, read: Read, options: Options | None = None, there: Collection[CellRef] | None = None
 ) -> list[SensorChannel]:
-    """Every channel of every camera of a sweep.
+    """Measure every channel of every camera of a sweep.
 
     Raises
     ------
@@ -51,15 +51,14 @@ def of_plan(
     node = raw_node(plan)
     exposures = {dim for one in plan.nodes if TIME in one.writes for dim in one.writes[TIME].dims}
     if why := several(plan, node, RAW, exposures):
-        raise RequestError(f"a sensor is measured from frames that differ in their exposure alone: {why}")
+        raise RequestError(f"the frames of a sensor may differ only in exposure: {why}")
     keys = {dim: plan.axis(dim).key for dim in node.axes}
     light = [dim for dim, key in keys.items() if key.rpartition(".")[2] in LIGHTS and 0 in plan.axis(dim).values]
     cells = [cell for cell in plan.of(node.name) if there is None or cell.ref in there]
     if len(light) != 1 or not cells:
         raise RequestError(
             "a sensor is measured in the light and in the dark: sweep the reflectance of a uniform scene over 0 and 1, "
-            "as "
-            "pipelines/emva.toml does, or: etendue emva FILE, which takes its own frames"
+            "as pipelines/emva.toml does, or run etendue emva FILE, which takes its own frames"
         )
     timed = [dim for dim, key in keys.items() if key == TIME]
     times = _times(plan, cells, options)
@@ -77,7 +76,7 @@ def of_plan(
 def _by_camera(
     plan: Plan, cells: list[Cell], light: str, timed: list[str]
 ) -> dict[tuple[tuple[str, Any], ...], dict[Any, list[Cell]]]:
-    """By the values of all other axes the cells of each light."""
+    """Group the cells of each light by the values of all other axes."""
     found: dict[tuple[tuple[str, Any], ...], dict[Any, list[Cell]]] = {}
     for cell in cells:
         labels = plan.labels(cell.ref)
@@ -100,10 +99,9 @@ def _measured(
     few = min((len(stacks[k][t]) for k in (0, 1) for t in shared), default=0)
     if len(shared) < 4 or few < 2:
         raise RequestError(
-            f"there are {len(shared)} exposure times with light and dark, of {few} frames at least; four times and two "
-            f"frames of each are "
-            "needed: put the stage bracket with repeats = 2 in front of the exposure, or: etendue emva FILE, which "
-            "takes its own frames"
+            f"found {len(shared)} exposure times with light and dark, with at least {few} frames each; four times with "
+            "two frames each are needed: put the stage bracket with repeats = 2 before the exposure, or run etendue "
+            "emva FILE, which takes its own frames"
         )
     stages = _stages(plan, bright[0])
     mask = mask_of(stages)
@@ -131,7 +129,7 @@ def _measured(
 
 
 def _stacks(cells: list[Cell], times: Mapping[CellRef, Any], read: Read) -> dict[float, list[Any]]:
-    """Frames by time."""
+    """Return frames by time."""
     found: dict[float, list[Any]] = {}
     for cell in cells:
         raw, own = read(cell.ref), np.atleast_1d(times[cell.ref])
@@ -142,7 +140,9 @@ def _stacks(cells: list[Cell], times: Mapping[CellRef, Any], read: Read) -> dict
 
 
 def _times(plan: Plan, cells: list[Cell], options: Options | None) -> dict[CellRef, Any]:
-    """Exposure time of every cell, of each frame where a stage says so: of its axis, else of the camera."""
+    """Return the exposure time of every cell, or of each frame if a stage sets it: from its axis, else from the
+    camera.
+    """
     series = [node for node in plan.nodes if TIME in node.writes]
     if not series:
         return {cell.ref: plan.labels(cell.ref).get(TIME) or _camera_time(plan, cell) for cell in cells}
@@ -162,24 +162,26 @@ def _camera_time(plan: Plan, cell: Cell) -> float:
 
 
 def _at(plan: Plan, node: Node, cell: Cell) -> CellRef:
-    """The cell of a node in front of one."""
+    """Return the cell of a node on which a cell depends."""
     behind = ancestry(plan, [cell.ref])
     return next(own.ref for own in plan.of(node.name) if own.ref in behind)
 
 
 def _stages(plan: Plan, cell: Cell) -> list[Stage]:
-    """All that stand in front of a cell, and its own, in their order."""
+    """Return all stages before a cell, and its own, in order."""
     behind = ancestry(plan, [cell.ref])
     return [own.stage for node in plan.nodes for own in plan.of(node.name) if own.ref in behind]
 
 
 def mask_of(stages: list[Stage]) -> cfa.Mask:
-    """The colour filter array that they share."""
+    """Return the colour filter array that the stages share."""
     return cfa.read(next((p for s in reversed(stages) if isinstance(p := getattr(s, "pattern", None), str)), "mono"))
 
 
 def known(stages: list[Stage]) -> dict[str, float]:
-    """What stages say of their sensor, together: noises and patterns add in squares, of wells the smallest counts."""
+    """Combine what stages declare about their sensor: noises and patterns add in squares, the smallest full well
+    counts.
+    """
     found: dict[str, float] = {}
     for stage in stages:
         if isinstance(stage, Datasheet):
@@ -196,7 +198,7 @@ def known(stages: list[Stage]) -> dict[str, float]:
 
 
 def photon_rates(plan: Plan, cell: Cell, mask: cfa.Mask, options: Options | None) -> dict[str, float]:
-    """Photoelectrons a second by channel in front of a cell; NaN where no stage writes photocurrent."""
+    """Return photoelectrons per second by channel before a cell; NaN if no stage writes photocurrent."""
     own = _last(plan, cell, "photocurrent")
     if own is None:
         return dict.fromkeys(mask.channels, math.nan)
@@ -206,7 +208,7 @@ def photon_rates(plan: Plan, cell: Cell, mask: cfa.Mask, options: Options | None
 
 
 def photon_flux(plan: Plan, cell: Cell, options: Options | None) -> float:
-    """Photons a second on the area of a pixel, of all the light in front of it; 0 where that is not known."""
+    """Return photons per second on the area of a pixel, from all light before it; 0 if unknown."""
     own = _last(plan, cell, "irradiance")
     pitch = next((p for s in _stages(plan, cell) if isinstance(p := getattr(s, "pixel_pitch", None), float)), 0.0)
     if own is None or not pitch:
@@ -222,21 +224,21 @@ def photon_flux(plan: Plan, cell: Cell, options: Options | None) -> float:
 
 
 def _last(plan: Plan, cell: Cell, variable: str) -> Cell | None:
-    """Of the cells in front of one the last that writes a variable."""
+    """Return the last of the cells before a cell that writes a variable."""
     behind = ancestry(plan, [cell.ref])
     found = [own for node in plan.nodes if variable in node.writes for own in plan.of(node.name) if own.ref in behind]
     return found[-1] if found else None
 
 
 def lit(plan: Plan, options: Options | None) -> dict[str, float]:
-    """Photoelectrons a second by channel, of the light as it is."""
+    """Return photoelectrons per second by channel, for the light as it is."""
     cell = plan.of(raw_node(plan).name)[0]
     return photon_rates(plan, cell, mask_of(_stages(plan, cell)), options)
 
 
 def saturation(plan: Plan) -> tuple[float, float, float]:
-    """Charge of a full pixel (electron), dark current of nearly all pixels (electron/s), and the camera's
-    integration time (s).
+    """Return the charge of a full pixel (electron), the dark current of nearly all pixels (electron/s), and the
+    camera's integration time (s).
     """
     stages = _stages(plan, plan.of(raw_node(plan).name)[0])
     sheet = known(stages)

@@ -1,7 +1,7 @@
-"""What is said of a sensor that was measured, and how JSON holds it.
+"""Report of a measured sensor, and its JSON form.
 
-In:  measurements by channel, and what the sensor's stages say of themselves.
-Out: a document: figures with intervals beside what is expected, and photon transfer curves.
+In:  measurements by channel, and the values that the sensor's stages declare.
+Out: a document: metrics with intervals beside expected values, and photon transfer curves.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ FIGURES = (
 SIMULATED = (
     0.93,
     0.97,
-)  # least and most of the intervals of a figure that held what was put in: benchmarks/emva.py, 900 sensors of 2 kinds
-HIDDEN = ("read_noise", "dark_current", "dsnu")  # what rounding moves where it hides the noise of the dark
+)  # range over metrics of the share of intervals that held the true value: benchmarks/emva.py, 900 sensors of 2 kinds
+HIDDEN = ("read_noise", "dark_current", "dsnu")  # metrics distorted by rounding where it hides the noise of the dark
 SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
 STEPPED = (
     "saturation_capacity",
     "dynamic_range",
     "snr_max",
-)  # known to a step between levels, which no interval of pixels holds
+)  # known to a step between levels, which the interval over pixels does not include
 UNITS = {
     "gain": "DN/electron",
     "read_noise": "electron",
@@ -55,11 +55,11 @@ UNITS = {
 
 
 class Expected(dict[str, float]):
-    """Figures that a measurement should find, as far as they are known."""
+    """Expected values of metrics, as far as known."""
 
     @classmethod
     def of(cls, sheet: Mapping[str, float], time: float) -> Expected:
-        """From what stages say; ``time``: of the level at which patterns are measured."""
+        """Derive them from what stages declare; ``time``: of the level at which patterns are measured."""
         found = cls({name: sheet[name] for name in SHEET if name in sheet})
         if "dsnu" in sheet:
             found["dsnu"] = math.hypot(sheet["dsnu"], sheet.get("dark_spread", 0.0) * time)
@@ -80,8 +80,8 @@ class Expected(dict[str, float]):
 
 @dataclass
 class SensorChannel:
-    """One channel of one camera of a sweep; ``measurement`` is None where there is no photon transfer curve, and
-    ``why``.
+    """One channel of one camera of a sweep; ``measurement`` is None if there is no photon transfer curve, for the
+    reason in ``why``.
     """
 
     at: Mapping[str, Any]
@@ -92,7 +92,9 @@ class SensorChannel:
     why: str = ""
 
     def rows(self) -> list[dict[str, Any]]:
-        """A figure each: ``held`` is whether its interval holds what is expected, None where nothing is."""
+        """Return a row per metric: ``held`` says whether its interval contains the expected value, None if there is
+        none.
+        """
         found = []
         hidden = self.measurement is not None and self.measurement.hidden
         for name in FIGURES if self.measurement is not None else ():
@@ -120,7 +122,7 @@ class SensorChannel:
         return found
 
     def curve(self) -> dict[str, Any]:
-        """The photon transfer curve; ``fit`` is the line through the origin with the gain as its slope."""
+        """Return the photon transfer curve; ``fit`` is the line through the origin with the gain as its slope."""
         one = self.measurement
         if one is None:
             return {}
@@ -144,7 +146,7 @@ class EmvaReport:
     notes: list[str] = field(default_factory=list)
 
     def document(self) -> dict[str, Any]:
-        """As JSON holds it: an element of ``channels`` for every channel of every camera of a sweep."""
+        """Return the report as JSON: an element of ``channels`` for every channel of every camera of a sweep."""
         return {
             "pipeline": self.pipeline,
             "standard": "EMVA 1288 release 4, linear",

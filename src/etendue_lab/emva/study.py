@@ -1,15 +1,14 @@
-"""``etendue emva``: a sensor measured as EMVA 1288 release 4 (linear) measures a camera, beside what its stages say of
-themselves.
+"""``etendue emva``: measure a sensor as EMVA 1288 release 4 (linear) measures a camera, beside what its stages declare.
 
-In:  a pipeline as written, or an archive with raw frames of a uniform light and of the dark at several exposure times.
-Out: for each channel the photon transfer curve and the figures of the standard with 95 % intervals, and what they
-     should be.
+In:  a pipeline as written, or an archive with raw frames of uniform light and of the dark at several exposure times.
+Out: for each channel the photon transfer curve and the metrics of the standard with 95 % intervals, and their expected
+     values.
 
-Of a pipeline the raw frames are made: the scene is replaced by a lamp that is the same everywhere, what bends, spreads
-or weakens light by place (lens, fall-off, vignetting, response by angle) is taken off, defective pixels are made sound,
-and a small window of the sensor is read, two frames at each exposure time, in the light and in the dark. The lamp has
-the spectrum of the scene's light and is as bright as fills the channel that sees it best after the camera's integration
-time; the dimmer channels get longer times.
+For a pipeline, raw frames are taken on a virtual bench. The scene is replaced by a uniform lamp; everything that bends,
+spreads or weakens light by position (lens, fall-off, vignetting, angular response) is removed; defective pixels are
+repaired. A small window of the sensor is read, two frames at each exposure time, in the light and in the dark. The lamp
+has the spectrum of the scene's light and fills the most sensitive channel in the camera's integration time; less
+sensitive channels get longer times.
 """
 
 from __future__ import annotations
@@ -43,12 +42,15 @@ from etendue_lab.noise.flat_field import in_front_of_grey
 
 SIDE = 192  # pixels of the window, along y and x
 BY_PLACE = frozenset({*LENS, "falloff", "vignetting", "angular response"})
-SERIES = frozenset({"bracketing", "metering"})  # which say how a frame is exposed
-BELOW = tuple(np.linspace(0.035, 0.7, 11))  # of saturation: the photon transfer curve
+SERIES = frozenset({"bracketing", "metering"})  # roles that set how a frame is exposed
+BELOW = tuple(np.linspace(0.035, 0.7, 11))  # fractions of saturation: the photon transfer curve
 ABOVE = (0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 1.0, 1.02, 1.05, 1.1, 1.3, 1.6, 2.0)
 FRAMES = 2
-AT_FIRST, AT_LAST = 0.05, 0.3  # of the well, that a dark current may fill at saturation and at the longest time
-DIM = 1e-3  # of the best channel, below which one sees no light to speak of
+AT_FIRST, AT_LAST = (
+    0.05,
+    0.3,
+)  # share of the full well that dark current may fill, at saturation and at the longest time
+DIM = 1e-3  # relative to the best channel; below it a channel counts as blind
 Told = Callable[[Plan], Progress] | None
 
 
@@ -59,23 +61,23 @@ def of_pipeline(
     options: Options | None = None,
     progress: Told = None,
 ) -> EmvaReport:
-    """Take the frames of a pipeline's sensor, and measure it.
+    """Take frames with a pipeline's sensor and measure it.
 
     Parameters
     ----------
     pipeline : Pipeline
-        A sweep is left out.
+        A sweep is ignored.
     registry : Registry
     pixels : int
-        Of the window, along y and along x, at least 16.
+        Height and width of the window, at least 16.
 
     Raises
     ------
     RequestError
-        Faults of the pipeline; a camera without raw frames, without light.
+        The pipeline is invalid, or the camera has no raw frames or no light.
     """
     if pixels < 16:
-        raise RequestError(f"--pixels {pixels}: expected at least 16")
+        raise RequestError(f"--pixels {pixels}: must be at least 16")
     alone, notes = one_camera(pipeline)
     bench = _on_the_bench(alone, registry)
     small = _windowed(bench, registry, pixels)
@@ -85,7 +87,7 @@ def of_pipeline(
     outcome = execute(plan, None, options, progress(plan) if progress else None)
     if outcome.failed:
         report = outcome.failed[0]
-        raise RequestError(f"the stage {report.stage!r} broke off: {report.message.splitlines()[-1]}", pipeline.file)
+        raise RequestError(f"stage {report.stage!r} failed: {report.message.splitlines()[-1]}", pipeline.file)
     found = of_plan(plan, lambda ref: outcome.arrays[ref][RAW], options)
     return EmvaReport(pipeline.name, found, notes)
 
@@ -96,11 +98,11 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
     Raises
     ------
     ArchiveError
-        No archive, or a damaged one.
+        It is not an archive, or it is damaged.
     RequestError
-        It holds no raw frames of a light and of the dark at several times.
+        It holds no raw frames of light and dark at several times.
     """
-    describe_archive(folder)  # refuses what is none, and what is damaged
+    describe_archive(folder)  # refuses what is not an archive or is damaged
     stored = Stored(folder)
     pipeline = recorded(folder).pipeline()
     plan = make_plan(pipeline, registry)
@@ -109,7 +111,8 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
     there = {ref for ref, name in names.items() if name in stored.finished}
     if (node.name, RAW) not in plan.kept or not there:
         raise RequestError(
-            f"{folder} holds no raw frames: name {node.name}.raw in 'keep', or: etendue emva FILE, which takes its own"
+            f"{folder} holds no raw frames: add {node.name}.raw to 'keep', or run etendue emva FILE, which takes its "
+            "own"
         )
 
     def read(ref: CellRef) -> Any:
@@ -117,21 +120,21 @@ def of_archive(folder: Path, registry: Registry, options: Options | None = None)
 
     notes = []
     if len(there) < len(names):
-        notes.append(f"{len(names) - len(there)} of {len(names)} cells are not there, and their levels are left out")
+        notes.append(f"{len(names) - len(there)} of {len(names)} cells are missing; their levels are omitted")
     if not any(issubclass(one.kind, FlatScene) for n in plan.nodes if n.is_source for one in n.alternatives):
-        notes.append("the scene is not the same everywhere: its contrast is taken for a pattern of the sensor")
+        notes.append("the scene is not uniform: its contrast counts as a fixed pattern of the sensor")
     return EmvaReport(pipeline.name, of_plan(plan, read, options, there), notes)
 
 
 def _on_the_bench(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
-    """A lamp in the place of the scene, nothing that changes light by place, sound pixels, and no stage behind the
-    raw frame.
+    """Return the bench: a lamp in place of the scene, nothing that changes light by position, sound pixels, and no
+    stage after the raw frame.
     """
     kinds = {entry.name: registry.load(entry.use) for entry in pipeline.stages if entry.use in registry}
     raw = [name for name, kind in kinds.items() if any(d.variable == RAW for d in writes_of(kind).values())]
     if not raw:
         raise RequestError(
-            "the pipeline has no stage that writes raw: a sensor is measured from its raw frames", pipeline.file
+            "no stage of the pipeline writes raw: a sensor is measured from its raw frames", pipeline.file
         )
     grey = in_front_of_grey(pipeline, registry, 1.0, but=("centre_y", "centre_x", "light"))
     last = [entry.name for entry in grey.stages].index(raw[-1])
@@ -142,7 +145,9 @@ def _on_the_bench(pipeline: PipelineFile, registry: Registry) -> PipelineFile:
 
 
 def _windowed(pipeline: PipelineFile, registry: Registry, pixels: int) -> PipelineFile:
-    """So many pixels in light that is as wide; all of the frame where the pixel stage has no rows and columns."""
+    """Return the pipeline with a window of ``pixels`` and a light of that size; unchanged if the pixel stage has no
+    rows and columns.
+    """
     asked = replace(_asking(pipeline, registry, (1.0,), ()), wanted=("photocurrent",))
     plan = make_plan(asked, registry, leave_out_allowed=False)
     node = next(
@@ -161,8 +166,8 @@ def _windowed(pipeline: PipelineFile, registry: Registry, pixels: int) -> Pipeli
 def _asking(
     pipeline: PipelineFile, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]
 ) -> PipelineFile:
-    """With a series of exposures, each so many times the camera's own, in front of the exposure; swept over light
-    and dark.
+    """Insert a series of exposures, as multiples of the camera's own, before the exposure; sweep over light and
+    dark.
     """
     use = next(registry.fitting(lambda kind: kind.role == "bracketing" and "brackets" in parameters_of(kind)), "")
     if not use:
@@ -170,9 +175,7 @@ def _asking(
     kinds = {e.name: registry.load(e.use) for e in pipeline.stages if e.use in registry}
     exposure = next((name for name, kind in kinds.items() if kind.role == "exposure"), "")
     if not exposure:
-        raise RequestError(
-            "the pipeline has no stage of the role 'exposure', in front of which frames could begin", pipeline.file
-        )
+        raise RequestError("the pipeline has no stage of the role 'exposure'", pipeline.file)
     name = free_name("series", [entry.name for entry in pipeline.stages])
     values = {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}
     series = StageEntry(name, use, values, {}, "the series of exposures")
@@ -184,23 +187,23 @@ def _asking(
 def _lamp(
     pipeline: PipelineFile, registry: Registry, plan: Plan, options: Options | None, notes: list[str]
 ) -> PipelineFile:
-    """As bright as fills the best channel after the camera's integration time, with times that take every channel to
-    its saturation.
+    """Set the lamp to fill the best channel in the camera's integration time, with times that take every channel to
+    saturation.
     """
     rates = lit(plan, options)
     well, dark, time = saturation(plan)
     best = max(rates.values())
-    if not best > 0:  # nor where it is not known
-        raise RequestError("the scene's light gives no photoelectrons: there is nothing to measure", pipeline.file)
+    if not best > 0:  # also if unknown
+        raise RequestError("the scene's light produces no photoelectrons: nothing to measure", pipeline.file)
     if not 0 < well < np.inf:
         raise RequestError(
-            "no stage of the sensor says what its pixels hold or its converter reaches: exposures cannot be chosen"
+            "no stage of the sensor declares its full well or the range of its converter: exposures cannot be chosen"
         )
     short = min(time, AT_FIRST * well / dark) if dark > 0 else time
     if short < time:
         notes.append(
-            f"exposures are shorter than the camera's {time:.4g} s: its dark current alone brings {dark * time:.4g} "
-            f"electron then"
+            f"exposures are shorter than the camera's {time:.4g} s: in that time dark current alone gives "
+            f"{dark * time:.4g} electrons"
         )
     factor = (well - dark * short) / (best * short)
     longest = AT_LAST * well / (dark * short) if dark > 0 else np.inf
@@ -216,5 +219,5 @@ def _lamp(
     stage = plan.of(source.name)[0].stage
     word = next((w for w in ("radiance", "white_luminance") if getattr(stage, w, 0.0)), "")
     if not word:
-        raise RequestError(f"{source.alternatives[0].use} has no brightness that could be set")
+        raise RequestError(f"{source.alternatives[0].use} has no brightness parameter")
     return with_values(asked, source.name, {word: getattr(stage, word) * factor})

@@ -1,7 +1,7 @@
-"""A sensor that was measured, on the terminal.
+"""Terminal output of a measured sensor.
 
 In:  the document of ``emva``.
-Out: a table for each channel: figure, measured, interval, expected.
+Out: a table for each channel: metric, measured, interval, expected.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
 
 
 def print_emva(document: dict[str, Any]) -> None:
-    """Measured beside expected."""
+    """Print measured values beside expected ones."""
     console = _out()
     console.print(
-        f"{escape(document['pipeline'])}: {document['standard']}; intervals of {100 * document['confidence']:.0f} %"
+        f"{escape(document['pipeline'])}: {document['standard']}; {100 * document['confidence']:.0f} % intervals"
     )
     for one in document["channels"]:
         at = ", ".join(f"{key} = {value}" for key, value in one["at"].items())
@@ -49,16 +49,16 @@ def print_emva(document: dict[str, Any]) -> None:
         console.print(_figures(title, one["figures"]))
         if hidden := [NAMES[row["figure"]] for row in one["figures"] if not row["covered"]]:
             console.print(
-                f"channel {one['channel']}: not covered: rounding to whole numbers hides the noise of the dark: "
+                f"channel {one['channel']}: rounding hides the noise of the dark, so these are not covered: "
                 f"{', '.join(hidden)}"
             )
     judged = [row["held"] for one in document["channels"] if not one["why"] for row in one["figures"]]
     held, known = sum(one is True for one in judged), sum(one is not None for one in judged)
     if known:
         least, most = (100 * (1 - share) for share in reversed(document["simulated"]))
-        counted = f"of {SENSORS} simulated sensors of two kinds {least:.0f} to {most:.0f} %"
+        counted = f"for {SENSORS} simulated sensors of two kinds {least:.0f} to {most:.0f} %"
         console.print(
-            f"{held} of {known} intervals hold what is expected; of 95 % intervals one in twenty does not ({counted})"
+            f"{held} of {known} intervals contain the expected value; one in twenty 95 % intervals does not ({counted})"
         )
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
@@ -66,7 +66,7 @@ def print_emva(document: dict[str, Any]) -> None:
 
 def _figures(title: str, rows: list[dict[str, Any]]) -> Table:
     columns = (
-        ("figure", "left"),
+        ("metric", "left"),
         ("measured", "right"),
         ("interval", "left"),
         ("expected", "right"),

@@ -1,10 +1,10 @@
-"""Contrast of fine detail as a slanted edge shows it, in any picture of a camera, without noise.
+"""Contrast of fine detail from a slanted edge, in any picture of a camera, without noise.
 
-In:  a camera in front of a grey card, the pictures that are looked at.
-Out: by picture and channel the response across the edge at some frequencies, cycles/pixel.
+In:  a camera viewing a grey card, the pictures to measure.
+Out: by picture and channel the response across the edge at given frequencies, cycles/pixel.
 
-An even field of the same light divides fall-off out, and what the rendering of the edge takes from the contrast is
-divided out too.
+A uniform field of the same light divides fall-off out; the contrast that the rendering of the edge removes is divided
+out too.
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ def edge_contrast(
     registry: Registry,
     options: Options | None = None,
 ) -> dict[Place, dict[str, Any]]:
-    """By picture and channel: contrast at the frequencies along the normal of the edge, `ANGLE` degrees from x.
+    """Return by picture and channel the contrast at the frequencies along the normal of the edge, `ANGLE` degrees from
+    x.
 
-    ``white``: what a white surface becomes at most, 1 where pixels saturate; the edge stays below.
+    ``white``: the largest value of a white surface, 1 where pixels saturate; the edge stays below.
 
     Raises
     ------
     ValueError
-        There is no single scene to be replaced, a stage broke off, or an edge is not to be seen.
+        There is no single scene to replace, a stage failed, or no edge is visible.
     """
     base, _, sigma = edge_and_field(detail.pipeline, detail.plan.nodes, detail.plan, white, registry)
     plan = make_plan(wanting(base, places, exact=True), registry, leave_out_allowed=False)
@@ -54,13 +55,13 @@ def edge_contrast(
     )
     failed = next((r for r in arrays.reports.values() if r.status == "failed"), None)
     if failed is not None:
-        raise ValueError(f"the stage {failed.stage!r} broke off in front of an edge: {failed.message.splitlines()[-1]}")
+        raise ValueError(f"stage {failed.stage!r} failed on the slanted edge: {failed.message.splitlines()[-1]}")
     own = np.exp(-2 * (math.pi * sigma / detail.pitch * frequency) ** 2)
     found: dict[Place, dict[str, Any]] = {}
     for place in places:
         edge, field = (np.asarray(arrays.arrays[refs[place[0], i]][place[1]], np.float64) for i in (0, 1))
         if not (np.isfinite(field).all() and (field > 0).all()):
-            raise ValueError(f"{place[0]} leaves parts of an even field without light")
+            raise ValueError(f"{place[0]} leaves parts of a uniform field without light")
         inside = (..., _rows(edge.shape[-2], detail.mask.shape[0]), slice(BORDER, -BORDER))
         if place[1] == MOSAIC:
             sites = {c: _sites(plan, place, c)[inside] for c in detail.channels}
@@ -75,7 +76,7 @@ def edge_contrast(
 
 
 def _sites(plan: Plan, place: Place, channel: str) -> Any:
-    """Where a channel's pixels are in the window of the edge."""
+    """Return a mask of a channel's pixels in the window of the edge."""
     node = plan.node(place[0])
     grid = plan.cells[node.name, (0,) * len(node.axes)].grids[MOSAIC]
     y, x = grid.line("y"), grid.line("x")
@@ -90,10 +91,10 @@ def _response(picture: Any, frequency: Any, own: Any, sites: Any) -> Any:
 
 
 def _rows(rows: int, period: int) -> slice:
-    """Rows in the middle over which the edge wanders by whole cells of the mosaic: what a demosaicer makes of its cells
-    then averages out.
+    """Return the middle rows over which the edge shifts by whole cells of the mosaic, so that artefacts of a demosaicer
+    average out.
 
-    Else false detail of low frequency, which is strong, leaks into the response next to 1/2 cycle/pixel.
+    Otherwise strong false detail of low frequency leaks into the response near 1/2 cycle/pixel.
     """
     step = period / math.tan(math.radians(ANGLE))
     kept = round(step * max(1, math.floor((rows - 2 * BORDER) / step)))

@@ -1,10 +1,10 @@
-"""What a camera makes of fine grey detail on a grey card: its contrast, and the noise beside it, by spatial frequency.
+"""Response of a camera to fine grey detail on a grey card: contrast and noise by spatial frequency.
 
 In:  a pipeline, the reflectance of its grey card.
-Out: charge of each channel, transfer functions of the stages in front of the mosaic, NEQ up to any of them and in every
+Out: charge of each channel, transfer functions of the stages before the mosaic, NEQ up to any of them and in every
      picture.
 
-Frequencies are in cycles/pixel. Detail is grey, so that every pixel of the mosaic sees the same of it, whatever its
+Frequencies are in cycles/pixel. Detail is grey, so that every pixel of the mosaic sees the same of it whatever its
 filter, and its light has the spectrum of the scene's white.
 """
 
@@ -42,7 +42,7 @@ Place = tuple[str, str]  # stage and variable
 
 
 class FineDetail(FlatField):
-    """A camera in front of a grey card, from its own figures."""
+    """A camera viewing a grey card, described by its own parameters."""
 
     def __init__(
         self, plan: Plan, arrays: dict[CellRef, dict[str, Any]], pipeline: PipelineFile, notes: list[str]
@@ -51,7 +51,7 @@ class FineDetail(FlatField):
         super().__init__(plan, first, [arrays], notes)
         self.pipeline = pipeline
         if "pixel_pitch" not in plan.shared:
-            raise RequestError("the camera has no pixel_pitch: there are no cycles per pixel", pipeline.file)
+            raise RequestError("the camera has no pixel_pitch: cycles per pixel are undefined", pipeline.file)
         self.pitch = float(plan.shared["pixel_pitch"])
         self.order = list(np.ndindex(self.mask.shape))
         self.channels = tuple(dict.fromkeys(str(c) for c in self.mask.ravel()))
@@ -59,7 +59,7 @@ class FineDetail(FlatField):
         self._look_at_light()
 
     def _look_at_stages(self) -> None:
-        """What of the stages in front of the mosaic has a transfer function."""
+        """Collect the stages before the mosaic that have a transfer function."""
         plan = self.plan
         results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
         front = [n for n in plan.nodes if n.name in self.before and is_seen_as_transfer(n.kind)]
@@ -68,21 +68,19 @@ class FineDetail(FlatField):
         self.moved = {
             name: stage for name, stage in stages.items() if isinstance(stage, ChannelTransfer) and stage.moves_charge()
         }
-        self.blurs = (*self.lens, *self.moved)  # stages that take contrast in front of the noise
+        self.blurs = (*self.lens, *self.moved)  # stages that reduce contrast before the noise
         pixel = next((n for n in front if n.ends_in_sum), None)
         if pixel is None:
-            raise RequestError(
-                "the pipeline has no pixel stage: there is nothing that samples light", self.pipeline.file
-            )
+            raise RequestError("the pipeline has no pixel stage: nothing samples the light", self.pipeline.file)
         self.pixel = pixel.name
         beyond = [n.name for n in plan.nodes if n.name in self.before and moves_light(n.kind)]
         if beyond:
             self.notes.append(
-                f"{', '.join(beyond)}: no transfer function holds all over the frame, and none is counted"
+                f"{', '.join(beyond)}: ignored, because no single transfer function holds for the whole frame"
             )
 
     def _look_at_light(self) -> None:
-        """What each band brings to each channel."""
+        """Compute how much each band contributes to each channel."""
         cell, arrays = self.plan.cells[self.pixel, ()], self.arrays[0]
         self.edges = cell.input_grids[cell.inputs[0][0]].bands().edges
         stage = self.lens[self.pixel]
@@ -121,13 +119,13 @@ class FineDetail(FlatField):
         return 0.0 if made.failed else float(np.mean(made.arrays[CHARGE]))
 
     def contrast(self, channel: str, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
-        """(m, n) transfer function of a channel in front of the mosaic, without some of its stages."""
+        """Return the (m, n) transfer function of a channel before the mosaic, without some of its stages."""
         bands = self.band_contrast(fy, fx, [n for n in self.lens if n not in without])
         return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
 
     def mean(self, channel: str, bands: Any, fy: Any, fx: Any, moved: Collection[str]) -> Any:
-        """(m, n) of a channel from what its bands hold (wavelength, m, n), with the charge that some stages move
-        between pixels.
+        """Return the (m, n) transfer function of a channel from those of its bands (wavelength, m, n), including the
+        charge that some stages move between pixels.
         """
         if not moved:
             return np.tensordot(self.colours[channel], bands, 1)
@@ -139,7 +137,7 @@ class FineDetail(FlatField):
         return behind_filters(bands, self.photons, made, [one[..., 0, 0] for one in still])[self.number[channel]]
 
     def band_contrast(self, fy: Any, fx: Any, names: Collection[str]) -> Any:
-        """(wavelength, m, n) of some stages together."""
+        """Return the (wavelength, m, n) transfer function of some stages together."""
         product = Product(tuple(self.lens[name] for name in names), self.edges)
         found = product.at(np.asarray(fy)[:, None] / self.pitch, np.asarray(fx)[None, :] / self.pitch)
         return np.broadcast_to(found, (len(self.edges) - 1, len(fy), len(fx)))
@@ -147,13 +145,15 @@ class FineDetail(FlatField):
     # -- noise ------------------------------------------------------------------------------------------------------
 
     def variances(self, channel: str, without: Collection[str] = ()) -> float:
-        """Of a pixel, electron^2: shot noise of its light, and of the stages that add noise all but some."""
+        """Return the variance of a pixel, electron^2: shot noise of its light, and all noise stages except those in
+        ``without``.
+        """
         light = self.electrons[channel]
         return light + sum(v for name, v in self.added(channel).items() if name not in without)
 
     def added(self, channel: str) -> dict[str, float]:
-        """Beside the shot noise of the light, by stage, electron^2; a stage of shot noise has that of the dark
-        charge left.
+        """Return the variance added to the shot noise of the light, by stage, electron^2; a stage of shot noise counts
+        with that of the dark charge only.
         """
         charge, light = self.signal()[channel], self.electrons[channel]
         return {
@@ -162,9 +162,9 @@ class FineDetail(FlatField):
         }
 
     def quanta(self, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
-        """(m, n) NEQ of the mosaic: of all its pixels together, each by its own noise.
+        """Return the (m, n) NEQ of the mosaic: all its pixels together, each with its own noise.
 
-        The mean over the places of the cell: the ideal observer of one wave knows what every pixel's filter is.
+        It is the mean over the positions of the mosaic cell: the ideal observer of one wave knows every pixel's filter.
         ``without``: stages whose blur or noise is left out.
         """
         total = np.zeros((len(fy), len(fx)))
@@ -175,7 +175,7 @@ class FineDetail(FlatField):
         return total
 
     def quanta_of(self, channel: str, fy: Any, fx: Any) -> Any:
-        """(m, n) NEQ of the pixels of one channel, in quanta a pixel of the frame."""
+        """Return the (m, n) NEQ of the pixels of one channel, in quanta per pixel of the frame."""
         share = float(np.mean(self.mask == channel))
         return share * information.neq(
             self.electrons[channel] * self.contrast(channel, fy, fx), self.variances(channel)
@@ -192,19 +192,19 @@ class FineDetail(FlatField):
 
     @cached_property
     def answers(self) -> dict[Place, list[tuple[Any, Any, float]]]:
-        """By picture: answers to a step of one pixel, variances, weight, at several places of the frame; see
+        """Responses to a step of one pixel by picture, with variances and weight, at several places of the frame; see
         `FlatField.responses`.
         """
         return self.responses(self.flat_mosaic([self.window(self.arrays[0][self.ref][MOSAIC])]), {}, True)
 
     def sites(self, shape: tuple[int, ...]) -> Any:
-        """(place, 2): where the stepped pixels lie in the windows of the answers."""
-        corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the border in front, not behind
+        """Return (place, 2): positions of the stepped pixels in the windows of the responses."""
+        corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the near border, not at the far one
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
     def signal_in(self, picture: Place, fy: Any, fx: Any, dark: bool = False) -> Any:
-        """(channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean alone,
-        dark charge included.
+        """Return (channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean
+        alone, including dark charge.
         """
         before = {c: self.contrast(c, fy, fx) for c in self.channels}
         level = {c: (self.signal()[c] if dark else self.electrons[c]) / self.full for c in self.channels}
@@ -217,7 +217,7 @@ class FineDetail(FlatField):
         return total
 
     def noise_in(self, picture: Place, fy: Any, fx: Any) -> Any:
-        """(channel, channel, m, n): cross power of a picture's noise."""
+        """Return (channel, channel, m, n): cross power spectra of a picture's noise."""
         total: Any = 0.0
         for responses, variance, weight in self.answers[picture]:
             found = noise_power.spectra(responses, self.sites(responses.shape), fy, fx)
@@ -225,7 +225,7 @@ class FineDetail(FlatField):
         return total
 
     def periodogram_of(self, picture: Place, block: int) -> Any:
-        """(channel, channel, block, block): what periodograms of a picture's noise show on average."""
+        """Return (channel, channel, block, block): expected periodograms of a picture's noise."""
         return sum(w * noise_power.expected_periodogram(h, v, block) for h, v, w in self.answers[picture])
 
     def names_of(self, picture: Place) -> tuple[str, ...]:
@@ -240,16 +240,16 @@ def fine_detail(
     progress: Callable[[Plan], Progress] | None = None,
     notes: list[str] | None = None,
 ) -> FineDetail:
-    """Run a camera without a sweep in front of a grey card, once.
+    """Run a camera without a sweep, viewing a grey card, once.
 
     Raises
     ------
     RequestError
-        Faults of the pipeline; a camera without a mosaic or without noise, one that does not say how noisy it is, a
-        picture that is too small, no light.
+        The pipeline is invalid; the camera has no mosaic, no noise, or a stage that does not declare its noise; the
+        picture is too small; there is no light.
     """
     if not 0 < reflectance <= 1:
-        raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
+        raise RequestError(f"--reflectance {reflectance:g}: must be greater than 0 and at most 1")
     notes = [] if notes is None else notes
     flat = in_front_of_grey(pipeline, registry, reflectance)
     plan = make_plan(wanting(flat), registry, leave_out_allowed=False)
@@ -261,24 +261,22 @@ def fine_detail(
     found = collect(plan, small(plan), options, progress(plan) if progress else None)
     failed = next((r for r in found.reports.values() if r.status == "failed"), None)
     if failed is not None:
-        raise RequestError(f"the stage {failed.stage!r} broke off: {failed.message.splitlines()[-1]}", pipeline.file)
+        raise RequestError(f"stage {failed.stage!r} failed: {failed.message.splitlines()[-1]}", pipeline.file)
     made = FineDetail(plan, found.arrays, flat, notes)
     if made.unsaid():
-        raise RequestError(f"{made.unsaid()}: what its pictures hold cannot be predicted", pipeline.file)
+        raise RequestError(f"{made.unsaid()}: the noise of its pictures cannot be predicted", pipeline.file)
     if not all(np.isfinite(v) and v > 0 for v in made.electrons.values()):
         raise RequestError(
             "no light of the grey card reaches the pixels: give the scene more light, or the camera more time",
             pipeline.file,
         )
     if float(np.mean(made.window(found.arrays[made.ref][MOSAIC]) >= 0.999)) > 0.001:
-        notes.append(
-            "pixels of the grey card are full or at the top code: their noise is cut off, which no prediction knows"
-        )
+        notes.append("pixels of the grey card saturate: their noise is clipped, which the prediction does not include")
     return made
 
 
 def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
-    """All that the stages behind the light write, and what of the light has no place."""
+    """Return what the stages after the light write, and the variables of light without position."""
     return {
         (n.name, ()): own
         for n in plan.nodes
@@ -289,9 +287,9 @@ def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
 def frames(
     detail: FineDetail, registry: Registry, count: int, expected: Collection[str] = ()
 ) -> list[dict[Place, Any]]:
-    """Pictures and mosaic of frames of noise, each with fixed patterns of its own, of the same light, in the window.
+    """Return pictures and mosaic of noise frames of the same light, each with its own fixed patterns, in the window.
 
-    ``expected``: stages whose expected values stand for what they draw or round.
+    ``expected``: stages whose expected values replace what they draw or round.
     """
     plan = detail.plan
     drawn: set[str] = set()
@@ -311,7 +309,7 @@ def frames(
             results[ref], report = compute(replace(jobs[ref], expected=node.name in expected), results)
             if report.status == "failed":
                 raise RequestError(
-                    f"the stage {node.name!r} broke off: {report.message.splitlines()[-1]}", detail.pipeline.file
+                    f"stage {node.name!r} failed: {report.message.splitlines()[-1]}", detail.pipeline.file
                 )
         found.append(
             {

@@ -1,6 +1,6 @@
-"""What is said of information along a camera, and how JSON holds it.
+"""Report of information along a camera, and its JSON form.
 
-In:  figures that ``information`` has predicted and found.
+In:  predicted and measured values of ``information``.
 Out: a document.
 """
 
@@ -9,21 +9,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-ENDS = (0.0, 0.25, 0.5)  # cycles/pixel at which the table says NEQ
-FAINTEST = 1e-2  # of the largest NEQ, below which found and predicted are not held against each other
+ENDS = (0.0, 0.25, 0.5)  # cycles/pixel at which the table shows NEQ
+FAINTEST = 1e-2  # relative to the largest NEQ; below it measured and predicted are not compared
 
 
 @dataclass
 class StageRow:
-    """Up to and including one stage, all channels together."""
+    """Values up to and including one stage, all channels together."""
 
     stage: str
     what: str  # photons, blur, noise, or the picture that it writes
-    bits: float  # a pixel, over the Nyquist square
-    bits_line: float  # a pixel of a line along x
+    bits: float  # per pixel, over the Nyquist square
+    bits_line: float  # per pixel of a line along x
     quanta: tuple[float, ...]  # NEQ at ENDS along x
     observer: float  # SNRi of the spot
-    channels: dict[str, float]  # bits a pixel of each channel alone
+    channels: dict[str, float]  # bits per pixel of each channel alone
 
 
 @dataclass
@@ -36,14 +36,14 @@ class NeqCurve:
     frequency: tuple[float, ...]  # cycles/pixel
     predicted: tuple[float, ...]
     found: tuple[float, ...]
-    periodograms: int  # behind each value of one row of frequencies
-    standard_error: float  # relative, of the noise power found
-    bits_predicted: float  # a pixel of a line
+    periodograms: int  # number averaged into each value, per row of frequencies
+    standard_error: float  # relative, of the measured noise power
+    bits_predicted: float  # per pixel of a line
     bits_found: float
 
     @property
     def apart(self) -> float:
-        """Largest |found / predicted - 1|, where there is a hundredth of the largest NEQ: below, a zero of the
+        """Largest |measured / predicted - 1| where NEQ exceeds a hundredth of its maximum: below are zeros of the
         picture's response.
         """
         least = FAINTEST * max(self.predicted, default=0.0)
@@ -52,12 +52,12 @@ class NeqCurve:
 
 @dataclass
 class InformationReport:
-    """Information from light to the last picture."""
+    """Information from the light to the last picture."""
 
     pipeline: str
     reflectance: float
     ratio: float
-    size: float  # of the spot, pixels at half height
+    size: float  # of the spot, pixels at half maximum
     contrast: float  # of the spot
     electrons: dict[str, float]
     block: int
@@ -66,7 +66,7 @@ class InformationReport:
     notes: list[str] = field(default_factory=list)
 
     def document(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """Return the report as JSON."""
         rows: list[dict[str, Any]] = []
         before: float | None = None
         for row in self.rows:

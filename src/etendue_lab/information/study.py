@@ -1,12 +1,12 @@
-"""``etendue information``: how many bits a pixel a camera tells of fine detail, and where along the chain they are
-lost.
+"""``etendue information``: how many bits per pixel of fine detail a camera transmits, and where along the chain they
+are lost.
 
 In:  a pipeline as written, the reflectance of its grey card, the contrast of the detail on it, a number of frames.
-Out: information capacity, NEQ and SNRi from light to the last picture, from the camera's own figures; NEQ found in its
-     pictures.
+Out: information capacity, NEQ and SNRi from the light to the last picture, predicted from the camera's parameters; NEQ
+     measured in its pictures.
 
-Found: noise power in periodograms of frames of the grey card, contrast across a slanted edge without noise, the mean of
-the card. What is found knows nothing of the transfer functions and variances from which the prediction is made.
+Measured are noise power in periodograms of frames of the grey card, contrast across a slanted edge without noise, and
+the mean of the card. These measurements do not use the transfer functions and variances of the prediction.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from etendue_lab.information.report import InformationReport, NeqCurve, StageRow
 from etendue_lab.noise.flat_field import MOSAIC
 
 BLOCK = 16  # pixels, side of a periodogram
-ROWS = 3  # of a periodogram, next to fy = 0, whose mean is taken
-ENOUGH = 400  # periodograms behind each value, below which a note says so
+ROWS = 3  # of a periodogram, next to fy = 0, that are averaged
+ENOUGH = 400  # periodograms per value; below it a note is added
 
 
 def information(
@@ -49,28 +49,27 @@ def information(
     options: Options | None = None,
     progress: Callable[[Plan], Progress] | None = None,
 ) -> InformationReport:
-    """Bits a pixel along the chain, predicted, and NEQ of the linear pictures, predicted and found.
+    """Predict bits per pixel along the chain, and predict and measure NEQ of the linear pictures.
 
     Parameters
     ----------
     pipeline : Pipeline
-        Its scene is replaced by a grey card of the same size and light; a sweep is left out.
+        Its scene is replaced by a grey card of the same size and light; a sweep is ignored.
     registry : Registry
     reflectance : float
-        Of the card, above 0 and at most 1.
+        Of the card, greater than 0 and at most 1.
     ratio : float
-        Of the brightest to the darkest detail, above 1: the signal is anything between, the same power at all
-        frequencies.
+        Brightest to darkest detail, greater than 1: the signal is uniformly distributed in between, with the same
+        power at all frequencies.
     size, contrast : float
-        Of the Gaussian spot that the ideal observer looks for: its width at half height in pixels, its contrast at the
-        peak.
+        Of the Gaussian spot that the ideal observer looks for: full width at half maximum in pixels, peak contrast.
     count : int
-        Frames of noise; 0: nothing is measured.
+        Number of noise frames; 0: nothing is measured.
 
     Raises
     ------
     RequestError
-        Faults of the pipeline or of these values; a camera that does not say how noisy it is.
+        The pipeline or one of these values is invalid; a stage does not declare its noise.
     """
     _check(ratio, size, contrast, count)
     alone, notes = one_camera(pipeline)
@@ -86,14 +85,14 @@ def information(
 
 def _check(ratio: float, size: float, contrast: float, count: int) -> None:
     for option, value, holds, allowed in (
-        ("--contrast-ratio", ratio, ratio > 1, "a number above 1"),
-        ("--object", size, 0.5 <= size <= 12, "0.5 to 12 pixels"),
-        ("--object-contrast", contrast, 0 < contrast <= 1, "a number above 0 and at most 1"),
+        ("--contrast-ratio", ratio, ratio > 1, "greater than 1"),
+        ("--object", size, 0.5 <= size <= 12, "from 0.5 to 12 pixels"),
+        ("--object-contrast", contrast, 0 < contrast <= 1, "greater than 0 and at most 1"),
     ):
         if not holds:
-            raise RequestError(f"{option} {value:g}: expected {allowed}")
+            raise RequestError(f"{option} {value:g}: must be {allowed}")
     if count < 0 or count == 1:
-        raise RequestError(f"--frames {count}: expected 0, or at least 2")
+        raise RequestError(f"--frames {count}: must be 0, or at least 2")
 
 
 class _Chain:
@@ -126,7 +125,7 @@ class _Chain:
         return kernel.neq_of_channels(self.detail.signal_in(picture, fy, fx), self.detail.noise_in(picture, fy, fx))
 
     def _by_channel(self, picture: Place) -> dict[str, float]:
-        """Bits a pixel of each channel alone."""
+        """Return bits per pixel of each channel alone."""
         s, w = (of(picture, self.square.fy, self.square.fx) for of in (self.detail.signal_in, self.detail.noise_in))
         return {
             name: kernel.capacity(kernel.neq(s[i], w[i, i].real), self.square, self.variance)
@@ -150,7 +149,7 @@ class _Chain:
 
 
 class _Found:
-    """What frames of noise and an edge show."""
+    """Measurements in frames of noise and on an edge."""
 
     def __init__(
         self, detail: FineDetail, report: InformationReport, registry: Registry, options: Options | None
@@ -187,15 +186,15 @@ class _Found:
         fewest = min((curve.periodograms for curve in self.report.curves), default=ENOUGH)
         if fewest < ENOUGH:
             self.report.notes.append(
-                f"only {fewest} periodograms stand behind a found value: --frames "
+                f"only {fewest} periodograms per measured value; use --frames "
                 f"{1 + math.ceil((count - 1) * ENOUGH / fewest)}"
             )
 
     # -- noise ------------------------------------------------------------------------------------------------------
 
     def _mosaic(self, frames: Any, contrast: dict[str, Any]) -> list[NeqCurve]:
-        """By channel: each place of the cell by itself, on its own lattice, whose power repeats beyond its Nyquist
-        frequency.
+        """Measure by channel: each position of the mosaic cell on its own lattice, whose spectrum repeats beyond its
+        Nyquist frequency.
         """
         detail, period = self.detail, self.detail.mask.shape
         block = [max(2, BLOCK // p) for p in period]
@@ -208,7 +207,7 @@ class _Found:
                 plane = frames[:, None, y :: period[0], x :: period[1]]
                 power, periodograms = noise_power.periodograms(plane, min(block))
                 own = np.fft.fftfreq(min(block), period[1])
-                lattice = 1 / period[1]  # on which the power repeats
+                lattice = 1 / period[1]  # period of the spectrum
                 folded = [abs(f - lattice * round(f / lattice)) for f in self.frequency]
                 places = [int(np.argmin(np.abs(f - np.abs(own)))) for f in folded]
                 noise = self._band(power[0, 0].real)[places]
@@ -242,7 +241,7 @@ class _Found:
 
     @staticmethod
     def _band(power: Any) -> Any:
-        """Along x: the mean of the three rows next to fy = 0."""
+        """Return power along x: the mean of the three rows next to fy = 0."""
         return (power[0] + power[1] + power[-1]) / ROWS
 
     def _curve(self, place: Place, channel: str, expected: Any, found: Any, count: int) -> NeqCurve:
@@ -264,6 +263,6 @@ class _Found:
     # -- contrast ---------------------------------------------------------------------------------------------------
 
     def _normal(self) -> tuple[Any, Any]:
-        """Frequencies along the normal of the edge."""
+        """Return frequencies along the normal of the edge."""
         turn = math.radians(ANGLE)
         return math.sin(turn) * self.frequency, math.cos(turn) * self.frequency

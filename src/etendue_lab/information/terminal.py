@@ -1,7 +1,7 @@
-"""Information along a camera, on the terminal.
+"""Terminal output of information along a camera.
 
 In:  the document of an information study.
-Out: two tables: bits a pixel up to each stage, and NEQ of every linear picture, predicted and found.
+Out: two tables: bits per pixel up to each stage, and NEQ of every linear picture, predicted and measured.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ KINDS = {"photons": "shot noise alone, no blur", "blur": "blurs", "noise": "adds
 
 
 def print_information(document: dict[str, Any]) -> None:
-    """Where bits are lost, and how far what was found lies from what was predicted."""
+    """Print where bits are lost, and how far measurement and prediction differ."""
     console = _out()
     electrons = ", ".join(f"{channel} {value:.0f}" for channel, value in document["electrons"].items())
     console.print(
@@ -28,7 +28,7 @@ def print_information(document: dict[str, Any]) -> None:
         ("", "left"),
         ("bits/pixel", "right"),
         ("lost", "right"),
-        ("along a line", "right"),
+        ("line bits", "right"),
         ("NEQ 0", "right"),
         ("NEQ 1/4", "right"),
         ("NEQ 1/2", "right"),
@@ -58,9 +58,8 @@ def print_information(document: dict[str, Any]) -> None:
     _print_whole(console, "information up to each stage, all channels together", columns, told)
     spot = document["object"]
     console.print(
-        f"NEQ in quanta a pixel at 0, 1/4 and 1/2 cycles/pixel along x; SNRi of a spot {spot['width_pixels']:g} pixels "
-        f"wide with a "
-        f"contrast of {100 * spot['contrast']:g} %"
+        "NEQ in quanta per pixel at 0, 1/4 and 1/2 cycles/pixel along x; line bits: bits/pixel along a line; SNRi "
+        f"of a spot {spot['width_pixels']:g} pixels wide with a contrast of {100 * spot['contrast']:g} %"
     )
     if document["neq"]:
         _print_curves(console, document["neq"])
@@ -76,8 +75,8 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
         ("", "left"),
         *((f"{frequency[i]:g}", "right") for i in shown),
         ("line bits", "right"),
-        ("found", "right"),
-        ("largest difference", "right"),
+        ("measured", "right"),
+        ("max difference", "right"),
     )
     told, last = [], None
     for curve in curves:
@@ -88,15 +87,15 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
         told.append((stage, curve["channel"], *cells, f"{bits['predicted']:.3f}", f"{bits['found']:.3f}", away))
     _print_whole(
         console,
-        "NEQ of the linear pictures along x, found in noise and an edge (ratio to the prediction)",
+        "NEQ of the linear pictures along x, measured on noise and an edge (ratio to prediction)",
         columns,
         told,
         2,
     )
     error, fewest = max(c["standard_error"] for c in curves), min(c["periodograms"] for c in curves)
     console.print(
-        f"{fewest} periodograms and more behind a value; standard error of the noise power found: {100 * error:.1f} % "
-        f"at most"
+        f"at least {fewest} periodograms per value; standard error of the measured noise power at most "
+        f"{100 * error:.1f} %"
     )
 
 

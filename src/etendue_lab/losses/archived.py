@@ -1,7 +1,7 @@
-"""What each stage of an archived camera is owed of the lost contrast, SNR and colour, at one place of its sweep.
+"""Each stage's share of the lost contrast, SNR and colour of an archived camera, at one position of its sweep.
 
 In:  the folder of an archive, values of its axes.
-Out: the document of ``studies.losses`` for the camera that stands there, from the pipeline that the archive holds.
+Out: the document of ``losses.study`` for that camera, from the pipeline that the archive holds.
 """
 
 from __future__ import annotations
@@ -23,21 +23,20 @@ from etendue_lab.compare.axis import SENSOR
 from etendue_lab.losses.study import RUNS, losses
 
 ABOUT = (
-    "The camera{at}: what a stage adds to a loss, averaged over all orders in which the stages of the ideal camera "
-    "could be"
-    " made real (Shapley values); the shares are of what is lost before others win it back, and a stage below 0 wins "
-    "back. "
-    "Contrast and signal-to-noise ratio are of a grey card, colour of the scene."
+    "Shares of the loss of the camera{at} are Shapley values: what a stage adds to a loss, averaged over all orders in "
+    "which the stages of the ideal camera could be made real. They refer to the loss before other stages win some "
+    "back; a stage below 0 wins back. Contrast and signal-to-noise ratio are those of a grey card, colour that of the "
+    "scene."
 )
 
 
 def losses_at(
     folder: Path, at: Mapping[str, Any], told: Callable[[str], None] = lambda text: None, runs: int = RUNS
 ) -> dict[str, Any]:
-    """Shapley values of the camera at some values of its axes, ``{dim: value}``; ``why`` in their place where there are
-    none.
+    """Return Shapley values of the camera at given values of its axes, ``{dim: value}``; if there are none, ``why``.
 
-    Only cameras of a grey card and, for colour, at most ``runs`` of the scene are computed; nothing of the archive is.
+    Only cameras with a grey card and, for colour, at most ``runs`` with the scene are computed; the archive itself is
+    not recomputed.
     """
     try:
         found: dict[str, Any] = finite(
@@ -45,12 +44,12 @@ def losses_at(
         )
     except EtendueError as error:
         return {"losses": [], "notes": [], "why": str(error).strip().split("\n")[-1]}
-    shown = [{**loss, "value": loss["camera"]} for loss in found["losses"]]  # the word that whoever shows it knows
+    shown = [{**loss, "value": loss["camera"]} for loss in found["losses"]]  # the key that the page and plots expect
     return {**found, "losses": shown, "about": ABOUT, "why": ""}
 
 
 def camera_at(folder: Path, at: Mapping[str, Any]) -> PipelineFile:
-    """The pipeline of an archive's last run without its sweep: every axis at one of its values.
+    """Return the pipeline of an archive's last run without its sweep: every axis at one of its values.
 
     Raises
     ------
@@ -62,7 +61,10 @@ def camera_at(folder: Path, at: Mapping[str, Any]) -> PipelineFile:
     run = recorded(folder)
     pipeline, axes = run.pipeline(), run.record["axes"]
     for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR and not key.endswith(".use")):
-        written, values = pipeline.sweep[key], list(axes.get(key, ()))  # what chooses first: the others are of that one
+        written, values = (
+            pipeline.sweep[key],
+            list(axes.get(key, ())),
+        )  # choices of stages and presets first, because others refer to them
         value = at.get(key.removesuffix(".use").replace(".", "_"), values[0] if values else None)
         listed = isinstance(written, list) and value in values and len(written) == len(values)
         item = written[values.index(value)] if listed else Decimal(str(value)) if isinstance(value, float) else value
@@ -72,7 +74,7 @@ def camera_at(folder: Path, at: Mapping[str, Any]) -> PipelineFile:
 
 
 def _taken(pipeline: PipelineFile, key: str) -> bool:
-    """Whether there is a place for a value of an axis: of stages that another axis chooses, some may have none."""
+    """Tell whether a value of an axis applies: a stage that another axis chose may lack the parameter."""
     stage, _, name = key.rpartition(".")
     uses = [entry.use for entry in pipeline.stages if entry.name == stage]
     stages = installed_stages()

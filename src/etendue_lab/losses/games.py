@@ -1,10 +1,10 @@
-"""What a camera would lose with some of its stages alone: contrast and signal-to-noise ratio, from its own figures.
+"""Losses of a camera with only some of its stages real: contrast and signal-to-noise ratio, from its own parameters.
 
-In:  a camera in front of a grey card (`FineDetail`).
-Out: for any set of stages the loss in decibels, all other stages ideal.
+In:  a camera viewing a grey card (`FineDetail`).
+Out: the loss in decibels for any set of stages, all others ideal.
 
-Decibels, because transfer functions multiply: what two blurs lose together is then nearly the sum of what each does,
-where contrast itself falls by less and less.
+Decibels are used because transfer functions multiply: the loss of two blurs together is then nearly the sum of both,
+while contrast itself falls less and less.
 """
 
 from __future__ import annotations
@@ -28,33 +28,35 @@ NODES = 32  # frequencies between 0 and Nyquist, and along x in the Nyquist squa
 
 @dataclass(frozen=True)
 class Game:
-    """One loss, and whose it is."""
+    """One loss, and each stage's share."""
 
     name: str
-    unit: str  # of the loss that is shared out
-    figure: str  # what stands beside it
+    unit: str  # of the shared loss
+    figure: str  # name of the metric shown beside it
     shares: Shares
-    ideal: float  # the figure without any of the stages
-    camera: float  # with all
-    without: Mapping[str, float]  # stage -> figure without it alone
-    pairs: Mapping[tuple[str, str], tuple[float, float]]  # loss less without both: predicted from shares, and as it is
+    ideal: float  # metric without any of the stages
+    camera: float  # with all of them
+    without: Mapping[str, float]  # stage -> metric without it alone
+    pairs: Mapping[
+        tuple[str, str], tuple[float, float]
+    ]  # loss minus that without both: predicted from shares, and actual
 
 
 def pictures_of(detail: FineDetail) -> list[Place]:
-    """Camera primaries, stage after stage."""
+    """Return the pictures of camera primaries, stage after stage."""
     return [place for place in detail.answers if place[1] == CAMERA]
 
 
 def channel_of(detail: FineDetail) -> str:
-    """The channel that is looked at: the second of the camera's, or its only one."""
+    """Return the analysed channel: green, else the second of the camera's, or its only one."""
     return detail.channels[min(1, len(detail.channels) - 1)] if "G" not in detail.channels else "G"
 
 
 class Contrast:
     """Mean contrast along x from 0 to Nyquist, of one channel.
 
-    Stages in front of the mosaic by their transfer functions, band by band; those behind it by what they make of the
-    transfer function in front of them. The ideal of a pixel is a point, of a demosaicer every channel at every pixel.
+    Stages before the mosaic count by their transfer functions, band by band; later ones by their effect on the transfer
+    function before them. The ideal of a pixel is a point, that of a demosaicer every channel at every pixel.
     """
 
     def __init__(self, detail: FineDetail) -> None:
@@ -82,15 +84,15 @@ class Contrast:
         return float(np.sum(self.weight * np.abs(found)))
 
     def loss(self, present: frozenset[str]) -> float:
-        """dB."""
+        """Return the loss in dB."""
         return -20 * math.log10(max(self.contrast(present), 1e-30))
 
 
 class SignalToNoise:
-    """SNR of the grey card in one channel, against that of its light's shot noise alone.
+    """SNR of the grey card in one channel, relative to that of its light's shot noise alone.
 
-    Noise in front of the mosaic by its variance, stages behind it by what they make of noise power; ``gains``: of
-    stages that take light, the share that passes.
+    Noise before the mosaic counts by its variance, later stages by their effect on noise power; ``gains``: transmission
+    of stages that absorb light.
     """
 
     def __init__(self, detail: FineDetail, gains: Mapping[str, float]) -> None:
@@ -114,11 +116,11 @@ class SignalToNoise:
         return float(signal / math.sqrt(self.square.mean(power)))
 
     def loss(self, present: frozenset[str]) -> float:
-        """dB."""
+        """Return the loss in dB."""
         return 20 * math.log10(self.snr(frozenset()) / self.snr(present))
 
     def _added(self, channel: str, light: float, present: frozenset[str]) -> float:
-        """Variance beside the shot noise of light, electron^2."""
+        """Return the variance in addition to the shot noise of light, electron^2."""
         charge = light + self.detail.dark
         every = {
             n: stage.variance(charge) - (light if stage.role == SHOT else 0.0)
@@ -127,7 +129,7 @@ class SignalToNoise:
         return sum(max(0.0, v) for n, v in every.items() if n in present)
 
     def _mosaic(self, place: Place, light: Mapping[str, float], variance: Mapping[str, float]) -> tuple[Any, float]:
-        """Noise power and signal, of the demosaicer's picture or, without it, of full planes."""
+        """Return noise power and signal of the demosaicer's picture or, without it, of full planes."""
         if place != self.places[0]:
             return np.full(self.square.weight.shape, variance[self.channel]), light[self.channel]
         shares, level = self._carried[place]
@@ -140,8 +142,8 @@ class SignalToNoise:
 
     @cached_property
     def _carried(self) -> dict[Place, tuple[Any, Any]]:
-        """By picture: (place, m, n) noise power for a variance of 1 at a place of the cell, (place,) signal for a
-        mean of 1.
+        """Noise transfer by picture: (place, m, n) noise power for unit variance at a position of the mosaic cell,
+        (place,) signal for unit mean.
         """
         found, count = {}, len(self.detail.order)
         for place in self.places:
@@ -160,7 +162,7 @@ class SignalToNoise:
 
     @cached_property
     def _step(self) -> dict[Place, tuple[Any, float]]:
-        """By picture behind the first: noise power and signal over those of the picture in front."""
+        """Factors by picture after the first: noise power and signal relative to those of the previous picture."""
         variance = {c: self.detail.variances(c) for c in self.detail.channels}
         found, last = {}, None
         for place in self.places:

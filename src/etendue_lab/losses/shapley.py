@@ -1,7 +1,7 @@
-"""Shares of a joint effect: Shapley values, and what pairs of players do together.
+"""Shares of a joint effect: Shapley values, and interactions of pairs of players.
 
-In:  what every coalition of players brings.
-Out: a value for each player; they sum to what all bring together. An interaction index for each pair.
+In:  the value of every coalition of players.
+Out: a value for each player; they sum to the value of all together. An interaction index for each pair.
 Sources: Shapley 1953; Grabisch and Roubens 1999 (interaction index); Castro et al. 2009 (sampled orders).
 """
 
@@ -21,15 +21,15 @@ Value = Callable[[frozenset[str]], float]
 
 @dataclass(frozen=True)
 class Shares:
-    """What each player is owed of ``total``."""
+    """Each player's share of ``total``."""
 
     players: tuple[str, ...]
     values: NDArray[np.float64]  # (player,)
     interactions: NDArray[np.float64]  # (player, player), symmetric: below 0 where one hides the other
-    errors: NDArray[np.float64]  # (player,) standard errors; 0 where all coalitions were asked
+    errors: NDArray[np.float64]  # (player,) standard errors; 0 if all coalitions were evaluated
     total: float
-    coalitions: int  # that were asked
-    orders: int  # that were sampled; 0: all coalitions
+    coalitions: int  # number evaluated
+    orders: int  # number sampled; 0: all coalitions
 
     @cached_property
     def order(self) -> dict[str, int]:
@@ -37,14 +37,13 @@ class Shares:
 
     @property
     def gross(self) -> float:
-        """What those bring that bring something: the sum of the values above 0."""
+        """Sum of the positive values: the effect before other players reduce it."""
         return float(self.values[self.values > 0].sum())
 
     def of_pair(self, one: str, other: str) -> float:
-        """By how much less is brought when two players leave: values and interactions predict it.
+        """Predict from values and interactions how much the total falls when two players leave.
 
-        Exact where no three players bring anything together: phi_i + phi_j + half the interactions of both with all
-        others.
+        Exact if no three players interact: phi_i + phi_j + half the interactions of both with all others.
         """
         i, j = self.order[one], self.order[other]
         others = [k for k in range(len(self.players)) if k not in (i, j)]
@@ -53,26 +52,26 @@ class Shares:
 
 
 def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) -> Shares:
-    """Shapley values, exact where ``most`` coalitions are all there are, else from random orders of the players.
+    """Return Shapley values, exact if there are at most ``most`` coalitions, else from random orders of the players.
 
     Parameters
     ----------
     value : callable
-        What a coalition brings, of nobody too. It is asked once for each.
+        Value of a coalition, including the empty one. Called once for each.
     players : names, all different
     most : int
-        Coalitions that may be asked.
+        Maximum number of coalitions to evaluate.
     seed : int
         Of the random orders, which come in pairs: one, and its reverse.
 
     Raises
     ------
     ValueError
-        A name twice; so few coalitions that not even one pair of orders can be asked.
+        A name occurs twice, or ``most`` does not allow a single pair of orders.
     """
     names, known = tuple(players), {}
     if len(set(names)) < len(names):
-        raise ValueError(f"players are {', '.join(names)}; allowed are names that differ")
+        raise ValueError(f"players are {', '.join(names)}; names must differ")
 
     def asked(mask: int) -> float:
         if mask not in known:
@@ -88,7 +87,7 @@ def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) 
 
 
 def fewest(players: int) -> int:
-    """Coalitions that an order and its reverse ask for, with neighbours, at most."""
+    """Return the maximum number of coalitions that an order and its reverse need, with neighbours."""
     return 2 * (2 * players - 1)
 
 
@@ -110,11 +109,11 @@ def _exact(asked: Callable[[int], float], n: int) -> tuple[NDArray[np.float64], 
 def _sampled(
     asked: Callable[[int], float], n: int, most: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
-    """Of an order: what each player adds to those in front; of neighbours in it also what they add together."""
+    """Sample orders: what each player adds to those before it; for neighbours also their joint effect."""
     each = fewest(n)
     pairs = most // each
     if pairs < 1:
-        raise ValueError(f"most is {most}; of {n} players at least {each} coalitions must be asked")
+        raise ValueError(f"most is {most}; {n} players need at least {each} coalitions")
     rng, added = np.random.default_rng(seed), np.zeros((pairs, n))
     together, counted = np.zeros((n, n)), np.zeros((n, n))
     for number in range(pairs):

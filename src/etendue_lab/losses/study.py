@@ -1,12 +1,11 @@
-"""``etendue losses``: what part of the lost contrast, signal-to-noise ratio and colour each stage of a camera is owed.
+"""``etendue losses``: each stage's share of a camera's lost contrast, signal-to-noise ratio and colour.
 
 In:  a pipeline as written, the reflectance of a grey card.
-Out: Shapley values by stage, what the camera would be without it, and pairs: predicted from the values, and as they
-     are.
+Out: Shapley values by stage, the metric of the camera without it, and the losses of pairs, predicted from the values
+     and actual.
 
-A stage that is removed gives way to its ideal (decision 0026): a lens that spreads no light, a pixel that is a point, a
-source of noise that draws nothing, every channel at every pixel. What numerical error a stage brings is another
-question, see accuracy.
+A removed stage is replaced by its ideal (decision 0026): a lens that spreads no light, a point-like pixel, a noise
+source that adds nothing, every channel at every pixel. For the numerical error of stages, see ``accuracy``.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ from etendue_lab.noise.flat_field import MOSAIC
 from etendue_lab.quality.figures import Shot
 from etendue_lab.quality.ideal import Ideal, ideal_of
 
-ANALYTIC = 1024  # coalitions of what follows from figures: exact up to ten stages
-RUNS = 64  # coalitions that are run, unless told otherwise: exact up to six stages
+ANALYTIC = 1024  # coalitions evaluated from formulas: exact up to ten stages
+RUNS = 64  # default number of coalitions that are run: exact up to six stages
 LINEAR = "rgb_linear"
 
 
 @dataclass
 class LossReport:
-    """Losses of a camera, and whose they are."""
+    """Losses of a camera, and each stage's share."""
 
     pipeline: str
     reflectance: float
@@ -51,7 +50,7 @@ class LossReport:
     notes: list[str] = field(default_factory=list)
 
     def document(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """Return the report as JSON."""
         return {
             "pipeline": self.pipeline,
             "reflectance": self.reflectance,
@@ -69,30 +68,31 @@ def losses(
     options: Options | None = None,
     told: Callable[[str], None] = lambda text: None,
 ) -> LossReport:
-    """Share out what a camera loses among its stages.
+    """Compute each stage's share of the losses of a camera.
 
     Parameters
     ----------
     pipeline : Pipeline
-        A sweep is left out. Contrast and noise are those of a grey card in the place of its scene; colour is that of
-        its own scene.
+        A sweep is ignored. Contrast and noise are those of a grey card in place of its scene; colour is that of its
+        own scene.
     registry : Registry
     reflectance : float
-        Of the card, above 0 and at most 1.
+        Of the card, greater than 0 and at most 1.
     runs : int
-        Cameras that may be run for colour; 0: none. Exact where these are all sets of its stages, else random orders.
+        Maximum number of cameras run for colour; 0: none. Exact if that covers all sets of its stages, else random
+        orders.
     seed : int
         Of random orders.
     told : callable
-        Given a few words for each camera before it is run.
+        Called with a short text for each camera before it is run.
 
     Raises
     ------
     RequestError
-        Faults of the pipeline or of these values; a camera that does not say how noisy it is.
+        The pipeline or one of these values is invalid; a stage does not declare its noise.
     """
     if runs < 0 or seed < 0:
-        raise RequestError(f"--runs {runs} --seed {seed}: expected whole numbers from 0")
+        raise RequestError(f"--runs {runs} --seed {seed}: must be whole numbers of at least 0")
     alone, notes = one_camera(pipeline)
     detail = fine_detail(alone, registry, reflectance, options, None, notes)
     report = LossReport(pipeline.name, reflectance, notes=notes)
@@ -110,13 +110,13 @@ def losses(
 
 @dataclass(frozen=True)
 class SharedLoss:
-    """A loss that is shared out."""
+    """A loss to be shared among stages."""
 
     name: str
     unit: str
-    figure: str  # what stands beside it
+    figure: str  # name of the metric shown beside it
     players: tuple[str, ...]
-    loss: Callable[[frozenset[str]], float]  # of some of the players
+    loss: Callable[[frozenset[str]], float]  # with some of the players
     figure_of: Callable[[frozenset[str]], float]
 
 
@@ -142,7 +142,7 @@ def _game(shared: SharedLoss, most: int, seed: int) -> Game:
 
 
 def _gains(detail: FineDetail, registry: Registry, options: Options | None, notes: list[str]) -> dict[str, float]:
-    """Share of the light that passes each stage that only takes light."""
+    """Return the transmission of each stage that only absorbs light."""
     found = {}
     for node in detail.plan.nodes:
         if (
@@ -159,7 +159,7 @@ def _gains(detail: FineDetail, registry: Registry, options: Options | None, note
             ref = next((n.name, ()) for n in plan.nodes if CHARGE in n.writes)
             charge = detail.window(collect(plan, {ref: (CHARGE,)}, options).arrays[ref][CHARGE])
         except (EtendueError, KeyError) as error:
-            notes.append(f"{node.name}: what light it takes is not known ({str(error).splitlines()[0]})")
+            notes.append(f"{node.name}: its transmission is unknown ({str(error).splitlines()[0]})")
             continue
         own = sum(detail.signal()[str(detail.mask[p])] - detail.dark for p in detail.order) / len(detail.order)
         found[node.name] = own / (float(charge.mean()) - detail.dark)
@@ -167,7 +167,7 @@ def _gains(detail: FineDetail, registry: Registry, options: Options | None, note
 
 
 def without_stages(pipeline: PipelineFile, out: Collection[str]) -> PipelineFile:
-    """The pipeline without some stages that write what they read, none of which stands where its file says."""
+    """Return the pipeline without some stages that write what they read; line numbers of the file no longer apply."""
     return replace(derived.without_stages(pipeline, out), lines={})
 
 
@@ -187,23 +187,21 @@ def _colour(
         cameras = _Cameras(pipeline, registry, options, told)
         least = min(2 ** len(cameras.players), fewest(len(cameras.players)))
         if runs < least:
-            raise ValueError(
-                f"{len(cameras.players)} stages take part, for which {least} cameras must be run: --runs {least}"
-            )
+            raise ValueError(f"{len(cameras.players)} stages need at least {least} cameras: --runs {least}")
         report.notes += [note for note in cameras.ideal.notes if note not in report.notes]
         what = "rms CIEDE2000 to the ideal camera"
         colour = SharedLoss("colour", "CIEDE2000^2", what, cameras.players, cameras.loss, cameras.figure)
         report.games.append(_game(colour, runs, seed))
     except (RequestError, ValueError) as error:
         text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
-        report.notes.append(f"colour is not shared out: {text}")
+        report.notes.append(f"no shares of colour: {text}")
 
 
 class _Cameras:
-    """The same camera with some of its stages ideal, run in front of its own scene.
+    """The same camera with some of its stages ideal, run with its own scene.
 
-    Mosaic, noise, converter, what works on the mosaic and the demosaicer are one: the ideal camera has every channel at
-    every pixel in the place of them all.
+    Mosaic, noise, converter, mosaic corrections and the demosaicer count as one: the ideal camera has every channel at
+    every pixel in place of them all.
     """
 
     def __init__(
@@ -221,9 +219,7 @@ class _Cameras:
         self.reference = self._lab(frozenset())
 
     def loss(self, present: frozenset[str]) -> float:
-        """Mean of the squared colour difference to the ideal camera: of errors that know nothing of each other it is
-        a sum.
-        """
+        """Return the mean squared colour difference to the ideal camera: for independent errors it is a sum."""
         if present not in self.pictures:
             apart = difference.delta_e_2000(self._lab(present), self.reference) if present else np.zeros(1)
             self.pictures[present] = float(np.mean(np.square(apart)))
@@ -234,8 +230,7 @@ class _Cameras:
 
     def _lab(self, present: frozenset[str]) -> Any:
         self.told(
-            f"the camera with {', '.join(n for n in self.players if n in present) or 'nothing'} as it is, and all else "
-            f"ideal"
+            f"the camera with {', '.join(n for n in self.players if n in present) or 'nothing'} real, all else ideal"
         )
         if self.mosaic in present:
             camera = without_stages(self.pipeline, set(self.ideal.left_out) - present - self.beside)
@@ -245,16 +240,16 @@ class _Cameras:
         plan = make_plan(derived.wanting(camera), self.registry)
         node = next((n for n in reversed(plan.nodes) if LINEAR in n.writes), None)
         if node is None:
-            raise ValueError("no stage writes rgb_linear: put 'display' behind the demosaicer")
+            raise ValueError("no stage writes rgb_linear: put 'display' after the demosaicer")
         plan = make_plan(derived.wanting(camera, [(node.name, LINEAR)]), self.registry)
         found = collect(plan, {(node.name, ()): (LINEAR,)}, self.options)
         failed = next((r for r in found.reports.values() if r.status == "failed"), None)
         if failed is not None:
-            raise ValueError(f"the stage {failed.stage!r} broke off: {failed.message.splitlines()[-1]}")
+            raise ValueError(f"stage {failed.stage!r} failed: {failed.message.splitlines()[-1]}")
         stages = (plan.cells[n.name, ()].stage for n in reversed(plan.nodes) if LINEAR in n.writes)
         display = next((stage for stage in stages if isinstance(stage, Displaying)), None)
         if display is None:
-            raise ValueError("no stage says which primaries the display has")
+            raise ValueError("no stage declares the primaries of the display")
         matrix = np.asarray(display.to_xyz())
         shot = Shot(None, rgb_linear=np.asarray(found.arrays[node.name, ()][LINEAR], np.float64), to_xyz=matrix)
         return difference.lab(shot.xyz(), matrix.sum(axis=1))

@@ -1,4 +1,4 @@
-"""What stages of a camera are owed of its losses, on the terminal.
+"""Terminal output of losses and their shares.
 
 In:  the document of a study of losses.
 Out: a table for each loss, and how well pairs are predicted.
@@ -11,19 +11,17 @@ from typing import Any
 
 from etendue.present.terminal.terminal import _out, _table, escape
 
-PAIRS = 3  # with the strongest interactions, that are named
+PAIRS = 3  # number of listed pairs with the strongest interactions
 
 
 def print_losses(document: dict[str, Any]) -> None:
-    """Shares of contrast, signal-to-noise ratio and colour."""
+    """Print shares of contrast, signal-to-noise ratio and colour."""
     console = _out()
-    console.print(
-        f"{document['pipeline']}: what each stage is owed of the losses, against the camera with ideal stages"
-    )
+    console.print(f"{document['pipeline']}: each stage's share of the loss, relative to the camera with ideal stages")
     for loss in document["losses"]:
         columns = (
             ("stage", "left"),
-            ("of what is lost", "right"),
+            ("share of loss", "right"),
             (f"loss [{loss['unit']}]", "right"),
             ("without it", "right"),
         )
@@ -45,9 +43,9 @@ def print_losses(document: dict[str, Any]) -> None:
             named = (f"{escape(' and '.join(pair['stages']))} ({pair['interaction']:+.2g})" for pair in pairs)
             worst = max(abs(pair["predicted"] - pair["found"]) for pair in loss["pairs"])
             console.print(
-                f"  what two stages lose together is predicted within {100 * worst / loss['lost_before_gains']:.1f} % "
-                f"of what is lost; "
-                f"most between {', '.join(named)}"
+                f"  losses of pairs are predicted within {100 * worst / loss['lost_before_gains']:.1f} % "
+                f"of the loss; "
+                f"strongest interactions: {', '.join(named)}"
             )
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")

@@ -1,7 +1,7 @@
-"""Colours of a ColorChecker in a photograph against those that its reflectances have under D50.
+"""Colours of a ColorChecker in a photograph, compared with those that its reflectances have under D50.
 
 In:  a photograph, the four corners of the chart.
-Out: CIEDE2000 of each patch as it stands and with one gain of exposure, with intervals.
+Out: CIEDE2000 of each patch, as photographed and after one exposure gain, with intervals.
 """
 
 from __future__ import annotations
@@ -26,16 +26,19 @@ GREYS = slice(18, 24)
 WHITE, OBSERVED = (
     "D50",
     tuple(float(nm) for nm in range(380, 731)),
-)  # the light of published values; where reflectances are known
-CLIPPED = 0.02  # share of a patch's pixels from which on its colour is not known
-BETTER, BAD = 0.6, 5.0  # of the mean difference: another order of the corners fits so much better; where that is asked
-STRANGE = 20.0  # mean difference behind one gain, beyond which it is hardly that chart
+)  # illuminant of the published values; range of the reflectances
+CLIPPED = 0.02  # share of clipped pixels above which a patch's colour is unknown
+BETTER, BAD = (
+    0.6,
+    5.0,
+)  # another order of corners must reduce the mean difference to this share; tried only above this one
+STRANGE = 20.0  # mean difference after gain above which it is hardly that chart
 ORDER = "dark skin, bluish green, black, white"
 
 
 @cache
 def reference() -> tuple[tuple[str, ...], Any, Any]:
-    """Names, L*a*b* (3, 24) and the XYZ of white: the mean of 30 charts under D50 for the CIE 1931 observer."""
+    """Return names, L*a*b* (3, 24) and the XYZ of white: the mean of 30 charts under D50 for the CIE 1931 observer."""
     light = spectra.illuminant(WHITE, OBSERVED) * np.diff(OBSERVED)
     seen = spectra.colour_matching(OBSERVED)
     names, reflectance = spectra.colorchecker(OBSERVED)
@@ -44,7 +47,7 @@ def reference() -> tuple[tuple[str, ...], Any, Any]:
 
 
 def to_lab(space: str) -> Callable[[Any], Any]:
-    """From linear RGB of a space to L*a*b* under D50, its white taken to that of D50 (Bradford)."""
+    """Return the conversion from linear RGB of a space to L*a*b* under D50, its white adapted to D50 (Bradford)."""
     matrix, xy = spectra.rgb_space_matrix(space)
     _, _, white = reference()
     adapted = (
@@ -55,16 +58,16 @@ def to_lab(space: str) -> Callable[[Any], Any]:
 
 
 def measured_chart(photograph: PhotographFile, text: str, space: str, confidence: float) -> dict[str, Any]:
-    """The 24 patches.
+    """Measure the 24 patches.
 
     Raises
     ------
     RequestError
-        A grey picture; corners outside it, in another order than that of the patches, too close.
+        The picture is grey; corners are outside it, in the wrong order, or too close.
     """
     places = corners("--chart", text, photograph.columns, photograph.rows)
     if photograph.names == ("grey",):
-        raise RequestError(f"--chart: {photograph.path.name} is grey; the colours of a chart need a colour picture")
+        raise RequestError(f"--chart: {photograph.path.name} is grey; a chart needs a colour picture")
     notes = []
     (left, top), (right, bottom) = (
         np.floor(np.maximum(places.min(0), 0)).astype(int),
@@ -87,11 +90,9 @@ def measured_chart(photograph: PhotographFile, text: str, space: str, confidence
             for name, share in zip(names, patches.clipped, strict=True)
             if share > CLIPPED
         ]
-        notes.append(f"clipped, so that their colours are not known: {', '.join(several)}")
+        notes.append(f"clipped, so their colours are unknown: {', '.join(several)}")
     if exposed.mean > STRANGE:
-        notes.append(
-            "these are hardly the colours of a ColorChecker: look at the corners, and at --encoding and --space"
-        )
+        notes.append("the colours hardly match a ColorChecker: check the corners, --encoding and --space")
     rows = [
         {
             "patch": name,
@@ -118,7 +119,7 @@ def measured_chart(photograph: PhotographFile, text: str, space: str, confidence
 def _errors(
     patches: Patches, convert: Any, confidence: float, draws: int = DRAWS
 ) -> tuple[ColourErrors, ColourErrors, float]:
-    """As it stands, and times the gain that makes the luminances of the greys those of the reference, by least
+    """Return errors as photographed, and after the gain that fits the luminances of the greys to the reference by least
     squares.
     """
     _, goal, _ = reference()
@@ -130,7 +131,7 @@ def _errors(
 
 
 def _luminance(lightness: Any) -> Any:
-    """Y of L*, 1 at white."""
+    """Return Y from L*, 1 at white."""
     f = (np.asarray(lightness) + 16) / 116
     return np.where(f > 6 / 29, f**3, 3 * (6 / 29) ** 2 * (f - 4 / 29))
 
@@ -138,7 +139,7 @@ def _luminance(lightness: Any) -> Any:
 def _in_order(
     text: str, places: Any, first: Any, planes: Any, clipped: Any, convert: Any, confidence: float
 ) -> tuple[Patches, ColourErrors, ColourErrors, float]:
-    """The patches in the given order of corners; another order that fits much better is told instead."""
+    """Measure the patches in the given order of corners; if another order fits much better, refuse and suggest it."""
 
     def taken(order: Any, draws: int = DRAWS) -> tuple[Patches, ColourErrors, ColourErrors, float]:
         patches = chart_patches(planes, order - np.array(first), ROWS, COLUMNS, clipped)
@@ -147,7 +148,7 @@ def _in_order(
     middle = places.mean(0)
     around = places[np.argsort(np.arctan2(*(places - middle).T[::-1]))]  # clockwise as seen, y down
     if turning(around) != (4, 0):
-        raise RequestError(f"--chart {text}: the corners are those of no chart: they do not stand around it")
+        raise RequestError(f"--chart {text}: the four points are not the corners of a chart")
     orders = [np.roll(one, -start, axis=0) for one in (around, around[::-1]) for start in range(4)]
     try:
         given = taken(places) if turning(places) in ((4, 0), (0, 4)) else None
@@ -160,7 +161,7 @@ def _in_order(
     if given is not None and (np.array_equal(best, places) or other[2].mean > BETTER * given[2].mean):
         return given
     written = ",".join(f"{one:g}" for pair in best for one in pair)
-    raise RequestError(f"--chart {text}: the corners are not in the order {ORDER}; what fits is --chart {written}")
+    raise RequestError(f"--chart {text}: the corners are not in the order {ORDER}; this order fits: --chart {written}")
 
 
 def _between(name: str, value: float, reach: float) -> dict[str, float]:

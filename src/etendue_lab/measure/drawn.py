@@ -1,7 +1,7 @@
-"""A photograph with what was measured in it, where it stands.
+"""A photograph with the measured regions outlined.
 
 In:  the file, the document of ``measure``.
-Out: a plot: the picture, regions outlined, each with its figures.
+Out: a plot: the picture, regions outlined, each with its results.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 from etendue.present.plots.plot import Plot, new_figure
 from etendue_lab.measure.photograph import ENCODED, PhotographFile, open_photograph
 
-WIDEST, INCHES = 1600, 9.0  # pixels of the picture that are drawn along its longer side
-LOW = 0.08  # of the picture's height: words have no room above
+WIDEST, INCHES = 1600, 9.0  # maximum pixels drawn along the longer side; its length in inches
+LOW = 0.08  # share of the picture's height; closer to the top there is no room for text
 GREY = (0.2126, 0.7152, 0.0722)
 DARK = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "pad": 1.5}
 
 
 def drawn(path: Path, document: dict[str, Any]) -> Plot:
-    """The picture with every edge, star, patch and chart of a document."""
+    """Plot the picture with every edge, star, patch and chart of a document."""
     encoding = "linear" if document["encoding"] == "raw" else document["encoding"]
     photograph = open_photograph(path, encoding, GREY)
     rows, columns = photograph.rows, photograph.columns
@@ -52,7 +52,7 @@ def drawn(path: Path, document: dict[str, Any]) -> Plot:
         low, right = (
             y < LOW * rows,
             x > 0.5 * columns,
-        )  # words stand over a region; where there is no room, at its lower end, inward
+        )  # text goes above a region; where there is no room, at its lower end, inward
         axes.annotate(
             words,
             (x, y),
@@ -78,7 +78,7 @@ def drawn(path: Path, document: dict[str, Any]) -> Plot:
 
 
 def _outlined(axes: Any, kind: str, one: dict[str, Any], place: list[float], colour: str) -> tuple[float, float]:
-    """Where the words go."""
+    """Outline a region; return the position of its text."""
     from matplotlib.patches import Circle, Polygon, Rectangle
 
     dashed = "--" if one.get("doubts") or one.get("not_covered") or one.get("hidden") else "-"
@@ -99,7 +99,7 @@ def _outlined(axes: Any, kind: str, one: dict[str, Any], place: list[float], col
 
 
 def _words(axes: Any, x: float, y: float, width: float, height: float) -> tuple[float, float]:
-    """The corner of a region at which its words begin."""
+    """Return the corner of a region at which its text starts."""
     columns, rows = axes.get_xlim()[1], axes.get_ylim()[0]
     return (x + width if x + width / 2 > 0.5 * columns else x), (
         y + height if y < LOW * rows and y + height < (1 - LOW) * rows else y
@@ -122,7 +122,7 @@ def _noise(one: dict[str, Any]) -> str:
 
 
 def _shown(photograph: PhotographFile) -> Any:
-    """(rows, columns) or (rows, columns, 3), 0 to 1 as it is looked at; every so many pixels of a large one."""
+    """Return (rows, columns) or (rows, columns, 3), 0 to 1, as shown; a large picture is subsampled."""
     every = math.ceil(max(photograph.rows, photograph.columns) / WIDEST)
     part = photograph.values[::every, ::every] / photograph.full
     seen = np.clip(part, 0, 1)

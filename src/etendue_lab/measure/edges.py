@@ -1,7 +1,7 @@
-"""MTF of slanted edges in a photograph: e-SFR with an interval, or one line that says why there is none.
+"""MTF of slanted edges in a photograph: e-SFR with an interval, or a message with the reason why there is none.
 
 In:  a photograph, a region or none.
-Out: a row of figures with their curve.
+Out: a row of values with their curve.
 """
 
 from __future__ import annotations
@@ -22,57 +22,58 @@ from etendue_lab.measure.finding import reason, slanted, strips_of
 from etendue_lab.measure.photograph import PLANES, PhotographFile
 from etendue_lab.measure.regions import FOUND, PixelWindow, window
 
-ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
+ORDER = 3  # of the polynomial fitted to an edge: distortion bends edges
 LEAST, MOST = (
     1.0,
     44.0,
-)  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
-STEEP = 2.0, 43.0  # degrees from the raster of an edge that is taken by itself
-MISFIT, TIMES = 0.04, 4.0  # of the step, and of the noise: rms about the edge beyond which it is no single edge
-ALONE = 0.02  # of the step, rms about the edge up to which nothing else stands in a region
-CLEARER = 1.5  # times the ratio of step to rest that a strip of a region has, where something else stands in the region
-TILTED = 1.92  # errors of MTF50, of what both levels are wrong by: holds 96 % of 400 edges in 8 bits without noise
+)  # degrees from the raster; the method's own limits are 2 to 43, with a margin for photographs
+STEEP = 2.0, 43.0  # degrees from the raster of edges that are found automatically
+MISFIT, TIMES = 0.04, 4.0  # relative to the step, and to the noise: rms residual above which it is not a single edge
+ALONE = 0.02  # relative to the step: rms residual up to which the region holds nothing else
+CLEARER = (
+    1.5  # how much better the ratio of step to residual in a strip must be than in a region that holds something else
+)
+TILTED = 1.92  # scale of the effect of level errors on MTF50: covers 96 % of 400 edges in 8 bits without noise
 LOST, COARSER, FINER = 0.0235, 2.0, 8.34  # of MTF50: see `_lost`
 FINE, TWICE = (
     2.0,
     0.5,
-)  # mean step of a table below which edges written again show little but rounding, and how much of that is both's
-METHOD = 5e-4  # of MTF50: error of the method itself (`slanted_edge`), below which no interval says anything
-SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
+)  # mean step of a table below which rewritten edges show little but rounding, and how much of it is counted twice
+METHOD = 5e-4  # relative to MTF50: error of the method itself (`slanted_edge`), a lower bound of every interval
+SEEN = 5.0  # times the noise: a step visible by eye; noise alone reaches 3.3
 HIDDEN = "its step is lost in noise"
-TRIED = 0.08, 0.6  # cycles/pixel, of MTF50: Gaussian blurs of 2 to 0.35 pixels
-TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's table, that of quality 75 being 29
-KINDS = {  # of what keeps the edges of a picture from being found by themselves: what its reason holds, and what helps
-    "shorter than 24 pixels": (("shorter than",), "take the chart larger in the picture"),
+TRIED = 0.08, 0.6  # range of MTF50 tested, cycles/pixel: Gaussian blurs of 2 to 0.35 pixels
+TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's table, where that of quality 75 is 29
+KINDS = {  # why edges are not found automatically: parts of the reason, and advice
+    "shorter than 24 pixels": (("shorter than",), "make the chart larger in the picture"),
     "along rows or columns": (
         ("along the raster", "not slanted", "nothing in it stands at a slant"),
-        "turn the chart by some 5 degrees",
+        "turn the chart by about 5 degrees",
     ),
     "nearly along a diagonal": (
         ("along a diagonal",),
-        "turn the chart: edges are best at some 5 degrees from rows and columns",
+        "turn the chart: edges are best at about 5 degrees from rows and columns",
     ),
-    "less than 8 pixels from something else": (("something stands within",), "give the edge more room"),
+    "less than 8 pixels from something else": (("something stands within",), "leave more room around the edge"),
     "not straight, or not alone": (
         ("not straight", "no single straight", "distances", "line", "in one row", "no step"),
         "",
     ),
-    "no stronger than noise or texture about it": ((HIDDEN,), ""),
+    "no stronger than the noise or texture around it": ((HIDDEN,), ""),
 }
 REGIONS = (
-    "give regions: --edge X,Y,WIDTH,HEIGHT about one slanted edge, --star X,Y,RADIUS, --noise X,Y,WIDTH,HEIGHT of an "
-    "even patch, "
-    "--chart with the four corners of a ColorChecker"
+    "give regions: --edge X,Y,WIDTH,HEIGHT around one slanted edge, --star X,Y,RADIUS, --noise X,Y,WIDTH,HEIGHT of a "
+    "uniform patch, --chart with the four corners of a ColorChecker"
 )
 
 
 def measured_edge(photograph: PhotographFile, text: str, channel: str, confidence: float) -> dict[str, Any]:
-    """One edge.
+    """Measure one edge.
 
     Raises
     ------
     RequestError
-        A region outside the picture; no edge, one along the raster, a bent one.
+        The region is outside the picture, or its edge is missing, along the raster, or bent.
     """
     if text != FOUND:
         return _measured_in(
@@ -100,13 +101,13 @@ def measured_edge(photograph: PhotographFile, text: str, channel: str, confidenc
             return one
     if measured:
         return min(measured, key=lambda one: (len(one["doubts"]), len(one["flags"])))
-    raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself: {_why(refusals, why)}; {REGIONS}")
+    raise RequestError(
+        f"{photograph.path.name}: no slanted edge was found automatically: {_why(refusals, why)}; {REGIONS}"
+    )
 
 
 def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, confidence: float) -> dict[str, Any]:
-    """The one edge of a region; where something else stands in a corner of it, that of the strip whose box the
-    region is.
-    """
+    """Measure the one edge of a region; if the region also holds something else, use the strip whose box it is."""
     refusal: RequestError | None = None
     whole: dict[str, Any] = {}
     try:
@@ -133,25 +134,25 @@ def _measured_in(photograph: PhotographFile, region: PixelWindow, channel: str, 
 
 
 def _why(refusals: list[str], why: list[str]) -> str:
-    """What edges of the picture are that cannot be measured, most of them first, and what helps with these."""
+    """Return which kinds of edges in the picture cannot be measured, most frequent first, and advice for those."""
     reasons = [*refusals, *(reason(ValueError(one)) for one in why)]
     counts = {kind: sum(any(part in one for part in parts) for one in reasons) for kind, (parts, _) in KINDS.items()}
     kinds = sorted((kind for kind in counts if counts[kind]), key=lambda kind: -counts[kind])
     if not kinds:
-        return reasons[0] if reasons else "it is even all over"
+        return reasons[0] if reasons else "the picture is uniform"
     help = KINDS[kinds[0]][1]
-    return f"what it has of edges is {'; or '.join(kinds)}{f' ({help})' if help else ''}"
+    return f"its edges are {'; or '.join(kinds)}{f' ({help})' if help else ''}"
 
 
 def _measured(
     photograph: PhotographFile, place: PixelWindow, channel: str, confidence: float, strip: Any = None
 ) -> dict[str, Any]:
-    """The edge in a rectangle, or that of the pixels of a strip in it."""
+    """Measure the edge in a rectangle, or that of the pixels of a strip in it."""
     what = f"--edge {place}"
     if strip is not None:
         place, strip = _roomy(place, strip, photograph)
     if min(place.width, place.height) < SMALLEST:
-        raise RequestError(f"{what}: too small for an edge; allowed is at least {SMALLEST} x {SMALLEST} pixels")
+        raise RequestError(f"{what}: too small for an edge; at least {SMALLEST} x {SMALLEST} pixels are needed")
     image, sites = photograph.linear(channel, place.cut)
     image = np.ascontiguousarray(image)
     sites = sites if strip is None else strip
@@ -161,7 +162,7 @@ def _measured(
         written = photograph.written if photograph.lossy else None
         found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence, written=written)
     except ValueError as error:
-        raise RequestError(f"{what}: no edge can be measured: {_said(reason(error), seen, image)}") from None
+        raise RequestError(f"{what}: cannot measure an edge: {_said(reason(error), seen, image)}") from None
     _check_straight(what, found, shape, image, sites)
     clipped = float(photograph.clipped(place.cut).mean())
     top, bottom, left, right = found.window
@@ -196,7 +197,9 @@ def _measured(
 
 
 def _untried(photograph: PhotographFile, channel: str, found: EdgeResolution, step: float) -> list[str]:
-    """What of a picture lies outside of what intervals have been tried on (``benchmarks/measure_coverage.py``)."""
+    """Return which properties are outside the range on which intervals were tested
+    (``benchmarks/measure_coverage.py``).
+    """
     noise = step / found.snr if found.snr > 0 else math.inf
     seen = {
         "sharp": found.mtf50 > TRIED[1] or found.not_reached,
@@ -211,7 +214,9 @@ def _untried(photograph: PhotographFile, channel: str, found: EdgeResolution, st
 def _intervals(
     photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution, confidence: float
 ) -> dict[str, Any]:
-    """Intervals of noise with what a file adds to them, all parts in squares, and those parts, of MTF50."""
+    """Return intervals that combine noise with the effects of the file, added in squares, and these effects relative to
+    MTF50.
+    """
     doubt, lost = _rounding(photograph, levels, found, confidence), _lost(photograph, levels, found)
     z = float(scipy.special.ndtri(0.5 + 0.5 * confidence))
     again = found.written[0] if found.written is not None and math.isfinite(found.written[0].spread) else None
@@ -237,14 +242,15 @@ def _intervals(
 
 
 def _lost(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution) -> float:
-    """What a JPEG of an edge hides from edges that are written again, of MTF50: a mean error, and as much of a spread.
+    """Return the effect of JPEG compression that rewritten edges do not show, relative to MTF50: a mean error, and an
+    equal spread.
 
     Notes
     -----
-    These begin from the edge that the file has left: what it took off a sharp one they have not any more. So much that
-    truth lies on the average higher, and as much is its spread: `LOST` times the squared ratio of the table's mean step
-    to the step of the edge, times exp(`FINER` MTF50), up to the sharpest edge that was tried. Fitted with
-    `edge_rewritten.BY_ROWS` to the same edges; 0.1 of MTF50 for blurs of 0.35 pixels at quality 75, 0.005 at 95.
+    Rewritten edges start from the edge in the file, which has already lost detail of a sharp one. On average the truth
+    lies higher by this amount, with an equal spread: `LOST` times the squared ratio of the table's mean step to the
+    step of the edge, times exp(`FINER` MTF50), up to the sharpest edge tested. Fitted with `edge_rewritten.BY_ROWS` to
+    the same edges; 0.1 of MTF50 for blurs of 0.35 pixels at quality 75, 0.005 at 95.
     """
     if not math.isfinite(found.mtf50):
         return 0.0
@@ -252,13 +258,13 @@ def _lost(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeReso
 
 
 def _rounding(photograph: PhotographFile, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> float:
-    """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by,
-    of its step.
+    """Return how far the file's whole numbers may have shifted a frequency, relative to it: from the error of both
+    levels of the edge, relative to its step.
     """
     low, high = levels
     steps = [photograph.step(low), photograph.step(high)]
     if found.written is not None:
-        noise = found.written[0].noise  # what is left beside the edge is mostly that of the file, and spreads nothing
+        noise = found.written[0].noise  # the residual is mostly noise of the file and adds no spread
     elif not found.snr > 0:
         noise = 0.0
     else:
@@ -268,9 +274,9 @@ def _rounding(photograph: PhotographFile, levels: tuple[float, ...], found: Edge
 
 
 def _wider(value: float, low: float, high: float, doubt: float, higher: float = 0.0) -> tuple[float, float]:
-    """An interval with a further doubt of the value (of it) that has nothing to do with what made the interval.
+    """Widen an interval by a further independent uncertainty, relative to the value.
 
-    By ``higher`` (of the value) the interval lies higher; the value stays in it.
+    ``higher`` (relative to the value) shifts the interval up; the value stays inside it.
     """
     if not math.isfinite(value):
         return low, high
@@ -279,14 +285,14 @@ def _wider(value: float, low: float, high: float, doubt: float, higher: float = 
 
 
 def _said(why: str, seen: bool, image: Any) -> str:
-    """What keeps an edge from being measured: a step that is seen is not lost in noise."""
+    """Return why an edge cannot be measured; a visible step is not reported as lost in noise."""
     if not seen and float(np.ptp(image)) > 0:
         return HIDDEN
-    return "what stands there is no single straight edge between two even fields" if why == HIDDEN else why
+    return "there is no single straight edge between two uniform fields" if why == HIDDEN else why
 
 
 def _roomy(place: PixelWindow, strip: Any, photograph: PhotographFile) -> tuple[PixelWindow, Any]:
-    """A window with room about a strip that is narrower than an edge's picture may be."""
+    """Return a window with room around a strip that is narrower than the smallest measurable edge."""
     (y, height), (x, width) = (
         _widened(first, length, size)
         for first, length, size in (
@@ -307,7 +313,7 @@ def _widened(first: int, length: int, size: int) -> tuple[int, int]:
 
 
 def _shape(what: str, image: Any, sites: Any) -> EdgeShape | None:
-    """How the edge of a region stands; one along the raster is refused."""
+    """Return the shape of the edge in a region; refuse one along the raster."""
     try:
         shape = edge_shape(image, sites)
     except ValueError:
@@ -322,13 +328,13 @@ def _stands(shape: EdgeShape) -> str:
 
 
 def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, image: Any, sites: Any) -> None:
-    """An edge that no cubic follows: the picture departs from what was fitted by more than its noise."""
+    """Refuse an edge that no cubic follows: the residual of the fit exceeds its noise."""
     step = 1 / found.snr if found.snr > 0 else math.inf
     if step <= MISFIT or step <= TIMES * _noise(image, sites) / _step(image, sites):
         return
     bend = "" if shape is None else f": up to {shape.bend:.1f} pixels from a line {_stands(shape)}"
     raise RequestError(
-        f"{what}: the edge is not straight, or not alone{bend}; the rest about it is {100 * step:.0f} % of its step"
+        f"{what}: the edge is not straight, or not alone{bend}; the residual is {100 * step:.0f} % of its step"
     )
 
 
@@ -338,7 +344,9 @@ def _step(image: Any, sites: Any) -> float:
 
 
 def _noise(image: Any, sites: Any) -> float:
-    """rms of a pixel, from the median of differences between neighbours of one colour along the smoother direction."""
+    """Return the rms noise of a pixel, from the median of differences between neighbours of one colour along the
+    smoother direction.
+    """
     if sites is None:
         steps = [np.diff(image, axis=0), np.diff(image, axis=1)]
     else:

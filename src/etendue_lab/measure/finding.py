@@ -1,4 +1,4 @@
-"""Where in a photograph slanted edges are, when nobody has said it.
+"""Automatic search for slanted edges in a photograph.
 
 In:  a photograph.
 Out: windows of it in which an edge may be measured, the most promising first.
@@ -16,24 +16,24 @@ from etendue_camera.resolution.edges.edge_region import FoundEdge, find_edges
 from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import PixelWindow
 
-SEARCHED = 2_000_000  # pixels of the picture in which edges are looked for
-AROUND, WIDEST = 24, 800  # pixels about what was found there, and at most along a side
-PARTS = 3  # along y and along x, with those half way between: where the whole picture is ruled by something else
-MOST, TRIES = 12, 12  # edges that are measured at most, and places that are looked at in a part
-SPANNED = 0.95  # of a region's width and height that a strip has whose box it is
+SEARCHED = 2_000_000  # pixels of the picture that is searched
+AROUND, WIDEST = 24, 800  # pixels around a find, and maximum size along a side
+PARTS = 3  # along y and along x, plus overlapping ones: for pictures dominated by something else
+MOST, TRIES = 12, 12  # maximum number of edges measured, and of places examined in a part
+SPANNED = 0.95  # share of a region's width and height that a strip must span
 SHORTEST = 12.0  # half of an edge's length, pixels: a strip of 24 and its ends
 
 
 @dataclass(frozen=True)
 class EdgePlace:
-    """A window of a photograph, and which of its pixels lie about one edge."""
+    """A window of a photograph, and its pixels around one edge."""
 
     window: PixelWindow
     strip: Any  # (y, x) of bool
 
 
 def slanted(photograph: PhotographFile, channel: str) -> tuple[list[EdgePlace], list[str]]:
-    """Places of edges, and why others are none; in a large picture first looked for by means over squares of the
+    """Return places of edges, and why others were rejected; a large picture is first searched on block means of the
     file's own numbers.
     """
     factor = math.ceil(math.sqrt(photograph.rows * photograph.columns / SEARCHED))
@@ -41,7 +41,7 @@ def slanted(photograph: PhotographFile, channel: str) -> tuple[list[EdgePlace], 
     if factor > 1:
         factor = (
             factor if sites is None else max(factor, 3)
-        )  # in any mosaic three by three pixels hold every colour that edges have
+        )  # in any mosaic, three by three pixels contain every colour used for edges
         small, _ = _in_parts(_smaller(photograph, sites, factor), None)
         parts = [_span(*one.window, factor, photograph) for one in small[:MOST]]
         wide = [_in(photograph, channel, part) for part in dict.fromkeys(parts)]
@@ -53,7 +53,7 @@ def slanted(photograph: PhotographFile, channel: str) -> tuple[list[EdgePlace], 
 
 
 def strips_of(photograph: PhotographFile, channel: str, region: PixelWindow) -> list[EdgePlace]:
-    """Strips whose box a region is: of a turned strip it holds corners, too, in which something else may stand."""
+    """Return strips whose bounding box is a region: the corners of the box may contain something else."""
     top, left = max(region.y - AROUND, 0), max(region.x - AROUND, 0)
     part = (
         top,
@@ -72,7 +72,7 @@ def strips_of(photograph: PhotographFile, channel: str, region: PixelWindow) -> 
 
 
 def _cut_to(region: PixelWindow, place: EdgePlace) -> EdgePlace | None:
-    """What of a strip lies in a region."""
+    """Return the part of a strip inside a region."""
     held, own = np.zeros((region.height, region.width), bool), place.window
     y, x = own.y - region.y, own.x - region.x
     rows, columns = slice(max(y, 0), max(y + own.height, 0)), slice(max(x, 0), max(x + own.width, 0))
@@ -95,7 +95,7 @@ def _place(found: FoundEdge) -> EdgePlace:
 
 
 def _in_parts(image: Any, sites: Any) -> tuple[list[FoundEdge], list[str]]:
-    """Edges of the whole picture and of its parts, whose strongest things are others."""
+    """Return edges of the whole picture and of its parts, in which other features are the strongest."""
     found, why = [], []
     for top, bottom, left, right in _parts(*image.shape):
         cut = np.s_[top:bottom, left:right]
@@ -122,7 +122,7 @@ def _moved(one: FoundEdge, down: int, right: int) -> FoundEdge:
 
 
 def _apart(places: list[EdgePlace]) -> list[EdgePlace]:
-    """Those whose middle no better one holds."""
+    """Return places whose middle is not inside a better one."""
     kept: list[EdgePlace] = []
     for place in places:
         y, x = (float(part.mean()) for part in np.nonzero(place.strip))
@@ -138,12 +138,12 @@ def _apart(places: list[EdgePlace]) -> list[EdgePlace]:
 
 
 def reason(error: ValueError) -> str:
-    """Why no edge can be measured, without what is allowed."""
+    """Return why no edge can be measured, without the allowed range."""
     return str(error).removeprefix("picture shows no edge that can be measured: ").partition("; allowed is")[0]
 
 
 def _parts(rows: int, columns: int) -> list[tuple[int, int, int, int]]:
-    """All of it, then parts: top, bottom, left, right."""
+    """Return the whole picture, then parts: top, bottom, left, right."""
     found = [(0, rows, 0, columns)]
     high, wide = rows // PARTS, columns // PARTS
     if min(high, wide) >= 2 * AROUND:
@@ -155,7 +155,9 @@ def _parts(rows: int, columns: int) -> list[tuple[int, int, int, int]]:
 def _span(
     top: int, bottom: int, left: int, right: int, factor: int, photograph: PhotographFile
 ) -> tuple[int, int, int, int]:
-    """Pixels of what was found on means, with room, and no more than an edge needs: top, bottom, left, right."""
+    """Return the pixels of a find on block means, with some room, and no more than an edge needs: top, bottom, left,
+    right.
+    """
     ends = []
     for first, last, size in ((top, bottom, photograph.rows), (left, right, photograph.columns)):
         middle, half = factor * (first + last) // 2, min(factor * (last - first) // 2 + AROUND, WIDEST // 2)
@@ -164,7 +166,7 @@ def _span(
 
 
 def _smaller(photograph: PhotographFile, sites: Any, factor: int) -> Any:
-    """Means of all channels over squares of so many pixels; of one colour where there are sites."""
+    """Return block means of all channels; of one colour if there are sites."""
     rows, columns = photograph.rows // factor, photograph.columns // factor
 
     def total(plane: Any) -> Any:

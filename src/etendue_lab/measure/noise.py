@@ -1,4 +1,4 @@
-"""Noise of even patches in a photograph: in linear light and in the file's own numbers.
+"""Noise of uniform patches in a photograph: in linear light and in the file's own numbers.
 
 In:  a photograph, a region.
 Out: a row for each channel: mean, sigma and SNR, each with an interval.
@@ -17,27 +17,27 @@ from etendue_camera.quality.patch_noise import PatchNoise, patch_noise
 from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import window
 
-CLIPPED = 1e-3  # share of pixels from which on a patch is refused
-SLOPE = 0.5  # change over the patch, of its mean
-TIMES = 4.0  # rms of the means of blocks over what noise of independent pixels gives; and besides, as a share
-KEPT = 0.5  # of a mean step of a JPEG's table, noise (numbers of the file) below which it has been taken off
-UNEVEN, MOST = 0.02, 0.7  # of the mean, or of the noise itself
+CLIPPED = 1e-3  # share of clipped pixels above which a patch is refused
+SLOPE = 0.5  # change over the patch, relative to its mean
+TIMES = 4.0  # limit of the rms of block means relative to that of independent pixel noise
+KEPT = 0.5  # relative to the mean step of a JPEG's table: noise (numbers of the file) below it has been removed
+UNEVEN, MOST = 0.02, 0.7  # relative to the mean, and to the noise itself
 
 
 def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> dict[str, Any]:
-    """One patch.
+    """Measure one patch.
 
     Raises
     ------
     RequestError
-        A region outside the picture, too small, clipped or not even.
+        The region is outside the picture, too small, clipped or not uniform.
     """
     place = window("--noise", text, photograph.columns, photograph.rows)
     what = f"--noise {place}"
     clipped = float(photograph.clipped(place.cut).mean())
     if clipped > CLIPPED:
         raise RequestError(
-            f"{what}: {100 * clipped:.1f} % of the patch is clipped, which hides its noise; take one that is neither "
+            f"{what}: {100 * clipped:.1f} % of the patch is clipped, which hides its noise; choose one that is neither "
             f"black nor white"
         )
     luminance = () if photograph.is_raw or len(photograph.names) == 1 else ("luminance",)
@@ -65,8 +65,8 @@ def measured_noise(photograph: PhotographFile, text: str, confidence: float) -> 
 
 
 def _step(photograph: PhotographFile, name: str, cut: Any) -> float:
-    """Between the numbers of a plane in linear light; of luminance the step of one number that adds as much as those
-    of the channels.
+    """Return the step between numbers of a plane in linear light; for luminance the step of a single number with the
+    same effect as those of the channels.
     """
     if name != "luminance":
         return photograph.step(float(photograph.linear(name, cut)[0].mean()))
@@ -82,16 +82,16 @@ def _step(photograph: PhotographFile, name: str, cut: Any) -> float:
 def _check_even(what: str, name: str, found: PatchNoise, step: float) -> None:
     if found.slope > SLOPE:
         raise RequestError(
-            f"{what}: the patch is not even: {name} changes by {100 * found.slope:.0f} % of its mean over it"
+            f"{what}: the patch is not uniform: {name} changes by {100 * found.slope:.0f} % of its mean over it"
         )
     blocks, noise = found.uneven * abs(found.mean.value), found.sigma.high if found.hidden else found.sigma.value
     seen = found.uneven > UNEVEN or blocks > max(
         MOST * noise, step
-    )  # what is less than a number of the file is its rounding
+    )  # anything below one number of the file is rounding
     if found.uneven > TIMES * found.uneven_white and seen:
         raise RequestError(
-            f"{what}: the patch is not even: parts of it differ by {100 * found.uneven:.1f} % rms in {name}, beside "
-            f"its noise"
+            f"{what}: the patch is not uniform: its parts differ by {100 * found.uneven:.1f} % rms in {name}, in "
+            "addition to noise"
         )
 
 

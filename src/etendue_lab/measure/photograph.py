@@ -1,6 +1,6 @@
-"""A photograph as numbers that are proportional to light: what the file holds, decoded; the mosaic of a raw file.
+"""A photograph as numbers proportional to light: the decoded values of a file, or the mosaic of a raw file.
 
-In:  a path; how its values are encoded.
+In:  a path; the encoding of its values.
 Out: planes in linear light, the file's own numbers, its scale, the sites of each colour of a mosaic.
 """
 
@@ -42,7 +42,7 @@ RAW = frozenset(
         ".x3f",
     }
 )
-MOST_PIXELS = 160_000_000  # Pillow opens no more than 179 million
+MOST_PIXELS = 160_000_000  # Pillow opens at most 179 million
 INSTALL = "pip install 'etendue[raw]'"
 LINEARISED: dict[str, Any] = {
     "sRGB": transfer.srgb_decode,
@@ -59,17 +59,17 @@ ENCODED: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class PhotographFile:
-    """A picture file that is open to be measured; pixels are counted from 0 at the upper left."""
+    """An open picture file; pixels are counted from 0 at the upper left."""
 
     path: Path
-    values: Any  # (rows, columns, 1 or 3), the file's own numbers; of a raw file (rows, columns, 1), above black
-    full: float  # of them, at the end of the scale
-    encoding: str  # of ENCODINGS
+    values: Any  # (rows, columns, 1 or 3), the file's own numbers; for a raw file (rows, columns, 1), above black
+    full: float  # value at the end of the scale
+    encoding: str  # one of ENCODINGS
     weights: tuple[float, ...]  # of red, green and blue in luminance
     notes: tuple[str, ...] = ()
-    colours: Any = None  # (rows, columns): letters of a mosaic; None where every pixel has all channels
-    black: float = 0.0  # of a raw file, in its numbers; taken off
-    table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness; None of other files
+    colours: Any = None  # (rows, columns): letters of a mosaic; None if every pixel has all channels
+    black: float = 0.0  # of a raw file, in its numbers; already subtracted
+    table: Any = None  # (8, 8): quantisation of a JPEG's brightness; None for other files
 
     @property
     def rows(self) -> int:
@@ -85,7 +85,7 @@ class PhotographFile:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What its channels are called."""
+        """Names of its channels."""
         if self.is_raw:
             return tuple(name for name, letter in zip(PLANES, "RGB", strict=True) if letter in self._letters) or (
                 "grey",
@@ -97,7 +97,7 @@ class PhotographFile:
         return frozenset(np.unique(self.colours).tolist())
 
     def channel(self, asked: str | None) -> str:
-        """The channel that is measured where one is.
+        """Return the channel to measure.
 
         Raises
         ------
@@ -106,18 +106,16 @@ class PhotographFile:
         """
         if self.names == ("grey",):
             if asked in PLANES:
-                raise RequestError(f"--channel {asked}: {self.path.name} is grey; leave --channel out")
+                raise RequestError(f"--channel {asked}: {self.path.name} is grey; omit --channel")
             return "grey"
         if asked is None:
             return "green" if self.is_raw else "luminance"
         if self.is_raw and asked == "luminance":
-            raise RequestError(
-                "--channel luminance: pixels of a raw file have one colour each; give red, green or blue"
-            )
+            raise RequestError("--channel luminance: each pixel of a raw file has one colour; give red, green or blue")
         return asked
 
     def linear(self, channel: str, cut: Any = np.s_[:]) -> tuple[Any, Any]:
-        """A part of a channel in linear light (y, x), 1 at full scale, and which pixels hold it; None: all."""
+        """Return a part of a channel in linear light (y, x), 1 at full scale, and a mask of its pixels; None: all."""
         part = self.values[cut]
         if self.is_raw:
             return part[..., 0] / self.full, self.sites(channel, cut)
@@ -126,14 +124,14 @@ class PhotographFile:
         return self._decoded(part[..., max(self.names.index(channel), 0)]), None
 
     def sites(self, channel: str, cut: Any = np.s_[:]) -> Any:
-        """Which pixels of a mosaic have a colour; None: all."""
+        """Return which pixels of a mosaic have a colour; None: all."""
         if not self.is_raw or self.names == ("grey",):
             return None
         return self.colours[cut] == channel[0].upper()
 
     def step(self, level: float) -> float:
-        """Between neighbouring numbers of the file in linear light, about a level of it; 0 where numbers are no
-        whole ones.
+        """Return the difference between neighbouring numbers of the file in linear light, at a level; 0 for
+        floating-point files.
         """
         if self.is_raw:
             return 1 / self.full
@@ -145,8 +143,8 @@ class PhotographFile:
         return float(above - below)
 
     def coarse(self, low: float, high: float) -> float:
-        """Mean step of a JPEG's table over an edge between two levels of linear light, both in numbers of the file;
-        0 of other files.
+        """Return the mean step of a JPEG's table relative to an edge between two levels of linear light, both in
+        numbers of the file; 0 for other files.
         """
         if not self.lossy:
             return 0.0
@@ -155,12 +153,12 @@ class PhotographFile:
 
     @property
     def lossy(self) -> bool:
-        """Whether the file holds cosine transforms of blocks, rounded."""
+        """Whether the file holds rounded cosine transforms of blocks."""
         return self.table is not None
 
     def written(self, linear: Any, rng: np.random.Generator) -> Any:
-        """A plane in linear light as a file like this one gives it back, at some place of its blocks, its levels
-        between its numbers.
+        """Return a plane in linear light after compression as in this file, with random block position and level
+        offsets.
         """
         encoded = self.full * ENCODED[self.encoding](np.clip(linear, 0.0, 1.0))
         dark, bright = np.percentile(encoded[::2, ::2], (5, 95))
@@ -170,16 +168,16 @@ class PhotographFile:
 
     @cached_property
     def _light(self) -> Any:
-        """Of each number of 8 bits."""
+        """Linear value of each 8-bit number."""
         return self._decoded(np.arange(256))
 
     def planes(self, cut: Any = np.s_[:]) -> Any:
-        """All channels in linear light, (channel, y, x)."""
+        """Return all channels in linear light, (channel, y, x)."""
         return self._decoded(np.moveaxis(self.values[cut], -1, 0))
 
     def clipped(self, cut: Any = np.s_[:]) -> Any:
-        """(y, x): pixels of which a channel is at an end of its scale; of a raw file at the upper one, below which
-        noise is whole.
+        """Return (y, x): pixels with a channel at an end of its scale; in a raw file only at the upper end, since its
+        noise is not clipped at the lower.
         """
         part = self.values[cut]
         top = (part >= self.full).any(-1)
@@ -190,21 +188,21 @@ class PhotographFile:
 
 
 def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> PhotographFile:
-    """A PNG, JPEG or TIFF file, or a raw file by way of LibRaw.
+    """Open a PNG, JPEG or TIFF file, or a raw file with LibRaw.
 
     Raises
     ------
     RequestError
-        No such file, no picture, a kind of picture that is not measured, a raw file without rawpy.
+        The file does not exist, is not a supported picture, or is a raw file and rawpy is missing.
     """
     if not path.exists():
-        raise RequestError(f"{path}: there is no such file")
+        raise RequestError(f"{path}: file not found")
     if path.is_dir():
-        raise RequestError(f"{path}: a folder; expected a picture: PNG, JPEG, TIFF or a raw file")
+        raise RequestError(f"{path}: is a folder; give a picture: PNG, JPEG, TIFF or a raw file")
     try:
         plain_files.check_plain(path)
     except OSError as error:
-        raise RequestError(f"{path}: {error.strerror}; expected a picture: PNG, JPEG, TIFF or a raw file") from None
+        raise RequestError(f"{path}: {error.strerror}; give a picture: PNG, JPEG, TIFF or a raw file") from None
     if path.suffix.lower() in RAW:
         return _raw(path, weights)
     try:
@@ -217,7 +215,7 @@ def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Ph
 
 
 def reader() -> Any:
-    """rawpy.
+    """Return rawpy.
 
     Raises
     ------
@@ -227,19 +225,21 @@ def reader() -> Any:
     try:
         import rawpy
     except ImportError:
-        raise RequestError(f"a raw file needs rawpy, which is not installed: {INSTALL}") from None
+        raise RequestError(f"raw files need rawpy, which is not installed: {INSTALL}") from None
     return rawpy
 
 
 def _raw(path: Path, weights: tuple[float, ...]) -> PhotographFile:
-    """The mosaic above its black level, not demosaiced, as the sensor lies."""
+    """Read the mosaic above its black level, not demosaiced, in the orientation of the sensor."""
     rawpy = reader()
     try:
         check_directories(path)
         with rawpy.imread(str(path)) as file:
             mosaic = file.raw_image_visible
             if mosaic is None or mosaic.ndim != 2:
-                raise RequestError(f"{path.name} holds no mosaic but pictures of all colours; save it as 16-bit TIFF")
+                raise RequestError(
+                    f"{path.name} holds no mosaic, but all colours at every pixel; save it as 16-bit TIFF"
+                )
             index = np.array(file.raw_colors_visible)
             letters = np.array(list(file.color_desc.decode("ascii", "replace")))
             black = np.array(file.black_level_per_channel, float)
@@ -260,8 +260,8 @@ def _raw(path: Path, weights: tuple[float, ...]) -> PhotographFile:
 
 
 def developed(path: Path) -> Any:
-    """(rows, columns, 3): a raw file as LibRaw makes linear sRGB of it, white balance of the camera, 1 at the white
-    level.
+    """Return (rows, columns, 3): a raw file converted by LibRaw to linear sRGB, white balance of the camera, 1 at the
+    white level.
     """
     rawpy = reader()
     try:
@@ -279,6 +279,6 @@ def developed(path: Path) -> Any:
 
 
 def _told(error: Exception) -> str:
-    """What LibRaw says, which has a class for each of its refusals."""
+    """Return the message of LibRaw, which has its own class for each error."""
     text = next((one.decode("ascii", "replace") for one in error.args if isinstance(one, bytes)), str(error))
     return " ".join(text.split())[:150]

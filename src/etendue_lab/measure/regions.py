@@ -1,7 +1,7 @@
-"""Regions of a picture as they are written on the command line, in pixels from its upper left.
+"""Regions of a picture as written on the command line, in pixels from its upper left corner.
 
 In:  texts such as 120,80,200,300.
-Out: windows, circles, corners; one clear error for each that is wrong.
+Out: windows, circles, corners; one clear error for each invalid text.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from etendue.errors import RequestError
 
-FOUND = "auto"  # of --edge: the strongest slanted edge is looked for
+FOUND = "auto"  # value of --edge: find the strongest slanted edge
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class PixelWindow:
 
 @dataclass(frozen=True)
 class Circle:
-    """A star: its middle and radius."""
+    """A star: its centre and radius."""
 
     x: float
     y: float
@@ -46,34 +46,32 @@ class Circle:
 
 
 def numbers(option: str, text: str, count: int, form: str) -> list[float]:
-    """The numbers of a text.
+    """Parse the numbers of a text.
 
     Raises
     ------
     RequestError
-        They are none, or not so many.
+        They are not numbers, or not ``count`` of them.
     """
     try:
         found = [float(one) for one in text.split(",")]
     except ValueError:
         found = []
     if len(found) != count or not np.isfinite(found).all():
-        raise RequestError(f"{option} {text}: expected {form}, in pixels from the upper left")
+        raise RequestError(f"{option} {text}: expected {form}, in pixels from the upper left corner")
     return found
 
 
 def window(option: str, text: str, columns: int, rows: int) -> PixelWindow:
-    """A rectangle inside a picture."""
+    """Parse a rectangle inside a picture."""
     x, y, width, height = (round(one) for one in numbers(option, text, 4, "X,Y,WIDTH,HEIGHT"))
     if not (x >= 0 and y >= 0 and width > 0 and height > 0 and x + width <= columns and y + height <= rows):
-        raise RequestError(
-            f"{option} {text}: outside the picture, which is {columns} x {rows} pixels (X,Y,WIDTH,HEIGHT)"
-        )
+        raise RequestError(f"{option} {text}: outside the picture of {columns} x {rows} pixels (X,Y,WIDTH,HEIGHT)")
     return PixelWindow(x, y, width, height)
 
 
 def circle(option: str, text: str, columns: int, rows: int) -> Circle:
-    """A circle inside a picture."""
+    """Parse a circle inside a picture."""
     x, y, radius = numbers(option, text, 3, "X,Y,RADIUS")
     if not (
         radius > 0
@@ -82,14 +80,14 @@ def circle(option: str, text: str, columns: int, rows: int) -> Circle:
         and x + radius <= columns - 0.5
         and y + radius <= rows - 0.5
     ):
-        raise RequestError(f"{option} {text}: outside the picture, which is {columns} x {rows} pixels (X,Y,RADIUS)")
+        raise RequestError(f"{option} {text}: outside the picture of {columns} x {rows} pixels (X,Y,RADIUS)")
     return Circle(x, y, radius)
 
 
 def corners(option: str, text: str, columns: int, rows: int) -> np.ndarray[Any, Any]:
-    """(4, 2): the four corners of a chart inside a picture, x and y."""
+    """Parse (4, 2): the four corners of a chart inside a picture, x and y."""
     found = np.array(numbers(option, text, 8, "X0,Y0,X1,Y1,X2,Y2,X3,Y3")).reshape(4, 2)
     inside = (found >= -0.5).all() and (found[:, 0] <= columns - 0.5).all() and (found[:, 1] <= rows - 0.5).all()
     if not inside:
-        raise RequestError(f"{option} {text}: outside the picture, which is {columns} x {rows} pixels")
+        raise RequestError(f"{option} {text}: outside the picture of {columns} x {rows} pixels")
     return found

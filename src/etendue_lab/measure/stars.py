@@ -1,7 +1,7 @@
 """MTF of Siemens stars in a photograph, with an interval.
 
-In:  a photograph, the middle and radius of a star.
-Out: a row of figures with their curve.
+In:  a photograph, the centre and radius of a star.
+Out: a row of values with their curve.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, sta
 from etendue_lab.measure.photograph import PhotographFile
 from etendue_lab.measure.regions import Circle, circle
 
-ROOM = 2  # pixels about the star
+ROOM = 2  # pixels around the star
 
 
 def measured_star(
     photograph: PhotographFile, text: str, channel: str, cycles: int | None, confidence: float
 ) -> dict[str, Any]:
-    """One star.
+    """Measure one star.
 
     Raises
     ------
     RequestError
-        A star outside the picture, or none that can be measured there.
+        The star is outside the picture, or cannot be measured there.
     """
     place = circle("--star", text, photograph.columns, photograph.rows)
     left, top = (max(math.floor(one - place.radius) - ROOM, 0) for one in (place.x, place.y))
@@ -67,11 +67,11 @@ def measured_star(
 
 
 def _cycles(image: Any, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:
-    """What to try with the number of cycles."""
+    """Return advice on the number of cycles."""
     if given is None:
-        return "; --cycles N says how many periods it has in a turn"
+        return "; give its number of periods per turn with --cycles N"
     try:
         found = count_cycles(image, (place.y - first[1], place.x - first[0]), place.radius, sites)
     except ValueError:
         return ""
-    return f" of {given} cycles; {found} are counted: leave --cycles out" if found != given else ""
+    return f" of {given} cycles; counted {found}: omit --cycles" if found != given else ""

@@ -1,6 +1,6 @@
-"""``etendue measure``: everything that is asked of one photograph.
+"""``etendue measure``: all measurements requested on one photograph.
 
-In:  a path, regions, how it is encoded.
+In:  a path, regions, the encoding.
 Out: the document: edges, stars, noise, chart, notes; the curves as a plot.
 """
 
@@ -27,7 +27,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class MeasurementRequest:
-    """What is measured in a photograph; regions as they are written on the command line."""
+    """What to measure in a photograph; regions as written on the command line."""
 
     edges: tuple[str, ...] = ()
     stars: tuple[str, ...] = ()
@@ -46,10 +46,10 @@ def measure(path: Path, asked: MeasurementRequest) -> dict[str, Any]:
     Raises
     ------
     RequestError
-        A file that is no picture; a region outside it, or one that does not hold what it should: each with its reason.
+        The file is not a picture, or a region is outside it or does not show what it should.
     """
     if asked.encoding not in ENCODINGS:
-        raise RequestError(f"--encoding {asked.encoding}: allowed are {', '.join(ENCODINGS)}")
+        raise RequestError(f"--encoding {asked.encoding}: must be one of {', '.join(ENCODINGS)}")
     try:
         spectra.check_rgb_space(asked.space)
         weights = tuple(float(one) for one in spectra.rgb_space_matrix(asked.space)[0][1])
@@ -59,7 +59,7 @@ def measure(path: Path, asked: MeasurementRequest) -> dict[str, Any]:
     edges = asked.edges or (() if asked.stars or asked.noise or asked.chart else (FOUND,))
     channel = photograph.channel(asked.channel)
     notes = [
-        f"{one.partition(': ')[0]}: values are read as {asked.space}, encoding {asked.encoding} (others: --space, "
+        f"{one.partition(': ')[0]}: values are read as {asked.space}, encoding {asked.encoding} (change with --space, "
         f"--encoding)"
         for one in photograph.notes
         if not is_named(one, asked.space, asked.encoding)
@@ -87,7 +87,7 @@ def measure(path: Path, asked: MeasurementRequest) -> dict[str, Any]:
 
 
 def _beside(row: dict[str, Any], pitch: float | None, rows: int) -> dict[str, Any]:
-    """MTF50 in line widths a picture height, and in cycles/mm where the pitch of pixels (um) is known."""
+    """Add MTF50 in line widths per picture height, and in cycles/mm if the pixel pitch (um) is known."""
     found = {**row, "mtf50_lw_ph": 2 * rows * row["mtf50"]}
     if pitch is not None:
         found |= {f"mtf50{end}_lp_mm": 1e3 * row[f"mtf50{end}"] / pitch for end in ("", "_low", "_high")}
@@ -95,7 +95,7 @@ def _beside(row: dict[str, Any], pitch: float | None, rows: int) -> dict[str, An
 
 
 def curves(document: dict[str, Any]) -> Plot:
-    """The responses of edges and stars as a plot and as rows."""
+    """Return the responses of edges and stars as a plot with its numbers."""
     measured = [("edge", one, one["region"]) for one in document["edges"]] + [
         ("star", one, one["star"]) for one in document["stars"]
     ]

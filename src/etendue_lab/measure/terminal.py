@@ -1,4 +1,4 @@
-"""A photograph that was measured, on the terminal.
+"""Terminal output of a measured photograph.
 
 In:  the document of ``measure``.
 Out: a table each for edges, stars, noise and the chart.
@@ -20,26 +20,26 @@ FLAGS = {
 DOUBTS = {
     "bent": "it is bent",
     "changes": "its step changes along it",
-    "pattern": "beside it is a pattern",
-    "no_plateau": "it leaves no even fields beside it",
-    "line": "it rises and falls as a line does",
+    "pattern": "there is a pattern beside it",
+    "no_plateau": "there are no uniform fields beside it",
+    "line": "it rises and falls like a line",
     "double": "it rises twice",
 }
 UNTRIED = {
-    "sharp": "edges so sharp",
-    "blurred": "edges so blurred",
-    "noise": "so much noise",
-    "coarse": "JPEG of so low a quality",
-    "colour": "one colour of a JPEG",
+    "sharp": "edges this sharp",
+    "blurred": "edges this blurred",
+    "noise": "this much noise",
+    "coarse": "JPEG of this low quality",
+    "colour": "single colours of a JPEG",
 }
 
 
 def print_photograph(document: dict[str, Any]) -> None:
-    """Every figure with its interval."""
+    """Print every metric with its interval."""
     console = _out()
     console.print(
         f"{escape(document['picture'])}: {document['columns']} x {document['rows']} pixels, {document['encoding']}; "
-        f"intervals of {100 * document['confidence']:.0f} %"
+        f"{100 * document['confidence']:.0f} % intervals"
     )
     if document["edges"]:
         _print_responses(console, "slanted edges", "region", document["edges"], document["pitch"])
@@ -78,16 +78,16 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
             console.print(f"{row[where]}: {', '.join(FLAGS[flag] for flag in row['flags'])}")
         if row.get("doubts"):
             console.print(
-                f"{row[where]}: hardly one straight edge between two even fields: "
+                f"{row[where]}: hardly a single straight edge between two uniform fields: "
                 f"{', '.join(DOUBTS[one] for one in row['doubts'])}"
             )
         if row.get("conservative"):
             console.print(
-                f"{row[where]}: conservative: no noise moves it, the interval is an upper bound of the method's error"
+                f"{row[where]}: conservative: without noise, the interval is an upper bound of the method's error"
             )
         if row.get("not_covered"):
             console.print(
-                f"{row[where]}: not covered: intervals were not tried on "
+                f"{row[where]}: not covered: intervals were not tested on "
                 f"{', '.join(UNTRIED[one] for one in row['not_covered'])}"
             )
 
@@ -119,16 +119,16 @@ def _print_noise(console: Any, patch: dict[str, Any]) -> None:
         console.print(table)
     if patch["hidden"] and not patch["not_covered"]:
         console.print(
-            f"{patch['region']}: below the steps of the file, which hide how much it is: {', '.join(patch['hidden'])}"
+            f"{patch['region']}: noise below the steps of the file cannot be measured: {', '.join(patch['hidden'])}"
         )
     if patch["not_covered"]:
-        console.print(f"{patch['region']}: not covered: noise that JPEG has taken off is not known")
+        console.print(f"{patch['region']}: not covered: noise removed by JPEG is unknown")
 
 
 def _print_chart(console: Any, chart: dict[str, Any]) -> None:
     columns = (
         ("patch", "left"),
-        ("as it stands", "right"),
+        ("as photographed", "right"),
         ("interval", "left"),
         ("exposed", "right"),
         ("exposed interval", "left"),
@@ -139,7 +139,7 @@ def _print_chart(console: Any, chart: dict[str, Any]) -> None:
     for one, name, other, exposed, what in both:
         table.add_row(what, f"{one[name]:.2f}", _apart(one, name), f"{other[exposed]:.2f}", _apart(other, exposed))
     console.print(table)
-    console.print(f"exposed: times {chart['gain']:.4g}, with which the greys are as bright as they should be")
+    console.print(f"exposed: after a gain of {chart['gain']:.4g}, which brings the greys to their reference brightness")
 
 
 def _apart(row: dict[str, Any], name: str) -> str:

@@ -1,1 +1,1 @@
-"""Noise behind every stage of a camera, predicted and found."""
+"""Noise after every stage of a camera, predicted and measured."""

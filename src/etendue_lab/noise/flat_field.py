@@ -1,11 +1,11 @@
-"""A camera in front of a grey card: what its mosaic holds, how noisy that is by its own figures, what later stages
-answer to a pixel.
+"""A camera viewing a grey card: the values of its mosaic, their noise by its own parameters, and the response of later
+stages to a pixel.
 
-In:  a pipeline; a plan of it in front of a flat scene, and the arrays of a run.
-Out: the mean of the mosaic and the variance of its pixels by channel, predicted; what every picture behind it answers
-     to one pixel.
+In:  a pipeline; a plan of it with a flat scene, and the arrays of a run.
+Out: the mean of the mosaic and the predicted variance of its pixels by channel; the response of every later picture to
+     one pixel.
 
-Noise behind the mosaic follows from the answers for any stage, plugins too, and so does what becomes of fine detail.
+Noise after the mosaic follows from the responses for any stage, plugins included, and so does the fate of fine detail.
 """
 
 from __future__ import annotations
@@ -36,18 +36,19 @@ BORDER, REACH, LARGEST = (
     16,
     20,
     192,
-)  # pixels: left out at the border, held by a response, side of the window that is measured
-STEP = 1e-4  # of a response's step, of full scale
+)  # pixels: ignored at the border, half width of a response, largest side of the measured window
+STEP = 1e-4  # step of a response, relative to full scale
 MOSAIC = "mosaic_linear"
-FLAWS = frozenset({"defect_map", "stuck_map"})  # what stages write that make defective pixels
+FLAWS = frozenset({"defect_map", "stuck_map"})  # variables written by stages that make defective pixels
 
 
 def in_front_of_grey(
     pipeline: PipelineFile, registry: Registry, reflectance: float, but: Collection[str] = ()
 ) -> PipelineFile:
-    """The pipeline in front of a flat grey card of the size and light of its scene, with sound pixels.
+    """Return the pipeline with a flat grey card in place of its scene, of the same size and light, and without
+    defective pixels.
 
-    ``but``: what the card does not have of its scene.
+    ``but``: parameters that the card does not take from the scene.
     """
     use = installed.made_for(registry, FlatScene)
     allowed = set(parameters_of(registry.load(use))) - {"reflectance", *but}
@@ -61,7 +62,7 @@ def in_front_of_grey(
 
 
 def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
-    """A stage that makes defective pixels, making none."""
+    """Return a stage that makes defective pixels with none of them."""
     if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
     shares = {
@@ -73,7 +74,7 @@ def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
 
 
 def another(pipeline: PipelineFile, number: int) -> PipelineFile:
-    """A camera of the same kind with noise and fixed patterns of its own: another seed and another sensor; 0: the
+    """Return a camera of the same kind with its own noise and fixed patterns: another seed and another sensor; 0: the
     camera itself.
     """
     if not number:
@@ -85,18 +86,18 @@ def another(pipeline: PipelineFile, number: int) -> PipelineFile:
 
 
 def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) -> str:
-    """Which stage makes more than one picture of a variable, and how many; '' where there is one. ``but``: dims that
-    are expected.
+    """Return which stage makes more than one picture of a variable, and how many; '' if there is one. ``but``: expected
+    dims.
     """
     for dim in (dim for dim in node.writes[variable].dims[:-2] if dim not in but):
         maker = next(one.name for one in plan.nodes if any(dim in declared.dims for declared in one.writes.values()))
         many = plan.of(node.name)[0].grids[variable][dim].size
-        return f"{maker} makes {many} of {node.name}.{variable}, along {dim!r}; take {maker} out of the file"
+        return f"{maker} makes {many} of {node.name}.{variable}, along {dim!r}; remove {maker} from the file"
     return ""
 
 
 def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
-    """The pictures that are made of the mosaic; where there are none, as of a grey sensor, a note says so.
+    """Return the pictures made from the mosaic; if there are none, as with a grey sensor, add a note.
 
     Raises
     ------
@@ -106,9 +107,8 @@ def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
     last = next((node.name for node in reversed(plan.nodes) if MOSAIC in node.writes), None)
     if last is None:
         raise RequestError(
-            f"no stage of the pipeline writes {MOSAIC}, from which {what} is followed: put a converter and `linearise` "
-            f"behind the "
-            "noise, of a grey sensor too",
+            f"no stage of the pipeline writes {MOSAIC}, where {what} starts: add a converter and `linearise` after the "
+            "noise, also for a grey sensor",
             file,
         )
     chosen = [name for name in PICTURES if any(name in node.writes for node in plan.nodes)]
@@ -118,13 +118,13 @@ def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
 
 
 class FlatField:
-    """The linear mosaic of a grey card, and the stages behind it."""
+    """The linear mosaic of a grey card, and the stages after it."""
 
     def __init__(self, plan: Plan, first: Node, arrays: list[dict[CellRef, dict[str, Any]]], notes: list[str]) -> None:
         self.plan, self.first, self.arrays, self.notes = plan, first, arrays, notes
         self.ref: CellRef = (first.name, ())
         if why := several(plan, first, MOSAIC):
-            raise RequestError(f"noise is followed through one picture: {why}")
+            raise RequestError(f"noise can be followed through a single picture only: {why}")
         self.rows, self.columns = arrays[0][self.ref][MOSAIC].shape
         side = min(self.rows, self.columns)
         if side < 2 * BORDER + 32 or side < 2 * REACH + 8:
@@ -138,7 +138,7 @@ class FlatField:
         self.before = {name: with_found(self.jobs[name, ()], results).stage for name in before}
 
     def _mask(self) -> Any:
-        """Channel names by place in the cell, as the window sees them."""
+        """Channel names by position in the mosaic cell, as the window sees them."""
         pattern = self.plan.shared.get("pattern", "mono")
         mask = cfa.read(str(pattern))
         grid = self.plan.cells[self.ref].grids[MOSAIC]
@@ -147,7 +147,7 @@ class FlatField:
         return np.roll(cell, (-(down % cell.shape[0]), -(right % cell.shape[1])), (0, 1))
 
     def window(self, array: Any) -> Any:
-        """The middle of a picture, beginning at the cell's first place."""
+        """Return the middle of a picture, starting at the first position of the mosaic cell."""
         slices = []
         for size, period in zip(array.shape[-2:], self.mask.shape, strict=True):
             side = min(size - 2 * BORDER, LARGEST) // period * period
@@ -156,7 +156,7 @@ class FlatField:
         return array[(..., *slices)]
 
     def signal(self, rows: slice = slice(None), columns: slice = slice(None)) -> dict[str, float]:
-        """Mean charge by channel in the window or a part of it, electron."""
+        """Return the mean charge by channel in the window or a part of it, electron."""
         ref = next((r for r, found in self.arrays[0].items() if "expected_charge" in found), None)
         if ref is None:
             return {}
@@ -166,35 +166,39 @@ class FlatField:
         return {str(c): float(charge[tiles == c].mean()) for c in dict.fromkeys(self.mask.ravel())}
 
     def unsaid(self) -> str:
-        """Why the noise of the mosaic is not predicted; '' where every stage in front of it says what it needs to."""
+        """Return why the noise of the mosaic cannot be predicted; '' if every stage before it declares what is
+        needed.
+        """
         drawing = {name: type(stage) for name, stage in self.before.items() if is_random(type(stage))}
         silent = [
             name for name, kind in drawing.items() if not issubclass(kind, Noisy) and not FLAWS & set(writes_of(kind))
         ]
         if silent:
-            return f"{silent[0]} draws random numbers and does not say how much noise that is"
+            return f"{silent[0]} draws random numbers but does not declare its noise"
         if not isinstance(self.before[self.first.name], Scaled):
-            return f"{self.first.name} does not say what its scale is"
+            return f"{self.first.name} does not declare its scale"
         return "" if self.signal() else "no stage writes expected_charge"
 
     def noisy(self) -> dict[str, Noisy]:
-        """The stages in front of the mosaic that add noise, in order."""
+        """Return the stages before the mosaic that add noise, in order."""
         return {name: stage for name, stage in self.before.items() if isinstance(stage, Noisy)}
 
     def model(self, signal: Mapping[str, float]) -> dict[str, float]:
-        """Variance of a pixel of the linearised mosaic by channel, from what the stages in front of it say."""
+        """Return the variance of a pixel of the linearised mosaic by channel, from what the stages before it
+        declare.
+        """
         scale = self.before[self.first.name]
         if self.unsaid() or not isinstance(scale, Scaled):
             return {}
         noisy = self.noisy().values()
-        remark = "noise of whole rows and columns is counted as if each pixel had its own"
+        remark = "noise of whole rows and columns is treated as independent noise of each pixel"
         if any(stage.by_line and stage.variance(0.0) for stage in noisy) and remark not in self.notes:
             self.notes.append(remark)
         full = scale.electrons()
         return {channel: sum(stage.variance(charge) for stage in noisy) / full**2 for channel, charge in signal.items()}
 
     def flat_mosaic(self, mosaics: list[Any]) -> Any:
-        """A mosaic of even channels, as large as the frame."""
+        """Return a mosaic with uniform channels, as large as the frame."""
         flat = np.empty((self.rows, self.columns))
         for y, x in np.ndindex(self.mask.shape):
             place = (slice(y, None, self.mask.shape[0]), slice(x, None, self.mask.shape[1]))
@@ -202,10 +206,11 @@ class FlatField:
         return flat
 
     def places(self) -> list[tuple[tuple[int, int], float]]:
-        """First pixels of cells, in the frame, at which answers are taken, so far apart that they do not meet, and
+        """Return the first pixels of mosaic cells at which responses are taken, far enough apart not to overlap, and
         their weights.
 
-        The nodes of Gauss: with three a line, a gain that grows with the fifth power of the distance has its true mean.
+        They are Gauss nodes: with three per line, a gain that grows with the fifth power of the distance has its true
+        mean.
         """
         lines = []
         for size, period in zip((self.rows, self.columns), self.mask.shape, strict=True):
@@ -225,8 +230,9 @@ class FlatField:
     def responses(
         self, flat: Any, found: Mapping[tuple[int, int], float], modelled: bool
     ) -> dict[tuple[str, str], list[tuple[Any, Any, float]]]:
-        """By picture, for several places of the frame: its answers to a step of one pixel, (place in the cell, channel,
-        y, x), the variance of these pixels, and the weight of the place."""
+        """Return for each picture, at several places of the frame: its response to a step of one pixel, (position in
+        the mosaic cell, channel, y, x), the variance of these pixels, and the weight of the place.
+        """
         behind, (places, weights) = self.behind(), zip(*self.places(), strict=True)
         variance = [self.variance_at(place, found, modelled) for place in places]
         answers: dict[tuple[str, str], list[list[Any]]] = {}
@@ -251,7 +257,7 @@ class FlatField:
         return slice(max(0, middle - REACH), min(size, middle + REACH + 4))
 
     def variance_at(self, place: tuple[int, int], found: Mapping[tuple[int, int], float], modelled: bool) -> Any:
-        """Variance of the pixels of a cell, from the light there."""
+        """Return the variance of the pixels of a mosaic cell, from the light there."""
         order = list(np.ndindex(self.mask.shape))
         if not modelled:
             return np.array([found[p] for p in order])
@@ -264,14 +270,14 @@ class FlatField:
         return np.array([model[str(self.mask[p])] for p in order])
 
     def reaching(self, name: str) -> set[str]:
-        """A node, and all that it depends on."""
+        """Return a node and all nodes that it depends on."""
         needed = {name}
         for node in reversed(self.plan.nodes):
             needed |= {source for _, source, _ in node.inputs[0]} if node.name in needed else set()
         return needed
 
     def behind(self) -> list[str]:
-        """The nodes that depend on the mosaic."""
+        """Return the nodes that depend on the mosaic."""
         reached = {self.first.name}
         for node in self.plan.nodes:
             if not node.is_probe and {source for _, source, _ in node.inputs[0]} & reached:
@@ -279,7 +285,7 @@ class FlatField:
         return [node.name for node in self.plan.nodes if node.name in reached - {self.first.name}]
 
     def run(self, behind: list[str], mosaic: Any) -> dict[tuple[str, str], Any]:
-        """The pictures that the stages behind make of another mosaic."""
+        """Return the pictures that later stages make from another mosaic."""
         results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
         results[self.ref] = Result(arrays={**results[self.ref].arrays, MOSAIC: mosaic})
         found = {}
@@ -289,7 +295,7 @@ class FlatField:
                 continue
             results[ref], report = compute(self.jobs[ref], results)
             if report.status == "failed":
-                raise RequestError(f"the stage {name!r} broke off on a flat field: {report.message.splitlines()[-1]}")
+                raise RequestError(f"stage {name!r} failed on a flat field: {report.message.splitlines()[-1]}")
             for variable, array in results[ref].arrays.items():
                 if variable in PICTURES:
                     found[name, variable] = np.asarray(array, np.float64)

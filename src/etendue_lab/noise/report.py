@@ -1,6 +1,6 @@
-"""What is said of noise behind every stage of a camera, and how JSON holds it.
+"""Report of noise after every stage of a camera, and its JSON form.
 
-In:  figures that ``noise`` has predicted and found.
+In:  predicted and measured values of ``noise``.
 Out: a document.
 """
 
@@ -12,21 +12,21 @@ from typing import Any
 
 @dataclass
 class StageNoise:
-    """One picture of one stage: per channel, and correlations of the first channel pairs."""
+    """One picture of one stage: values per channel, and correlations of the first channel pairs."""
 
     stage: str
     variable: str
     channels: tuple[str, ...]
     predicted: list[float]  # standard deviations
     found: list[float]
-    found_error: list[float]  # standard error of what was found
-    between: dict[str, tuple[float, float]]  # 'R G' -> correlation at one pixel, predicted and found
-    neighbours: list[tuple[float, float]]  # correlation of horizontal neighbours by channel, predicted and found
+    found_error: list[float]  # standard error of the measured values
+    between: dict[str, tuple[float, float]]  # 'R G' -> correlation at one pixel, predicted and measured
+    neighbours: list[tuple[float, float]]  # correlation of horizontal neighbours by channel, predicted and measured
 
 
 @dataclass
 class NoiseReport:
-    """Noise behind every stage of a camera."""
+    """Noise after every stage of a camera."""
 
     pipeline: str
     reflectance: float
@@ -34,12 +34,12 @@ class NoiseReport:
     signal: dict[str, float]  # channel -> mean charge, electron
     mosaic: dict[
         str, tuple[float | None, float, float]
-    ]  # channel -> standard deviation of the mosaic: predicted, found, standard error
+    ]  # channel -> standard deviation of the mosaic: predicted, measured, standard error
     rows: list[StageNoise] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def document(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """Return the report as JSON."""
         rows = []
         for row in self.rows:
             for i, channel in enumerate(row.channels):

@@ -1,16 +1,16 @@
-"""``etendue noise``: noise carried through a camera's stages, predicted and found, of a flat grey scene.
+"""``etendue noise``: noise propagated through a camera's stages, predicted and measured, for a flat grey scene.
 
 In:  a pipeline as written, the reflectance of its flat scene, a number of frames.
-Out: for each stage behind the linearised mosaic the standard deviation of every channel, the correlation between
-     channels and between neighbours: predicted from the camera's own figures and found in frames of noise.
+Out: for each stage after the linearised mosaic the standard deviation of every channel, the correlation between
+     channels and between neighbours: predicted from the camera's parameters and measured in noise frames.
 
-Prediction: the variance of a pixel of the mosaic follows from what the stages in front of it say of their noise
-(`Noisy`: shot noise, read noise, fixed patterns, rounding) and from the mosaic's scale (`Scaled`); what the later
-stages make of it follows from what they answer to a small step of one pixel at each place of the colour filter array,
-so that it holds for any stage, plugins too; answers and variances are taken at several places of the frame, as a
-correction of shading has its own gain at each. The prediction is linear about the flat field: a stage that adapts to
-its picture, such as an adaptive demosaicer, adapts to real noise as well, and then the two columns differ. Defective
-pixels are left out: they are no noise.
+Prediction: the variance of a mosaic pixel follows from the noise that earlier stages declare (`Noisy`: shot noise, read
+noise, fixed patterns, rounding) and from the mosaic's scale (`Scaled`). The effect of later stages follows from their
+response to a small step of one pixel at each position of the colour filter array, which works for any stage, plugins
+included. Responses and variances are taken at several places of the frame, because a shading correction has a different
+gain at each. The prediction is linear about the flat field: a stage that adapts to its picture, such as an adaptive
+demosaicer, also adapts to real noise, and then both columns differ. Defective pixels are left out, since they are not
+noise.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from etendue_lab.compare.axis import one_camera
 from etendue_lab.noise.flat_field import MOSAIC, FlatField, another, followed, in_front_of_grey
 from etendue_lab.noise.report import NoiseReport, StageNoise
 
-FULL = 0.001  # share of clipped pixels from which noise is cut off
-TREND = 4  # degree of what is taken off before noise is measured: fall-off over a wide field is no noise
+FULL = 0.001  # share of clipped pixels above which noise is cut off
+TREND = 4  # degree of the polynomial removed before noise is measured: fall-off over a wide field is not noise
 
 
 def noise(
@@ -48,27 +48,27 @@ def noise(
     options: Options | None = None,
     progress: Callable[[Plan], Progress] | None = None,
 ) -> NoiseReport:
-    """Predict and measure the noise of a camera behind every stage.
+    """Predict and measure the noise of a camera after every stage.
 
     Parameters
     ----------
     pipeline : Pipeline
-        Its scene is replaced by a flat one of the same size and light; a sweep is left out.
+        Its scene is replaced by a flat one of the same size and light; a sweep is ignored.
     registry : Registry
     reflectance : float
-        Of the flat scene, above 0 and at most 1.
+        Of the flat scene, greater than 0 and at most 1.
     frames : int
-        How many frames of noise, at least 1, each with fixed patterns of its own.
+        Number of noise frames, at least 1, each with its own fixed patterns.
 
     Raises
     ------
     RequestError
-        Faults of the pipeline; a camera without a mosaic, or a picture too small to measure in.
+        The pipeline is invalid, the camera has no mosaic, or the picture is too small.
     """
     if not 0 < reflectance <= 1:
-        raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
+        raise RequestError(f"--reflectance {reflectance:g}: must be greater than 0 and at most 1")
     if frames < 1:
-        raise RequestError(f"--frames {frames}: expected at least 1")
+        raise RequestError(f"--frames {frames}: must be at least 1")
     alone, notes = one_camera(pipeline)
     flat = in_front_of_grey(alone, registry, reflectance)
     plan = make_plan(flat, registry, leave_out_allowed=False)
@@ -82,18 +82,16 @@ def noise(
     for outcome in outcomes:
         if outcome.failed:
             report = outcome.failed[0]
-            raise RequestError(
-                f"the stage {report.stage!r} broke off: {report.message.splitlines()[-1]}", pipeline.file
-            )
+            raise RequestError(f"stage {report.stage!r} failed: {report.message.splitlines()[-1]}", pipeline.file)
     if not any(n.is_random for n in runs[0].nodes):
-        raise RequestError("no stage of the pipeline draws noise: there is none to follow", pipeline.file)
+        raise RequestError("no stage of the pipeline draws noise", pipeline.file)
     first = next(n for n in runs[0].nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
     arrays = [{ref: found for ref, found in outcome.arrays.items()} for outcome in outcomes]
     return _Measurement(runs[0], first, arrays, notes).report(flat, reflectance)
 
 
 class _Measurement(FlatField):
-    """What is predicted and found behind one node."""
+    """Predictions and measurements after one node."""
 
     def report(self, pipeline: PipelineFile, reflectance: float) -> NoiseReport:
         mosaics = [self.window(a[self.ref][MOSAIC]) for a in self.arrays]
@@ -104,11 +102,11 @@ class _Measurement(FlatField):
             by_place[y, x] = propagation.without_trend(planes, TREND)
             free = (
                 1 - propagation.terms(TREND) / planes[0].size
-            )  # independent noise: the trend took its share of the pixels
+            )  # independent noise: correct for the pixels' share in the trend
             found[y, x] = float(np.mean(by_place[y, x] ** 2)) / free
         model = self.model(self.signal())
         if not model:
-            self.notes.append(f"{self.unsaid()}: predictions start from what was found")
+            self.notes.append(f"{self.unsaid()}: predictions start from measured values")
         mosaic: dict[str, tuple[float | None, float, float]] = {}
         for channel in dict.fromkeys(str(c) for c in self.mask.ravel()):
             own = [p for p in by_place if str(self.mask[p]) == channel]
@@ -125,14 +123,14 @@ class _Measurement(FlatField):
         if codes and min(value for _, value, _ in mosaic.values()) * codes < 0.5:
             least = min(value for _, value, _ in mosaic.values()) * codes
             self.notes.append(
-                f"noise is {least:.2g} DN: rounding of so little is no noise of its own, and the mosaic's prediction "
-                f"is off"
+                f"noise is only {least:.2g} DN: rounding is then not independent noise, and the prediction of the "
+                "mosaic is inaccurate"
             )
         full = float(np.mean([np.mean(m >= 0.999) for m in mosaics]))
         if full > FULL:
             self.notes.append(
-                f"{100 * full:.2g} % of the pixels are full or at the top code: their noise is cut off, which no "
-                f"prediction knows"
+                f"{100 * full:.2g} % of the pixels saturate: their noise is clipped, which the "
+                f"prediction does not include"
             )
         report = NoiseReport(pipeline.name, reflectance, len(self.arrays), self.signal(), mosaic, notes=self.notes)
         flat = self.flat_mosaic(mosaics)
@@ -141,7 +139,7 @@ class _Measurement(FlatField):
         return report
 
     def _codes(self) -> float:
-        """Digital numbers between black and 1, from what rounding adds; 0 without a converter."""
+        """Return digital numbers between black and 1, derived from the rounding noise; 0 without a converter."""
         scale = self.before[self.first.name]
         codes = [
             s
@@ -156,7 +154,7 @@ class _Measurement(FlatField):
         frames = np.stack([self.window(a[(stage, ())][variable]) for a in self.arrays])
         noise_of = propagation.without_trend(self._without_pattern(frames), TREND)
         slow = sum(w * propagation.slow_covariance(h, v) for h, v, w in answers)
-        taken = slow * propagation.terms(TREND) / frames[0, 0].size  # what the trend took with it
+        taken = slow * propagation.terms(TREND) / frames[0, 0].size  # noise removed with the trend
         carried, beside = (
             np.asarray(sum(w * propagation.carried_covariance(h, v, lag) for h, v, w in answers))
             for lag in ((0, 0), (0, 1))
@@ -181,7 +179,9 @@ class _Measurement(FlatField):
         )
 
     def _without_pattern(self, frames: Any) -> Any:
-        """Minus what repeats with the cell: a demosaicer may leave the mosaic's own pattern on a flat field."""
+        """Subtract what repeats with the mosaic cell: a demosaicer may leave the mosaic's own pattern on a flat
+        field.
+        """
         mean = frames.copy()
         for y, x in np.ndindex(self.mask.shape):
             place = (..., slice(y, None, self.mask.shape[0]), slice(x, None, self.mask.shape[1]))

@@ -1,7 +1,7 @@
-"""Noise by stage, on the terminal.
+"""Terminal output of noise by stage.
 
 In:  the document of a noise study.
-Out: two tables: the mosaic, and every picture made of it.
+Out: two tables: the mosaic, and every picture made from it.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from etendue.present.terminal.terminal import _out, _table, escape
 
 
 def print_noise(document: dict[str, Any]) -> None:
-    """Predicted and found, side by side."""
+    """Print predicted and measured noise side by side."""
     console = _out()
     frames = "1 frame" if document["frames"] == 1 else f"{document['frames']} frames"
     console.print(
-        f"{document['pipeline']}: a grey card of reflectance {document['reflectance']:g}, {frames}; 1 is clipping, or "
+        f"{document['pipeline']}: grey card of reflectance {document['reflectance']:g}, {frames}; 1 is clipping, or "
         f"white"
     )
     columns = (
         ("mosaic", "left"),
         ("electrons", "right"),
         ("predicted", "right"),
-        ("found", "right"),
+        ("measured", "right"),
         ("ratio", "right"),
     )
     table = _table("standard deviation of a pixel", *columns)
@@ -41,16 +41,18 @@ def print_noise(document: dict[str, Any]) -> None:
         ("stage", "left"),
         ("", "left"),
         ("predicted", "right"),
-        ("found", "right"),
+        ("measured", "right"),
         ("ratio", "right"),
         ("neighbours", "left"),
         ("channels", "left"),
     )
-    table = _table("behind each stage: standard deviation; correlations predicted / found", *behind)
+    table = _table("after each stage: standard deviation; correlations predicted / measured", *behind)
     last = None
     for row in document["rows"]:
         stage, last = ("" if last == (row["stage"], row["variable"]) else row["stage"]), (row["stage"], row["variable"])
-        pairs = [*row["correlation"]]  # one a row, so that all stand once: of three, R G, G B, and R B beside B
+        pairs = [
+            *row["correlation"]
+        ]  # one pair per row, so that each appears once: of three R G, G B, and R B in the row of B
         pair = next((one for one in pairs if one.split()[0] == row["channel"]), pairs[0] if pairs else "")
         c = row["correlation"].get(pair)
         between = f"{pair.replace(' ', '')} {c['predicted']:.2f} / {c['found']:.2f}" if c else ""
@@ -66,7 +68,7 @@ def print_noise(document: dict[str, Any]) -> None:
         if row["found"] and row["standard_error"] is not None
     ]
     if errors:
-        console.print(f"standard error of what was found: {100 * max(errors):.1f} % at most")
+        console.print(f"standard error of the measured values: at most {100 * max(errors):.1f} %")
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
 
@@ -76,5 +78,5 @@ def _found(row: dict[str, Any]) -> str:
 
 
 def _ratio(row: dict[str, Any]) -> str:
-    """Found over predicted."""
+    """Return measured over predicted."""
     return f"{row['found'] / row['predicted']:.3f}" if row["predicted"] else ""

@@ -1,1 +1,1 @@
-"""A camera against the ideal camera of the same scene."""
+"""A camera compared with the ideal camera of the same scene."""

@@ -1,7 +1,7 @@
-"""How a picture differs from that of the ideal camera: every figure of one cell.
+"""Differences between a picture and that of the ideal camera: every metric of one cell.
 
 In:  two ``Shot``: what a camera and its ideal made of the same scene.
-Out: figures by name, NaN where there is nothing to measure; the map of colour differences.
+Out: metrics by name, NaN where there is nothing to measure; the map of colour differences.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ UNITS = {
     "snr_flat": "1",
     "visible_noise": "1",
 }
-FLAT_SIZES = (64, 48, 32, 24, 16, 10)  # of a flat region, pixels; the largest that is there
+FLAT_SIZES = (64, 48, 32, 24, 16, 10)  # of a flat region, pixels; the largest available is used
 MARGIN = 3  # pixels around it that are flat too, so that blur brings nothing in
-FLATNESS = 2e-3  # standard deviation over mean of a region that is called flat
-DARKEST, BRIGHTEST, GREY = 0.02, 0.95, 0.18  # of white, in luminance: what a region may have, and what is preferred
+FLATNESS = 2e-3  # standard deviation over mean up to which a region counts as flat
+DARKEST, BRIGHTEST, GREY = 0.02, 0.95, 0.18  # of white, in luminance: range of a region, and preferred value
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture of a camera, in the states that are compared; None where the pipeline has no such stage."""
+    """One picture of a camera, in the compared states; None if the pipeline has no such stage."""
 
     rgb_camera: Any
-    gains: Any = None  # (channel,), that a balance of the mosaic has put into ``rgb_camera``
-    time: float | None = None  # s, where it was metered
+    gains: Any = None  # (channel,), applied to ``rgb_camera`` by a balance of the mosaic
+    time: float | None = None  # s, if metered
     rgb_linear: Any = None
     rgb_display: Any = None
     to_xyz: Any = None  # (3, 3), of the display: linear RGB to XYZ, Y = 1 for its white
 
     def xyz(self) -> Any:
-        """Light of the display, within its range."""
+        """Return the light of the display, within its range."""
         return apply_matrix(self.to_xyz, np.clip(self.rgb_linear, 0, 1))
 
 
 class Flat(NamedTuple):
-    """A uniform square of the scene: where and how large, pixels."""
+    """A uniform square of the scene: position and size, pixels."""
 
     row: int
     column: int
@@ -61,17 +61,17 @@ class Flat(NamedTuple):
 
 
 def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[str, float], Any, Flat | None]:
-    """Every figure of ``UNITS``, the map of CIEDE2000 (None without a display), and the flat region that was used.
+    """Return every metric of ``UNITS``, the map of CIEDE2000 (None without a display), and the flat region used.
 
     Raises
     ------
     ValueError
-        If the pictures have different sizes.
+        The pictures have different sizes.
     """
     if shot.rgb_camera.shape != ideal.rgb_camera.shape:
         raise ValueError(
-            f"the picture is {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they do not "
-            f"overlay"
+            f"the picture has shape {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they "
+            "do not match"
         )
     found = dict.fromkeys(UNITS, float("nan"))
     brightest = float(np.max(ideal.rgb_camera))
@@ -110,10 +110,10 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
 
 
 def flat_region(xyz: Any) -> Flat | None:
-    """The largest uniform square of a noise-free picture; of several, the one nearest to a grey card.
+    """Return the largest uniform square of a noise-free picture; of several, the one closest to a grey card.
 
-    Uniform: no plane's standard deviation is above 0.2 % of its mean, in the square and 3 pixels around it; its
-    luminance lies between 0.02 and 0.95 of white.
+    Uniform means that in the square and 3 pixels around it no plane's standard deviation exceeds 0.2 % of its mean, and
+    luminance is between 0.02 and 0.95 of white.
     """
     planes = np.asarray(xyz, np.float64)
     rows, columns = planes.shape[1:]
@@ -133,7 +133,7 @@ def flat_region(xyz: Any) -> Flat | None:
 
 
 def without_slope(patch: Any) -> Any:
-    """A patch (channel, y, x) without the plane that fits it best: its mean stays, slow shading goes."""
+    """Return a patch (channel, y, x) without its best-fitting plane: the mean stays, slow shading is removed."""
     patch = np.asarray(patch, np.float64)
     y, x = (np.arange(n) - (n - 1) / 2 for n in patch.shape[1:])
     down = (patch.mean(axis=2) @ y) / (y @ y)
@@ -142,8 +142,8 @@ def without_slope(patch: Any) -> Any:
 
 
 def _as_exposed(shot: Shot, ideal: Shot) -> Any:
-    """Camera primaries as with the time and the gains of the ideal camera: what was applied is undone, whatever
-    white was believed.
+    """Return camera primaries as with the exposure time and gains of the ideal camera, so that metering and white
+    balance do not count as errors.
     """
     scale = np.ones(len(shot.rgb_camera))
     for gains, sign in ((shot.gains, -1), (ideal.gains, 1)):
@@ -156,7 +156,7 @@ def _as_exposed(shot: Shot, ideal: Shot) -> Any:
 
 
 def _box_means(planes: Any, size: int) -> Any:
-    """Means over every square of a size that lies inside, at its first corner."""
+    """Return means over every inner square of a size, at its first corner."""
     means = scipy.ndimage.uniform_filter(planes, (0, size, size), mode="nearest")
     before = size // 2
     rows, columns = (n - size + 1 for n in planes.shape[1:])

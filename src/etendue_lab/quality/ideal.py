@@ -1,14 +1,14 @@
 """The ideal camera of the same scene: the same pipeline with a perfect lens, without noise, converter and mosaic.
 
 In:  a pipeline as written.
-Out: another pipeline, what was left out of it, and what a comparison with it should say.
+Out: another pipeline, what was left out of it, and notes for the comparison.
 
-Left out is what spreads or moves light in front of the pixel (blur, aberrations, distortion, glare, the low-pass
-filter), what works on camera primaries behind the demosaicer (sharpening, denoising: the ideal picture needs none), and
-what finds white on the mosaic or balances it there: the ideal camera knows the white of its light. In the demosaicer's
-place stand three stages, for every channel at every pixel: no mask, an ideal exposure, no demosaicing; what the
-demosaicer alone read is then not computed. What stays: the scene, how much light arrives where, the pixel with its
-aperture and diffusion, crosstalk behind the filters, colour, encoding.
+Left out are stages that spread or move light before the pixel (blur, aberrations, distortion, glare, the low-pass
+filter), stages that work on camera primaries after the demosaicer (sharpening, denoising: the ideal picture needs
+none), and stages that find white on the mosaic or balance it there, since the ideal camera knows the white of its
+light. The demosaicer is replaced by three stages that work on every channel at every pixel: no mask, an ideal exposure,
+no demosaicing; stages that only the demosaicer needed are then not computed. What stays: the scene, how much light
+arrives where, the pixel with its aperture and diffusion, crosstalk behind the filters, colour, encoding.
 """
 
 from __future__ import annotations
@@ -28,7 +28,11 @@ from etendue_lab.compare.axis import without_sweep
 from etendue_lab.compare.branches import ReferenceBranch, nodes_of, writer
 
 TIME = "integration_time"
-PLANES = {"photocurrent", "mosaic_linear", "clipping_level"}  # what stands for the mosaic is written for all channels
+PLANES = {
+    "photocurrent",
+    "mosaic_linear",
+    "clipping_level",
+}  # variables that replace the mosaic, written for all channels
 Kinds = Mapping[str, type[Stage] | None]
 
 
@@ -38,7 +42,7 @@ class Ideal:
 
     pipeline: PipelineFile
     left_out: tuple[str, ...]  # names of stages
-    replaced: Mapping[str, str]  # name of the stage -> what stands there now
+    replaced: Mapping[str, str]  # name of the stage -> its replacement
     notes: tuple[str, ...]
 
 
@@ -50,17 +54,17 @@ def ideal_of(
     Parameters
     ----------
     pipeline : Pipeline
-        As written; its faults are the planner's to find.
+        As written; the planner reports its faults.
     registry : Registry
     without : names of stages
         Also left out, such as ``diffusion``.
     keep : names of stages
-        Not left out, though they spread light.
+        Not left out, although they spread light.
 
     Raises
     ------
     RequestError
-        The pipeline has no pixel stage or no demosaicer, or a name is none of its stages.
+        The pipeline has no pixel stage or no demosaicer, or a name is not one of its stages.
     """
     kinds = {entry.name: _kind(entry, registry) for entry in pipeline.stages}
     _check_names(pipeline, {"--without": without, "--keep": keep}, kinds)
@@ -68,7 +72,7 @@ def ideal_of(
     names = [entry.name for entry in pipeline.stages]
     correcting = [kinds[e.name] for e in pipeline.stages if "mosaic_linear" in _reads(kinds, e) & _writes(kinds, e)]
     shaded = any(kind is not None and kind.role == SHADING for kind in correcting)
-    out: dict[str, str] = {}  # name -> why
+    out: dict[str, str] = {}  # name -> reason
     for entry in pipeline.stages:
         why = _why_out(entry, kinds, names, pixel, demosaic, shaded)
         if (why and entry.name not in keep) or entry.name in without:
@@ -77,7 +81,7 @@ def ideal_of(
     last = made.added[-1]
     replaced = {demosaic: last.use} | made.stands
     entries: list[StageEntry] = []
-    own: dict[str, str] = {}  # which stage of the camera wrote last what the planes have too
+    own: dict[str, str] = {}  # stage of the camera that last wrote a variable that the planes also have
     for entry in (e for e in pipeline.stages if e.name not in out and e.name not in made.stands):
         if entry.name == demosaic:
             entries += [*made.added[:-1], replace(entry, use=last.use, values={}, origin=last.origin)]
@@ -100,15 +104,15 @@ def _pixel_and_demosaicer(pipeline: PipelineFile, kinds: Kinds) -> tuple[str, st
     pixel = _first(pipeline, lambda e: "photon_rate" in _writes(kinds, e))
     demosaic = _first(pipeline, lambda e: "rgb_camera" in _writes(kinds, e) - _reads(kinds, e))
     if pixel is None or demosaic is None:
-        lacking = "no stage that writes photon_rate" if pixel is None else "no demosaicer (nothing writes rgb_camera)"
+        lacking = "no stage that writes photon_rate" if pixel is None else "no demosaicer (no stage writes rgb_camera)"
         raise RequestError(
-            f"the pipeline has {lacking}: there is no picture to compare with that of the ideal camera", pipeline.file
+            f"the pipeline has {lacking}: no picture to compare with that of the ideal camera", pipeline.file
         )
     return pixel, demosaic
 
 
 def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demosaic: str, shaded: bool) -> str:
-    """The reason why a stage is none of the ideal camera's; '' where it is one."""
+    """Return why a stage is left out of the ideal camera; '' if it stays."""
     kind, own = kinds[entry.name], _reads(kinds, entry) & _writes(kinds, entry)
     if kind is None:
         return ""
@@ -131,7 +135,7 @@ def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demo
 
 
 def _knows_white(kinds: Kinds, name: str) -> bool:
-    """Whether a stage finds white without looking at the picture."""
+    """Tell whether a stage finds white without using the picture."""
     kind = kinds[name]
     return (
         kind is not None
@@ -141,7 +145,7 @@ def _knows_white(kinds: Kinds, name: str) -> bool:
 
 
 def _ends_a_dim(kind: type[Stage]) -> bool:
-    """Whether a stage makes one picture of several frames: without it, there is none."""
+    """Tell whether a stage merges several frames into one picture, so that it cannot be left out."""
     reads, writes = ({d.variable: d.dims for d in of(kind).values()} for of in (reads_of, writes_of))
     return reads["rgb_camera"] != writes["rgb_camera"]
 
@@ -149,8 +153,8 @@ def _ends_a_dim(kind: type[Stage]) -> bool:
 def _planes(
     pipeline: PipelineFile, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry
 ) -> ReferenceBranch:
-    """The stages of every channel at every pixel, for the camera without what is left out, at the first values of
-    its sweep.
+    """Return the stages for every channel at every pixel, for the camera without what is left out, at the first values
+    of its sweep.
     """
     there = without_stages(pipeline, out)
     alone, _ = without_sweep(replace(there, sweep=_still_there(pipeline.sweep, out, {})))
@@ -173,21 +177,20 @@ def _notes(pipeline: PipelineFile, kinds: Kinds, out: Mapping[str, str], shaded:
     moved = [name for name in out if roles.get(name) == DISTORTION]
     if moved:
         notes.append(
-            f"{', '.join(moved)} moves the picture and the ideal camera does not: figures pixel by pixel count that as "
-            f"error "
-            f"(--keep {moved[0]} gives the ideal camera the same geometry)"
+            f"{', '.join(moved)} moves the picture and the ideal camera does not: pixel-wise metrics count that as "
+            f"error (--keep {moved[0]} gives the ideal camera the same geometry)"
         )
     if shaded:
         notes.append("the camera corrects shading, so the ideal one has none")
     if _first(pipeline, lambda e: TIME in _writes(kinds, e) and _reads(kinds, e) and e.name not in out):
-        notes.append("the ideal camera meters for itself, on its own sharper light")
+        notes.append("the ideal camera does its own metering, on its own sharper light")
     unknown = [name for name, why in out.items() if why == "the lens" and roles.get(name) not in LENS]
     if unknown:
-        notes.append(f"{', '.join(unknown)} is taken for a part of the lens; --keep {unknown[0]} where it is not")
+        notes.append(f"{', '.join(unknown)} is treated as part of the lens; use --keep {unknown[0]} if it is not")
     return notes
 
 
-# -- what stays as it was written ---------------------------------------------------------------------------------
+# -- what stays as written ------------------------------------------------------------------------------------------
 
 
 def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mapping[str, str]) -> dict[str, Any]:
@@ -197,7 +200,7 @@ def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mappi
 
 
 def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: Registry) -> dict[str, Any]:
-    """Of camera quantities those that a stage takes; keys of stages as they are."""
+    """Return the camera quantities that some stage takes; keys of stages are unchanged."""
     kinds = [_kind(entry, registry) for entry in entries]
     taken = {
         name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared
@@ -207,7 +210,7 @@ def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: R
 
 def _check_names(pipeline: PipelineFile, given: Mapping[str, Collection[str]], kinds: Kinds) -> None:
     faults = [
-        Fault(f"{option} {name}", f"there is no stage of this name{nearest(name, kinds)}")
+        Fault(f"{option} {name}", f"unknown stage{nearest(name, kinds)}")
         for option, names in given.items()
         for name in names
         if name not in kinds

@@ -1,4 +1,4 @@
-"""``Pipeline.quality``: a camera against the ideal one, from Python."""
+"""``Pipeline.quality``: compare a camera with the ideal one, from Python."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ if TYPE_CHECKING:
 
 
 def quality(pipeline: Pipeline, **how: Any) -> Any:
-    """How far the camera is from the ideal one, as ``etendue quality`` does."""
+    """Compare the camera with the ideal one, as ``etendue quality`` does."""
     return measured(pipeline.written(), installed_stages(), **how)

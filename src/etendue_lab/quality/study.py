@@ -1,7 +1,7 @@
-"""``etendue quality``: every cell of a camera's sweep against the ideal camera of the same scene.
+"""``etendue quality``: every cell of a camera's sweep compared with the ideal camera of the same scene.
 
-In:  a pipeline as written, how far away the picture is looked at.
-Out: one row of figures for each cell; as JSON, CSV, and pictures side by side.
+In:  a pipeline as written, the viewing condition.
+Out: one row of metrics for each cell; as JSON, CSV, and side-by-side pictures.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ SCALARS = {
     "clipped_fraction": "1",
     "dr_emva": "dB",
     "dr_elgamal": "dB",
-}  # taken where the pipeline has them
+}  # included if the pipeline has them
 APPLIED = (
     "balance_gains",
     "integration_time",
-)  # what the camera has put into rgb_camera, and its ideal has not, or otherwise
+)  # applied to rgb_camera by the camera, but not, or differently, by its ideal
 SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
-MOST = 12  # pictures that are drawn unless told otherwise
+MOST = 12  # default maximum number of pictures
 Show = Callable[[int, Mapping[str, Any], Shot, Shot, Any], tuple[str, bytes]]
 
 
 @dataclass
 class IdealComparison:
-    """A camera against its ideal: a row for each cell, and what was compared."""
+    """A camera compared with its ideal: a row for each cell, and what was compared."""
 
     pipeline: str
     ideal: Ideal
@@ -58,14 +58,14 @@ class IdealComparison:
     rows: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
-    pictures: dict[str, bytes] = field(default_factory=dict)  # PNG by name of a file
+    pictures: dict[str, bytes] = field(default_factory=dict)  # PNG by file name
 
     @property
     def failed(self) -> int:
         return sum(row["status"] != "done" for row in self.rows)
 
     def document(self) -> dict[str, Any]:
-        """As JSON holds it. Unknown figures are NaN here and null there."""
+        """Return the comparison as JSON. Unknown metrics are NaN in the rows; they become null in files."""
         return {
             "pipeline": self.pipeline,
             "ideal": {"left_out": list(self.ideal.left_out), "replaced": dict(self.ideal.replaced)},
@@ -96,34 +96,34 @@ def quality(
     Parameters
     ----------
     pipeline : Pipeline
-        Its sweep is the sweep of the comparison; ``wanted`` and ``keep`` of the file do not matter.
+        Its sweep is the sweep of the comparison; ``wanted`` and ``keep`` of the file are ignored.
     registry : Registry
-    samples_per_degree : float, above 0
+    samples_per_degree : float, greater than 0
         Pixels per degree of visual angle, for S-CIELAB and visible noise.
     without, keep : names of stages
         See `ideal_of`.
     leave_out : bool
         Whether what the scene does not need may be left out, within the pipeline's tolerance.
     progress : callable
-        Makes the progress of a plan; the camera's and the ideal one's run one after the other.
+        Makes the progress of a plan; the camera and the ideal one run one after the other.
     show : callable
-        Given for each row that is chosen: its number, the axis values, the two pictures, the map of differences. What
-        it returns is the name of a PNG and its bytes.
+        Called for each chosen row with its number, the axis values, the two pictures, the map of differences.
+        Returns the name of a PNG and its bytes.
     folder : Path
-        Where the result will be written; it is made before anything is computed.
+        Where the result will be written; it is created before anything is computed.
     most : int
-        Rows that are shown at most, spread evenly over those that have pictures; a note counts the others.
+        Maximum number of rows with pictures, spread evenly over those available; a note counts the others.
 
     Raises
     ------
     RequestError
-        Faults of the pipeline, nothing to compare, or a folder that takes no files.
+        The pipeline is invalid, there is nothing to compare, or the folder is not writable.
     """
     if not 0 < samples_per_degree < math.inf:
-        raise RequestError(f"--samples-per-degree {samples_per_degree:g}: expected a number above 0")
-    make_plan(pipeline, registry, leave_out)  # with every fault of the file, in its own words
+        raise RequestError(f"--samples-per-degree {samples_per_degree:g}: must be greater than 0")
+    make_plan(pipeline, registry, leave_out)  # reports every fault of the file in the planner's words
     if both := sorted(set(without) & set(keep)):
-        raise RequestError(f"--without {both[0]} and --keep {both[0]}: one of them")
+        raise RequestError(f"--without {both[0]} and --keep {both[0]}: give only one of them")
     ideal = ideal_of(pipeline, registry, without, keep)
     camera_plan = _plan_of(pipeline, registry, leave_out, (*PICTURES, *SCALARS))
     plans = camera_plan, _plan_of(ideal.pipeline, registry, leave_out, PICTURES)
@@ -154,20 +154,20 @@ def quality(
     result.notes += [*_notes(result, camera_plan, registry), *floored(camera_plan, camera.reports)]
     if show is not None and len(result.pictures) < drawable:
         result.notes.append(
-            f"{len(result.pictures)} of {drawable} pictures are drawn, spread evenly over the sweep: --pictures "
+            f"drew {len(result.pictures)} of {drawable} pictures, spread evenly over the sweep; --pictures "
             f"{drawable} draws all"
         )
     return result
 
 
 def _unmeasured(plan: Plan, place: Mapping[str, int]) -> dict[str, Any]:
-    """What a row says before anything is measured."""
+    """Return a row before anything is measured."""
     at = {axis.key: axis.values[place[axis.dim]] for axis in plan.axes}
     return {**at, "status": "done", "reason": "", **dict.fromkeys((*UNITS, *SCALARS), math.nan), "flat": None}
 
 
 def _measured(row: dict[str, Any], shot: Shot, reference: Shot, samples_per_degree: float) -> Any:
-    """Figures into a row, or why there are none; the map of differences, if any."""
+    """Add metrics to a row, or the reason why there are none; return the map of differences, if any."""
     try:
         found, shown, flat = figures(shot, reference, samples_per_degree)
     except ValueError as error:
@@ -178,14 +178,14 @@ def _measured(row: dict[str, Any], shot: Shot, reference: Shot, samples_per_degr
 
 
 def evenly(rows: list[int], most: int) -> set[int]:
-    """At most so many of some rows, at even distances, the first and the last among them where there are two."""
+    """Return at most ``most`` of some rows, evenly spaced, including the first and the last if there are two."""
     count = min(most, len(rows))
     return {rows[round(i * (len(rows) - 1) / max(1, count - 1))] for i in range(count)}
 
 
 def write(result: IdealComparison, folder: Path) -> None:
-    """``quality.csv``, ``quality.json`` and the pictures in a folder, each whole or not at all; those of an earlier
-    comparison go.
+    """Write ``quality.csv``, ``quality.json`` and the pictures to a folder, each completely or not at all; remove
+    pictures of an earlier comparison.
     """
     keys = [*result.axes, *UNITS, *SCALARS, "status", "reason"]
     units = {**result.axes, **UNITS, **SCALARS}
@@ -201,7 +201,7 @@ def write(result: IdealComparison, folder: Path) -> None:
 
 
 def pictures_of(name: str) -> Show:
-    """Draws camera, ideal camera and their difference."""
+    """Return a function that draws camera, ideal camera and their difference."""
 
     def show(number: int, at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
         from etendue_lab.quality.terminal import side_by_side
@@ -217,7 +217,7 @@ def pictures_of(name: str) -> Show:
 
 
 def _plan_of(pipeline: PipelineFile, registry: Registry, leave_out: bool, variables: Collection[str]) -> Plan:
-    """The plan of what is compared, and nothing else kept."""
+    """Return the plan of the compared variables; nothing else is kept."""
     whole = make_plan(replace(wanting(pipeline), faults=()), registry, leave_out)
     places = [(writer, variable) for variable in variables if (writer := _writer(whole, variable))]
     places += [(name, variable) for variable in APPLIED for name in _behind(whole, "rgb_camera", variable)]
@@ -229,7 +229,7 @@ def _writer(plan: Plan, variable: str) -> str | None:
 
 
 def _behind(plan: Plan, picture: str, variable: str) -> list[str]:
-    """The stages that write a variable and that a picture comes from."""
+    """Return the stages that write a variable and on which a picture depends."""
     found, last = set(), _writer(plan, picture)
     open_ = {last} if last else set()
     while open_:
@@ -239,7 +239,7 @@ def _behind(plan: Plan, picture: str, variable: str) -> list[str]:
 
 
 def _places(plan: Plan) -> Iterator[dict[str, int]]:
-    """Positions on all axes, the last one fastest."""
+    """Yield positions on all axes, the last one fastest."""
     dims = [axis.dim for axis in plan.axes]
     for index in product(*(range(len(axis.values)) for axis in plan.axes)):
         yield dict(zip(dims, index, strict=True))
@@ -250,7 +250,7 @@ def _ref(outcome: Outcome, name: str, place: Mapping[str, int]) -> Any:
 
 
 def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
-    """What kept a cell's pictures from being made; '' where nothing did."""
+    """Return why a cell has no pictures; '' if it has."""
     lacking = [v for v in PICTURES if _writer(outcome.plan, v) and _array(outcome, place, v) is None]
     if not lacking:
         return ""
@@ -293,34 +293,31 @@ def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
 
 
 def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
-    """Of the display that the picture is meant for; where no stage says, it has the primaries of sRGB."""
+    """Return the matrix of the display that the picture is meant for; if no stage declares one, that of sRGB."""
     if _writer(plan, "rgb_linear") is None:
         return None
     writers = [node for node in reversed(plan.nodes) if "rgb_linear" in node.writes]
     stages = (plan.cells[node.name, tuple(place[dim] for dim in node.axes)].stage for node in writers)
     return next(
         (stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB
-    )  # some only decode
+    )  # some stages only decode
 
 
 def _notes(result: IdealComparison, plan: Plan, registry: Registry) -> list[str]:
     notes = []
     done, flats = len(result.rows) - result.failed, sum(row["flat"] is not None for row in result.rows)
     if done and _writer(plan, "rgb_linear") is None:
-        notes.append(
-            "no stage writes rgb_linear, so there are no figures of colour: put 'display' behind the demosaicer"
-        )
+        notes.append("no stage writes rgb_linear, so there are no colour metrics: put 'display' after the demosaicer")
     elif flats < done:
         notes.append(
             f"{done - flats} of {done} pictures have no uniform region of {FLAT_SIZES[-1]} x {FLAT_SIZES[-1]} pixels: "
-            f"SNR flat and visible "
-            "noise are not known"
+            "SNR flat and visible noise are unknown"
         )
     for variable in ("mean_snr", "dr_emva"):
         if done and _writer(plan, variable) is None:
             stage = next(registry.makers(variable), "")
             notes.append(
-                f"{variable} is not known: the pipeline has no stage {stage!r}" if stage else f"{variable} is not known"
+                f"{variable} is unknown: the pipeline has no stage {stage!r}" if stage else f"{variable} is unknown"
             )
     return notes
 

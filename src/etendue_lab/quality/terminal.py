@@ -1,4 +1,4 @@
-"""A camera against the ideal camera of the same scene, on the terminal and as pictures side by side.
+"""Comparison of a camera with the ideal camera of the same scene, on the terminal and as side-by-side pictures.
 
 In:  the document of a comparison; two pictures in XYZ and the map of their difference.
 Out: a table; a PNG.
@@ -41,26 +41,26 @@ DISPENSABLE = (
     "visible_noise",
     "ssim",
     "scielab_mean",
-)  # in this order, where the terminal is narrow
+)  # omitted in this order if the terminal is narrow
 UNBOUNDED = 10**4  # columns of a terminal that holds every table
-LONGEST, GAP = 512, 12  # screen pixels: of the longer side of a picture, about; between pictures
-LEAST_SCALE = 5.0  # CIEDE2000 at the top of the colour bar, at least
+LONGEST, GAP = 512, 12  # screen pixels: approximate longer side of a picture; gap between pictures
+LEAST_SCALE = 5.0  # minimum CIEDE2000 at the top of the colour bar
 
 
 def print_quality(document: dict[str, Any]) -> None:
-    """One line for each cell, and what was compared with what."""
+    """Print one line for each cell, and what was compared."""
     console = _out()
     known = [c for c in COLUMNS if any(_known(row[c[0]]) for row in document["rows"])]
     if not any(_known(row["clipped_fraction"]) and row["clipped_fraction"] > 0 for row in document["rows"]):
-        known = [c for c in known if c[0] != "clipped_fraction"]  # nothing to say
+        known = [c for c in known if c[0] != "clipped_fraction"]  # nothing clipped
     short = short_axes(axis["name"] for axis in document["axes"])
     axes = [(a["name"], f"{short[a['name']]} {a['units'] or ''}".strip().replace(" ", "\n")) for a in document["axes"]]
-    title = f"{document['pipeline']}: each camera against the ideal one of the same scene"
+    title = f"{document['pipeline']}: each camera compared with the ideal one of the same scene"
     table, more = _fitting(console, document["rows"], axes, known)
     console.print(escape(title), soft_wrap=True)
     console.width = max(
         console.width, _width(console, table)
-    )  # a number that is cut says nothing; the terminal breaks its line
+    )  # better to let the terminal wrap lines than to cut numbers
     console.print(table)
     _print_remarks(console, document, axes, more)
 
@@ -68,7 +68,7 @@ def print_quality(document: dict[str, Any]) -> None:
 def _print_remarks(
     console: Console, document: dict[str, Any], axes: list[tuple[str, str]], more: list[tuple[str, str, str]]
 ) -> None:
-    """What stands below the table."""
+    """Print the remarks below the table."""
     ideal = document["ideal"]
     for row in document["rows"]:
         if row["status"] != "done":
@@ -80,15 +80,14 @@ def _print_remarks(
         console,
         "PSNR",
         "dB, linear to the brightest value of the ideal picture, encoded to 1; dE00: CIEDE2000 on the display; SNR: "
-        "ratio, as "
-        "expected of the raw frame and as found in a uniform region",
+        "ratio, expected for the raw frame and measured in a uniform region",
     )
-    _line(console, "seen", f"at {document['samples_per_degree']:g} pixels per degree (S-CIELAB, visible noise)")
+    _line(console, "viewed", f"at {document['samples_per_degree']:g} pixels per degree (S-CIELAB, visible noise)")
     if more:
         _line(
             console,
             "more",
-            f"{', '.join(column for _, column, _ in more)}: with --json and -o, and here where the terminal is wider",
+            f"{', '.join(column for _, column, _ in more)}: with --json and -o, or in a wider terminal",
         )
     for text in document["notes"]:
         _line(console, "note", text)
@@ -99,7 +98,7 @@ def _print_remarks(
 def _fitting(
     console: Console, rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]
 ) -> tuple[Table, list[tuple[str, str, str]]]:
-    """The table with as many columns as the terminal holds, and the others."""
+    """Return the table with as many columns as fit the terminal, and the omitted columns."""
     table, more = _rows(rows, axes, known), []
     for name in DISPENSABLE:
         if not console.is_terminal or _width(console, table) <= console.width:
@@ -121,7 +120,7 @@ def _rows(rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[t
 
 
 def _width(console: Console, table: Table) -> int:
-    """Columns that a table takes where nothing holds it back."""
+    """Return the columns that a table takes without limits."""
     return console.measure(table, options=console.options.update(max_width=UNBOUNDED)).maximum
 
 
@@ -130,10 +129,10 @@ def _line(console: Console, word: str, text: str) -> None:
 
 
 def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: str) -> bytes:
-    """Camera, ideal camera and the map of CIEDE2000 as one PNG, at a whole number of screen pixels per pixel.
+    """Return camera, ideal camera and the map of CIEDE2000 as one PNG, at a whole number of screen pixels per pixel.
 
     ``picture`` and ``reference`` are XYZ within the range of their display, whose white is ``white``; they are shown as
-    to an eye that is adapted to it.
+    to an eye adapted to it.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,14 +1,15 @@
 """Laws that a whole camera obeys, whatever its values.
 
-In:  a pipeline document whose stages have the names of their slots, and a way to run one.
-Out: for each law, twins of the camera on which it can be told, and what breaks it.
+In:  a pipeline document whose stages have the names of their slots, and a function that runs one.
+Out: for each law, twins of the camera on which it can be tested, and what breaks it.
 
-bounded      everything is finite (but for what is declared to be undefined), display in [0, 1], raw within the
-converter's codes monotone     noise-free: more time or more light never darkens a pixel: the balanced mosaic of any
-scene, the display of a uniform one white        noise-free: a pixel whose whole support is clipped is (1, 1, 1)
+bounded      everything is finite, unless declared undefined; display in [0, 1]; raw within the converter's codes
+monotone     noise-free: more time or more light never darkens a pixel: the balanced mosaic of any scene, the display of
+             a uniform one
+white        noise-free: a pixel whose whole support is clipped is (1, 1, 1)
 neutral      a uniform grey card is grey on the display, at every exposure
 flux         a uniform plane passes lens and diffusion unchanged: what leaves a pixel's place arrives at another
-linear       ten times the light is ten times the photocurrent
+linear       ten times the light gives ten times the photocurrent
 """
 
 from __future__ import annotations
@@ -28,26 +29,26 @@ from etendue.contract.stage import parameters_of, writes_of
 from etendue.testing import measured
 
 Document = dict[str, Any]
-Run = Callable[[Document], Any]  # a document to its tree
+Run = Callable[[Document], Any]  # from a document to its tree
 
 TIMES = tuple(10.0**k for k in range(-3, 4))
 ROUNDING = 2e-5  # of full scale: float32 through transforms, matrices and encodings; a grey level of 8 bits is 4e-3
 WORDS = tomllib.loads((resources.files("etendue_lab") / "data" / "camera_laws.toml").read_text(encoding="utf-8"))
 STAND_IN, METER, ENCODED, FLAWED = WORDS["stand_in"], WORDS["metering"], WORDS["encoded"], WORDS["flawed"]
 EXPOSING, UNEVEN, LOOKING = (tuple(WORDS[word]) for word in ("exposing", "uneven", "looking"))  # names of slots
-SUPPORT = 17  # pixels about one that reach it through a demosaicer, generously
+SUPPORT = 17  # pixels around one that can reach it through a demosaicer, a generous bound
 PERIOD = 6  # pixels: of the longest mask, X-Trans
-LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutral and white are not told
+LIFTED = "adapt.cones_floored"  # a white raised by a floor is not a true white: neutral and white are then not tested
 MATRIX = "fit.colour_matrix"
-# elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
+# largest element above which a colour matrix turns float32 rounding into colours; named as a cause in the report
 STEEP = 1e4
 GREY = 2e-3
-FLUX, LINEAR = 5e-6, 1e-5  # of the largest value, in float32 through transforms
+FLUX, LINEAR = 5e-6, 1e-5  # relative to the largest value, in float32 through transforms
 WHITE = 1e-6
 ROUNDINGS, LARGEST = (
     8,
     1e3,
-)  # of a colour matrix's elements, up to this, in the picture's own precision: on the way to (1, 1, 1)
+)  # roundings in the picture's precision, times the largest matrix element, at most this: allowed at (1, 1, 1)
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Broken:
 
     law: str
     text: str
-    document: Document | None = None  # the twin on which it was seen
+    document: Document | None = None  # the twin that showed it
 
 
 def of(document: Document, slot: str) -> Document | None:
@@ -64,9 +65,9 @@ def of(document: Document, slot: str) -> Document | None:
 
 
 def twin(document: Document, wanted: list[str], axis: str, values: list[float]) -> Document:
-    """The same camera noise-free and unrounded, with its highlights neutral, swept along one axis.
+    """Return the same camera noise-free and unrounded, with neutral highlights, swept along one axis.
 
-    The time of a metered camera is what is swept, and white is that of the light, not of the picture.
+    If the camera is metered, its time is swept; white is that of the light, not of the picture.
     """
     made = copy.deepcopy(document)
     first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in (*EXPOSING, METER))
@@ -87,7 +88,7 @@ def twin(document: Document, wanted: list[str], axis: str, values: list[float]) 
 
 
 def uniform(made: Document, reflectance: float = 0.4) -> Document:
-    """With a uniform grey scene behind optics that leave it so, its white on the display the display's own."""
+    """Replace the scene by a uniform grey one, remove optics that make it uneven, and use the display's white."""
     scene = of(made, "scene")
     assert scene is not None
     own = {*parameters_of(installed_stages().load(STAND_IN["flat_scene"])), "name"}
@@ -101,12 +102,12 @@ def uniform(made: Document, reflectance: float = 0.4) -> Document:
         stage |= words
     lens = of(made, "lens")
     if lens is not None and lens["use"] == STAND_IN["by_source"]:
-        lens["weights"] = "image"  # 'source' keeps a point's flux, and a plane only as even as the pictures are
+        lens["weights"] = "image"  # 'source' keeps a point's flux, but a plane only as uniform as the pictures are
     return made
 
 
 def laws(document: Document, tree: Any, run: Run) -> Iterator[Broken]:
-    """Everything that a camera breaks; ``tree`` is its own run."""
+    """Yield every law that a camera breaks; ``tree`` is its own run."""
     yield from bounded(document, tree)
     yield from told("monotone", over_time(document), run, any_scene)
     yield from told("neutral", grey_over(document, "integration_time"), run, grey_card)
@@ -118,8 +119,8 @@ def laws(document: Document, tree: Any, run: Run) -> Iterator[Broken]:
 def told(law: str, made: Document, run: Run, judge: Callable[[Document, Any], Iterator[Broken]]) -> Iterator[Broken]:
     try:
         tree = run(made)
-    except Refused as refused:  # what the plan refuses of a twin that differs in scene, time or light alone
-        yield Broken(law, f"its twin is refused: {refused}", made)
+    except Refused as refused:  # refused by the plan, although the twin differs only in scene, time or light
+        yield Broken(law, f"twin refused: {refused}", made)
         return
     except Failure as fault:
         yield Broken(fault.kind, str(fault), made)
@@ -133,7 +134,7 @@ class Refused(Exception):
 
 
 class Failure(Exception):
-    """It broke off: a failed cell, a leaked warning, an exception that is no error of ours."""
+    """It failed: a failed cell, a leaked warning, or an unexpected exception."""
 
     def __init__(self, kind: str, text: str) -> None:
         self.kind = kind
@@ -141,7 +142,7 @@ class Failure(Exception):
 
 
 def array(tree: Any, stage: str, variable: str) -> Any:
-    """An array of a tree whose stages have one shape."""
+    """Return an array of a tree whose stages have one shape."""
     return np.asarray(tree[stage][variable].values)
 
 
@@ -160,17 +161,17 @@ def bounded(document: Document, tree: Any) -> Iterator[Broken]:
                 yield Broken("bounded", f"{stage['name']}.{variable} is not finite")
             if variable == "raw" and (found.min() < 0 or found.max() > top):
                 yield Broken(
-                    "bounded", f"raw reaches {found.min()} to {found.max()}, the converter has codes 0 to {top}"
+                    "bounded", f"raw ranges from {found.min()} to {found.max()}; the converter has codes 0 to {top}"
                 )
             if variable == "rgb_display" and not (found.min() >= 0 and found.max() <= 1):
-                yield Broken("bounded", f"rgb_display reaches {found.min():g} to {found.max():g}")
+                yield Broken("bounded", f"rgb_display ranges from {found.min():g} to {found.max():g}")
 
 
 # ------------------------------------------------------------------------------------------- time, light, white
 
 
 def over_time(document: Document) -> Document:
-    """The drawn scene at seven times about its own."""
+    """Return the scene at seven times around its own."""
     time = document["camera"].get("integration_time", 0.01)
     wanted = ["ideal.mosaic_linear", "encode.rgb_display"]
     made = twin(document, [*wanted, LIFTED, MATRIX], "integration_time", [time * k for k in TIMES])
@@ -192,14 +193,14 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
 
 
 def same_white(made: Document) -> bool:
-    """Whether the scene is brought to the white of the display that shows it: only then is white (1, 1, 1)."""
+    """Tell whether the scene is balanced to the white of the display that shows it: only then is white (1, 1, 1)."""
     return bool(
         (of(made, "adapt") or {}).get("target", "D65") == (of(made, "display") or {}).get("display", "sRGB")
     ) and ((of(made, "fit") or {}).get("white", "kept") == "kept")
 
 
 def grey_over(document: Document, axis: str) -> Document:
-    """A grey card at seven times, or in seven lights."""
+    """Return a grey card at seven times, or in seven lights."""
     now = document["camera"].get(axis, 0.01) if axis == "integration_time" else of(document, "scene")["white_luminance"]  # type: ignore[index]
     made = uniform(
         twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED, MATRIX], axis, [now * k for k in TIMES])
@@ -217,11 +218,11 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     yield from monotone(display, f"encode.rgb_display of a grey card{behind}", what, rounding(display, largest))
     wanders = made["camera"].get("crosstalk") == "through_filter"
     if array(tree, *LIFTED.split(".")).any() or (wanders and min(display.shape[2:]) < PERIOD):
-        return  # a frame without the mask's whole period has not the neighbours of which the white knows
+        return  # a frame smaller than the mask's period lacks the neighbours assumed for the white
     apart = (display.max(axis=1) - display.min(axis=1)).max(axis=(1, 2))
     if wanders:
-        # sites of one filter have neighbours of different ones, so that a plane is no plane: its mean is grey, as far
-        # as sites differ
+        # sites of one filter have different neighbours, so that a plane is not uniform: only its mean is grey, up to
+        # the differences between sites
         means = display.mean(axis=(2, 3))
         apart = np.ptp(means, axis=1) - np.ptp(display, axis=(2, 3)).max(axis=1)
     measured.told(float(apart.max()), GREY)
@@ -229,11 +230,10 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
         if value > GREY:
             seen = ", ".join(f"{v:.4f}" for v in display[step].mean(axis=(1, 2)))
             share = float((mosaic[step] >= 1 - 1e-6).mean())
-            state = (
-                "with all clipped" if share == 1 else "with nothing clipped" if share == 0 else "with a part clipped"
-            )
+            state = "fully clipped" if share == 1 else "not clipped" if share == 0 else "partly clipped"
             yield Broken(
-                "neutral", f"a grey card{behind} {state} is ({seen}) at {what} x {TIMES[step]:g}: {value:.3g} apart"
+                "neutral",
+                f"a grey card{behind} {state} is ({seen}) at {what} x {TIMES[step]:g}: channels differ by {value:.3g}",
             )
             break
     clipped = np.broadcast_to((mosaic >= 1 - 1e-6).all(axis=(1, 2), keepdims=True), mosaic.shape)
@@ -241,7 +241,7 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
 
 
 def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterator[Broken]:
-    """Along the first axis nothing falls by more than rounding."""
+    """Check that values fall along the first axis by no more than rounding."""
     falls = -np.diff(found.astype(np.float64), axis=0)
     scale = max(1.0, float(np.abs(found).max())) if found.size else 1.0
     if falls.size:
@@ -257,8 +257,8 @@ def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterato
 
 
 def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
-    """(time, channel, y, x) where (time, y, x) says that all of the support is clipped, behind a colour matrix with
-    this element.
+    """Check (time, channel, y, x) where (time, y, x) says that the whole support is clipped, for a colour matrix with
+    this largest element.
     """
     allowed = WHITE + rounding(display, largest)
     away = np.abs(display - 1).max(axis=1)
@@ -267,35 +267,33 @@ def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
     if away.size and away.max() > allowed:
         step, row, column = np.unravel_index(int(away.argmax()), away.shape)
         seen = ", ".join(f"{v:.6f}" for v in display[step, :, row, column])
-        yield Broken(
-            "white", f"all of its support is clipped, and a pixel{steep(largest)} is ({seen}) at x {TIMES[step]:g}"
-        )
+        yield Broken("white", f"a pixel{steep(largest)} whose support is all clipped is ({seen}) at x {TIMES[step]:g}")
 
 
 def rounding(display: Any, largest: float) -> float:
-    """What a colour matrix with this element makes of the picture's own precision: 1e-3, a quarter of an 8-bit code,
-    at most.
+    """Return the rounding error of the picture's precision after a colour matrix with this element: at most 1e-3, a
+    quarter of an 8-bit code.
     """
     return ROUNDINGS * float(np.finfo(display.dtype).eps) * min(largest, LARGEST)
 
 
 def steep(largest: float) -> str:
-    """What is to be known of a colour matrix that multiplies rounding."""
-    return f" behind a colour matrix of up to {largest:.1g}" if largest > STEEP else ""
+    """Return a remark on a colour matrix that amplifies rounding."""
+    return f" after a colour matrix with elements up to {largest:.1g}" if largest > STEEP else ""
 
 
 # -------------------------------------------------------------------------------------------------- flux, light
 
 
 def cut_behind(made: Document, slot: str) -> Document:
-    """The camera up to a slot."""
+    """Cut the camera after a slot."""
     last = [stage["name"] for stage in made["stages"]].index(slot)
     made["stages"] = made["stages"][: last + 1]
     return made
 
 
 def even(document: Document) -> Document:
-    """A uniform plane before and behind lens, low-pass and diffusion, without what takes light away."""
+    """Return a uniform plane before and after lens, low-pass and diffusion, without stages that absorb light."""
     made = uniform(twin(document, [], "scene.white_luminance", [of(document, "scene")["white_luminance"]]))  # type: ignore[index]
     names = [stage["name"] for stage in made["stages"]]
     last = [name for name in names if name in ("irradiance", "lens", "low_pass", "diffusion")][-1]
@@ -316,11 +314,11 @@ def flux(made: Document, tree: Any) -> Iterator[Broken]:
     measured.told(float(away / scale) if scale else 0.0, FLUX)
     if away > FLUX * scale:
         behind = made["wanted"][-1].partition(".")[0]
-        yield Broken("flux", f"a uniform plane behind {behind} is off by {away / scale:.3g} of itself")
+        yield Broken("flux", f"a uniform plane changes by {away / scale:.3g} of its value up to {behind}")
 
 
 def light(document: Document) -> Document:
-    """The drawn scene at two levels, up to the mosaic."""
+    """Return the scene at two light levels, up to the mosaic."""
     level = of(document, "scene")["white_luminance"]  # type: ignore[index]
     made = twin(document, ["cfa.photocurrent"], "scene.white_luminance", [level, 10 * level])
     made["stages"][0].pop("white_luminance")
@@ -337,5 +335,6 @@ def linear(made: Document, tree: Any) -> Iterator[Broken]:
     if away > LINEAR * scale:
         yield Broken(
             "linear",
-            f"ten times the light is off ten times the current by {away / max(scale, 1e-300):.3g} of the largest",
+            "the current for ten times the light differs from ten times the current by "
+            f"{away / max(scale, 1e-300):.3g} of its maximum",
         )

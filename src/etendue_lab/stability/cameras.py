@@ -1,7 +1,7 @@
-"""Whole cameras at extremes: a result that is finite and keeps the camera's laws, or one clear refusal while planning.
+"""Whole cameras at extremes: a finite result that obeys the camera's laws, or one clear refusal while planning.
 
-In:  nothing: ``data/extreme_camera.toml``, and what is changed of it.
-Out: a row for every camera and law. Where the plan refuses, its words; never a failed cell, a warning, a traceback or
+In:  nothing: ``data/extreme_camera.toml``, and changes to it.
+Out: a row for every camera and law. If the plan refuses, its message; never a failed cell, a warning, a traceback or
      NaN.
 """
 
@@ -57,7 +57,7 @@ EXTREMES: dict[str, tuple[float, ...]] = {  # of one camera quantity at a time
 }
 CHARGES = (1.0, 10.0, 1e3, 1e6, 1e9)  # electrons of a white pixel
 LUMINANCES = (1e-12, 1e-3, 1e6, 1e12)
-WORDS = {  # that a camera quantity may be, at an extreme each
+WORDS = {  # text values of camera quantities, one extreme each
     "crosstalk": "through_filter",
     "noise": "common",
     "aperture_model": "flat_disc",
@@ -65,7 +65,7 @@ WORDS = {  # that a camera quantity may be, at an extreme each
     "back": "reflecting",
     "illuminant": "500 K",
 }
-RANGES = {  # from which cameras are drawn, logarithmically
+RANGES = {  # from which cameras are drawn, on a logarithmic scale
     "f_number": (0.5, 1e6),
     "pixel_pitch": (0.1, 1000.0),
     "integration_time": (1e-9, 1e6),
@@ -82,15 +82,15 @@ RANGES = {  # from which cameras are drawn, logarithmically
 
 
 def base() -> Document:
-    """The camera as it is on an ordinary day."""
+    """Return the unchanged camera."""
     return tomllib.loads((resources.files("etendue_lab") / "data" / "extreme_camera.toml").read_text(encoding="utf-8"))
 
 
 def changed(
     scene: Document | None = None, quantities: Document | None = None, frame: tuple[int, int] | None = None
 ) -> Document:
-    """The camera with other quantities, another scene, another frame: the light is as wide as its pixels, twice
-    sampled.
+    """Return the camera with other quantities, another scene or another frame; the light covers the pixels at two
+    samples each.
     """
     made = base()
     made["camera"] |= {name: "inf" if value == math.inf else value for name, value in (quantities or {}).items()}
@@ -114,7 +114,7 @@ def scene(use: str, **words: Any) -> Document:
 
 
 def cameras() -> Iterator[tuple[str, Document]]:
-    """Every camera, by name."""
+    """Yield every camera, by name."""
     yield "ordinary", changed()
     for name, values in EXTREMES.items():
         for value in values:
@@ -143,7 +143,7 @@ def cameras() -> Iterator[tuple[str, Document]]:
 
 
 def scenes() -> Iterator[tuple[str, Document]]:
-    """What there is to see: black, full, of great contrast, in few bands and in many."""
+    """Yield scenes: black, saturated, of high contrast, in few and in many bands."""
     yield "black scene", changed(scene(STAND_IN["flat_scene"], reflectance=0.0))
     yield (
         "black scene, no dark current, no noise",
@@ -174,7 +174,7 @@ def without_bayer(made: Document) -> Document:
 
 
 def drawn(shares: list[float]) -> Document:
-    """A camera that is extreme in all things."""
+    """Return a camera with every quantity drawn from its extreme range."""
     values = {
         name: float(f"{math.exp(math.log(low) + share * math.log(high / low)):.6g}")
         for (name, (low, high)), share in zip(RANGES.items(), shares, strict=True)
@@ -185,7 +185,7 @@ def drawn(shares: list[float]) -> Document:
 
 @cache
 def white_charge() -> float:
-    """Electrons of the brightest pixel of the ordinary camera."""
+    """Return the electrons of the brightest pixel of the unchanged camera."""
     made = changed(scene(STAND_IN["flat_scene"], reflectance=1.0))
     return float(
         np.max(camera_laws.array(run({**made, "wanted": ["expose.expected_charge"]}), "expose", "expected_charge"))
@@ -193,14 +193,14 @@ def white_charge() -> float:
 
 
 def run(document: Document) -> Any:
-    """Its tree, on one thread.
+    """Return its tree, on one thread.
 
     Raises
     ------
     Refused
-        By the plan, in words.
+        The plan refuses it, with a message.
     Fault
-        A failed cell, a warning, or an exception that is no error of ours.
+        A failed cell, a warning, or an unexpected exception.
     """
     try:
         with warnings.catch_warnings():

@@ -1,9 +1,10 @@
-"""The kernels below the stages against closed forms of 60 digits, at the stiff and extreme places of the physics.
+"""Kernels below the stages compared with closed forms of 60 digits, at stiff and extreme points of the physics.
 
 In:  ``data/closed_forms.json``: inputs, results and condition numbers.
-Out: a row a case; the stage is the one that the kernel serves.
+Out: a row per case; the stage is the one that uses the kernel.
 
-Allowed is 1e-14, or 3e-7 in single precision, times the condition number: what rounding of the inputs alone may cost.
+The bound is 1e-14, or 3e-7 in single precision, times the condition number: the error that rounding of the inputs alone
+may cause.
 """
 
 from __future__ import annotations
@@ -27,17 +28,17 @@ from etendue_camera.sensor import photodiode
 from etendue_lab.stability.rows import LawCase
 
 DOUBLE, SINGLE = 1e-14, 3e-7
-CUT = 1e-300  # what is smaller is nothing
+CUT = 1e-300  # smaller values count as zero
 Kernel = Callable[..., Any]
 
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """A kernel that a closed form is known of."""
+    """A kernel with a known closed form."""
 
     kernel: Kernel
-    single: bool = False  # kept in single precision where its first argument is
-    least: float = CUT  # absolute error that is allowed anyway
+    single: bool = False  # whether single precision of the first argument is kept
+    least: float = CUT  # absolute error that is always allowed
 
 
 def _dark(current: float, time: float) -> float:
@@ -67,7 +68,7 @@ FORMS = {
     "otf_diffraction": ClosedForm(diffraction.circular_otf),
     "pixel_airy": ClosedForm(
         diffraction.pixel_airy, least=1e-15
-    ),  # edges of order 0.1, whose rounding a faint pixel has
+    ),  # faint pixels are differences of terms of order 0.1 and have their rounding
     "mtf_geometric": ClosedForm(photodiode.aperture_otf),
     "irradiance_paraxial": ClosedForm(_paraxial),
     "irradiance_disk": ClosedForm(lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
@@ -115,7 +116,7 @@ FORMS = {
 
 
 def rows_of_forms(names: frozenset[str]) -> Iterator[LawCase]:
-    """Every case of every closed form; of these stages alone, where some are named."""
+    """Yield every case of every closed form; only for the named stages, if any."""
     found = json.loads((resources.files("etendue_lab") / "data" / "closed_forms.json").read_text(encoding="utf-8"))
     for group in found["groups"]:
         form = FORMS[group["name"]]
@@ -140,14 +141,14 @@ def rows_of_forms(names: frozenset[str]) -> Iterator[LawCase]:
 def judged(
     stage: str, form: ClosedForm, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float
 ) -> LawCase:
-    """One case: the largest relative error of what the kernel gives."""
+    """Return one case: the largest relative error of the kernel's result."""
     wanted = np.asarray([float(v) for v in expected] if isinstance(expected, list) else float(expected))
     bound = unit * max(1.0, condition)
     values: list[Any] = list(given)
     if unit == SINGLE:
         place = -1 if law.startswith("closed form diffusion") else 0
         values[place] = np.float32(values[place])
-        bound *= 1.2  # the rounding of that input
+        bound *= 1.2  # rounding of that input
     try:
         with np.errstate(all="ignore"):
             got = np.asarray(form.kernel(*values), dtype=float)
@@ -160,5 +161,5 @@ def judged(
         off = np.where(same | (np.abs(got - wanted) <= form.least), 0.0, np.abs(got - wanted) / np.abs(wanted))
     worst = float(np.max(np.where(np.isnan(off), np.inf, off)))
     ok = worst <= bound
-    why = "" if ok else f"gives {np.ravel(got)[0]:.17g}, and 60 digits give {np.ravel(wanted)[0]:.17g}"
+    why = "" if ok else f"gives {np.ravel(got)[0]:.17g}; the exact value is {np.ravel(wanted)[0]:.17g}"
     return LawCase(stage, law, case, ok, worst, bound, condition, why)

@@ -1,4 +1,4 @@
-"""What a check of stability found: a row a case, and the worst of each law.
+"""Results of a stability check: a row per case, and the worst of each law.
 
 In:  rows as the checks make them.
 Out: the same as a document; groups for a table.
@@ -19,7 +19,7 @@ class LawCase:
     stage: str
     law: str
     case: str
-    ok: bool | None  # None: not tried, and why
+    ok: bool | None  # None: not tested, for the reason in ``why``
     error: float | None = None
     bound: float | None = None
     condition: float | None = None
@@ -27,7 +27,7 @@ class LawCase:
 
     @property
     def nearness(self) -> float:
-        """How bad it is: what broke first, then by the share of its bound that an error takes."""
+        """Severity: failures first, then the error relative to its bound."""
         if self.ok is not True:
             return math.inf
         if self.error is None or self.bound is None:
@@ -37,7 +37,7 @@ class LawCase:
 
 @dataclass(frozen=True)
 class LawCases:
-    """The cases of one law of one stage: how many, the worst of them, the largest condition number."""
+    """The cases of one law of one stage: their number, the worst of them, the largest condition number."""
 
     worst: LawCase
     cases: int
@@ -47,7 +47,7 @@ class LawCases:
 
 
 def groups(rows: Iterable[LawCase]) -> list[LawCases]:
-    """In the order of the rows; of what broke, a group for every law, with its first failure."""
+    """Group rows in order; if some failed, the worst is among the failures."""
     together: dict[tuple[str, str], list[LawCase]] = {}
     for row in rows:
         together.setdefault((row.stage, row.law), []).append(row)
@@ -61,7 +61,7 @@ def groups(rows: Iterable[LawCase]) -> list[LawCases]:
 
 
 def document(rows: Iterable[LawCase]) -> dict[str, Any]:
-    """``etendue stability --json``."""
+    """Return the document of ``etendue stability --json``."""
     return {
         "cases": [
             {
@@ -80,7 +80,7 @@ def document(rows: Iterable[LawCase]) -> dict[str, Any]:
 
 
 def single(rows: Iterable[LawCase]) -> list[LawCases]:
-    """Each row for itself."""
+    """Return a group for each row."""
     return [LawCases(row, 1, int(row.ok is False), int(row.ok is None), row.condition) for row in rows]
 
 

@@ -1,8 +1,7 @@
-"""One stage against the laws of the conformance kit, at the ends and in the middle of what it declares.
+"""One stage against the laws of the conformance kit, at the ends and in the middle of its declared ranges.
 
 In:  the name of an installed stage.
-Out: a row for every law of every case. What is refused in words is a case that holds; what breaks off in other words is
-     none.
+Out: a row for every law of every case. A clear refusal passes; any other failure does not.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ from etendue.testing.measured import WorstError, measuring
 from etendue.testing.small_changes import parameter_changes
 from etendue_lab.stability.rows import LawCase
 
-MOST_VALUES = 200_000  # of what a case writes: larger ones are the plan's affair, which knows the memory
+MOST_VALUES = 200_000  # largest output of a case; the planner, which knows the memory, handles larger ones
 WITHIN = "computes or refuses"
 MOVED = "parameter moved"
-LAWS = {  # of the kit: those that are about numbers, and what a table calls them
+LAWS = {  # numerical laws of the kit, and their names in the table
     "test_extremes_stay_finite_or_are_refused_clearly": "extremes stay finite",
     "test_undefined_input_meets_the_declared_policy": "NaN and infinity",
     "test_negative_input_meets_the_declared_policy": "negative input",
@@ -33,7 +32,7 @@ LAWS = {  # of the kit: those that are about numbers, and what a table calls the
     "test_digits_are_kept_in_every_precision": "digits",
     "test_errors_grow_by_no_more_than_the_gain": "gain",
     "test_leaving_it_out_is_no_worse_than_negligible_says": "leaving out",
-    "test_carried_facts_are_true_of_what_is_written": "told range",
+    "test_carried_facts_are_true_of_what_is_written": "declared range",
     "test_a_transfer_function_keeps_the_mean_and_a_real_image_real": "mean kept, bounded",
     "test_a_small_change_of_what_is_read_changes_little": "input moved",
     "test_a_small_change_of_a_parameter_changes_little": MOVED,
@@ -43,12 +42,16 @@ LAWS = {  # of the kit: those that are about numbers, and what a table calls the
     "test_the_noise_has_the_variance_that_it_says": "variance",
     "test_what_it_solves_costs_no_more_digits_than_its_condition": "matrix",
 }
-ALWAYS = ("extremes stay finite", "NaN and infinity", "negative input")  # without a number: of every stage that reads
-ONCE = ("NaN and infinity", "negative input", "stated error", "gain")  # of the ordinary instance alone
+ALWAYS = (
+    "extremes stay finite",
+    "NaN and infinity",
+    "negative input",
+)  # reported even without a number, for every stage that reads
+ONCE = ("NaN and infinity", "negative input", "stated error", "gain")  # for the ordinary instance only
 
 
 def rows_of(name: str) -> Iterator[LawCase]:
-    """Every case of one stage."""
+    """Yield every case of one stage."""
     kind = installed_stages().load(name)
     try:
         every = list(cases(kind))
@@ -89,13 +92,15 @@ def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[LawCase]:
 
 
 def largest(bench: Bench) -> int:
-    """Values of the largest variable that a case writes."""
+    """Return the number of values of the largest variable that a case writes."""
     job = bench.job()
     return max((math.prod(job.grids[v].shape(d.dims)) for v, d in bench.writes.items()), default=0)
 
 
 def computed(name: str, bench: Bench, case: Case) -> LawCase:
-    """Ordinary input in both precisions: finite, alike within what the stage states, or refused in words."""
+    """Run ordinary input in both precisions: finite, equal within the declared error, or refused with a clear
+    message.
+    """
     with measuring() as found:
         try:
             inputs = bench.given(bench.arrays("ordinary"), "float32")
@@ -111,20 +116,20 @@ def computed(name: str, bench: Bench, case: Case) -> LawCase:
                 compare(bench, single, double, "ordinary input", "float32", bound, (9, 12))
         except LawBroken as error:
             return row(name, WITHIN, case, False, found, str(error))
-        except Exception as error:  # of a stranger's grid, describe or error
+        except Exception as error:  # from a plugin's grid, describe or error
             return LawCase(name, WITHIN, case.name, isinstance(error, ValueError), why=f"refused: {said(error)}")
     return row(name, WITHIN, case, True, found, "")
 
 
 def held(name: str, law: str, case: Case, check: Callable[[], Any], always: bool = False) -> Iterator[LawCase]:
-    """One law of one instance; nothing where it has measured nothing."""
+    """Yield one law of one instance; nothing if it measured nothing."""
     with measuring() as found:
         try:
             check()
         except LawBroken as error:
             yield row(name, law, case, False, found, str(error))
             return
-        except Exception as error:  # a stage may break anywhere, in grid or describe too
+        except Exception as error:  # a stage may fail anywhere, also in grid or describe
             yield row(name, law, case, False, found, said(error))
             return
     if always or found.error is not None or found.condition is not None:

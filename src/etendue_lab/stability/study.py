@@ -1,4 +1,4 @@
-"""All checks of stability, in processes, with rows in the same order however many there are.
+"""All stability checks, in processes; the order of rows does not depend on their number.
 
 In:  names of stages; none: all stages, kernels and cameras.
 Out: rows, as they are found.
@@ -20,35 +20,35 @@ from etendue.run.workers import begin_worker
 from etendue_lab.stability import cameras, kernels, stages
 from etendue_lab.stability.rows import LawCase
 
-SHARES = 12  # of the cameras: as many parts
+SHARES = 12  # number of parts into which the cameras are divided
 
 
 @dataclass(frozen=True)
 class WorkShare:
-    """A share of the work that one process does: a stage, the closed forms, some cameras."""
+    """A share of the work for one process: a stage, the closed forms, or some cameras."""
 
     what: str  # stage, forms or cameras
     name: str
     share: int = 0
-    stages: frozenset[str] = frozenset()  # of the closed forms: of these alone
+    stages: frozenset[str] = frozenset()  # closed forms of these stages only, if any
 
 
-Told = Callable[[int, int, str], None]  # parts done, of so many, the last one
+Told = Callable[[int, int, str], None]  # parts done, total, the last one
 
 
 def parts(names: Sequence[str]) -> list[WorkShare]:
-    """What is to be done.
+    """Return the parts of the work.
 
     Raises
     ------
     RequestError
-        A name is that of no installed stage.
+        A name is not an installed stage.
     """
     registry = installed_stages()
     for name in names:
         if name not in registry:
             raise RequestError(
-                f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}"
+                f"unknown stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}"
             )
     forms = WorkShare("forms", "closed forms", stages=frozenset(names))
     cameras = [] if names else [WorkShare("cameras", "whole cameras", share) for share in range(SHARES)]
@@ -56,7 +56,7 @@ def parts(names: Sequence[str]) -> list[WorkShare]:
 
 
 def rows_of_part(part: WorkShare) -> list[LawCase]:
-    """Done in a worker process."""
+    """Run a part; called in a worker process."""
     try:
         if part.what == "forms":
             return list(kernels.rows_of_forms(part.stages))
@@ -69,7 +69,7 @@ def rows_of_part(part: WorkShare) -> list[LawCase]:
 
 
 def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, total, name: None) -> list[LawCase]:
-    """Every row, in the order of the parts: processes change nothing but the time."""
+    """Return every row, in the order of the parts: the number of processes only affects the time."""
     every = parts(names)
     found: dict[WorkShare, list[LawCase]] = {}
     for number, (part, rows) in enumerate(done(every, workers or os.cpu_count() or 1), 1):
@@ -77,11 +77,11 @@ def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, 
         told(number, len(every), part.name)
     rows = [row for part in every for row in found[part]]
     place = {name: number for number, name in enumerate(dict.fromkeys(row.stage for row in rows))}
-    return sorted(rows, key=lambda row: place[row.stage])  # closed forms beside the stages that they serve
+    return sorted(rows, key=lambda row: place[row.stage])  # closed forms beside the stages that use them
 
 
 def done(every: list[WorkShare], workers: int) -> Iterator[tuple[WorkShare, list[LawCase]]]:
-    """Parts as they end."""
+    """Yield parts as they finish."""
     if workers == 1 or len(every) == 1:
         for part in every:
             yield part, rows_of_part(part)
@@ -103,11 +103,11 @@ def done(every: list[WorkShare], workers: int) -> Iterator[tuple[WorkShare, list
                             "its process lives",
                             "",
                             False,
-                            why="a process ended while it was tried, or one beside it",
+                            why="a worker process died during this test or one beside it",
                         )
                     ],
                 )
-    except BaseException:  # nobody waits for what is under way
+    except BaseException:  # do not wait for running parts
         pool.shutdown(wait=False, cancel_futures=True)
         raise
-    pool.shutdown()  # all has ended: waiting for the workers, not racing them to the exit
+    pool.shutdown()  # all parts are finished: wait for the workers, so that they do not outlive the caller

@@ -1,4 +1,4 @@
-"""Stability on the terminal: the worst case of each law of each stage, what broke first of all.
+"""Terminal output of stability: the worst case of each law of each stage.
 
 In:  groups of rows, or rows.
 Out: a table; a line for each failure; the counts.
@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from etendue.present.terminal.terminal import _out, _table, escape
 
 COLUMNS = (
-    ("stage, law and its worst case", "left"),
+    ("stage, law and worst case", "left"),
     ("cases", "right"),
     ("error", "right"),
     ("bound", "right"),
@@ -26,9 +26,9 @@ COLUMNS = (
 
 
 def print_stability(groups: Sequence[Any], every: bool, counts: dict[str, int]) -> None:
-    """``groups``: of one law and stage each, or of one row with ``every``."""
+    """Print ``groups``: one per law and stage, or one per row with ``every``."""
     console = _out()
-    table = _table("every case" if every else "the worst case of each law", *COLUMNS, wrap=(COLUMNS[0][0],))
+    table = _table("all cases" if every else "worst case of each law", *COLUMNS, wrap=(COLUMNS[0][0],))
     last = ""
     for group in groups:
         row = group.worst
@@ -49,18 +49,19 @@ def print_stability(groups: Sequence[Any], every: bool, counts: dict[str, int]) 
             console.print(
                 f"{escape(group.worst.stage)}, {group.worst.law}, {escape(group.worst.case)}: {escape(group.worst.why)}"
             )
-    untried = f", {counts['untried']} not tried" if counts["untried"] else ""
+    untried = f", {counts['untried']} not tested" if counts["untried"] else ""
     console.print(
-        f"{counts['cases']} cases of {counts['stages']} stages: {counts['held']} hold, {counts['failed']} fail{untried}"
+        f"{counts['cases']} cases of {counts['stages']} stages: {counts['held']} passed, {counts['failed']} "
+        f"failed{untried}"
     )
 
 
 def verdict(group: Any, every: bool) -> str:
     if group.failed:
-        return "FAILS" if every or group.cases == 1 else f"{group.failed} FAIL"
+        return "FAILED" if every or group.cases == 1 else f"{group.failed} FAILED"
     if group.untried:
-        return "not tried"
-    return "refused" if every and group.worst.why.startswith("refused") else "holds"
+        return "not tested"
+    return "refused" if every and group.worst.why.startswith("refused") else "passed"
 
 
 def number(value: float | None) -> str:
@@ -69,7 +70,7 @@ def number(value: float | None) -> str:
 
 @contextmanager
 def trying() -> Iterator[Callable[[int, int, str], None]]:
-    """A bar on stderr; silent where stderr is no terminal."""
+    """Show a progress bar on stderr; silent if stderr is not a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda done, total, name: None

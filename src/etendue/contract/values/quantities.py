@@ -1,6 +1,6 @@
-"""Quantities that several stages share, brought by distributions, declared once.
+"""Quantities that several stages share: brought by distributions and declared once.
 
-``quantity("NAME")`` is the field of a stage that uses it. In a pipeline file they stand under one table
+``quantity("NAME")`` is the field of a stage that uses it. In a pipeline file they are in one table
 (``contract.values.tables``): one value, however many stages use it.
 """
 

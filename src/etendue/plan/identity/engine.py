@@ -1,10 +1,10 @@
-"""Of the engine's own modules: which can change a bit of a cell, and which only move what others compute.
+"""Sort the engine's own modules: those that can change a bit of a cell, and those that only move what others compute.
 
-The room ``compute`` is in the key of every cell, with the few modules outside it that its bits depend on; the digest of
-a stage's own code, and of all it imports, stands beside it (``plan.identity.code``). Rooms in ``MOVES`` are followed by
-no digest, each for a reason; nor is a manifest: which class stands under a name, defaults, dims and patterns stand
-in keys as that code and these values. A test computes cells of every kind of pipeline in fresh processes, and fails
-where one of them imports a module, or reads a table, that is in neither and in no digest.
+The key of every cell covers the package ``compute`` and the few modules outside it that its bits depend on; the digest
+of a stage's own code and of all it imports is added to it (``plan.identity.code``). No digest follows the packages in ``MOVES``,
+each for the reason given, nor manifests: the class they give for a name, defaults, dims and patterns are in keys as
+code and values. A test computes cells of every kind of pipeline in fresh processes, and fails if one of them imports a
+module, or reads a table, that is in neither list and in no digest.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ MOVES = {
     "etendue.contract.arrays": _WORDS,
     "etendue.contract.arrays.dims": "which dims are bands, and in which unit, is in keys",
     "etendue.contract.arrays.drawn": _AFTER,
-    "etendue.contract.arrays.facts": f"facts decide what is left out, knobs and precision: {_DECIDES}",
-    "etendue.contract.ports": "what a keeper of results is asked",
-    "etendue.contract.registry": "loads the class of a stage, whose code stands in its key",
+    "etendue.contract.arrays.facts": f"facts decide omissions, knobs and precision: {_DECIDES}",
+    "etendue.contract.ports": "the interface of a store of results",
+    "etendue.contract.registry": "loads the class of a stage, whose code is in its key",
     "etendue.contract.stated": f"stated errors decide which knobs are set: {_DECIDES}",
     "etendue.contract.values": _WORDS,
-    "etendue.contract.values.bounds": "refuses what is too large",
-    "etendue.contract.values.late_bound": "stands for a value until the run has found it",
+    "etendue.contract.values.bounds": "rejects what is too large",
+    "etendue.contract.values.late_bound": "stand-in for a value until the run has found it",
     "etendue.contract.values.names": _WORDS,
     "etendue.contract.values.parameter": _VALUES,
     "etendue.contract.values.quantities": _VALUES,

@@ -1,5 +1,5 @@
-"""An archive as a page: one HTML file that opens anywhere, or the same page live beside the store.
+"""The page of an archive: one HTML file that opens anywhere, or the same page served live.
 
-In:  the folder of an archive, finished, interrupted or being written.
-Out: a document of figures, tables and pictures; HTML; a server on this machine alone.
+In:  the folder of an archive whose run is finished, interrupted or in progress.
+Out: a document of metrics, tables and pictures; HTML; a server for this machine only.
 """

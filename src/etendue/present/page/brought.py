@@ -1,7 +1,8 @@
-"""What distributions bring to a page: sections of their own, ``etendue_sections``; words for things; what goes first.
+"""What distributions contribute to a page: sections (``etendue_sections``), wordings, and the order of preference.
 
-In:  an archive opened to be shown.
-Out: plain JSON. A section is paragraphs, tables and pictures; one that breaks off says why, and takes no other with it.
+In:  an archive opened for display.
+Out: plain JSON. A section consists of paragraphs, tables and pictures; if one fails, the reason is shown and the others
+     are unaffected.
 """
 
 from __future__ import annotations
@@ -31,14 +32,16 @@ FORM = (
 
 @dataclass(frozen=True)
 class Section:
-    """``place``: ``module:function`` of the tree of an archive; ``title``: what stands above."""
+    """``place``: ``module:function`` that takes the tree of an archive; ``title``: the heading."""
 
     place: str
     title: str
 
 
 def wordings(opened: Opened) -> dict[str, Any]:
-    """What things are called on a page, by the distributions whose stages an archive is of, and which go first."""
+    """Return the wordings of a page from the distributions whose stages an archive uses, and the names to show
+    first.
+    """
     stages = frozenset(
         str(one).partition(" ")[0] for node in opened.record["nodes"].values() for one in node.get("distributions", ())
     )
@@ -55,7 +58,7 @@ def wordings(opened: Opened) -> dict[str, Any]:
 
 
 def sections(opened: Opened) -> list[dict[str, Any]]:
-    """Every section that has something to say of an archive, in the order in which they are brought."""
+    """Return every section that has content or an error, in the order of registration."""
     every, tree = discovery.installed(), None
     found: list[dict[str, Any]] = []
     for name in every.names("sections"):
@@ -66,7 +69,7 @@ def sections(opened: Opened) -> list[dict[str, Any]]:
             one = discovery.made_of(Section, f"the section {name!r}", brought)
             said["title"] = str(one.title)
             tree = open_archive(opened.folder) if tree is None else tree
-            with discovery.foreign(f"the section {name!r} of {brought.origin} cannot be made"):
+            with discovery.foreign(f"the section {name!r} of {brought.origin} failed"):
                 given = EntryPoint(name, one.place, "").load()(tree)
             said["blocks"] = _blocks(given, f"the section {name!r} of {brought.origin}")
         except (PluginError, ArchiveError) as error:
@@ -78,7 +81,7 @@ def sections(opened: Opened) -> list[dict[str, Any]]:
 
 def _blocks(given: Any, what: str) -> list[dict[str, Any]]:
     if not isinstance(given, list | tuple):
-        raise PluginError(f"{what} gives {type(given).__name__}; {FORM}")
+        raise PluginError(f"{what} returns {type(given).__name__}; {FORM}")
     return [_block(one, f"{what}, block {number}") for number, one in enumerate(given, 1)]
 
 

@@ -1,8 +1,8 @@
-"""Columns of numbers packed for a page: one blob for all of them, in a hundredth of the room that JSON would take.
+"""Packed columns of numbers for a page: one blob for all, a hundredth of the size of JSON.
 
 In:  arrays.
-Out: for each where it lies; the blob as text: base64 of deflated bytes, the n-th bytes of all numbers of a column
-     beside each other.
+Out: the location of each; the blob as text: base64 of deflated bytes, with the n-th bytes of all numbers of a column
+     grouped together, which compresses better.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ KINDS: dict[str, np.dtype[Any]] = {
 
 
 class Columns:
-    """Arrays in the order in which they were put."""
+    """Arrays in the order in which they were added."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []
         self._size = 0
 
     def put(self, values: Any, kind: str = "f4") -> dict[str, Any]:
-        """Keep an array, flat in C order: ``{"at": byte, "count": numbers, "kind": "f4"}``."""
+        """Add an array, flattened in C order; return ``{"at": byte, "count": numbers, "kind": "f4"}``."""
         flat = np.ascontiguousarray(values).ravel().astype(KINDS[kind])
         shuffled = flat.view("u1").reshape(-1, KINDS[kind].itemsize).T.tobytes()
         place = {"at": self._size, "count": int(flat.size), "kind": kind}
@@ -39,7 +39,7 @@ class Columns:
         return place
 
     def words(self, texts: Any) -> dict[str, Any]:
-        """Keep texts that come again and again: each once, and which one it is."""
+        """Add repetitive texts: each distinct text once, and an index for every entry."""
         known, which = np.unique(np.asarray(texts, dtype=object).astype(str), return_inverse=True)
         kind = "u1" if len(known) <= 256 else "u2" if len(known) <= 65536 else "u4"
         return {**self.put(which, kind), "words": [str(word) for word in known]}

@@ -1,7 +1,7 @@
 """The document behind a page: all that it shows of an archive, as plain JSON with one blob of packed numbers.
 
-In:  an archive opened to be shown.
-Out: a mapping for ``json.dumps``. Every text in it may be a stranger's: whoever shows it shows it as text.
+In:  an archive opened for display.
+Out: a mapping for ``json.dumps``. Any text in it may be untrusted: display it as plain text only.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from etendue.present.page.opening import opening
 from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
 
 FORMAT = 1
-MOST_ROWS = 400_000  # cells whose rows are in the page; of more there are the sums
+MOST_ROWS = 400_000  # largest number of cells with their own rows in the page; above it only sums are shown
 
 
 def document(
     opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """All that is shown. ``about``: what is said of installed stages, by name; ``pictures``: those that the page
-    carries.
+    """Return all that is shown. ``about``: descriptions of installed stages, by name; ``pictures``: those embedded in
+    the page.
     """
     columns = Columns()
     table = ledger(opened)
@@ -93,7 +93,7 @@ def document(
 
 
 def plain(value: Any) -> Any:
-    """A document that is JSON: no NaN, no infinity."""
+    """Convert a document to strict JSON: no NaN, no infinity."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None if math.isnan(value) else "inf" if value > 0 else "-inf"
     if isinstance(value, Mapping):
@@ -106,8 +106,8 @@ def plain(value: Any) -> Any:
 
 
 def start_of(opened: Opened) -> dict[str, int]:
-    """Where a page begins without a choice, as the contact sheet: the pipeline's own value where it is on the axis,
-    else the middle.
+    """Return where a page starts, as does the contact sheet: the pipeline's own value if it is on the axis, else the
+    middle.
     """
     written = _pipeline(opened)
     said = {
@@ -125,10 +125,10 @@ def start_of(opened: Opened) -> dict[str, int]:
 
 
 def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
-    """What says which stage the losses are owed to, at the cell where the page begins.
+    """Return the command that computes each stage's share of the losses, at the cell where the page starts.
 
-    '' where it holds no pipeline file, and where stages or presets are swept: a name along such an axis stands for a
-    table of the sweep.
+    '' if there is no pipeline file, or if stages or presets are swept: a name along such an axis stands for a table of
+    the sweep, which no option can set.
     """
     last = sorted((opened.folder / "runs").glob("*.toml"))
     if not last or any(
@@ -151,7 +151,7 @@ def _pipeline(opened: Opened) -> dict[str, Any]:
 
 
 def _shared(opened: Opened) -> list[dict[str, Any]]:
-    """The shared quantities that some stage has used, with units; which of them are swept."""
+    """Return the shared quantities that some stage has used and that are not swept, with units."""
     used = {name for node in opened.record["nodes"].values() for name in node.get("shown", {})}
     swept = {axis.key for axis in opened.axes}
     rows = []
@@ -207,7 +207,7 @@ def _coordinate(one: Coordinate, columns: Columns) -> dict[str, Any]:
 
 
 def _cells(opened: Opened, table: Ledger, columns: Columns) -> dict[str, Any]:
-    """The ledger, a column each; of a very large archive nothing but its size."""
+    """Pack the ledger, one column each; of a very large archive only its size."""
     rows = len(table["stage"])
     if rows > MOST_ROWS:
         return {"rows": rows, "columns": {}, "at": {}}

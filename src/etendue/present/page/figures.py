@@ -1,8 +1,8 @@
-"""The figures of an archive: every variable that is no picture, over all axes that reach it.
+"""Metrics of an archive: every variable that is not a picture, over all axes that reach it.
 
-In:  an archive opened to be shown.
-Out: ``Figure``s: numbers over axes, then over dims of their own (stages, channels, frequencies), with the coordinates
-     of those.
+In:  an archive opened for display.
+Out: ``Figure``s: numbers over axes, then over their own dims (stages, channels, frequencies), with the coordinates of
+     those.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from etendue.contract.arrays.variables import variable, without
 from etendue.errors import ArchiveError
 from etendue.present.page.opened import PLANE, Opened, ShownGroup
 
-LARGEST = 4096  # numbers of a cell: what has more is neither figure nor curve
-MOST = 4_000_000  # numbers of one figure over all cells
+LARGEST = 4096  # numbers per cell; variables with more are neither metric nor curve
+MOST = 4_000_000  # numbers of one variable over all cells
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """What the positions along a dim are: labels or numbers, over the axes that move them."""
+    """The positions along a dim: labels or numbers, over the axes on which they depend."""
 
     name: str
     label: str
@@ -44,7 +44,7 @@ class MetricColumn:
     dims: tuple[str, ...]
     values: Any  # (axes..., dims...)
     coordinates: dict[str, list[Coordinate]] = field(default_factory=dict)
-    meanings: tuple[str, ...] = ()  # of whole numbers that stand for something
+    meanings: tuple[str, ...] = ()  # names of whole numbers that are codes
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Omitted:
 
 
 def figures(opened: Opened) -> tuple[list[MetricColumn], list[Omitted]]:
-    """Every figure in the order of the stages, and what is too large for one."""
+    """Return every metric in the order of the stages, and the variables that are too large."""
     found: list[MetricColumn] = []
     omitted: list[Omitted] = []
     for stage in opened.stages:
@@ -107,12 +107,12 @@ def _arrays(opened: Opened, groups: list[ShownGroup], name: str) -> Iterator[tup
             if opened.has(cell):
                 try:
                     yield group, place, np.asarray(opened.read(cell, name), dtype=float)
-                except (ArchiveError, IndexError):  # given up since, or damaged: it is not there
+                except (ArchiveError, IndexError):  # given up in the meantime, or damaged: treat as missing
                     continue
 
 
 def _meanings(group: ShownGroup, name: str) -> tuple[str, ...]:
-    """The names behind whole numbers: CF flags 0, 1, 2, ..; or the labels of a dim for a place in that list."""
+    """Return the names behind whole numbers: CF flags 0, 1, 2, ..; or the labels of a dim that the number indexes."""
     attrs = group.data[name].attrs
     words = str(attrs.get("flag_meanings", "")).split()
     flags = np.atleast_1d(attrs.get("flag_values", range(len(words)))).tolist()
@@ -125,7 +125,7 @@ def _meanings(group: ShownGroup, name: str) -> tuple[str, ...]:
 
 
 def _coordinates(opened: Opened, group: ShownGroup, dim: str) -> list[Coordinate]:
-    """What stands along a dim; the one with its own name first."""
+    """Return the coordinates along a dim, the one with its own name first."""
     found = []
     for name, own in group.data.coords.items():
         if (

@@ -1,7 +1,7 @@
-"""The page itself: one HTML text with its style, its script and its document in it, which asks nobody for anything.
+"""The page: one self-contained HTML text with style, script and document, which requests nothing from the network.
 
 In:  a document; whether it is live, beside a server on this machine.
-Out: HTML. Style and script run by their SHA-256 alone; no text of the document is ever taken for markup.
+Out: HTML. Style and script are allowed by their SHA-256 alone; no text of the document is ever interpreted as markup.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def static(name: str) -> str:
 
 @cache
 def _script() -> str:
-    """All of it in one function: nothing of it is global."""
+    """Return all scripts in one function, so that nothing is global."""
     return "(() => {\n'use strict';\n" + "\n".join(static(name) for name in SCRIPTS) + "\n})();\n"
 
 
 def page(document: Mapping[str, Any], live: bool = False) -> str:
-    """The HTML of a document."""
+    """Return the HTML of a document."""
     style, script = static("page.css"), _script()
     policy = "; ".join(
         [
@@ -71,7 +71,7 @@ def page(document: Mapping[str, Any], live: bool = False) -> str:
 
 
 def embedded(document: Mapping[str, Any]) -> str:
-    """JSON that no parser of HTML takes for the end of its element."""
+    """Return JSON that no HTML parser takes for the end of its element."""
     text = json.dumps(plain(document), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 

@@ -1,8 +1,8 @@
-"""What the live page asks of an archive: how far it is, pictures, values under the pointer, lines, histograms.
+"""Requests of the live page: progress, pictures, values under the pointer, lines, histograms.
 
-In:  the folder of an archive; a question and its words.
-Out: JSON or pixels. Arrays are those of the store, held against its digests; of a running sweep every cell that is
-     finished.
+In:  the folder of an archive; a request and its parameters.
+Out: JSON or pixels. Arrays are those of the store, checked against its digests; of a run in progress every finished
+     cell.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from etendue.present.page.opened import FINISHED, Opened
 from etendue.present.page.report import about_stages
 from etendue.present.page.shots import strip
 
-HELD = 768 * 2**20  # bytes of arrays that are kept at hand
-PATIENCE = 2.0  # seconds between two looks at a growing archive, at least
-SHARE = 6.0  # and so many times as long as a look takes
+HELD = 768 * 2**20  # bytes of arrays kept in memory
+PATIENCE = 2.0  # minimum seconds between two refreshes of a growing archive
+SHARE = 6.0  # and at least this multiple of the duration of a refresh, so that refreshing never dominates
 BINS = 96
 LONGEST = 16384  # samples of a line
 Words = Mapping[str, str]
 
 
 class HttpRefusal(Exception):
-    """A question that has no answer: its status of HTTP, and why."""
+    """A request that cannot be answered: its HTTP status, and why."""
 
     def __init__(self, status: int, why: str) -> None:
         super().__init__(why)
@@ -47,11 +47,11 @@ class HttpRefusal(Exception):
 
 
 class Missing(HttpRefusal):
-    """A cell that is not there, or not yet."""
+    """A cell that is missing, perhaps only so far."""
 
 
 class Live:
-    """An archive as it is from moment to moment."""
+    """An archive, refreshed while its run goes on."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -83,7 +83,7 @@ class Live:
         return not (self.folder / JOURNAL).is_file()
 
     def refresh(self) -> None:
-        """Look again, where something was written since and the last look was not just now."""
+        """Read the archive again if something was written since and the last refresh was long enough ago."""
         with self._lock:
             if time.monotonic() - self._seen < max(PATIENCE, SHARE * self._cost):
                 return
@@ -94,10 +94,10 @@ class Live:
             begun = time.monotonic()
             try:
                 fresh = Opened(self.folder)
-            except ArchiveError:  # a run is beginning, or files are being put in their places: what was seen last stays
+            except ArchiveError:  # a run is starting, or files are being moved into place: keep the last state
                 self._seen = time.monotonic()
                 return
-            _ = fresh.progress  # as of now: its rate is of what has been seen
+            _ = fresh.progress  # read now, so that its rate belongs to the state shown
             self.opened, self._state = fresh, state
             self.serial += 1
             self._pictures.clear()
@@ -106,7 +106,7 @@ class Live:
     # -- answers --------------------------------------------------------------------------------------
 
     def shown(self, through: str) -> dict[str, Any]:
-        """The document as it is now; ``through``: how its page asks, ``server`` or ``frame``."""
+        """Return the current document; ``through``: how its page sends requests, ``server`` or ``frame``."""
         made = self._made()
         return {**made, "live": {**made["live"], "through": through}}
 
@@ -143,7 +143,7 @@ class Live:
     def _picture(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
         try:
             one = self._asked(words)
-        except Missing as error:  # which is no fault of whoever asks
+        except Missing as error:  # not an error of the caller
             return "application/octet-stream", b"", {"X-Picture": json.dumps({"why": str(error)})}
         gain = 2.0 ** min(20.0, max(-20.0, _number(words, "stops", 0.0)))
         pixels = one.eight_bit(gain)
@@ -163,8 +163,8 @@ class Live:
         return "application/octet-stream", rgba.tobytes(), {"X-Picture": json.dumps(plain(said), allow_nan=False)}
 
     def _probe(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Values at one place behind every stage: at ``y``, ``x`` (um, or samples), or as shares ``v``, ``u`` of the
-        picture.
+        """Return values at one place after every stage: at ``y``, ``x`` (um, or samples), or at the fractions ``v``,
+        ``u`` of the picture.
         """
         at, on_plane = self._at(words), words.get("plane") == "1"
         rows = []
@@ -185,7 +185,7 @@ class Live:
                 inside = 0 <= v < 1 and 0 <= u < 1
                 place = (int(v * one.size[0]), int(u * one.size[1])) if inside else None
             if place is None:
-                rows.append({**row, "why": "beside the picture"})
+                rows.append({**row, "why": "outside the picture"})
                 continue
             values = np.asarray(one.array[..., place[0], place[1]]).ravel()
             rows.append(
@@ -203,12 +203,12 @@ class Live:
         return _json({"rows": rows})
 
     def _line(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Values along a row or column, by channel; of a plane with a pattern by its letters."""
+        """Return values along a row or column, by channel; for a plane with a pattern by its letters."""
         one = self._asked(words)
         upright = words.get("along") == "y"
         number = int(_number(words, "at_sample"))
         if not 0 <= number < one.size[1 if upright else 0]:
-            raise HttpRefusal(404, "beside the picture")
+            raise HttpRefusal(404, "outside the picture")
         series = {}
         for name, plane, mask in _planes(one):
             values = plane[:, number] if upright else plane[number]
@@ -230,7 +230,9 @@ class Live:
         )
 
     def _histogram(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Counts by channel over some rows and columns, with mean, standard deviation and the shares at the ends."""
+        """Return counts by channel over some rows and columns, with mean, standard deviation and the fractions at both
+        ends.
+        """
         one = self._asked(words)
         bounds = [
             int(_number(words, name, default))
@@ -261,8 +263,8 @@ class Live:
         return _json({"channels": channels, "low": low, "high": high, "units": one.units, "ceiling": ceiling})
 
     def _ceiling(self, one: Picture) -> float | None:
-        """The value above which nothing is told apart: the largest whole number, 1 of what is relative to clipping
-        or white.
+        """Return the value at which a picture saturates: the largest code, or 1 for values relative to clipping or
+        white.
         """
         if name := units().get(one.units, Unit()).bits:
             shown = self.opened.record["nodes"].get(one.group.stage, {}).get("shown", {})
@@ -273,12 +275,12 @@ class Live:
     # -- what is asked for ------------------------------------------------------------------------------
 
     def _at(self, words: Words) -> dict[str, int]:
-        """``gain:2,spacing:0``: places on the axes; those that are not named are where the page begins."""
+        """Parse ``gain:2,spacing:0`` into positions on the axes; axes that are not named take their first."""
         found = {axis.dim: 0 for axis in self.opened.axes}
         for part in filter(None, words.get("at", "").split(",")):
             dim, _, text = part.rpartition(":")
             if dim not in found or not text.isdecimal() or int(text) >= len(self.opened.axis(dim).values):
-                raise HttpRefusal(404, "no such place on the axes")
+                raise HttpRefusal(404, "no such position on the axes")
             found[dim] = int(text)
         return found
 
@@ -295,9 +297,9 @@ class Live:
         return found
 
     def _why(self, stage: str, at: Mapping[str, int]) -> str:
-        """Why there is no picture of a cell."""
+        """Return why there is no picture of a cell."""
         status = self.opened.status(stage, at)
-        return "too large to be shown, or no longer kept" if status.replace(" ", "_") in FINISHED else status
+        return "too large to show, or no longer stored" if status.replace(" ", "_") in FINISHED else status
 
     def _shown(self, stage: str, variable: str, at: Mapping[str, int]) -> Picture | None:
         with self._lock:
@@ -324,12 +326,12 @@ def _number(words: Words, name: str, default: float | None = None) -> float:
     except ValueError:
         found = None
     if found is None or not np.isfinite(found):
-        raise HttpRefusal(400, f"{name} is no number")
+        raise HttpRefusal(400, f"{name} is not a number")
     return found
 
 
 def _labels(one: Picture) -> list[str]:
-    """What each number of a sample is: the channel, the band, the frame."""
+    """Return the label of each number of a sample: the channel, the band, the frame."""
     found = [""]
     for dim in one.dims:
         found = [f"{before} {label}".strip() for before in found for label in one.labels(dim)]
@@ -337,8 +339,8 @@ def _labels(one: Picture) -> list[str]:
 
 
 def _planes(one: Picture) -> list[tuple[str, Any, Any]]:
-    """(name, plane, where it is told of) of each channel; of a pattern the same plane for each of its letters; of
-    many bands their mean.
+    """Return (name, plane, mask) of each channel; of a pattern the same plane for each of its letters; of many bands
+    their mean.
     """
     array = one.array
     for dim in one.dims:

@@ -1,8 +1,8 @@
-"""How an array of an archive looks on the page: ``plots.pictures`` asked at a place on the axes, and where it lies on
-the image plane.
+"""Appearance of an array on the page: ``plots.pictures`` applied at a position on the axes, and its place on the image
+plane.
 
-In:  an archive opened to be shown; a stage, a variable, places on the axes.
-Out: ``Picture``: the array as it was stored, where it lies on the image plane, and itself in 8-bit sRGB.
+In:  an archive opened for display; a stage, a variable, positions on the axes.
+Out: ``Picture``: the stored array, its place on the image plane, and its 8-bit sRGB rendering.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from etendue.present.page.opened import PLANE, Opened, ShownGroup
 from etendue.present.pictures.appearance import as_bytes, seen
 from etendue.present.plots import pictures
 
-LARGEST = 64 * 2**20  # numbers of an array that is shown
+LARGEST = 64 * 2**20  # largest number of elements of an array that is shown
 
 
 def pictured(opened: Opened) -> list[tuple[str, str]]:
-    """Every (stage, variable) that is a picture, in the order of the stages."""
+    """Return every (stage, variable) that is a picture, in the order of the stages."""
     found: dict[tuple[str, str], None] = {}
     for stage in opened.stages:
         for group in opened.groups.get(stage, []):
@@ -43,11 +43,11 @@ class Picture:
     opened: Opened
     group: ShownGroup
     variable: str
-    places: Mapping[str, int]  # on the axes of the sweep
+    places: Mapping[str, int]  # positions on the axes of the sweep
     array: Any  # (..., y, x) as stored
     origin: tuple[float, float]  # y, x of the first sample
     step: tuple[float, float]
-    on_plane: bool  # whether they are um on the image plane; else samples
+    on_plane: bool  # True: um on the image plane; False: samples
 
     @property
     def size(self) -> tuple[int, int]:
@@ -63,7 +63,7 @@ class Picture:
         return self.group.variables[self.variable][:-2]
 
     def labels(self, dim: str) -> list[str]:
-        """What stands along a leading dim."""
+        """Return the labels along a leading dim."""
         if dim not in self.group.data.coords:
             return [str(i) for i in range(int(self.group.data.sizes[dim]))]
         units = str(self.group.data[dim].attrs.get("units", "1"))
@@ -74,7 +74,7 @@ class Picture:
 
     @cached_property
     def one(self) -> xarray.DataArray:
-        """The array with all that its archive says of it; of several frames the one in the middle."""
+        """The array with its coordinates and attributes; of several frames the middle one."""
         data, dims = self.group.data, self.group.variables[self.variable]
         coords = {dim: data[dim].variable for dim in dims if dim in data.coords}
         at = {dim: self.opened.axis(dim).values[self.places.get(dim, 0)] for dim in self.group.axes}
@@ -87,17 +87,17 @@ class Picture:
 
     @cached_property
     def linear(self) -> Any:
-        """(3, y, x) float32: linear sRGB, or, where it is encoded or a map, what is shown as it is."""
+        """(3, y, x) float32: linear sRGB; if encoded or a map, the values as shown."""
         return pictures.appearance_of(self.one).rgb(self.one.values)
 
     @property
     def scaled(self) -> bool:
-        """Whether its brightness is chosen for the eye."""
+        """Whether its brightness is adapted for viewing."""
         return self.drawn.scaled
 
     @cached_property
     def bright(self) -> float:
-        """The linear value that is shown as white: the same for all stages of a kind, as far as they are there."""
+        """The linear value shown as white: the same for all stages of a kind, as far as they exist."""
         opened, stages = self.opened, pictured(self.opened)
         order = [
             Pictured(
@@ -122,17 +122,17 @@ class Picture:
         return pictures.bright_among(order, number, bright_of)
 
     def eight_bit(self, gain: float = 1.0) -> Any:
-        """(y, x, 3) uint8. ``gain``: times brighter than it would be."""
+        """Return (y, x, 3) uint8. ``gain``: factor of extra brightness."""
         return _bytes(seen(self.drawn, self.linear, self.bright / gain))
 
     def small(self) -> Any:
-        """The same, averaged over areas until it fits."""
+        """Return the same, averaged over areas until it fits."""
         return _bytes(seen(self.drawn, pictures.appearance_of(self.one).small(self.one.values), self.bright))
 
     # -- places -----------------------------------------------------------------------------------------
 
     def sample(self, y: float, x: float) -> tuple[int, int] | None:
-        """Row and column of the sample at a place (um, or samples); None beside the picture."""
+        """Return row and column of the sample at a place (um, or samples); None outside the picture."""
         row, column = (
             int(np.floor((at - origin) / step + 0.5))
             for at, origin, step in zip((y, x), self.origin, self.step, strict=True)
@@ -140,7 +140,7 @@ class Picture:
         return (row, column) if 0 <= row < self.size[0] and 0 <= column < self.size[1] else None
 
     def filter_letters(self) -> Any:
-        """(y, x) letters of what is in front of the pixels of a pattern; None of any other picture."""
+        """Return (y, x) letters of the filters of a pattern; None for any other picture."""
         if not self.drawn.pattern:
             return None
         first = [round(float(self.one[dim].values[0])) if dim in self.one.coords else 0 for dim in PLANE]
@@ -148,13 +148,13 @@ class Picture:
         return tile[np.arange(self.size[0])[:, None] % tile.shape[0], np.arange(self.size[1])[None, :] % tile.shape[1]]
 
     def filter_at(self, row: int, column: int) -> str:
-        """The letter of what is in front of a pixel of a pattern, '' of any other picture."""
+        """Return the letter of the filter at a sample of a pattern, '' for any other picture."""
         letters = self.filter_letters()
         return "" if letters is None else str(letters[row, column])
 
 
 def drawn_of(opened: Opened, stage: str, variable: str) -> Drawn:
-    """How a variable is drawn, as far as that holds for all cells."""
+    """Return how a variable is drawn, as far as that is the same for all cells."""
     return read(variable, opened.groups[stage][0].data.variables[variable].attrs, {})
 
 
@@ -163,7 +163,7 @@ def _bytes(picture: Any) -> Any:
 
 
 def picture(opened: Opened, stage: str, variable: str, at: Mapping[str, int]) -> Picture | None:
-    """A variable of the cell at places on the axes; None where there is none.
+    """Return a variable of the cell at positions on the axes; None if there is none.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def picture(opened: Opened, stage: str, variable: str, at: Mapping[str, int]) ->
 
 
 def _line(opened: Opened, group: ShownGroup, dim: str, at: Mapping[str, int]) -> tuple[float, float, bool]:
-    """First position and step along a dim, and whether they are um on the image plane."""
+    """Return first position and step along a dim, and whether they are um on the image plane."""
     own = group.data.coords.get(f"{dim}_um")
     if own is None and dim in group.data.coords and group.data[dim].attrs.get("units") == "um":
         own = group.data[dim]

@@ -1,7 +1,8 @@
-"""The live page in a notebook: the page of ``etendue view`` in a frame, asking the kernel where that asks a server.
+"""The live page in a notebook: the page of ``etendue view`` in a frame that sends its requests to the kernel instead of
+a server.
 
 In:  the folder of an archive.
-Out: a widget. Needs ``anywidget``, which ``pip install "etendue[view]"`` brings.
+Out: a widget. Needs ``anywidget``, which ``pip install "etendue[view]"`` installs.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from etendue.present.page.live import HttpRefusal, Live
 
 
 def view(archive: str | Path, height: int = 900) -> Any:
-    """A widget that shows an archive, ``height`` pixels high; also one that a run is writing to.
+    """Return a widget, ``height`` pixels high, that shows an archive, even while a run writes to it.
 
     Raises
     ------
     ArchiveError
-        It is none, or damaged.
+        It is not an archive, or it is damaged.
     MachineError
         anywidget is not installed.
     """
@@ -33,7 +34,7 @@ def view(archive: str | Path, height: int = 900) -> Any:
 
 
 def answer(live: Live, widget: Any, asked: Any) -> None:
-    """Send what was asked for, under the number of the question."""
+    """Send the answer to a request under the request's number."""
     number = asked.get("number") if isinstance(asked, dict) else None
     if not isinstance(number, int):
         return
@@ -58,7 +59,7 @@ def _kind() -> Any:
         raise MachineError('a page in a notebook needs anywidget: pip install "etendue[view]"') from None
 
     class Page(anywidget.AnyWidget):  # type: ignore[misc, unused-ignore]
-        """The frame and its channel."""
+        """The frame and its message channel."""
 
         _esm = static("notebook.js")
         html = traitlets.Unicode().tag(sync=True)

@@ -1,8 +1,9 @@
-"""An archive opened to be shown: its axes, its stages with their variables, and arrays of single cells, also of a run
-that is going on.
+"""An archive opened for display: its axes, its stages with their variables, and arrays of single cells, even while a
+run is in progress.
 
 In:  the folder of an archive.
-Out: ``Opened``. Arrays are read where the journal says they lie, and held against its digests. Nothing is written.
+Out: ``Opened``. Arrays are read from where the journal locates them, and checked against its digests. Nothing is
+     written.
 """
 
 from __future__ import annotations
@@ -34,10 +35,10 @@ FINISHED = ("done", "left_out")
 
 @dataclass(frozen=True)
 class ArchivedAxis:
-    """One axis of the sweep, over all groups and runs of the archive; numbers ascend."""
+    """One axis of the sweep, over all groups and runs of the archive; numbers are sorted."""
 
     dim: str
-    key: str  # the parameter: "sharpen.strength"
+    key: str  # the parameter, such as "sharpen.strength"
     label: str
     units: str
     values: tuple[Any, ...]
@@ -62,7 +63,7 @@ class ShownGroup:
 
     @property
     def variables(self) -> dict[str, tuple[str, ...]]:
-        """The dims of every variable of one cell, axes aside."""
+        """The dims of every variable of one cell, without sweep axes."""
         found = {
             str(name): tuple(str(dim) for dim in own.dims if dim not in self.axes)
             for name, own in self.data.data_vars.items()
@@ -75,15 +76,15 @@ class ShownGroup:
 
 
 class Opened:
-    """An archive as it is now.
+    """An archive in its current state.
 
     Attributes
     ----------
     record : of the last run: parameters, versions, platform
     running : whether a run is writing to it
-    ended : whether its last run has come to an end, so that its tables are right
-    damaged : what was asked for and is not as it was written
-    whites : what is shown as white, by the picture that says so: stage, variable, places on its axes
+    ended : whether its last run is finished, so that its tables are valid
+    damaged : what was requested and found damaged
+    whites : values shown as white, by the picture that sets them: stage, variable, positions on its axes
     """
 
     def __init__(self, folder: Path) -> None:
@@ -95,26 +96,27 @@ class Opened:
         record = latest_record(folder)
         if record is None:
             why = (
-                "a run is beginning; look again in a moment"
+                "a run is starting; try again in a moment"
                 if self.running
-                else "no readable record of a run; see etendue verify"
+                else "no readable run record; run etendue verify"
             )
             raise ArchiveError(f"{folder}: {why}")
         self.record: dict[str, Any] = record
         self.ended = self.stored.manifest is not None and not self.running
         if self.stored.manifest is not None and not self.running and (changed := self.stored.manifest.changed(folder)):
             raise ArchiveError(
-                f"{folder / changed[0]} is missing, or not as it was written. Mend it: etendue verify {folder} --repair"
+                f"{folder / changed[0]} is missing or has changed since it was written. Repair it: etendue verify "
+                f"{folder} --repair"
             )
 
     @property
     def entries(self) -> Mapping[str, Entry]:
-        """The last word of the journal on every cell."""
+        """The last journal entry of every cell."""
         return self.stored.journal.entries
 
     @cached_property
     def stages(self) -> list[str]:
-        """In the order of the pipeline."""
+        """Stage names in the order of the pipeline."""
         return order_of(self.folder / DATA, self.record)
 
     @cached_property
@@ -123,14 +125,12 @@ class Opened:
 
     @cached_property
     def progress(self) -> dict[str, Any]:
-        """Cells that the last run was asked for, those that are there; of a run that is going on its rate and what
-        is left.
-        """
+        """Cells requested by the last run and those finished; for a run in progress also its rate and the time left."""
         return progress(self.stored.journal, str(self.record["began"]) if self.running else "")
 
     @cached_property
     def groups(self) -> Mapping[str, list[ShownGroup]]:
-        """By stage, those that hold arrays."""
+        """Groups that hold arrays, by stage."""
         found: dict[str, list[ShownGroup]] = {stage: [] for stage in self.stages}
         for path, axes in self.stored.journal.axes.items():
             stage = path.split("/")[0]
@@ -157,7 +157,9 @@ class Opened:
         found = []
         for dim, known in values.items():
             key, label, units = shown.get(dim, (dim, dim, "1"))
-            if any(isinstance(v, str) for v in known):  # names stand as they were swept, those of earlier runs behind
+            if any(
+                isinstance(v, str) for v in known
+            ):  # names in the order of the sweep, followed by those of earlier runs
                 given = dict.fromkeys(self.record["axes"].get(key, ()))
                 ordered = [*(v for v in given if v in known), *(v for v in known if v not in given)]
             else:
@@ -170,14 +172,14 @@ class Opened:
         return next(axis for axis in self.axes if axis.dim == dim)
 
     def reaching(self, stage: str) -> tuple[str, ...]:
-        """The axes that reach a stage."""
+        """Return the axes that reach a stage."""
         groups = self.groups.get(stage, [])
         return tuple(groups[0].axes) if groups else ()
 
     # -- cells ----------------------------------------------------------------------------------------
 
     def cells(self, group: ShownGroup) -> Iterator[tuple[tuple[int, ...], str]]:
-        """Every cell of a group as its place on the axes of the sweep, and its name."""
+        """Yield every cell of a group: its position on the axes of the sweep, and its name."""
         dims = list(group.axes)
         places = [[self.axis(dim).places[value] for value in group.axes[dim]] for dim in dims]
         shape = tuple(len(own) for own in places)
@@ -186,14 +188,14 @@ class Opened:
             yield tuple(own[i] for own, i in zip(places, index, strict=True)), name
 
     def find(self, stage: str, at: Mapping[str, int]) -> tuple[ShownGroup, str] | None:
-        """The group and name of the cell at places on the axes; None where the stage has none there."""
+        """Return the group and name of the cell at positions on the axes; None if the stage has none there."""
         for group in self.groups.get(stage, []):
             labels = {}
             for dim, own in group.axes.items():
                 value = self.axis(dim).values[at.get(dim, 0)]
                 if value not in own:
                     break
-                labels[dim] = own[own.index(value)]  # as it was written: 4 and 4.0 are equal
+                labels[dim] = own[own.index(value)]  # as it was written: 4 and 4.0 compare equal
             else:
                 name = cell_label(stage, labels)
                 if name in self.entries:
@@ -212,19 +214,19 @@ class Opened:
         return entry is not None and entry.event == "done"
 
     def read(self, name: str, variable: str) -> Any:
-        """The array of a finished cell.
+        """Return the array of a finished cell.
 
         Raises
         ------
         ArchiveError
-            It was not kept, or it is damaged.
+            It was not stored, or it is damaged.
         """
         cell = self.stored.cell(name)
         if variable not in cell.variables:
-            raise ArchiveError(f"{self.folder}: of {name} no {variable} is kept")
+            raise ArchiveError(f"{self.folder}: {variable} of {name} is not stored")
         try:
             return cell.read(variable)
         except ArchiveError:
-            if not self.running:  # a run may be putting it in its place
+            if not self.running:  # if running, a run may be moving it into place
                 self.damaged.add(f"{variable} of {name}")
             raise

@@ -1,13 +1,12 @@
-"""How a page opens: which cell of a sweep to choose and why, what limits it, how far it may be wrong; and every figure
-in one place.
+"""How a page opens: which cell of a sweep to choose and why, what limits it, how large its error may be; and every
+metric in one place.
 
-In:  the figures of an archive, the values of its axes, its ledger.
-Out: plain JSON, ``usable`` aside, an array: the place that is chosen, the front on which it lies, its neighbours, at
-     most eight figures,
-all others by subject.
+In:  the metrics of an archive, the values of its axes, its ledger.
+Out: plain JSON, except ``usable``, an array: the chosen position, the front on which it lies, its neighbours, at most
+     eight metrics, all others by subject.
 
-The front is of the first two subjects that stand open (``etendue_subjects``) and that a sweep moves. Chosen is the cell
-that gives up least: of its two shares of the best that any usable cell reaches, the lesser is the largest.
+The front is that of the first two opening subjects (``etendue_subjects``) that vary over the sweep. The chosen cell
+loses least: relative to the best that any usable cell reaches, the smaller of its two shares is the largest.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ MOST_FRONT = 60
 
 @dataclass(frozen=True)
 class Number:
-    """One number a cell: a figure, or its value behind the last of the stages that it is of."""
+    """One number per cell: a metric, or its value after the last of its stages."""
 
     figure: MetricColumn
     inner: int
@@ -54,12 +53,12 @@ class Number:
 
     @property
     def values(self) -> Any:
-        """Over its axes."""
+        """The values over its axes."""
         own = self.figure.values
         return own.reshape(*own.shape[: len(self.figure.axes)], -1)[..., self.inner]
 
     def over(self, axes: Sequence[ArchivedAxis]) -> Any:
-        """Over some axes of the sweep, its own among them."""
+        """Return the values over some axes of the sweep, which include its own."""
         own = list(self.figure.axes)
         sizes = [len(axis.values) if axis.dim in own else 1 for axis in axes]
         order = [own.index(axis.dim) for axis in axes if axis.dim in own]
@@ -69,7 +68,9 @@ class Number:
         return float(self.values[tuple(place[dim] for dim in self.figure.axes)])
 
     def worth(self, values: Any) -> Any:
-        """More is better, in equal ratios: decibels and stops are ratios already."""
+        """Return values for which higher is better, on a ratio scale: decibels and stops are converted from
+        logarithms.
+        """
         if self.figure.units in ("dB", "stop"):
             values = 10 ** (values / 20) if self.figure.units == "dB" else 2.0**values
         return values if self.known.better == "higher" else -values
@@ -78,7 +79,7 @@ class Number:
 def opening(
     figures: Sequence[MetricColumn], axes: Sequence[ArchivedAxis], start: Mapping[str, int], table: Ledger
 ) -> dict[str, Any]:
-    """How the page opens. ``start``: where it does when there is nothing to choose."""
+    """Return how the page opens. ``start``: where it starts if there is nothing to choose."""
     numbers = [one for figure in figures if (one := _number(figure)) is not None]
     chosen = _front(numbers, axes)
     place = {**start, **chosen["place"]} if chosen else dict(start)
@@ -93,7 +94,7 @@ def opening(
 
 
 def _opens() -> list[str]:
-    """The subjects of which a figure stands open."""
+    """Return the subjects that are shown open with a metric."""
     return [name for name, one in subjects().items() if one.opens]
 
 
@@ -108,15 +109,15 @@ def _number(figure: MetricColumn) -> Number | None:
 
 
 def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
-    """The figures of a subject, that which says most first; of one variable that several stages write, the last
-    stage's.
+    """Return the metrics of a subject, the most telling first; if several stages write a variable, that of the last
+    stage.
     """
     last = {one.figure.variable: one for one in numbers if one.subject == subject}
     return sorted(last.values(), key=lambda one: one.known.rank)
 
 
 def _open(numbers: Sequence[Number], chosen: Mapping[str, Any] | None) -> list[Number]:
-    """One figure of each subject, those of the front first; where no subject is known, the first that there are."""
+    """Return one metric of each subject, those of the front first; if no subject is known, the first available."""
     found = []
     for subject in _opens():
         ranked = _ranked(numbers, subject)
@@ -131,7 +132,7 @@ def _same(one: Number, other: Number) -> bool:
 
 
 def _subjects(figures: Sequence[MetricColumn]) -> list[dict[str, Any]]:
-    """Every figure by what it is about, as (stage, variable)."""
+    """Return every metric by its subject, as (stage, variable)."""
     found: dict[str, list[list[str]]] = {}
     for one in figures:
         found.setdefault(known(one.variable).subject or OTHER, []).append([one.stage, one.variable])
@@ -148,7 +149,7 @@ def _subjects(figures: Sequence[MetricColumn]) -> list[dict[str, Any]]:
 
 
 def _front(numbers: Sequence[Number], axes: Sequence[ArchivedAxis]) -> dict[str, Any] | None:
-    """Two figures that a sweep trades for each other, and what lies on their front; None where it moves no two."""
+    """Return two metrics that a sweep trades against each other, and their front; None if it does not vary two."""
     if not axes or math.prod(len(axis.values) for axis in axes) > MOST_CELLS:
         return None
     moved = [own for subject in _opens() if (own := next(filter(_trades, _ranked(numbers, subject)), None))]
@@ -194,13 +195,13 @@ def _front(numbers: Sequence[Number], axes: Sequence[ArchivedAxis]) -> dict[str,
 
 
 def _trades(one: Number) -> bool:
-    """Whether a sweep moves it, and which way is better is known."""
+    """Tell whether a metric varies over the sweep, and it is known which way is better."""
     known_values = one.values[np.isfinite(one.values)]
     return bool(one.known.better) and not one.known.counted and known_values.size > 1 and bool(np.ptp(known_values) > 0)
 
 
 def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Any:
-    """Where a figure is above what a cell may have that is chosen."""
+    """Return where a metric exceeds what a chosen cell may have."""
     found = np.zeros([len(axis.values) for axis in over], bool)
     dims = {axis.dim for axis in over}
     for one in numbers:
@@ -213,8 +214,8 @@ def _burnt(numbers: Sequence[Number], over: Sequence[ArchivedAxis]) -> Any:
 
 
 def _shares(worth: Any) -> Any:
-    """Of the best of each column: its ratio, or, where less is better, that of the best to it; of what may be 0, the
-    share of its range.
+    """Return each value as a share of the best in its column: as a ratio, inverted where lower is better; as a share of
+    the range if values may be 0.
     """
     found = np.empty_like(worth)
     for number in range(worth.shape[1]):
@@ -232,7 +233,7 @@ def _shares(worth: Any) -> Any:
 def _beside(
     x: Number, y: Number, over: Sequence[ArchivedAxis], place: Mapping[str, int], usable: Any
 ) -> list[dict[str, Any]]:
-    """What one step along each axis would change: the ratio of both figures, and whether it would burn."""
+    """Return what one step along each axis would change: both metrics, and whether the cell is usable."""
     found = []
     for axis in over:
         for step in (-1, 1):
@@ -253,10 +254,10 @@ def _beside(
 
 
 def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Which of the named factors is the limit at a place, and what it is worth where a figure beside says so.
+    """Return which of the named factors is the limit at a position, and its gain if a metric gives it.
 
-    ``capped``: how many times as far it would go but for the factor that caps all others; beyond 1 nothing else counts
-    before that one.
+    ``capped``: how many times as far it would go without the factor that caps all others; above 1 that factor comes
+    before any other.
     """
     found = []
     for one in figures:
@@ -295,7 +296,7 @@ def _limits(figures: Sequence[MetricColumn], place: Mapping[str, int]) -> list[d
 
 
 def _error(table: Ledger, axes: Sequence[ArchivedAxis], place: Mapping[str, int]) -> dict[str, Any]:
-    """The largest stated error of a stage in the cell at a place, and what leaving out may add there."""
+    """Return the largest stated error of a stage in the cell at a position, and the error bound of omissions there."""
     here = np.ones(len(table["stage"]), bool)
     for axis in axes:
         column = table["at"].get(axis.dim)

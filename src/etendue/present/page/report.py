@@ -1,7 +1,7 @@
 """``etendue report``: an archive in one HTML file.
 
 In:  the folder of an archive, where to write.
-Out: the file, written whole or not at all; how large it is, and what is in it.
+Out: the file, written completely or not at all; its size and contents.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from etendue.telling import printable
 
 @dataclass(frozen=True)
 class WrittenReport:
-    """What became of it."""
+    """Summary of a written report."""
 
     path: Path
     bytes: int
-    cells: int  # whose figures are in it
-    pictured: int  # cells with pictures
+    cells: int  # with metrics
+    pictured: int  # with pictures
     failed: int
 
 
 Blame = Callable[
     [Path, Mapping[str, Any]], Mapping[str, Any]
-]  # (folder, values of axes by dim): what each stage is owed of what is lost
+]  # (folder, values of axes by dim) -> document of each stage's share of the losses
 
 
 def report(archive: Path, output: Path, blame: Blame | None = None) -> WrittenReport:
-    """Write the report of an archive. ``blame``: who says what each stage is owed of the losses at the cell where the
-    page begins.
+    """Write the report of an archive. ``blame``: function that returns each stage's share of the losses at the cell
+    where the page starts.
 
     Raises
     ------
     ArchiveError
-        It is none, or damaged.
+        It is not an archive, or it is damaged.
     RequestError
         The output is a folder.
     """
     if output.is_dir():
-        raise RequestError(f"-o {output} is a folder; name a file, such as {output / 'report.html'}")
+        raise RequestError(f"-o {output} is a folder; give a file, such as {output / 'report.html'}")
     opened = Opened(archive)
     made = reported(opened)
     if blame is not None:
@@ -71,21 +71,21 @@ def report(archive: Path, output: Path, blame: Blame | None = None) -> WrittenRe
 
 
 def reported(opened: Opened) -> dict[str, Any]:
-    """The document of a report: figures of all cells, pictures of a few."""
+    """Return the document of a report: metrics of all cells, pictures of a few."""
     made = document(opened, about_stages(opened))
     made = {**made, "pictures": shots(opened, made["start"])}
     return {**made, "sections": sections(opened), "damaged": sorted(opened.damaged)}
 
 
 def about_stages(opened: Opened) -> Mapping[str, Mapping[str, str]]:
-    """What the installed stages of an archive say of themselves; of one that is not installed here, nothing."""
+    """Return the descriptions of an archive's stages that are installed here."""
     registry = installed_stages()
     found = {}
     for use in {str(one) for node in opened.record["nodes"].values() for one in node.get("stage", [])}:
         if use in registry:
             try:
                 said = (registry.load(use).__doc__ or "").strip().split("\n\n")[0]
-            except Exception:  # somebody's plugin is broken: the page says less
+            except Exception:  # a plugin is broken: show less
                 continue
             found[use] = {"what": printable(" ".join(said.split()))}
     return found

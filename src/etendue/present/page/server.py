@@ -1,9 +1,9 @@
-"""The server of the live page: on this machine alone, for whoever knows its address, to look and nothing else.
+"""Server of the live page: local, read-only, and only for those who know its address.
 
-In:  an archive; a port, 0 for any that is free.
-Out: answers to GET below a path that nobody can guess. A request that names another host is refused: a page of the web
-     cannot reach
-it by giving its own name this address. Nothing is written, and no path of a request is ever a path of the disk.
+In:  an archive; a port, 0 for any free one.
+Out: answers to GET below a path that cannot be guessed. A request that names another host is refused, so that a web
+     page cannot reach the server by pointing its own name at this address. Nothing is written, and no path of a request
+     is ever used as a path on disk.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ HEADERS = {
 }
 
 
-ANSWERING = 8  # threads: each has one request at a time
-# connections that have not asked yet; of more the oldest is closed, before the 1024 files a process usually may open
+ANSWERING = 8  # threads: each handles one request at a time
+# connections without a request yet; beyond this the oldest is closed, well below the usual limit of 1024 open files
 WAITING = 900
-PATIENCE = 30.0  # seconds until one that asks nothing is closed
+PATIENCE = 30.0  # seconds until a connection without a request is closed
 
 
 class Server(HTTPServer):
-    """Answers until ``shutdown``. Its address is ``url``. A connection that asks nothing takes no thread."""
+    """Answers until ``shutdown``. Its address is ``url``. A connection without a request occupies no thread."""
 
     request_queue_size = 128
 
@@ -50,14 +50,14 @@ class Server(HTTPServer):
         self.waiting: OrderedDict[socket.socket, tuple[Any, float]] = (
             OrderedDict()
         )  # by connection: its address, and since when
-        super().__init__((HOST, port), _Handler)  # closes what is there already where the port is taken
+        super().__init__((HOST, port), _Handler)  # closes the socket itself if the port is taken
         self.live = live
         self.token = secrets.token_urlsafe(24)
         self.over, self.ended = threading.Event(), threading.Event()
         self.ended.set()
 
     def serve_forever(self, poll_interval: float = 0.1) -> None:
-        """Wait for all connections at once; a thread answers the one that has asked."""
+        """Wait for all connections at once; a thread answers each that has sent a request."""
         self.ended.clear()
         try:
             with selectors.DefaultSelector() as selector:
@@ -77,7 +77,7 @@ class Server(HTTPServer):
     def _welcome(self, selector: selectors.BaseSelector) -> None:
         try:
             request, address = self.get_request()
-        except OSError:  # gone again, or this process may open no more files
+        except OSError:  # gone again, or the limit of open files is reached
             if self.waiting:
                 self._dismiss(selector)
             return
@@ -101,7 +101,7 @@ class Server(HTTPServer):
             self.shutdown_request(request)
 
     def shutdown(self) -> None:
-        """End ``serve_forever``, which another thread is in."""
+        """Stop ``serve_forever``, which runs in another thread."""
         self.over.set()
         self.ended.wait()
 
@@ -121,7 +121,7 @@ class Server(HTTPServer):
         return f"{HOST}:{self.server_port}", f"localhost:{self.server_port}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that has gone away is no error of ours."""
+        """Ignore errors of browsers that have disconnected."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -129,13 +129,13 @@ class _Handler(BaseHTTPRequestHandler):
     server_version = "etendue"
     sys_version = ""
     protocol_version = "HTTP/1.1"
-    timeout = 5.0  # seconds in which a request has to be there
+    timeout = 5.0  # seconds until a request must be complete
 
     def do_GET(self) -> None:
         if self.headers.get("Host", "") not in self.server.hosts:
-            return self._send(403, "text/plain", b"another host\n")
+            return self._send(403, "text/plain", b"wrong host\n")
         if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
-            return self._send(403, "text/plain", b"another site\n")
+            return self._send(403, "text/plain", b"wrong site\n")
         parts = urlsplit(self.path)
         token, slash, what = parts.path.removeprefix("/").partition("/")
         if not slash or not hmac.compare_digest(token.encode(), self.server.token.encode()):
@@ -156,8 +156,8 @@ class _Handler(BaseHTTPRequestHandler):
         return self._send(200, kind, body, extra)
 
     def _only_looking(self) -> None:
-        self.close_connection = True  # what it would have sent is not read
-        self._send(405, "text/plain", b"GET alone\n", {"Allow": "GET"})
+        self.close_connection = True  # the body is not read
+        self._send(405, "text/plain", b"only GET is allowed\n", {"Allow": "GET"})
 
     do_POST = do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_HEAD = _only_looking
 
@@ -176,4 +176,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Requests are nobody's business."""
+        """Log nothing: requests are private."""

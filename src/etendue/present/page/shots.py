@@ -1,7 +1,7 @@
-"""The pictures that a report carries: every stage of one cell, and what a display shows of a few chosen cells.
+"""Pictures in a report: every stage of one cell, and what a display shows of a few chosen cells.
 
-In:  an archive opened to be shown; how many bytes the pictures may take.
-Out: pictures as ``data:`` texts, with their number and size. Figures are of all cells; pictures are not.
+In:  an archive opened for display; how many bytes the pictures may take.
+Out: pictures as ``data:`` texts, with their number and size. Metrics cover all cells; pictures do not.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from etendue.present.page.opened import Opened
 
 MOST_CELLS = 64
 BUDGET = 3_300_000  # bytes of all pictures: 4.4 MB as text
-QUALITY = 90  # of WebP, where a lossless picture is too large
-LOSSLESS_SHARE = 0.45  # of the budget: as many bytes may the display's pictures take without loss
-STRIP_SHARE = 0.5  # which 24 noisy pictures of 256 x 192 take two thirds of
+QUALITY = 90  # of WebP, if a lossless picture is too large
+LOSSLESS_SHARE = 0.45  # share of the budget that lossless pictures of the display may take
+STRIP_SHARE = 0.5  # 24 noisy pictures of 256 x 192 take two thirds of it
 
 
 def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -> list[tuple[int, ...]]:
-    """Places on axes of these sizes, at most ``most``: all of them, or corners, the place ``start`` and what lies
-    evenly between.
+    """Choose at most ``most`` positions on axes of these sizes: all of them, or corners, the position ``start`` and
+    evenly spaced ones.
     """
     counts = [min(size, 2) for size in sizes]
     if np.prod(counts, dtype=float) >= most and np.prod(sizes, dtype=float) > most:  # more axes than corners fit
@@ -36,7 +36,7 @@ def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -
             dict.fromkeys([tuple(start), *(corner for corner, _ in zip(corners, range(most - 1), strict=False))])
         )
     grown = True
-    while grown:  # the axis with the fewest first; by two, so that there is a middle
+    while grown:  # the axis with the fewest positions first; by two, so that there is a middle
         grown = False
         for number in sorted(range(len(sizes)), key=lambda n: counts[n]):
             more = min(counts[number] + 2 - (counts[number] % 2 == 0), sizes[number])
@@ -50,7 +50,7 @@ def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -
 
 
 def _along(size: int, count: int, middle: int) -> list[int]:
-    """So many places of an axis: its ends, ``middle``, and the rest evenly."""
+    """Return ``count`` positions on an axis: its ends, ``middle``, and the rest evenly spaced."""
     places = [round(i * (size - 1) / max(1, count - 1)) for i in range(count)]
     if middle not in places and count > 2:
         places[min(range(1, count - 1), key=lambda i: abs(places[i] - middle))] = middle
@@ -58,8 +58,8 @@ def _along(size: int, count: int, middle: int) -> list[int]:
 
 
 def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[str, Any]:
-    """``strip``: every stage of the cell at ``start``; ``cells``: pictures of chosen cells, of the last stages
-    first.
+    """Return ``strip``: every stage of the cell at ``start``; and ``cells``: pictures of chosen cells, those of the
+    last stages first.
     """
     first, spent = strip(opened, start, int(STRIP_SHARE * budget))
     dims = [axis.dim for axis in opened.axes]
@@ -86,7 +86,7 @@ def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[s
 
 
 def _wanted(opened: Opened) -> list[tuple[str, str]]:
-    """The last encoded picture first; then what lies in front of it, nearest first."""
+    """Return the last encoded picture; then the pictures before it, nearest first."""
     everything = _shown(opened)
     encoded = [one for one in everything if drawn_of(opened, *one).shown == "encoded"]
     first = encoded[-1:] or everything[-1:]
@@ -110,7 +110,9 @@ def _shown(opened: Opened) -> list[tuple[str, str]]:
 def strip(
     opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)
 ) -> tuple[list[dict[str, Any]], int]:
-    """Every stage's picture of one cell, and their bytes: without loss, as far as that fits, the largest first with."""
+    """Return the picture of every stage at one cell, and their bytes: lossless as far as they fit, the largest
+    compressed first.
+    """
     found: list[dict[str, Any]] = []
     exact: list[tuple[Any, bytes]] = []
     for stage, variable in _shown(opened):
@@ -129,7 +131,7 @@ def strip(
                 "unencoded": one.drawn.shown == "unencoded",
                 "units": one.units,
                 "bright": one.bright,
-                "how": "without loss",
+                "how": "lossless",
             }
         )
     data = [whole for _, whole in exact]
@@ -142,7 +144,7 @@ def strip(
 def _series(
     opened: Opened, stage: str, variable: str, places: list[dict[str, int]], budget: float, lossless: bool
 ) -> dict[str, Any] | None:
-    """One variable of all chosen cells, each cell once however many axes do not reach it; None where it does not
+    """Return one variable of all chosen cells, each cell once however many axes do not reach it; None if it does not
     fit.
     """
     axes = opened.reaching(stage)
@@ -163,9 +165,9 @@ def _series(
     if lossless and there:
         probe = [_webp(small, None) for small in list(there.values())[:: max(1, len(there) // 4)]]
         if len(there) * sum(map(len, probe)) / len(probe) <= LOSSLESS_SHARE * BUDGET:
-            how = "without loss"
+            how = "lossless"
     for key, small in there.items():
-        data = _webp(small, None if how == "without loss" else QUALITY)
+        data = _webp(small, None if how == "lossless" else QUALITY)
         size += len(data)
         if size > budget:
             return None
@@ -185,7 +187,7 @@ def _series(
 def _picture(opened: Opened, stage: str, variable: str, place: dict[str, int]) -> Picture | None:
     try:
         return picture(opened, stage, variable, place)
-    except (ArchiveError, ValueError, KeyError):  # damaged, or no picture after all
+    except (ArchiveError, ValueError, KeyError):  # damaged, or not a picture
         return None
 
 

@@ -1,8 +1,8 @@
-"""Tables of an archive as a page shows them: its stages, its cells, what was left out, what failed, what was measured.
+"""Tables of an archive for the page: its stages, cells, omissions, failures, measured errors.
 
-In:  an archive opened to be shown.
-Out: plain lists and columns. Of a run that has not come to its end the journal says what there is; errors are in the
-     ledger, at the end.
+In:  an archive opened for display.
+Out: plain lists and columns. For an unfinished run they come from the journal; errors are only in the ledger, written
+     at the end.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Ledger = dict[str, Any]
 
 
 def ledger(opened: Opened) -> Ledger:
-    """A column of each kind, a row per cell; ``at`` holds a column for every axis."""
+    """Return columns with a row per cell; ``at`` holds a column for every axis."""
     if opened.ended:
         try:
             check_group(opened.folder / DATA / "ledger")
@@ -40,7 +40,7 @@ def ledger(opened: Opened) -> Ledger:
         texts = {name: table[name].to_numpy().tolist() for name in WORDS if name in table}
         found: Ledger = {
             name: np.array([str(one)[:WIDEST] for one in own] or [""])[: len(own)] for name, own in texts.items()
-        }  # each as wide as the widest: of what nobody reads the beginning
+        }  # fixed-width text is as wide as its longest entry, so long ones are cut
         found |= {name: table[name].to_numpy().astype(float) for name in NUMBERS if name in table}
         rows = int(table.sizes["cell"])
         for name in WORDS:
@@ -73,7 +73,7 @@ def _from_journal(opened: Opened) -> Ledger:
 
 
 def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, str]]) -> list[dict[str, Any]]:
-    """A row per stage: what it is, its axes, cells, seconds, errors."""
+    """Return a row per stage: description, axes, cells, seconds, errors."""
     rows, nodes = [], opened.record["nodes"]
     for number, stage in enumerate(opened.stages):
         own = table["stage"] == stage
@@ -108,7 +108,7 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
 
 
 def omissions(table: Ledger) -> list[dict[str, Any]]:
-    """What was left out or made coarser, and why: a row per stage and reason."""
+    """Return what was left out or coarser, and why: a row per stage and reason."""
     rows = []
     for kind, column in (("left out", "why_left_out"), ("coarser", "approximated")):
         for stage, why, own in _by(table, table[column] != "", column):
@@ -127,7 +127,7 @@ def omissions(table: Ledger) -> list[dict[str, Any]]:
 
 
 def failures(opened: Opened, table: Ledger) -> dict[str, Any]:
-    """Cells that failed by stage and message, and how many behind them were skipped."""
+    """Return failed cells by stage and message, and how many later cells were skipped."""
     rows = []
     for stage, message, own in _by(table, table["status"] == "failed", "message"):
         examples = [
@@ -139,7 +139,7 @@ def failures(opened: Opened, table: Ledger) -> dict[str, Any]:
 
 
 def measured(opened: Opened) -> list[dict[str, Any]]:
-    """Errors of what was wanted against the reference settings, as ``run --measure`` has found them last."""
+    """Return the errors of wanted variables from the reference settings, as last measured by ``run --measure``."""
     found: dict[str, dict[str, Any]] = {}
     for document in documents(opened.folder).values():
         errors = document.get("errors")

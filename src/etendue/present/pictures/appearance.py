@@ -1,11 +1,11 @@
-"""How a variable looks: the one way from its arrays to what is seen, for the contact sheet, plots, the page and
-exported pictures.
+"""Appearance of a variable: the one conversion from its arrays to what is seen, for the contact sheet, plots, the page
+and exported pictures.
 
-In:  an array over y and x, perhaps bands or channels in front; what is said of how it is drawn (``spec.drawn.Drawn``).
-Out: (3, y, x) linear sRGB, encoded values or grey, at full size or made small; the value that is shown as white; bytes.
+In:  an array over y and x, perhaps with bands or channels first; how it is drawn (``contract.drawn.Drawn``).
+Out: (3, y, x) linear sRGB, encoded values or grey, at full size or reduced; the value shown as white; bytes.
 
-What stands in front of y and x becomes colours by functions that distributions bring (``contract.arrays.colouring``),
-and so do patterns of filters. What is undefined is striped.
+Leading dims are converted to colours by functions that distributions register (``contract.arrays.colouring``), and so are patterns
+of filters. Undefined values are striped.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from etendue.contract.arrays.drawn import Drawn, Pictured, lit_by
 from etendue.present.pictures.fitting import LARGEST, coloured, fitted, tinted
 
 BRIGHT, SHARE = 0.995, 0.9  # this quantile of the brightest channel is shown at this share of white
-HATCH = (225, 120, 112), (250, 232, 230)  # stripes where there is nothing to be seen
+HATCH = (225, 120, 112), (250, 232, 230)  # stripes where there is no value
 STRIPE = 4  # samples
 
 
 @dataclass(frozen=True)
 class Appearance:
-    """How the arrays of one variable are seen. It travels to where they are computed.
+    """How the arrays of one variable are seen. It is sent to where they are computed.
 
-    ``matrix``: (3, planes) from what stands in front of y and x to linear sRGB; None: the first three planes, or one as
-    grey. ``tints``: (rows, columns, 3) of one period of a pattern from its first pixel. ``grey``: whether numbers are
-    shown as a map.
+    ``matrix``: (3, planes) from the leading dim to linear sRGB; None: the first three planes, or a single one as grey.
+    ``tints``: (rows, columns, 3) of one period of a pattern from its first sample. ``grey``: whether numbers are shown
+    as a map.
     """
 
     drawn: Drawn
@@ -40,14 +40,14 @@ class Appearance:
     grey: bool = False
 
     def rgb(self, array: Any, row: int = 0) -> Any:
-        """(3, y, x) float32, not yet scaled where it is linear, of all rows or of some from ``row`` on."""
+        """Return (3, y, x) float32, unscaled if linear, of all rows or of some starting at ``row``."""
         array = np.asarray(array)
         if self.tints is not None:
             return coloured(self.values(array), self.tints, row)
         return self.mixed(self.share(array, self.ends(array)) if self.grey else self.values(array))
 
     def small(self, array: Any) -> Any:
-        """The same, averaged over areas until it fits."""
+        """Return the same, averaged over areas until it fits."""
         array = np.asarray(array)
         if self.tints is not None:
             return tinted(array, self.tints, self.values)
@@ -55,19 +55,19 @@ class Appearance:
         return self.mixed(fitted(array, self.values if ends is None else lambda rows: self.share(rows, ends)))
 
     def values(self, rows: Any) -> Any:
-        """Numbers above black."""
+        """Return numbers above black."""
         rows = rows.astype(np.float32, copy=False)
         return np.maximum(rows - np.float32(self.drawn.black), 0) if self.drawn.black else rows
 
     def mixed(self, planes: Any) -> Any:
-        """Planes in their colours, at any size."""
+        """Return planes mixed to colours, at any size."""
         if self.matrix is None:
             planes = planes[None] if planes.ndim == 2 else planes
             return planes[:3] if len(planes) >= 3 else np.repeat(planes[:1], 3, axis=0)
         return np.tensordot(self.matrix.astype(planes.dtype), planes, axes=1)
 
     def ends(self, plane: Any) -> tuple[float, float]:
-        """The numbers of a map that are black and white, or their logarithms."""
+        """Return the numbers of a map shown as black and white, or their logarithms."""
         if self.drawn.range is not None:
             low, high = np.log(self.drawn.range) if self.drawn.log else self.drawn.range
             return float(low), float(high)
@@ -79,7 +79,7 @@ class Appearance:
         return float(low), float(high)
 
     def share(self, rows: Any, ends: tuple[float, float]) -> Any:
-        """How far numbers lie between both ends."""
+        """Return how far numbers lie between the ends, from 0 to 1."""
         found, (low, high) = self._measured(rows), ends
         with np.errstate(invalid="ignore"):
             share = (found - low) / (high - low) if high > low else np.where(np.isnan(found), np.nan, 0.5)
@@ -93,22 +93,22 @@ class Appearance:
 def appearance(
     drawn: Drawn, dims: Sequence[str], edges: Any = None, channels: Sequence[Any] = (), first: tuple[int, int] = (0, 0)
 ) -> Appearance | None:
-    """How arrays with these dims are seen; None where they are no picture.
+    """Return how arrays with these dims are seen; None if they are not a picture.
 
     Parameters
     ----------
-    dims : y and x, and at most one in front
+    dims : y and x, preceded by at most one other
     edges : (bands + 1) array, nm
-        Of light.
+        Edges of the bands of light.
     channels : names of planes
-    first : row and column of the pattern with which an array begins
+    first : row and column of the pattern at which an array starts
     """
     front, plane = tuple(dims[:-2]), tuple(dims[-2:])
     if plane != ("y", "x") or len(front) > 1 or not set(front) <= set(kinds.flat_dims()):
         return None
     if drawn.sent:
         return Appearance(drawn)
-    if front:  # numbers as grey; those of red, green and blue side by side as colours
+    if front:  # numbers as grey; red, green and blue planes as colours
         matrix = kinds.function(front[0])
         return Appearance(
             drawn,
@@ -123,9 +123,9 @@ def appearance(
 
 
 def brightness(small: Any) -> float:
-    """The linear value that is shown as white where it is chosen for the eye: of a picture that has been made small.
+    """Return the linear value shown as white if brightness is adapted for viewing, from a reduced picture.
 
-    A thousandth of the brightest at least: beside a point all else may be next to nothing.
+    It is at least a thousandth of the brightest value: beside a point source all else may be close to zero.
     """
     peaks = small.max(axis=0)
     peaks = peaks[np.isfinite(peaks)]
@@ -134,7 +134,7 @@ def brightness(small: Any) -> float:
 
 
 def whites_of(pictures: Sequence[tuple[Pictured, Any]]) -> list[float]:
-    """The value shown as white in each of a cell's pictures, made small, in the order of the light."""
+    """Return the value shown as white in each of a cell's reduced pictures, in the order of the light."""
     order, found = [one for one, _ in pictures], dict[int, float]()
     for number, (one, _) in enumerate(pictures):
         if one.drawn.scaled and (other := lit_by(order, number)) not in found:
@@ -143,7 +143,7 @@ def whites_of(pictures: Sequence[tuple[Pictured, Any]]) -> list[float]:
 
 
 def seen(drawn: Drawn, found: Any, bright: float) -> Any:
-    """(3, y, x) in 0 to 1 as a display has it, of what `Appearance` gives; ``bright`` is shown as white where that
+    """Return (3, y, x) display values in 0 to 1 from the result of `Appearance`; ``bright`` is shown as white if that
     is linear.
     """
     lost = np.isnan(found).any(axis=0)
@@ -153,7 +153,7 @@ def seen(drawn: Drawn, found: Any, bright: float) -> Any:
 
 
 def striped(shape: tuple[int, ...]) -> Any:
-    """(3, y, x) float32 of what is not there."""
+    """Return (3, y, x) float32 stripes that mark missing values."""
     rows, columns = np.indices(shape)
     stripes = np.where(
         (((rows + columns) // STRIPE) % 2 == 0)[..., None], *(np.array(colour, np.float32) / 255 for colour in HATCH)
@@ -162,12 +162,12 @@ def striped(shape: tuple[int, ...]) -> Any:
 
 
 def as_bytes(seen: Any) -> Any:
-    """(3, y, x) uint8."""
+    """Return (3, y, x) uint8."""
     return np.rint(255 * seen).astype(np.uint8)
 
 
 def encoded(linear: Any) -> Any:
-    """The curve of a screen: (...) of linear values in 0 to 1, IEC 61966-2-1, in the dtype of what is given."""
+    """Apply the sRGB curve, IEC 61966-2-1, to linear values in 0 to 1; the dtype is kept."""
     linear = np.asarray(linear)
     curve = np.maximum(linear, linear.dtype.type(0.0031308)) ** linear.dtype.type(1 / 2.4)
     return np.where(

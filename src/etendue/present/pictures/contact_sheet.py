@@ -1,7 +1,7 @@
-"""The contact sheet: every stage of one cell in order, each with a part of it enlarged, and maps of figures over the
+"""The contact sheet: every stage of one cell in order, each with an enlarged detail, and maps of metrics over the
 sweep, in one PNG.
 
-In:  the table of frames of an archive; maps as ``report.small_maps`` draws them.
+In:  the table of frames of an archive; maps drawn by ``present.pictures.small_maps``.
 Out: a PNG.
 """
 
@@ -26,15 +26,15 @@ BOX, LABEL, GAP, HEAD = (
     34,
     12,
     34,
-)  # dots: a picture, the two lines above it, between pictures, a line of the title
-MOST = 360  # dots of a picture whose samples are enlarged a whole number of times
+)  # dots: a picture, the two lines above it, gap between pictures, a line of the title
+MOST = 360  # dots of a picture whose samples are enlarged by a whole factor
 COLUMNS = 4
 TITLE, TEXT = 18, 11  # dots: heights of letters
-LINE = 14  # dots from line to line of a label
+LINE = 14  # dots between lines of a label
 COMPRESSION = 3  # of 9: a third of the time of the usual 6, for 8 % more bytes
-MARK = (255, 40, 40)  # around a part
-RIM = 200  # grey around a picture
-MAPS_FROM = "maps from row"  # in the PNG: where the maps begin, which later runs may draw anew
+MARK = (255, 40, 40)  # outline of the detail
+RIM = 200  # grey rim of a picture
+MAPS_FROM = "maps from row"  # PNG text entry: row where the maps start, so that later runs can redraw them
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,10 @@ class _Tile:
 
 
 def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Any] = ()) -> None:
-    """All frames in order, each with its stage, variable and true size, as one PNG. Written whole or not at all.
+    """Write all frames in order, each with its stage, variable and true size, as one PNG, completely or not at all.
 
-    Frames stand at a whole number of dots per sample where they are enlarged, and so does what has a pattern: resampled
-    by anything else it shows a moire that is not in it. Pictures on a finer grid are made as large as those of the
-    pixels. ``maps``: (y, x, 3) bytes each.
+    Enlarged frames, and all with a pattern, use a whole number of dots per sample: any other resampling shows a false
+    moire. Pictures on a finer grid are made as large as those of the pixels. ``maps``: (y, x, 3) bytes each.
     """
     tiles = _tiles(table)
     wide, high = max(t.picture.shape[1] for t in tiles), max(t.picture.shape[0] for t in tiles)
@@ -67,7 +66,9 @@ def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequen
         row, column = divmod(number, across)
         left, top = GAP + column * (wide + inset + GAP), head + row * (high + LABEL + GAP) + LABEL
         y, x = tile.picture.shape[:2]
-        pixels[top - 1 : top + y + 1, left - 1 : left + x + 1] = RIM  # a white picture ends where white paper begins
+        pixels[top - 1 : top + y + 1, left - 1 : left + x + 1] = (
+            RIM  # a rim, so that a white picture stands out from the white sheet
+        )
         pixels[top : top + y, left : left + x] = tile.picture
         if tile.part is not None:
             _frame(pixels, top, left, tile.place, (y, x))
@@ -89,7 +90,7 @@ def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequen
 
 
 def with_maps(path: Path, sheet: Path, maps: Sequence[Any]) -> None:
-    """The sheet of an earlier run with the maps of this one below its pictures."""
+    """Write the sheet of an earlier run with the maps of this one below its pictures."""
     from PIL import Image
 
     with Image.open(sheet) as whole:
@@ -118,7 +119,7 @@ def _save(pictures: Any, maps: Sequence[Any], path: Path) -> None:
 
 
 def _flowed(maps: Sequence[Any], width: int) -> list[tuple[int, list[tuple[int, Any]]]]:
-    """Maps side by side in as many rows as they need: the height of each row, and where its maps begin."""
+    """Arrange maps side by side in as many rows as needed: the height of each row, and the left edge of each map."""
     rows: list[tuple[int, list[tuple[int, Any]]]] = []
     left = width
     for one in maps:
@@ -133,12 +134,12 @@ def _flowed(maps: Sequence[Any], width: int) -> list[tuple[int, list[tuple[int, 
 
 
 def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
-    """The pictures as they are drawn."""
+    """Return the pictures as they are drawn."""
     columns = {name: values for name, (_, values, _) in table["arrays"].items()}
     sizes = [(int(columns["height"][n]), int(columns["width"][n])) for n in range(len(columns["preview"]))]
     sides = [max(size) for size, seen in zip(sizes, columns["detail_height"], strict=True) if seen]
     coarsest = min(sides or map(max, sizes))
-    times = -(-BOX // coarsest)  # dots of the longer side of all pictures: so many for a sample of the coarsest
+    times = -(-BOX // coarsest)  # dots per sample of the coarsest picture; sets the longer side of all pictures
     target = coarsest * (times if coarsest * times <= MOST else max(1, BOX // coarsest))
     tiles = []
     for number, preview in enumerate(columns["preview"]):
@@ -162,9 +163,7 @@ def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
 
 
 def _enlarged(picture: Any, target: int) -> Any:
-    """(y, x, 3) with a longer side of ``target``: samples as squares where that is a whole number of times, else
-    resampled.
-    """
+    """Return (y, x, 3) with a longer side of ``target``: square samples if the factor is whole, else resampled."""
     y, x = picture.shape[:2]
     times, left = divmod(target, max(y, x))
     if times and not left:
@@ -177,7 +176,7 @@ def _enlarged(picture: Any, target: int) -> Any:
 
 
 def _frame(pixels: Any, top: int, left: int, place: Sequence[float], size: tuple[int, int]) -> None:
-    """Where the part lies in its picture."""
+    """Outline the detail in its picture."""
     y, x = round(place[0] * size[0]), round(place[1] * size[1])
     high, wide = max(3, round(place[2] * size[0])), max(3, round(place[3] * size[1]))
     high, wide = min(high, size[0]), min(wide, size[1])
@@ -185,7 +184,7 @@ def _frame(pixels: Any, top: int, left: int, place: Sequence[float], size: tuple
 
 
 def _edge(pixels: Any, top: int, left: int, high: int, wide: int) -> None:
-    """A line of one dot along the inside of a rectangle."""
+    """Draw a line one dot wide along the inside of a rectangle."""
     own = pixels[top : top + high, left : left + wide]
     own[[0, -1]] = MARK
     own[:, [0, -1]] = MARK
@@ -193,10 +192,10 @@ def _edge(pixels: Any, top: int, left: int, high: int, wide: int) -> None:
 
 @lru_cache(maxsize=8)
 def font(height: int) -> Any:
-    """DejaVu Sans, which comes with matplotlib and has the letters of most scripts; else the one of Pillow."""
+    """Return DejaVu Sans, which comes with matplotlib and covers most scripts; else the font of Pillow."""
     from PIL import ImageFont
 
-    found = importlib.util.find_spec("matplotlib")  # where it is, without importing it
+    found = importlib.util.find_spec("matplotlib")  # located without importing it
     for folder in (found.submodule_search_locations or ()) if found else ():
         try:
             return ImageFont.truetype(os.path.join(folder, "mpl-data", "fonts", "ttf", "DejaVuSans.ttf"), height)

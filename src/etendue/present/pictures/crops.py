@@ -1,7 +1,7 @@
-"""The same crop of several pictures side by side, where they differ most; of pictures of several sizes the same place
+"""The same crop of several pictures side by side, where they differ most; for pictures of several sizes the same area
 of the image plane.
 
-In:  pictures (channel, y, x), the first of them the reference; where their pixels lie, in um.
+In:  pictures (channel, y, x), the first of them the reference; the positions of their pixels, in um.
 Out: a PNG, each sample a whole number of screen pixels, with the size of each crop in pixels and um.
 """
 
@@ -17,14 +17,14 @@ import scipy
 from etendue.present.pictures.appearance import encoded as on_screen
 
 SIDE, SHOWN, COLUMNS = 56, 280, 5  # samples of a crop, its size on the screen, crops in a row
-COARSE = 28  # samples of a crop of the coarsest of pictures whose pixels differ
+COARSE = 28  # samples of a crop of the coarsest picture, if pixel sizes differ
 BORDER = 10
 Plane = tuple[tuple[float, float], tuple[float, float]]  # (first, step) of pixel centres along y and x, um
 
 
 @dataclass(frozen=True)
 class Strip:
-    """One picture and what stands under it."""
+    """One picture and its caption."""
 
     label: str
     picture: Any
@@ -32,7 +32,7 @@ class Strip:
 
 
 def where_most(pictures: list[Any], side: int) -> tuple[int, int]:
-    """First row and column of the window in which pictures differ most among each other."""
+    """Return the first row and column of the window in which the pictures differ most from each other."""
     spread = np.stack([np.asarray(p, np.float64) for p in pictures]).std(axis=0).mean(axis=0)
     rows, columns = spread.shape
     edge = BORDER if min(rows, columns) >= side + 2 * BORDER else 0
@@ -44,7 +44,7 @@ def where_most(pictures: list[Any], side: int) -> tuple[int, int]:
 
 
 def strip(pictures: list[Strip], encoded: bool, title: str) -> bytes:
-    """Reference and alternatives as PNG; linear pictures are scaled alike and encoded for the screen."""
+    """Return reference and alternatives as PNG; linear pictures are scaled alike and encoded for the screen."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -86,7 +86,7 @@ def strip(pictures: list[Strip], encoded: bool, title: str) -> bytes:
 
 
 def sized(shape: tuple[int, int], plane: Plane | None) -> str:
-    """``56 x 56 pixels of 5.4 um: 302 x 302 um``, across first."""
+    """Return ``56 x 56 pixels of 5.4 um: 302 x 302 um``, width first."""
     pixels = f"{shape[1]} x {shape[0]} pixels"
     if plane is None:
         return pixels
@@ -96,7 +96,9 @@ def sized(shape: tuple[int, int], plane: Plane | None) -> str:
 
 
 def _of_one_size(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]], str]:
-    """The same rows and columns of each, where the compared ones differ most; and which."""
+    """Return the same rows and columns for each picture, where the compared ones differ most; and a text with their
+    position.
+    """
     rows, columns = pictures[0].picture.shape[-2:]
     side = min(SIDE, rows, columns)
     compared = [p.picture for p in pictures[1:]]
@@ -107,7 +109,9 @@ def _of_one_size(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]]
 
 
 def _of_several(pictures: list[Strip]) -> tuple[list[tuple[int, int, int, int]], str]:
-    """The same square of the image plane in each, where the first compared one differs most from its reference."""
+    """Return the same square of the image plane in each, where the first compared one differs most from its
+    reference.
+    """
     planes = [p.plane for p in pictures if p.plane is not None]
     steps = [step for plane in planes for _, step in plane]
     fields = [

@@ -1,11 +1,11 @@
-"""The same place of the scene in every stage, sample by sample: where blur and noise are seen.
+"""Details: the same place of the scene in every stage, sample by sample, where blur and noise are visible.
 
 In:  the grids of the shown pictures; later, what was kept of each at full resolution.
-Out: rows of every picture that are kept while it is made small; among them the part that shows a strong edge between
-     flat places.
+Out: rows of every picture that are kept while it is reduced; within them the detail that shows a strong edge between
+     flat areas.
 
-Pictures that fit are there whole. Of larger ones a band of rows is kept, the same of the scene in all, since nobody
-knows what is in it when its first stage is computed, and the part is looked for along the band.
+Pictures that fit are kept whole. Of larger ones a band of rows is kept, the same part of the scene in all: what is in
+the picture is unknown when its first stage is computed. The detail is then chosen along the band.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import numpy as np
 from etendue.contract.arrays.grid import Grid, Line
 from etendue.transfer.resampling import area_weights
 
-SIDE = 132  # dots, and samples at most, along the side of a part as it is drawn
-BAND = 1 << 18  # samples of the coarsest picture that are kept at full resolution
-MIDDLE = 0.45  # where the band lies, as a share of the height: half way is where charts have their gaps
+SIDE = 132  # dots, and maximum samples, along the side of a detail
+BAND = 1 << 18  # samples of the coarsest picture kept at full resolution
+MIDDLE = 0.45  # position of the band as a share of the height: charts often have gaps exactly half way
 
 
 @dataclass(frozen=True)
 class PlaneWindow:
-    """A stretch of the image plane, um."""
+    """A rectangle of the image plane, um."""
 
     top: float
     bottom: float
@@ -41,7 +41,9 @@ class PlaneWindow:
 
 
 def _within(line: Line, low: float, high: float) -> tuple[int, int]:
-    """First sample and the one behind the last between two positions; all of them where that is none."""
+    """Return the first sample between two positions and the one after the last; the whole line if it has no
+    positions.
+    """
     start, step = line.um()
     if not step > 0:
         return 0, line.size
@@ -51,7 +53,7 @@ def _within(line: Line, low: float, high: float) -> tuple[int, int]:
 
 
 def lines_of(grid: Grid) -> tuple[Line, Line] | None:
-    """The lines of a picture along y and x; None where it has none."""
+    """Return the lines of a picture along y and x; None if it has none."""
     if "y" not in grid or "x" not in grid:
         return None
     y, x = grid["y"], grid["x"]
@@ -59,7 +61,7 @@ def lines_of(grid: Grid) -> tuple[Line, Line] | None:
 
 
 def band_of(grids: Sequence[Grid]) -> PlaneWindow | None:
-    """The rows that are kept of every picture."""
+    """Return the rows that are kept of every picture."""
     lines = [found for grid in grids if (found := lines_of(grid))]
     if not lines:
         return None
@@ -71,20 +73,20 @@ def band_of(grids: Sequence[Grid]) -> PlaneWindow | None:
 
 
 def side_of(shape: tuple[int, int]) -> int:
-    """Samples of the coarsest picture along the side of a part: fewer of small pictures, which are drawn enlarged
-    themselves.
+    """Return the side of a detail in samples of the coarsest picture: fewer for small pictures, which are drawn
+    enlarged anyway.
     """
     largest = max(shape)
     return min(33 if largest >= 128 else 22 if largest >= 64 else 11, *shape)
 
 
 def part_of(picture: Any, side: int) -> tuple[int, int]:
-    """Where (y, x) in a picture (y, x, 3) or (3, y, x), in 0 to 1, a window has a strong edge and flat places beside
-    it.
+    """Return the window (y, x) with a strong edge between flat areas in a picture (y, x, 3) or (3, y, x), values 0 to
+    1.
 
-    The spread of its brightness times the root mean square step from sample to sample over the mean step: many times as
-    much for one edge as for a ramp or for a texture. What is cut off at black or white counts for nothing: there no
-    noise is seen.
+    The score is the standard deviation of brightness times the ratio of root mean square to mean step between samples:
+    many times larger for one edge than for a ramp or a texture. Areas clipped at black or white do not count, because
+    noise is invisible there.
     """
     grey = np.asarray(picture, np.float64).mean(axis=0 if picture.shape[0] == 3 and picture.shape[-1] != 3 else -1)
     rows, columns = grey.shape
@@ -102,14 +104,14 @@ def part_of(picture: Any, side: int) -> tuple[int, int]:
 
 
 def _means(values: Any, side: int) -> Any:
-    """Means over every window of a size."""
+    """Return means over every window of a size."""
     total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
     total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
     return (total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]) / side**2
 
 
 def limited(part: Any) -> Any:
-    """(3, y, x) area-averaged where it has more samples than dots."""
+    """Return (3, y, x) area-averaged if it has more samples than dots."""
     y, x = part.shape[-2:]
     if max(y, x) <= SIDE:
         return part

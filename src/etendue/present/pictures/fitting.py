@@ -1,6 +1,6 @@
-"""Pictures made small: exact area averages, of rows as they come.
+"""Reduction of pictures: exact area averages, also of rows as they arrive.
 
-In:  (..., y, x) arrays of any size; what is done to each value first.
+In:  (..., y, x) arrays of any size; a function applied to each value first.
 Out: (..., y', x') float32, at most 256 samples on either side.
 """
 
@@ -24,14 +24,14 @@ def as_float(rows: Any) -> Any:
 
 
 def fitted(picture: Any, decode: Decode = as_float) -> Any:
-    """Area-averaged until it fits; smaller pictures stay as they are.
+    """Average over areas until the picture fits; smaller pictures are unchanged.
 
     Parameters
     ----------
     picture : (..., y, x) array
     decode : callable
-        Values to float32, elementwise; asked for some rows at a time, so that nothing of the size of the picture is
-        made.
+        Converts values to float32, elementwise; called for some rows at a time, so that nothing of the size of the
+        picture is allocated.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
 
 
 def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
-    """`fitted` of a plane in the colours of its pattern, (3, y', x'): each pixel is added to the colours that it
+    """`fitted` for a plane in the colours of its pattern, (3, y', x'): each sample contributes to the colours it
     has.
     """
     if max(plane.shape) <= LARGEST:
@@ -57,23 +57,25 @@ def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
 
 
 def coloured(plane: Any, tints: Any, row: int = 0) -> Any:
-    """(3, y, x): a plane each of whose pixels has the colour of its pattern; the plane begins at a row of the whole."""
+    """Return (3, y, x): a plane with each sample in the colour of its pattern; ``row`` is the plane's first row in the
+    whole.
+    """
     (y, x), (height, width) = plane.shape, tints.shape[:2]
     tiled = tints[np.ix_((row + np.arange(y)) % height, np.arange(x) % width)]
     return np.moveaxis(tiled, -1, 0) * plane
 
 
 class Rows(ABC):
-    """Rows of a large picture averaged as they come: each sample that follows is made as soon as its rows are there."""
+    """Averages rows of a large picture as they arrive: each output row is computed as soon as its rows are there."""
 
     def __init__(self, shape: tuple[int, ...], decode: Decode) -> None:
         y, x = shape[-2:]
         self.down, self.across = _down(y, _fitting(y, max(y, x))), _down(x, _fitting(x, max(y, x)))
         self.decode, self.next = decode, 0
-        self.start, self.left = 0, np.empty((*shape[:-2], 0, x), np.float32)  # rows that are needed again
+        self.start, self.left = 0, np.empty((*shape[:-2], 0, x), np.float32)  # rows needed again
 
     def take(self, start: int, rows: Any) -> None:
-        """The rows from ``start`` on, which follow those taken before."""
+        """Take the rows from ``start`` on, which follow those taken before."""
         if self.left.size:
             start, rows = self.start, np.concatenate((self.left, rows), axis=-2)
         while self.next < len(self.down):
@@ -105,14 +107,12 @@ class Fitted(Rows):
 
 
 class Tinted(Rows):
-    """Each pixel is added to the colours that it has."""
+    """Each sample contributes to the colours it has."""
 
     def __init__(self, shape: tuple[int, ...], tints: Any, decode: Decode) -> None:
         super().__init__(shape, decode)
         self.tints = tints
-        self.rows = np.zeros(
-            (len(tints), len(self.down), shape[-1]), np.float32
-        )  # by the row of the period in which a pixel stands
+        self.rows = np.zeros((len(tints), len(self.down), shape[-1]), np.float32)  # by the row of the pattern's period
 
     def put(self, row: int, first: int, weights: Any, light: Any) -> None:
         height = len(self.tints)
@@ -133,20 +133,20 @@ class Tinted(Rows):
 
 
 def _fitting(size: int, largest: int) -> int:
-    """Samples on one side of a picture that fits."""
+    """Return the number of samples on one side of a picture that fits."""
     return max(1, round(size * LARGEST / largest))
 
 
 @lru_cache(maxsize=16)
 def _down(before: int, after: int) -> tuple[tuple[int, Any], ...]:
-    """For each sample after: the first sample before that lies in it, and the share of that one and the next."""
+    """Return for each output sample the first input sample in it, and the weights of that one and the following."""
     whole = area_weights(before, after).astype(np.float32)
     spans = [(row * before // after, -(-(row + 1) * before // after)) for row in range(after)]
     return tuple((first, whole[row, first:last].copy()) for row, (first, last) in enumerate(spans))
 
 
 def _across(rows: Any, down: tuple[tuple[int, Any], ...]) -> Any:
-    """Columns averaged as rows were: (..., y', x) to (..., y', x')."""
+    """Average columns in the same way: (..., y', x) to (..., y', x')."""
     turned = np.ascontiguousarray(np.swapaxes(rows, -1, -2))
     found = np.empty((*turned.shape[:-2], len(down), turned.shape[-1]), np.float32)
     for row, (first, weights) in enumerate(down):

@@ -1,10 +1,10 @@
-"""Pictures: every stage of one cell as it looks to the eye.
+"""Pictures: every stage of one cell as the eye sees it.
 
 In:  the thumbnails of the shown cells.
 Out: 8-bit sRGB frames fitted into 256 x 256, as a table of the archive, and the contact sheet that shows them in order.
 
-A linear picture is scaled so that its 99.5th percentile is 0.9, the same for all stages of one kind, so that what gets
-darker looks darker.
+A linear picture is scaled so that its 99.5th percentile is 0.9. The scale is the same for all stages of one kind, so
+that what gets darker looks darker.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from etendue.present.pictures.thumbnails import Thumbnail, window_of
 
 @dataclass
 class Frame:
-    """One picture: what it is of, (3, y, x) in 0..1 as encoded sRGB, and the true size; what is there of it sample
-    by sample; a part.
+    """One picture: its stage and variable, (3, y, x) in 0..1 as encoded sRGB, the true size, what exists at full
+    resolution, and a detail.
     """
 
     stage: str
@@ -40,20 +40,20 @@ class Frame:
     picture: Any
     size: tuple[int, int]
     drawn: Drawn
-    exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one, before it is scaled and encoded
-    bright: float = 1.0  # what of it is shown as white
-    first: int = 0  # row of the whole in which it begins
-    part: Any = None  # (3, y, x) of it, the same place of the scene in all
+    exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one, before scaling and encoding
+    bright: float = 1.0  # value shown as white
+    first: int = 0  # its first row in the whole
+    part: Any = None  # (3, y, x) detail, the same place of the scene in all
     place: tuple[float, float, float, float] = (
         0.0,
         0.0,
         0.0,
         0.0,
-    )  # of the part: top, left, height, width as shares of the whole
+    )  # of the detail: top, left, height, width as fractions of the whole
 
 
 def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Mapping[str, Thumbnail]]) -> list[Frame]:
-    """A frame for every stage with a picture; linear pictures of one kind share one scale."""
+    """Return a frame for every stage with a picture; linear pictures of one kind share one scale."""
     order: list[tuple[str, Pictured, Thumbnail]] = []
     for node in plan.nodes:
         cell = plan.cells[shown[node.name]]
@@ -74,8 +74,8 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
 
 
 def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: PlaneWindow | None) -> None:
-    """The same place of the scene in every picture: where the last of the coarsest has its strongest edge between
-    flat places.
+    """Add a detail to every picture, at the same place of the scene: where the last of the coarsest has its strongest
+    edge between flat areas.
     """
     placed = [(f, lines_of(cells[f.stage].grids[f.variable])) for f in frames if f.exact is not None]
     seen = [(f, lines) for f, lines in placed if lines is not None]
@@ -112,9 +112,7 @@ def sheet(
     at: str,
     maps: Callable[[], list[Any]] = list,
 ) -> ContactSheet | None:
-    """The pictures of the shown cells, which stand at the axis values ``at``; None where there is nothing to be
-    seen.
-    """
+    """Return the sheet of the shown cells, which have the axis values ``at``; None if there is no picture."""
     frames = render(plan, shown, small)
     if not frames:
         return None
@@ -124,19 +122,19 @@ def sheet(
 
 
 def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> ContactSheet | None:
-    """The sheet of an earlier run, whose pictures are still those of the shown cells, with maps of what is known
-    now.
+    """Return the sheet of an earlier run whose pictures are still those of the shown cells, with maps of the current
+    values.
     """
     before = folder / "contact_sheet.png"
     return ContactSheet({}, lambda path: with_maps(path, before, maps()), (), "") if before.is_file() else None
 
 
 def _shared(plan: Plan) -> str:
-    """What would go first along a side and is not swept, behind the axis values of a title."""
+    """Return the preferred quantities that are not swept, to follow the axis values of a title."""
     swept, texts = (
         {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes},
         [],
-    )  # or found by a stage
+    )  # swept, or computed by a stage
     for name in first("sides"):
         value = plan.shared.get(name)
         if name not in swept and isinstance(value, int | float) and not isinstance(value, bool):
@@ -146,20 +144,20 @@ def _shared(plan: Plan) -> str:
 
 
 def _encoded(frame: Frame, part: Any) -> Any:
-    """Some of the exact picture as it is shown, 0 to 1."""
+    """Return a piece of the exact picture as shown, 0 to 1."""
     return seen(frame.drawn, part, frame.bright)
 
 
 def _parts(frames: list[Frame]) -> dict[str, Any]:
-    """The parts as arrays beside the pictures."""
+    """Return the details as arrays, to be stored with the pictures."""
     sizes = [(0, 0) if f.part is None else f.part.shape[-2:] for f in frames]
     high, wide = (max(1, *(size[n] for size in sizes), 1) for n in (0, 1))
     detail = np.zeros((len(frames), 3, high, wide), np.uint8)
     for i, (frame, (y, x)) in enumerate(zip(frames, sizes, strict=True)):
         if frame.part is not None:
             detail[i, :, :y, :x] = as_bytes(frame.part)
-    said = {"long_name": "a part of the picture, sample by sample: the same place of the scene in every stage"}
-    place = {"long_name": "the part in the picture: top, left, height, width as shares", "units": "1"}
+    said = {"long_name": "detail at full resolution: the same place of the scene in every stage"}
+    place = {"long_name": "position of the detail: top, left, height, width as fractions of the picture", "units": "1"}
     return {
         "detail": (
             ("stage", "channel", "detail_y", "detail_x"),
@@ -169,19 +167,19 @@ def _parts(frames: list[Frame]) -> dict[str, Any]:
         "detail_height": (
             ("stage",),
             np.array([s[0] for s in sizes]),
-            {"units": "pixel", "long_name": "height of the part"},
+            {"units": "pixel", "long_name": "height of the detail"},
         ),
         "detail_width": (
             ("stage",),
             np.array([s[1] for s in sizes]),
-            {"units": "pixel", "long_name": "width of the part"},
+            {"units": "pixel", "long_name": "width of the detail"},
         ),
         "detail_place": (("stage", "side"), np.array([f.place for f in frames]), place),
     }
 
 
 def frames_table(frames: list[Frame]) -> dict[str, Any]:
-    """The frames as a group of the archive: preview(stage, channel, y, x), 8 bit, zero beside smaller ones."""
+    """Return the frames as a group of the archive: preview(stage, channel, y, x), 8 bit, padded with zeros."""
     height, width = max(f.picture.shape[1] for f in frames), max(f.picture.shape[2] for f in frames)
     preview = np.zeros((len(frames), 3, height, width), np.uint8)
     for i, frame in enumerate(frames):
@@ -196,7 +194,7 @@ def frames_table(frames: list[Frame]) -> dict[str, Any]:
                 dims,
                 preview,
                 {
-                    "long_name": "the stage as it looks",
+                    "long_name": "picture of the stage",
                     "colour_space": "sRGB",
                     "transfer_function": "sRGB",
                     "units": "1",

@@ -1,7 +1,7 @@
-"""Maps of figures for the contact sheet: numbers over two axes of a sweep, drawn small and without matplotlib.
+"""Maps of metrics for the contact sheet: numbers over two axes of a sweep, drawn small and without matplotlib.
 
-In:  a plan: which figures, over which axes; later, the figures of those cells.
-Out: (y, x, 3) bytes for each map, its number in every cell, a cell that failed marked.
+In:  a plan: which metrics, over which axes; later, the metrics of those cells.
+Out: (y, x, 3) bytes for each map, with the number in every cell; failed cells are marked.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from etendue.plan.model import Axis, CellRef, Node, Plan
 from etendue.plan.shown import shown_cells
 from etendue.present.pictures.contact_sheet import font
 
-MOST, LONGEST = 4, 20  # maps, and values along a side: of more some are left out
+MOST, LONGEST = 4, 20  # maps, and values along a side: longer axes are thinned out
 WIDE, HIGH, LETTERS = 46, 24, 12  # dots of a cell, and of its letters
 VIRIDIS = np.array([  # matplotlib's, at eighths
     (68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99),
@@ -35,7 +35,7 @@ FAILED = (250, 225, 222)
 
 @dataclass(frozen=True)
 class SmallMap:
-    """A figure of one stage over one or two axes, the others where the pictures are."""
+    """A metric of one stage over one or two axes; the other axes are at the values of the pictures."""
 
     node: str
     variable: str
@@ -43,12 +43,12 @@ class SmallMap:
     sides: tuple[tuple[str, tuple[Any, ...], str], ...]  # along x, then y: name, values, unit
     cells: tuple[CellRef, ...]  # (y, x), row by row
     at: str
-    names: tuple[str, ...] = ()  # that its numbers stand for
-    without: tuple[str, ...] = ()  # stages that are not in it
+    names: tuple[str, ...] = ()  # names of its index values
+    without: tuple[str, ...] = ()  # stages that do not affect it
 
 
 def small_maps(plan: Plan) -> list[SmallMap]:
-    """Which maps stand on the sheet of a sweep: of what goes first; else of whatever figures there are."""
+    """Return the maps on the sheet of a sweep: of preferred metrics, else of whatever metrics there are."""
     found: dict[str, SmallMap] = {}
     for node in reversed(plan.nodes):
         for name, declared in node.writes.items():
@@ -71,7 +71,7 @@ def _map(plan: Plan, node: Node, name: str) -> SmallMap | None:
     units = {axis.dim: f" {axis.units}" if axis.units not in (None, "", "1") else "" for axis in rest}
     at = ", ".join(f"{axis.key} {_text(axis.values[index[axis.dim]])}{units[axis.dim]}" for axis in rest)
     refs = []
-    for places in product(*(chosen[axis.dim] for axis in reversed(varying))):  # along x fastest
+    for places in product(*(chosen[axis.dim] for axis in reversed(varying))):  # x varies fastest
         own = {**index, **{axis.dim: place for axis, place in zip(reversed(varying), places, strict=True)}}
         refs.append((node.name, tuple(own[dim] for dim in node.axes)))
     sides = tuple((axis.key, tuple(axis.values[i] for i in chosen[axis.dim]), axis.units or "") for axis in varying)
@@ -80,14 +80,14 @@ def _map(plan: Plan, node: Node, name: str) -> SmallMap | None:
 
 
 def _names(plan: Plan, ref: CellRef, name: str) -> tuple[str, ...]:
-    """What a variable that is an index points at."""
+    """Return the names that an index variable points to."""
     dim = known(name).names if known(name).index else ""
     factors = next((grid[dim] for grid in plan.cells[ref].grids.values() if dim in grid), None) if dim else None
     return tuple(map(str, factors.values())) if factors else ()
 
 
 def _some(axis: Axis) -> list[int]:
-    """Places of the values along an axis in order, as many as there is room for."""
+    """Return positions of the values along an axis in order, as many as there is room for."""
     places = list(range(len(axis.values)))
     if not any(isinstance(value, str) for value in axis.values):
         places.sort(key=lambda place: float(axis.values[place]))
@@ -97,7 +97,7 @@ def _some(axis: Axis) -> list[int]:
 
 
 def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> Any:
-    """(y, x) float64: the last of several stages; NaN where a cell is not there."""
+    """Return (y, x) float64, the last of several stages; NaN where a cell is missing."""
     found = [
         float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan
         for ref in one.cells
@@ -106,7 +106,7 @@ def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> An
 
 
 def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
-    """(dots, dots, 3) uint8: the map under its title, x to the right, y upwards, both growing."""
+    """Return (dots, dots, 3) uint8: the map below its title, x to the right, y upwards, both increasing."""
     from PIL import Image, ImageDraw
 
     letters = font(LETTERS)
@@ -151,7 +151,7 @@ def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
 
 
 def _draw_names(pen: Any, names: Sequence[str], base: int) -> None:
-    """What colours stand for, in a line."""
+    """Draw the legend of the colours in a line."""
     place, letters = 6, font(LETTERS)
     for number, text in enumerate(names):
         pen.rectangle((place, base, place + 10, base + 10), fill=tuple(int(c) for c in NAMED[number % len(NAMED)]))
@@ -160,7 +160,9 @@ def _draw_names(pen: Any, names: Sequence[str], base: int) -> None:
 
 
 def _colours(values: Any, named: bool) -> Any:
-    """(y, x, 3): by share of the range, in equal ratios where numbers differ by more than thirty times; or by index."""
+    """Return (y, x, 3) colours: by share of the range, logarithmic if numbers differ by more than a factor of thirty;
+    or by index.
+    """
     if named:
         return NAMED[np.nan_to_num(values).astype(int) % len(NAMED)]
     found = values[np.isfinite(values)]
@@ -184,7 +186,7 @@ def _title(one: SmallMap) -> str:
 
 
 def _along(one: SmallMap) -> str:
-    """What stands along the sides."""
+    """Return the labels of the sides."""
     names = [f"{name}{f', {unit}' if unit not in ('', '1') else ''}" for name, _, unit in one.sides]
     return f"{names[0]} →" + (f"   {names[1]} ↑" if len(names) > 1 else "")
 
@@ -201,7 +203,7 @@ def _number(value: float) -> str:
 def all_drawn(
     maps: Sequence[SmallMap], figures: Mapping[CellRef, Mapping[str, Any]], failed: Sequence[CellRef]
 ) -> list[Any]:
-    """Every map whose numbers differ."""
+    """Draw every map whose numbers differ."""
     wrong = set(failed)
     found = []
     for one in maps:

@@ -1,11 +1,11 @@
-"""Small pictures of what a cell has made, reduced where it is made: neither held to the end of a run at full size, nor
-sent.
+"""Thumbnails of a cell, reduced where the cell is computed, so that full-size arrays are neither kept to the end of a
+run nor sent.
 
 In:  a plan and the cells to be shown; later, in whichever worker computes one of them, its arrays.
-Out: ``Look`` by cell, which gives ``Thumbnail`` by variable: linear sRGB, encoded values or grey, at most 256 x 256.
+Out: ``Look`` by cell, which returns ``Thumbnail`` by variable: linear sRGB, encoded values or grey, at most 256 x 256.
 
-Which variables are shown, and how, distributions say (``spec.variables.Variable``); ``appearance`` makes pictures of
-them.
+Distributions declare which variables are shown, and how (``contract.variables.Variable``); ``appearance`` makes
+pictures of them.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, as_f
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """(3, y, x) float32, not yet scaled where it is linear; the true size; of larger ones some rows as they are, and
-    the first of them.
+    """(3, y, x) float32, unscaled if linear; the true size; for larger pictures some rows at full resolution, and the
+    first of them.
     """
 
     picture: Any
@@ -40,17 +40,19 @@ class Thumbnail:
 
 @dataclass(frozen=True)
 class _View:
-    """How one variable of one cell is made small. What it needs of the plan, and nothing of the plan besides."""
+    """How one variable of one cell is reduced. It holds what it needs of the plan, and nothing else, since it is sent
+    to workers.
+    """
 
     seen: Appearance
     middles: int = 0  # leading dims of which the middle is taken
     light: bool = False  # many planes, perhaps stored one by one
-    rows: tuple[int, int] = (0, 0)  # that are kept as they are where the picture is larger than a thumbnail
+    rows: tuple[int, int] = (0, 0)  # rows kept at full resolution if the picture is larger than a thumbnail
 
     def of(self, array: Any) -> Thumbnail | None:
-        if getattr(array, "on_demand", False):  # a large variable that is not stored would be made again
+        if getattr(array, "on_demand", False):  # a large variable that is not stored would be computed again
             return None
-        for _ in range(self.middles):  # of several frames the one in the middle; planes are a picture
+        for _ in range(self.middles):  # the middle one of several frames; planes form a picture
             array = array[len(array) // 2]
         size = (array.shape[-2], array.shape[-1])
         if self.light and max(size) > LARGEST:
@@ -60,16 +62,18 @@ class _View:
         return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, band, self.rows[0])
 
     def band(self, array: Any) -> Any:
-        """Some rows of a large picture as they are, in the colours of the whole."""
+        """Return some rows of a large picture at full resolution, in the colours of the whole."""
         first, last = self.rows
         return None if last <= first or self.seen.grey else self.banded(np.asarray(array[..., first:last, :]))
 
     def banded(self, rows: Any) -> Any:
-        """The same of rows that begin where the band begins; what comes row by row has it from here."""
+        """Return the same for rows that start with the band; used for rows that arrive one by one."""
         return np.array(self.seen.rgb(rows, self.rows[0]), dtype=np.float32)
 
     def _large_light(self, array: Any) -> tuple[Any, Any]:
-        """Made small, and some rows of it: perhaps stored by band, as it is too large to be held."""
+        """Return the reduced picture and some of its rows; planes are read one by one, as all together may be too large
+        for memory.
+        """
         small, band = [], _Mixing(self.seen)
         for number in range(array.shape[0]):
             plane = np.asarray(array[number])
@@ -86,22 +90,22 @@ class _View:
         return Gathering(self, shape, Fitted(shape, self.seen.values))
 
     def finished(self, small: Any) -> Any:
-        """What is made of a variable once it is small."""
+        """Return the picture of a reduced variable."""
         return small if self.seen.tints is not None else self.seen.mixed(small)
 
 
 @dataclass(frozen=True)
 class Observer:
-    """What is looked at of a cell: its pictures, made small, and its plain figures. It travels to where the cell is
+    """What is shown of a cell: its pictures, reduced, and its scalar metrics. It is sent to where the cell is
     computed.
     """
 
     views: Mapping[str, _View]
     figures: frozenset[str]
-    kept: frozenset[str] = frozenset()  # what is handed on as it is
+    kept: frozenset[str] = frozenset()  # variables passed on unchanged
 
     def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]:
-        """Thumbnails and figures by variable; a thumbnail stays as it is."""
+        """Return thumbnails and metrics by variable; existing thumbnails are passed on."""
         found = {v: arrays[v] for v in self.figures | self.kept if v in arrays}
         for variable, view in self.views.items():
             if variable in self.kept:
@@ -113,19 +117,19 @@ class Observer:
         return found
 
     def beside(self, keeps: bool, kept: frozenset[tuple[str, str]], stage: str) -> Observer:
-        """The same for a keeper that takes the arrays of what is kept themselves: they are looked at where they
-        stand.
+        """Return the same for a store that keeps the arrays themselves: pictures are then made from the stored
+        arrays.
         """
         return replace(self, kept=frozenset(v for s, v in kept if s == stage)) if keeps else self
 
     def gathering(self, variable: str, shape: tuple[int, ...]) -> Gathering | None:
-        """What makes a variable small that comes row by row; None where all of it is needed, or it is small."""
+        """Return what reduces a variable that arrives row by row; None if the whole is needed, or it is small."""
         view = self.views.get(variable)
         return view.gathering(shape) if view and max(shape[-2:]) > LARGEST else None
 
 
 class _Mixing:
-    """Planes brought to their colours as they come: what is held is three of them, however many there are."""
+    """Mixes planes to colours as they arrive: three planes are held, however many there are."""
 
     def __init__(self, seen: Appearance) -> None:
         self.seen, self.apart = seen, list[Any]()
@@ -146,7 +150,7 @@ class _Mixing:
 
 
 class Gathering:
-    """A thumbnail of rows that come in order: with the bits of the whole."""
+    """A thumbnail of rows that arrive in order, bit-identical to that of the whole."""
 
     def __init__(self, view: _View, shape: tuple[int, ...], rows: Rows) -> None:
         self.view, self.size, self.rows = view, (shape[-2], shape[-1]), rows
@@ -165,19 +169,19 @@ class Gathering:
 
 
 def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
-    """The thumbnails among what was looked at."""
+    """Return the thumbnails among the results of a look."""
     return {variable: one for variable, one in found.items() if isinstance(one, Thumbnail)}
 
 
 def window_of(plan: Plan, shown: Iterable[CellRef]) -> PlaneWindow | None:
-    """The rows that are kept of every picture of some cells, whichever of them there will be."""
+    """Return the rows that are kept of every picture of some cells, before it is known which will exist."""
     return band_of(
         [grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown not in ("", "map")]
     )
 
 
 def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Observer]:
-    """How each of some cells is looked at."""
+    """Return how each of some cells is shown."""
     found, shown = {}, list(shown)
     window = window_of(plan, shown)
     for ref in shown:

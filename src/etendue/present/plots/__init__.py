@@ -1,11 +1,10 @@
-"""Plots of what an archive holds: maps, curves, strips of pictures, fronts, what limits, budgets; and pictures the
-right way up.
+"""Plots of what an archive holds: maps, curves, picture strips, Pareto fronts, limiting factors, budgets; and upright
+pictures.
 
-In:  an ``xarray.DataTree`` as archives and runs in memory give it, or the folder of an archive; names of figures and
-     axes.
-Out: a ``Plot``, which is saved as PNG, SVG or PDF and shown by notebooks, with the numbers that are drawn.
+In:  an ``xarray.DataTree`` from an archive or a run in memory, or the folder of an archive; names of metrics and axes.
+Out: a ``Plot``, which can be saved as PNG, SVG or PDF, is shown by notebooks, and holds the plotted numbers.
 
-``holdings`` says what there is, ``arrangement`` which axis goes where, ``labels`` how values are written; a file for
-each kind of plot; ``pictures`` gives an array the colours that an eye sees; ``accessor`` puts all of it on xarray's
-objects. matplotlib is imported when something is drawn.
+``holdings`` lists what there is, ``arrangement`` assigns axes to sides and panels, ``labels`` formats values; each kind
+of plot has a file; ``pictures`` converts an array to the colours that an eye sees; ``accessor`` adds all of it to
+xarray's objects. matplotlib is imported when something is drawn.
 """

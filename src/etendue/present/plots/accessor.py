@@ -2,8 +2,8 @@
 ``array.etendue.show()``.
 
 In:  a ``DataTree`` or ``Dataset`` of an archive or of a run in memory; a ``DataArray`` of it.
-Out: a ``Plot``. Importing this file registers the accessors; ``etendue.simulate`` and ``etendue.show`` do so, and where
-     etendue is installed xarray itself when it first opens something (entry point ``xarray.backends``).
+Out: a ``Plot``. Importing this file registers the accessors; ``etendue.simulate`` and ``etendue.show`` import it, and
+     so does xarray when it first opens something, if etendue is installed (entry point ``xarray.backends``).
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ NAME = "etendue"
 
 @called_methods
 class Plots:
-    """``tree.etendue.plot``: called, what fits; by kind, ``.map(...)``, ``.curves(...)``, ``.pareto(...)``,
-    ``.strip()``.
+    """``tree.etendue.plot``: call it for the plot that fits best, or by kind: ``.map(...)``, ``.curves(...)``,
+    ``.pareto(...)``, ``.strip()``.
 
-    Words of every kind: names of variables in order; ``x``, ``y``, ``lines``, ``panels``, ``better``; values of axes by
+    All kinds accept: names of variables in order; ``x``, ``y``, ``lines``, ``panels``, ``better``; values of axes by
     name (``gain=2.8``, ``stage="filter"``), or in ``at`` where a name is taken.
     """
 
@@ -42,7 +42,7 @@ class Plots:
         self._tree = tree
 
     def __call__(self, kind: str = "", *figures: str, **words: Any) -> Plot:
-        """A plot of a kind, of a variable, or without words of what fits."""
+        """Plot a kind, a variable, or without arguments what fits best."""
         own = {name: words.pop(name) for name in ("x", "y", "lines") if name in words}
         listed = [words.pop(name, ()) for name in ("panels", "better")]
         texts = [one.split(",") if isinstance(one, str) else one for one in listed]
@@ -52,7 +52,7 @@ class Plots:
 
     def __getattr__(self, kind: str) -> Any:
         if kind not in kinds():
-            raise AttributeError(f"no kind of plot {kind!r}; there are {', '.join(kinds())}")
+            raise AttributeError(f"unknown kind of plot {kind!r}; available: {', '.join(kinds())}")
         return partial(self, kind)
 
     def __dir__(self) -> list[str]:
@@ -61,7 +61,7 @@ class Plots:
 
 @called_methods
 class TreeAccessor:
-    """``tree.etendue``: an archive at a glance, plots and pictures of it."""
+    """``tree.etendue``: summary, plots and pictures of an archive."""
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:
         self._tree = tree
@@ -70,7 +70,9 @@ class TreeAccessor:
         return page.text(glance(self._tree))
 
     def _repr_html_(self) -> str:
-        """Stages as small pictures, axes, figures, what failed and was left out, and what to do next."""
+        """Return the summary as HTML: stages as small pictures, axes, metrics, what failed or was left out, and next
+        steps.
+        """
         return page.page(glance(self._tree))
 
     @property
@@ -78,11 +80,11 @@ class TreeAccessor:
         return Plots(self._tree)
 
     def show(self, variable: str = "", **at: Any) -> Plot:
-        """One picture of one cell, upright: ``tree.etendue.show("picture", gain=2.8)``."""
+        """Show one picture of one cell, upright: ``tree.etendue.show("picture", gain=2.8)``."""
         return Plots(self._tree)("show", *([variable] if variable else []), **at)
 
     def list(self) -> dict[str, Any]:
-        """Which kinds of plots, variables and axes there are."""
+        """Return the available kinds of plots, variables and axes."""
         return listed(Holdings(self._tree))
 
 
@@ -94,13 +96,13 @@ class ArrayAccessor:
         self._array = array
 
     def show(self, **at: Any) -> Plot:
-        """The array at some values of its dims, upright, with its true aspect and colours."""
+        """Show the array at given values of its dims, upright, with its true aspect and colours."""
         array = self._array.sel(resolved_in(self._array, at))
         return show_array(array.squeeze([dim for dim in array.dims if array.sizes[dim] == 1 and dim not in ("y", "x")]))
 
 
 def register() -> None:
-    """Put the accessors on xarray's classes, once."""
+    """Register the accessors on xarray's classes, once."""
     put: Any
     for kind, accessor, put in (
         (xarray.DataTree, TreeAccessor, xarray.register_datatree_accessor),
@@ -113,7 +115,7 @@ def register() -> None:
 
 @called
 def show(what: Any, variable: str = "", **at: Any) -> Plot:
-    """A picture of an array, of a dataset or tree, or of the archive in a folder.
+    """Show a picture of an array, of a dataset or tree, or of the archive in a folder.
 
     Raises
     ------
@@ -124,11 +126,11 @@ def show(what: Any, variable: str = "", **at: Any) -> Plot:
         what = opened(Path(what))
     if isinstance(what, xarray.DataArray):
         if variable:
-            raise RequestError(f"this is an array; it holds no variable {variable!r}")
+            raise RequestError(f"an array holds no variable {variable!r}; omit the name")
         return ArrayAccessor(what).show(**at)
     if not isinstance(what, xarray.DataTree | xarray.Dataset):
         raise RequestError(
-            f"show takes an array, dataset or tree of xarray, or the folder of an archive, not {type(what).__name__}"
+            f"show needs an xarray array, dataset or tree, or the folder of an archive, not {type(what).__name__}"
         )
     return TreeAccessor(what).show(variable, **at)
 

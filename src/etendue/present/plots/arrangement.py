@@ -1,7 +1,7 @@
-"""Which dim goes where: along the sides of a panel, over panels, or fixed at one value.
+"""Assignment of dims: along the sides of a panel, over panels, or fixed at one value.
 
-In:  the dims of what is drawn with their values; what was asked for.
-Out: an ``Arrangement``; what is fixed because it would not fit is said in the title.
+In:  the dims of what is plotted with their values; the request.
+Out: an ``Arrangement``; dims fixed for lack of room are named in the title.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MOST_PANELS = 16
 
 @dataclass(frozen=True)
 class PlotDim:
-    """A dim as it stands beside a plot."""
+    """A dim with its values and unit, for labels."""
 
     name: str
     values: tuple[Any, ...]
@@ -32,7 +32,7 @@ class PlotDim:
         return name_text(self.name, self.units)
 
     def text(self, value: Any) -> str:
-        """A value with its unit; with the name of the dim where the unit does not tell it."""
+        """Return a value with its unit, and with the name of the dim if the unit does not tell it."""
         text = value_text(value, self.units, self.name)
         bare = not isinstance(value, str) and self.units in ("", "1") and not prefix(self.name)
         return f"{self.name.replace('_', ' ')} {text}" if bare else text
@@ -43,7 +43,7 @@ class PlotDim:
 
     @property
     def spread(self) -> bool:
-        """Whether its values are better told apart on a logarithmic axis."""
+        """Tell whether its values are better shown on a logarithmic axis."""
         if not self.counted or len(self.values) < 3 or min(self.values) <= 0:
             return False
         ordered = sorted(self.values)
@@ -52,13 +52,13 @@ class PlotDim:
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Where every dim goes."""
+    """The place of every dim."""
 
     x: PlotDim | None
     y: PlotDim | None
     panels: tuple[PlotDim, ...] = ()
     fixed: Mapping[str, Any] = field(default_factory=dict)
-    said: tuple[str, ...] = ()  # texts of what is fixed
+    said: tuple[str, ...] = ()  # texts of the fixed dims
 
     @property
     def at(self) -> str:
@@ -66,7 +66,9 @@ class Arrangement:
 
 
 def dims_of(held: Sequence[HeldVariable], counted: bool = False) -> list[PlotDim]:
-    """The dims of what is drawn: axes of the sweep first, the usual ones in front; then names such as ``stage``."""
+    """Return the dims of what is plotted: sweep axes first, the usual ones leading; then named dims such as
+    ``stage``.
+    """
     found: dict[str, PlotDim] = {}
     for one in held:
         own = [*one.axes, *(dim for dim in one.dims if counted or not one.is_counted(dim))]
@@ -90,15 +92,15 @@ def arranged(
     most: int = MOST_PANELS,
     middle: Mapping[str, Any] | None = None,
 ) -> Arrangement:
-    """Place dims: two along the sides (``sides`` of them), the others over panels, as many as fit, the rest at one
+    """Place dims: up to ``sides`` of them along the sides, others over panels as long as they fit, the rest at one
     value.
 
-    ``at`` fixes a dim; ``middle`` says where one is fixed that does not fit, by default in the middle.
+    ``at`` fixes a dim; ``middle`` gives the value of dims that do not fit, by default their middle.
 
     Raises
     ------
     RequestError
-        A dim that is asked for is not there, or is asked for twice.
+        A requested dim does not exist, or is requested twice.
     """
     at = dict(at or {})
     x, y = (*along, "", "")[:2]
@@ -118,14 +120,14 @@ def arranged(
 def _check(asked: Sequence[str], free: Mapping[str, PlotDim], at: Mapping[str, Any]) -> None:
     for name in asked:
         if name not in free:
-            why = "it is fixed" if name in at else f"it is no dim of what is drawn{nearest(name, free)}"
+            why = "it is fixed" if name in at else f"not a dim of the plotted variable{nearest(name, free)}"
             raise RequestError(f"{name}: {why}")
     if len(set(asked)) < len(asked):
-        raise RequestError("a dim can stand in one place: name it once as x, y or panels")
+        raise RequestError("each dim can be used once, as x, y or panels")
 
 
 def _sides(x: str, y: str, sides: int, free: Sequence[PlotDim]) -> tuple[str, str]:
-    """What stands along the sides: as it was asked for, else what is counted before names."""
+    """Return the dims along the sides: as requested, else numeric dims before named ones."""
     candidates = [dim.name for dim in sorted(free, key=lambda dim: not dim.counted)]
     if not x and candidates:
         x = candidates.pop(0)
@@ -135,7 +137,7 @@ def _sides(x: str, y: str, sides: int, free: Sequence[PlotDim]) -> tuple[str, st
 
 
 def _over_panels(chosen: list[PlotDim], rest: Sequence[PlotDim], most: int) -> tuple[list[PlotDim], list[PlotDim]]:
-    """The dims of panels, as many as fit, rows last; and those for which there is no room."""
+    """Return the dims that fit over panels, rows last, and those for which there is no room."""
     left, room = [], most // max(1, math.prod(len(dim.values) for dim in chosen))
     for dim in sorted((dim for dim in rest if len(dim.values) > 1), key=lambda dim: len(dim.values)):
         if len(chosen) < 2 and len(dim.values) <= room:
@@ -144,11 +146,11 @@ def _over_panels(chosen: list[PlotDim], rest: Sequence[PlotDim], most: int) -> t
         else:
             left.append(dim)
     if len(chosen) == 2 and len(chosen[1].values) > len(chosen[0].values):
-        chosen.reverse()  # rows: the shorter one last
+        chosen.reverse()  # the shorter one becomes the rows
     return chosen, left
 
 
 def _value(dim: PlotDim, middle: Mapping[str, Any]) -> Any:
-    """Where a dim is fixed that does not fit: as ``middle`` says, if it has that value, else in its middle."""
+    """Return the value of a dim that does not fit: that of ``middle`` if the dim has it, else its middle."""
     value = middle.get(dim.name)
     return value if value in dim.values else dim.values[len(dim.values) // 2]

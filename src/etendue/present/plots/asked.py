@@ -1,7 +1,7 @@
-"""What is asked of a plot beside its kind, and the engine's own kinds as they answer it.
+"""The request for a plot beside its kind, and the engine's own kinds that fulfil it.
 
-In:  holdings, what was asked for.
-Out: a ``Plot``. Kinds that distributions bring are functions of the same two.
+In:  holdings, the request.
+Out: a ``Plot``. Kinds that distributions register are functions of the same two.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from etendue.present.plots.plot import Plot
 
 @dataclass(frozen=True)
 class PlotRequest:
-    """What was asked for beside the kind; '' and (): as fits."""
+    """The request beside the kind; '' and () mean automatic."""
 
     figures: tuple[str, ...] = ()
     x: str = ""
@@ -32,11 +32,11 @@ class PlotRequest:
     panels: tuple[str, ...] = ()
     better: tuple[str, ...] = ()
     at: Mapping[str, Any] = field(default_factory=dict)
-    blame: Mapping[str, Any] | None = None  # of a budget: the document of who shares losses out
+    blame: Mapping[str, Any] | None = None  # for a budget: the document of each stage's share of the losses
     blamed_at: Mapping[str, Any] | None = (
-        None  # the axis values of the cell that it is of; None: of the one whose pictures there are
+        None  # axis values of the cell of ``blame``; None: the cell whose pictures are kept
     )
-    middle: Mapping[str, Any] = field(default_factory=dict)  # where what is not asked for and does not fit is fixed
+    middle: Mapping[str, Any] = field(default_factory=dict)  # values of dims that are not requested and do not fit
 
     @property
     def first(self) -> str:
@@ -47,8 +47,8 @@ class PlotRequest:
         return self.figures[1] if len(self.figures) > 1 else ""
 
     def cell(self, held: HeldVariable) -> dict[str, Any]:
-        """One value of every axis that reaches a variable: as it was asked for, else where a run's pictures are,
-        else in the middle.
+        """Return one value of every axis that reaches a variable: as requested, else that of the run's pictures, else
+        the middle.
         """
         asked = resolved([held], self.at)
         found = {}
@@ -63,7 +63,7 @@ def map_of(holdings: Holdings, asked: PlotRequest) -> Plot:
 
 
 def names_of(holdings: Holdings, asked: PlotRequest) -> Plot:
-    """A map of an index into names: of what limits, for one."""
+    """Return a map of an index into names, such as the limiting factor."""
     return factor_map(holdings, asked.first, asked.x, asked.y, asked.panels, asked.at, asked.middle)
 
 

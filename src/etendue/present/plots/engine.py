@@ -1,5 +1,5 @@
-"""Archives for ``xarray.open_datatree``: ``engine="etendue"``, or no word at all, opens the folder; and the accessors
-are there.
+"""Backend for ``xarray.open_datatree``: opens the folder of an archive with ``engine="etendue"`` or no engine, and
+registers the accessors.
 
 In:  the folder of an archive.
 Out: its tree, or one group of it, lazy.
@@ -21,7 +21,7 @@ accessor.register()
 
 
 class EtendueBackend(BackendEntrypoint):
-    """Where etendue is installed xarray finds this by itself (entry point ``xarray.backends``)."""
+    """Backend that xarray finds automatically if etendue is installed (entry point ``xarray.backends``)."""
 
     description = "Archives of etendue"
     supports_groups = True

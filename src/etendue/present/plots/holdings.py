@@ -1,8 +1,8 @@
-"""What a tree holds that can be drawn: figures, curves and pictures of every stage, over the axes of its sweep.
+"""What a tree holds that can be plotted: metrics, curves and pictures of every stage, over the axes of its sweep.
 
-In:  an ``xarray.DataTree`` as ``open_archive``, xarray or ``simulate`` give it.
-Out: ``Held`` by stage and variable; its values over the whole sweep, the shapes of a stage joined, unknown where a cell
-     has failed.
+In:  an ``xarray.DataTree`` from ``open_archive``, xarray or ``simulate``.
+Out: ``Held`` by stage and variable; its values over the whole sweep, with the groups of a stage joined, NaN where a
+     cell failed.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.present.plots.labels import title_text
 
 PLANE = ("y", "x")
-FINISHED = (0, 1)  # of status: done, left out
+FINISHED = (0, 1)  # values of status: done, left out
 FAILED = (2, 3)  # failed, skipped
 BESIDE = ("status",)
 ANY = "ARCHIVE"
 KINDS = ("figure", "curve", "picture", "other")
+SHOWN = {"figure": "metric"}  # kinds that screens call by another word
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,11 @@ class HeldVariable:
 
     stage: str
     variable: str
-    groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one, or one for each shape
+    groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one group, or one for each shape
     order: Mapping[str, Mapping[Any, int]] = field(
         default_factory=dict, repr=False
-    )  # of names along axes, as they were swept
-    archive: str = field(default=ANY, repr=False)  # as it is called where commands are typed
+    )  # order of names along axes, as swept
+    archive: str = field(default=ANY, repr=False)  # name of the archive in suggested commands
 
     @property
     def name(self) -> str:
@@ -53,7 +54,7 @@ class HeldVariable:
 
     @property
     def dims(self) -> tuple[str, ...]:
-        """Its own dims, behind the axes."""
+        """Its own dims, which follow the axes."""
         return tuple(str(dim) for dim in self.groups[0][self.variable].dims if dim not in self.axes)
 
     @property
@@ -70,14 +71,14 @@ class HeldVariable:
 
     @property
     def title(self) -> str:
-        """What it is and which stages are not in it; without its unit, which is written beside it."""
+        """Its title and the stages that do not affect it; without the unit, which is shown separately."""
         return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units) + without(
             self.attrs
         )
 
     @property
     def kind(self) -> str:
-        """``figure``: numbers, perhaps by name; ``curve``: over one dim with numbers; ``picture``: over y and x."""
+        """``figure``: numbers, perhaps by name; ``curve``: over one numeric dim; ``picture``: over y and x."""
         own = self.dims
         if own[-2:] == PLANE:
             return "picture"
@@ -85,12 +86,12 @@ class HeldVariable:
         return ("figure", "curve")[len(counted)] if len(counted) < 2 else "other"
 
     def is_counted(self, dim: str) -> bool:
-        """Whether a dim runs over numbers and not over names."""
+        """Tell whether a dim runs over numbers rather than names."""
         coordinate = self.groups[0].get(dim)
         return coordinate is None or coordinate.dtype.kind in "fiu"
 
     def values_of(self, dim: str) -> list[Any]:
-        """The values along an axis or a dim: those of all shapes, numbers in order."""
+        """Return the values along an axis or a dim, over all shapes; numbers sorted."""
         found: dict[Any, None] = {}
         for group in self.groups:
             if dim in group.coords:
@@ -112,26 +113,26 @@ class HeldVariable:
         return str(group[dim].attrs.get("units", "1")) if dim in group.coords else "1"
 
     def key_of(self, dim: str) -> str:
-        """The parameter that an axis sets: ``pixel.rows`` for ``pixel_rows``."""
+        """Return the parameter that an axis sets: ``pixel.rows`` for ``pixel_rows``."""
         group = self.groups[0]
         return str(group[dim].attrs.get("parameter", dim)) if dim in group.coords else dim
 
     def values(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
-        """All of it, or what stands at some values: float64, unknown (NaN) where a cell is not there; axes in order.
+        """Return all values, or those at given axis values: float64, NaN where a cell is missing; axes in order.
 
         Raises
         ------
         ArchiveError
-            What is stored cannot be read.
+            The stored values cannot be read.
         """
         return self._joined(self.variable, at or {})[0]
 
     def failed(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
-        """Over the axes: whether a cell has failed, or was skipped behind one that has."""
+        """Return over the axes whether a cell failed, or was skipped after one that failed."""
         return self._joined(self.variable, at or {})[1]
 
     def there(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
-        """Over the axes: whether a cell is finished."""
+        """Return over the axes whether a cell is finished."""
         return self._joined(self.variable, at or {})[2]
 
     def _joined(
@@ -152,9 +153,7 @@ class HeldVariable:
             if whole is None:
                 whole = np.full((*failed.shape, *own.shape[len(axes) :]), np.nan)
             elif whole.shape[len(axes) :] != own.shape[len(axes) :]:
-                raise RequestError(
-                    f"{self.name} has another shape at other values of {' and '.join(axes)}: choose one of them"
-                )
+                raise RequestError(f"{self.name} changes shape along {' and '.join(axes)}: choose one value")
             place: Any = (
                 np.ix_(*([labels[dim].index(v) for v in group[dim].values.tolist()] for dim in axes)) if axes else ...
             )
@@ -170,7 +169,7 @@ class HeldVariable:
         return values, xarray.DataArray(failed, over, tuple(axes)), xarray.DataArray(finished, over, tuple(axes))
 
     def groups_at(self, at: Mapping[str, Any]) -> list[xarray.Dataset]:
-        """The groups that have cells at some values of the axes."""
+        """Return the groups that have cells at some values of the axes."""
         own = {dim: value for dim, value in at.items() if dim in self.axes}
         return [
             group for group in self.groups if all(value in group[dim].values.tolist() for dim, value in own.items())
@@ -179,7 +178,7 @@ class HeldVariable:
     def _cells(
         self, group: xarray.Dataset, variable: str, at: Mapping[str, Any], axes: Sequence[str]
     ) -> tuple[xarray.DataArray, Any]:
-        """A variable of a group at some values, and over the axes what became of each cell."""
+        """Return a variable of a group at some values, and the status of each cell over the axes."""
         chosen = group[[variable, *(["status"] if "status" in group else [])]].sel(
             {k: v for k, v in at.items() if k in group.coords}
         )
@@ -190,7 +189,7 @@ class HeldVariable:
 
 
 class Holdings:
-    """Everything in a tree that can be drawn."""
+    """Everything in a tree that can be plotted."""
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset, archive: str = ANY) -> None:
         self.archive = archive
@@ -221,12 +220,12 @@ class Holdings:
         return {dim: self._sorted(dim, values) for dim, values in found.items()}
 
     def _sorted(self, dim: str, values: Iterable[Any]) -> list[Any]:
-        """Names as they were swept; numbers as they stand."""
+        """Return names in the order of the sweep; numbers as they are."""
         place = self.order.get(dim, {})
         return sorted(values, key=lambda v: place.get(v, len(place))) if place else list(values)
 
     def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[Any, int]]:
-        """The names along each axis as they were swept: as the ledger has them, else as the group that has most of
+        """Return the order of names along each axis, as swept: from the ledger, else from the group that has most of
         them.
         """
         ledger = self.table("ledger")
@@ -244,12 +243,12 @@ class Holdings:
         return {dim: {value: place for place, value in enumerate(values)} for dim, values in found.items()}
 
     def find(self, name: str, *kinds: str) -> HeldVariable:
-        """A variable by its name, or by ``stage.variable``; of several stages the last that wrote it.
+        """Return a variable by its name, or by ``stage.variable``; if several stages wrote it, the last one.
 
         Raises
         ------
         RequestError
-            There is none, or none of such a kind: the nearest names.
+            There is none, or none of such a kind; the message lists the nearest names.
         """
         stage, _, variable = name.rpartition(".")
         found = [one for one in self if one.variable == variable and stage in ("", one.stage)]
@@ -261,19 +260,18 @@ class Holdings:
         if found:
             dims = ", ".join((*found[-1].axes, *found[-1].dims)) or "none"
             way = {
-                "picture": "; draw it with show or strip",
-                "figure": "; draw it with map, curves or pareto",
-                "curve": "; draw it with curves",
+                "picture": "; plot it with show or strip",
+                "figure": "; plot it with map, curves or pareto",
+                "curve": "; plot it with curves",
             }
-            raise RequestError(
-                f"{name} is a {found[-1].kind} (dims: {dims}), no {' or '.join(kinds)}{way.get(found[-1].kind, '')}"
-            )
+            own, others = (SHOWN.get(found[-1].kind, found[-1].kind), " or ".join(SHOWN.get(k, k) for k in kinds))
+            raise RequestError(f"{name} is a {own} (dims: {dims}), not a {others}{way.get(found[-1].kind, '')}")
         raise RequestError(
-            f"there is no {name!r} here{nearest(name, names)}; all that there is: etendue plot {self.archive} --list"
+            f"unknown variable {name!r}{nearest(name, names)}; to list all: etendue plot {self.archive} --list"
         )
 
     def table(self, name: str) -> xarray.Dataset | None:
-        """A table beside the stages: ``ledger``, ``summary``, ``frames``."""
+        """Return a table beside the stages: ``ledger``, ``summary``, ``frames``."""
         node = self.tree.children.get(name)
         return node.to_dataset() if node is not None and node.data_vars else None
 
@@ -284,10 +282,10 @@ class Holdings:
 
 
 def _stages(tree: xarray.DataTree) -> list[tuple[str, list[xarray.Dataset]]]:
-    """Stages in their order, each with its groups that hold something."""
+    """Return the stages in order, each with its non-empty groups."""
     found = []
     tops = [child for name, child in tree.children.items() if name not in TABLES] or [tree]
-    if "status" in tree.data_vars or (tree.data_vars and not tree.children):  # a stage alone
+    if "status" in tree.data_vars or (tree.data_vars and not tree.children):  # a single stage
         tops = [tree]
     for node in sorted(tops, key=lambda node: int(node.attrs.get("order", 10**6))):
         groups = [part.to_dataset(inherit=False) for part in node.subtree if part.data_vars]
@@ -306,6 +304,6 @@ def _loaded(array: xarray.DataArray, held: HeldVariable) -> xarray.DataArray:
         return array.load()
     except EtendueError:
         raise
-    except Exception as error:  # whatever zarr and its codecs say of bytes that do not fit their checksum
-        mend = f"Mend it: etendue verify {held.archive} --repair"
+    except Exception as error:  # whatever zarr and its codecs raise on bytes that do not match their checksum
+        mend = f"Repair it: etendue verify {held.archive} --repair"
         raise ArchiveError(f"{held.name} cannot be read ({error}): the archive is damaged. {mend}") from error

@@ -1,8 +1,8 @@
-"""The kinds of plots, by name: the engine's own and those that distributions bring by ``etendue_plots``; and what is
-drawn by default.
+"""The kinds of plots, by name: the engine's own and those that distributions register with ``etendue_plots``; and the
+choice of a default.
 
-In:  holdings, a kind, figures, what was asked for.
-Out: a ``Plot``; lists of what there is.
+In:  holdings, a kind, metrics, the request.
+Out: a ``Plot``; lists of what is available.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _HERE = "etendue.present.plots.asked"
 
 @dataclass(frozen=True)
 class Kind:
-    """``place``: ``module:function`` of (holdings, asked), which gives a ``Plot`` or a figure of matplotlib; ``takes``:
-    names of variables, at most; ``uses``: what else of `Asked` it goes by; ``index``: it is what a variable is drawn as
-    that points into names.
+    """``place``: ``module:function`` of (holdings, asked) that returns a ``Plot`` or a matplotlib figure; ``takes``:
+    maximum number of variables; ``uses``: the fields of `Asked` it reads; ``index``: it is the default plot of a
+    variable that is an index into names.
     """
 
     place: str
@@ -43,30 +43,34 @@ OWN = {
     "map": Kind(
         f"{_HERE}:map_of",
         1,
-        "a figure over two axes, its number in every cell; further axes as panels",
+        "a metric over two axes, with its value in every cell; more axes as panels",
         ("x", "y", "panels", "at"),
     ),
     "curves": Kind(
         place=f"{_HERE}:curves_of",
-        doc="a variable over its own dim, such as frequency, or a figure over an axis",
+        doc="a variable over its own dim, such as frequency, or a metric over an axis",
         uses=("x", "lines", "panels", "at"),
     ),
-    "pareto": Kind(f"{_HERE}:front_of", 2, "two figures against each other, and the front, named", ("better", "at")),
+    "pareto": Kind(
+        f"{_HERE}:front_of", 2, "two metrics against each other, with the Pareto front labelled", ("better", "at")
+    ),
     "strip": Kind(
         f"{_HERE}:strip_of",
         1,
-        "all stages of one cell as pictures, each with a part enlarged; or one variable over an axis",
+        "all stages of one cell as pictures, each with an enlarged detail; or one variable over an axis",
         ("at",),
     ),
     "show": Kind(f"{_HERE}:picture_of", 1, "one picture of one cell", ("at",)),
     "budget": Kind(f"{_HERE}:budget_of", 0, "run time, stated error and omissions by stage", ("blame",)),
 }
-WORDS = ("x", "y", "lines", "panels", "better")  # of `Asked`, that not every kind goes by
+WORDS = ("x", "y", "lines", "panels", "better")  # fields of `Asked` that not every kind uses
 
 
 @cache
 def kinds() -> Mapping[str, Kind]:
-    """All kinds by name. The engine's own go before others of the same name; what cannot be read is left out."""
+    """Return all kinds by name. The engine's own take precedence over others of the same name; unreadable ones are
+    omitted.
+    """
     every, found = discovery.installed(), dict(OWN)
     for name in every.names("plots"):
         for one in every.all("plots", name)[:1]:
@@ -88,33 +92,35 @@ def _function(kind: str) -> Callable[[Holdings, PlotRequest], Any]:
 
 
 def draw(holdings: Holdings, kind: str = "", asked: PlotRequest | None = None) -> Plot:
-    """One plot.
+    """Draw a plot.
 
     Raises
     ------
     RequestError
-        No such kind, figure, axis or value.
+        Unknown kind, metric, axis or value.
     PluginError
-        A kind that a distribution brings cannot be loaded, or gives no plot.
+        A kind of a distribution cannot be loaded, or returns no plot.
     """
     asked = _by_dims(holdings, asked or PlotRequest())
     kind, figures = kind_of(holdings, kind, asked.figures)
     takes = kinds()[kind].takes
     if len(figures) > takes:
         raise RequestError(
-            f"{kind} draws {takes or 'no'} {'variable' if takes == 1 else 'variables'}, not {', '.join(figures)}"
+            f"{kind} takes {takes or 'no'} {'variable' if takes == 1 else 'variables'}, not {', '.join(figures)}"
         )
     _refuse_unused(kind, asked)
     made = _function(kind)(holdings, replace(asked, figures=figures, middle=shown_at(holdings)))
     if isinstance(made, Plot):
         return made
     if not hasattr(made, "savefig"):
-        raise PluginError(f"the kind of plot {kind!r} gives {type(made).__name__}; expected a figure of matplotlib")
+        raise PluginError(
+            f"the kind of plot {kind!r} returns {type(made).__name__}; it must return a matplotlib figure"
+        )
     return Plot(made)
 
 
 def _by_dims(holdings: Holdings, asked: PlotRequest) -> PlotRequest:
-    """What was asked for with dims in the place of the parameters that they set."""
+    """Return the request with dims in place of the parameters that they set."""
 
     def own(word: str) -> str:
         return dim_of(holdings, word)[0] or word if word else ""
@@ -129,13 +135,11 @@ def _refuse_unused(kind: str, asked: PlotRequest) -> None:
                 f"--{name} is for {' and '.join(k for k, one in kinds().items() if name in one.uses)}, not for {kind}"
             )
     if asked.at and not {"at"} <= set(kinds()[kind].uses):
-        raise RequestError(f"a {kind} is of all cells: leave out --at")
+        raise RequestError(f"a {kind} covers all cells: omit --at")
 
 
 def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
-    """The kind that is meant: as it is named, as the variable suggests that stands in its place, or what the archive
-    holds most of.
-    """
+    """Return the kind: as named, as suggested by a variable given in its place, or the one that suits the archive."""
     if kind in kinds():
         return kind, tuple(figures)
     if kind:
@@ -149,13 +153,13 @@ def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple
 
 
 def _of_variable(holdings: Holdings, variable: str, others: int) -> str:
-    """What shows a variable whose name stands in the place of a kind, beside so many others."""
+    """Return the kind that shows a variable given in place of a kind, with ``others`` more variables."""
     named = [one for one in holdings if variable in (one.variable, one.name)]
     if not named:
         kind, names = variable, [*kinds(), *(one.variable for one in holdings)]
         raise RequestError(
-            f"{kind!r} is no kind of plot ({', '.join(kinds())}) and no variable here{nearest(kind, names)}; "
-            f"etendue plot {holdings.archive} --list"
+            f"{kind!r} is neither a kind of plot ({', '.join(kinds())}) nor a variable{nearest(kind, names)}; "
+            f"see etendue plot {holdings.archive} --list"
         )
     if others == 1:
         return "pareto"
@@ -166,14 +170,14 @@ def _of_variable(holdings: Holdings, variable: str, others: int) -> str:
 
 
 def shown_at(holdings: Holdings) -> dict[str, Any]:
-    """The axis values of the cell whose pictures and figures a run shows; {} where nothing says."""
+    """Return the axis values of the cell whose pictures and metrics a run shows; {} if not recorded."""
     frames = holdings.table("frames")
     found = frames.attrs.get("cell", {}) if frames is not None else {}
     return dict(found) if isinstance(found, Mapping) else {}
 
 
 def listed(holdings: Holdings) -> dict[str, Any]:
-    """What there is to be drawn."""
+    """Return all kinds, axes and variables that can be plotted."""
     units = {dim: one.units_of(dim) for one in holdings for dim in one.axes}
     return {
         "kinds": {name: kind.doc for name, kind in kinds().items()},

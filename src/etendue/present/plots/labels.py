@@ -1,7 +1,6 @@
-"""How axes, values and units are written beside a plot: ``5.4 µm``, ``8 ms``, ``cycles/µm``; with a prefix where a
-quantity has one.
+"""Text of axes, values and units in plots: ``5.4 µm``, ``8 ms``, ``cycles/µm``; with a prefix if the quantity has one.
 
-In:  names of dims, values, units as the archive has them (``um-1``, ``V um-2``).
+In:  names of dims, values, units as in the archive (``um-1``, ``V um-2``).
 Out: short text.
 """
 
@@ -30,7 +29,7 @@ PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 def unit_text(units: str) -> str:
-    """A unit as people say it; '' for a plain number."""
+    """Return a unit as people write it; '' for a plain number."""
     if units in SAID:
         return SAID[units]
     text = re.sub(r"(?<![A-Za-z])um(?![A-Za-z])", "µm", units)
@@ -41,7 +40,7 @@ def unit_text(units: str) -> str:
 
 
 def value_text(value: Any, units: str = "", dim: str = "") -> str:
-    """A value of an axis with its unit or what its quantity has in front, seconds with a prefix."""
+    """Return an axis value with its unit or the prefix of its quantity; seconds with an SI prefix."""
     if isinstance(value, str) or value is None or not _is_number(value):
         return str(value)
     number = float(value)
@@ -55,26 +54,26 @@ def value_text(value: Any, units: str = "", dim: str = "") -> str:
 
 
 def bare_text(value: Any, units: str = "", dim: str = "") -> str:
-    """The same without a unit, for ticks beside an axis whose title has it; seconds keep their prefix."""
+    """Return the same without a unit, for ticks of an axis whose title has it; seconds keep their SI prefix."""
     if isinstance(value, str) or not _is_number(value):
         return str(value)
     return value_text(value, units, dim) if units == "s" or wording.prefix(dim) else f"{float(value):.4g}"
 
 
 def name_text(name: str, units: str = "") -> str:
-    """``pixel_pitch`` in um: ``pixel pitch, µm``. Ticks of seconds say their unit themselves."""
+    """Return ``pixel pitch, µm`` for ``pixel_pitch`` in um. For seconds the unit is omitted, because ticks show it."""
     unit = "" if units == "s" else unit_text(units)
     words = long_name(name).replace("_", " ")
     return f"{words}, {unit}" if unit else words
 
 
 def title_text(title: str, units: str) -> str:
-    """What a variable is, without the unit that is written beside it."""
+    """Return the title of a variable without the unit that is shown separately."""
     return title.removesuffix(", line pairs per mm") if units in ("cycles/mm", "mm-1") else title
 
 
 def number_text(value: float, digits: int = 3) -> str:
-    """A number in a cell: at most ``digits`` digits, few letters."""
+    """Return a number for a cell of a map: at most ``digits`` digits, as short as possible."""
     if not math.isfinite(value):
         return "∞" if value > 0 else "-∞" if value < 0 else ""
     if value == 0:
@@ -87,7 +86,7 @@ def number_text(value: float, digits: int = 3) -> str:
 
 
 def places_text(places: dict[str, Any], units: dict[str, str]) -> str:
-    """``5.4 µm, 8 ms``: axis values as a name."""
+    """Return axis values as text: ``5.4 µm, 8 ms``."""
     texts = []
     for dim, value in places.items():
         unit = units.get(dim, "")

@@ -1,7 +1,7 @@
-"""The folder of an archive as a tree, held against what vouches for it.
+"""The folder of an archive as a tree, verified against its checksums.
 
-In:  a folder: of a run that has ended, was broken off, or goes on.
-Out: an ``xarray.DataTree``, lazy; what is lost is an error when it is read, and no fill value.
+In:  the folder of a run that is finished, interrupted or in progress.
+Out: an ``xarray.DataTree``, lazy; reading lost data is an error, never a fill value.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def opened(folder: Path) -> xarray.DataTree:
     Raises
     ------
     ArchiveError
-        It is none, nothing of it can be read yet, or it is damaged: what is, and what to do.
+        It is not an archive, nothing in it can be read yet, or it is damaged; the message says what to do.
     """
     describe_archive(folder)
     return open_archive(folder)

@@ -1,8 +1,7 @@
-"""Arrays as an eye sees them, from what they say of themselves: ``report.appearance`` asked with coordinates and
-attributes.
+"""Arrays as an eye sees them, from their coordinates and attributes, by the rules of ``present.pictures.appearance``.
 
-In:  a ``DataArray`` of one cell, over y and x, perhaps bands or channels in front; its attributes say how it is drawn
-     (``spec.drawn``), else its name does.
+In:  a ``DataArray`` of one cell, over y and x, perhaps with bands or channels first; its attributes say how it is drawn
+     (``contract.drawn``), else its name does.
 Out: (y, x, 3) bytes, encoded sRGB, the first row of the array on top.
 """
 
@@ -25,18 +24,18 @@ ENDS = ("band_from", "band_to")
 
 
 def drawn_as(array: xarray.DataArray) -> Drawn:
-    """What is said of an array, at its place on the axes of a sweep."""
+    """Return how an array is drawn, at its place on the axes of a sweep."""
     at = {str(name): one.item() for name, one in array.coords.items() if not one.dims}
     return read(str(array.name), array.attrs, at)
 
 
 def one_frame(array: xarray.DataArray) -> xarray.DataArray:
-    """Of several frames the one in the middle; planes and bands are one picture."""
+    """Return the middle one of several frames; planes and bands form one picture."""
     return array.isel({dim: array.sizes[dim] // 2 for dim in array.dims if dim not in ("y", "x", *flat_dims())})
 
 
 def with_bands(array: xarray.DataArray, group: xarray.Dataset) -> xarray.DataArray:
-    """With the ends of its bands as its group has them: their middles alone do not say how wide each is."""
+    """Add the edges of the bands from the group: their centres alone do not say how wide each is."""
     band = banded(map(str, array.dims))
     if not band or f"{band}{BOUNDS}" not in group:
         return array
@@ -45,12 +44,12 @@ def with_bands(array: xarray.DataArray, group: xarray.Dataset) -> xarray.DataArr
 
 
 def appearance_of(array: xarray.DataArray) -> Appearance:
-    """How an array is seen.
+    """Return the appearance of an array.
 
     Raises
     ------
     RequestError
-        Dims that are no picture.
+        The dims are not those of a picture.
     """
     dims = [str(dim) for dim in array.dims]
     first = [round(float(array[dim].values[0])) if dim in array.coords else 0 for dim in ("y", "x")]
@@ -68,14 +67,14 @@ def appearance_of(array: xarray.DataArray) -> Appearance:
 
 
 def bright_in(array: xarray.DataArray) -> float:
-    """The linear value that is shown as white in a picture that stands alone."""
+    """Return the linear value shown as white in a picture that stands alone."""
     array = upright(array)
     own = appearance_of(array)
     return brightness(own.small(array.values)) if own.drawn.scaled else own.drawn.white or 1.0
 
 
 def bright_among(order: Sequence[Pictured], number: int, bright_of: Callable[[int], float | None]) -> float:
-    """The same of one among the pictures of a cell; ``bright_of`` says what is bright in those that are there."""
+    """Return the same for one of the pictures of a cell; ``bright_of`` gives the value of the pictures that exist."""
     there = list(range(len(order)))
     while order[number].drawn.scaled:
         other = there[lit_by([order[n] for n in there], there.index(number))]
@@ -86,7 +85,7 @@ def bright_among(order: Sequence[Pictured], number: int, bright_of: Callable[[in
 
 
 def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = False) -> Any:
-    """(y, x, 3) uint8 as it looks; striped where values are not there, or all of it where the cell has ``failed``."""
+    """Return (y, x, 3) uint8 as seen; missing values are striped, and the whole picture if the cell ``failed``."""
     array = upright(array)
     own = appearance_of(array)
     if failed:
@@ -97,13 +96,13 @@ def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = F
 
 
 def upright(array: xarray.DataArray) -> xarray.DataArray:
-    """With y and x behind whatever else there is."""
+    """Move y and x to the end."""
     front = [dim for dim in array.dims if dim not in ("y", "x")]
     return array.transpose(*front, "y", "x") if {"y", "x"} <= set(array.dims) else array
 
 
 def _edges(array: xarray.DataArray, band: str) -> Any:
-    """Edges of bins: as they stand beside the light, else by their middles, which halve them."""
+    """Return the edges of bins: as stored beside the light, else midway between their centres."""
     if set(ENDS) <= set(array.coords):
         first, last = (array[name].values for name in ENDS)
         return np.append(first, last[-1])

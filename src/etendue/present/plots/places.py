@@ -1,7 +1,7 @@
 """Values along axes as people write them: ``gain=2.8``, ``spacing=5400 nm``, ``stage=filter``.
 
-In:  words of a command line or of Python; the values that an axis has.
-Out: the value that is meant, or what there is instead.
+In:  words from a command line or from Python; the values of an axis.
+Out: the matching value, or a message with the available ones.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from etendue.errors import Fault, RequestError, nearest
 from etendue.present.plots.holdings import HeldVariable
 from etendue.present.plots.labels import value_text
 
-SAME = 1e-9  # relative: the value of an axis written once more, with a unit perhaps
+SAME = 1e-9  # relative tolerance between an axis value and its retyped text, perhaps in another unit
 
 
 def read_at(texts: Iterable[str]) -> dict[str, str]:
-    """``("gain=2.8",)`` to ``{"gain": "2.8"}``."""
+    """Convert ``("gain=2.8",)`` to ``{"gain": "2.8"}``."""
     found, faults = {}, []
     for text in texts:
         name, equals, value = text.partition("=")
@@ -36,15 +36,15 @@ def read_at(texts: Iterable[str]) -> dict[str, str]:
 
 
 def is_called(name: str, dim: str, key: str) -> bool:
-    """Whether a word means a dim: its own name, or the parameter that it sets; ``sharpen.strength``, in Python
-    ``sharpen__strength``.
+    """Tell whether a word names a dim: by its own name, or by the parameter that it sets, ``sharpen.strength`` or in
+    Python ``sharpen__strength``.
     """
     word = name.replace("__", ".")
     return name == dim or word in (key, *(table.place(key) for table in tables().values()))
 
 
 def dim_of(held: Iterable[HeldVariable], name: str) -> tuple[str, HeldVariable | None]:
-    """The dim that a word means and who has it; ('', None) where there is none."""
+    """Return the dim that a word names and its owner; ('', None) if there is none."""
     return next(
         ((dim, one) for one in held for dim in (*one.axes, *one.dims) if is_called(name, dim, one.key_of(dim))),
         ("", None),
@@ -52,7 +52,7 @@ def dim_of(held: Iterable[HeldVariable], name: str) -> tuple[str, HeldVariable |
 
 
 def is_value(value: Any, text: str, unit: str) -> bool:
-    """Whether a text, with a unit or without, means a value."""
+    """Tell whether a text, with or without a unit, equals a value."""
     if isinstance(value, str):
         return value == text
     if isinstance(value, bool):
@@ -72,12 +72,13 @@ def _number(text: str) -> Decimal | str:
 
 
 def resolved(held: Sequence[HeldVariable], at: Mapping[str, Any]) -> dict[str, Any]:
-    """What is asked for as values of dims: names of dims or of the parameters that axes set; numbers, texts with units.
+    """Return the request as values of dims. Names are those of dims or of the parameters that axes set; values are
+    numbers or texts with units.
 
     Raises
     ------
     RequestError
-        No such dim, or no such value along it.
+        Unknown dim, or no such value along it.
     """
     found: dict[str, Any] = {}
     faults = []
@@ -87,7 +88,8 @@ def resolved(held: Sequence[HeldVariable], at: Mapping[str, Any]) -> dict[str, A
             names = dict.fromkeys(d for h in held for d in (*h.axes, *h.dims))
             faults.append(
                 Fault(
-                    f"{name}={asked}", f"{name} is no dim of {' or '.join(h.name for h in held)}{nearest(name, names)}"
+                    f"{name}={asked}",
+                    f"{name} is not a dim of {' or '.join(h.name for h in held)}{nearest(name, names)}",
                 )
             )
             continue
@@ -103,14 +105,14 @@ def resolved(held: Sequence[HeldVariable], at: Mapping[str, Any]) -> dict[str, A
             found[dim] = match[0]
             continue
         shown = ", ".join(value_text(v, units, dim) for v in values[:12]) + (", ..." if len(values) > 12 else "")
-        faults.append(Fault(f"{name}={asked}", f"{dim} has no such value; it is {shown}"))
+        faults.append(Fault(f"{name}={asked}", f"{dim} has no such value; available: {shown}"))
     if faults:
         raise RequestError(faults)
     return found
 
 
 def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
-    """The same for the dims of one array of xarray."""
+    """Return the same for the dims of one xarray array."""
     found: dict[str, Any] = {}
     faults = []
     keys = {
@@ -120,7 +122,7 @@ def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
         name = next((dim for dim, key in keys.items() if is_called(word, dim, key)), word)
         if name not in array.dims:
             faults.append(
-                Fault(f"{name}={asked}", f"{name} is no dim of {array.name}{nearest(name, map(str, array.dims))}")
+                Fault(f"{name}={asked}", f"{name} is not a dim of {array.name}{nearest(name, map(str, array.dims))}")
             )
             continue
         values = array[name].values.tolist() if name in array.coords else list(range(array.sizes[name]))
@@ -130,7 +132,10 @@ def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
             found[name] = match[0]
         else:
             faults.append(
-                Fault(f"{name}={asked}", f"{name} is {', '.join(value_text(v, units, name) for v in values[:12])}")
+                Fault(
+                    f"{name}={asked}",
+                    f"no such value of {name}; available: {', '.join(value_text(v, units, name) for v in values[:12])}",
+                )
             )
     if faults:
         raise RequestError(faults)

@@ -1,4 +1,4 @@
-"""A plot that is drawn: kept as a figure with the numbers in it, and saved whole or not at all.
+"""A plot: a figure with the numbers in it, saved completely or not at all.
 
 In:  a matplotlib ``Figure`` and rows of numbers.
 Out: a PNG, SVG or PDF; the numbers as CSV.
@@ -33,19 +33,19 @@ def _styled() -> Any:
     return rc_context(STYLE)
 
 
-OUR_STYLE = SharedChange(_styled)  # matplotlib has one style for all threads
+OUR_STYLE = SharedChange(_styled)  # shared because matplotlib has one style for all threads
 
 
 @dataclass
 class Plot:
-    """What was drawn. Notebooks show it; ``save`` writes it.
+    """A plot that notebooks show and ``save`` writes.
 
     Attributes
     ----------
     figure : matplotlib.figure.Figure
-        Made without pyplot: nothing of it stays behind.
-    columns, rows : names and values of what is drawn, a row for each number that stands in the plot
-    notes : what was chosen, left out or not known
+        Made without pyplot, so pyplot keeps no reference to it.
+    columns, rows : names and values of what is plotted, a row for each number
+    notes : what was chosen, left out or unknown
     """
 
     figure: Any
@@ -55,12 +55,12 @@ class Plot:
     dpi: int = DPI
 
     def save(self, path: str | Path) -> Path:
-        """Write it; the ending says as what: .png, .svg, .pdf, or .csv for the numbers alone.
+        """Write the plot; the suffix sets the format: .png, .svg, .pdf, or .csv for the numbers alone.
 
         Raises
         ------
         RequestError
-            Another ending.
+            Another suffix.
         """
         path = Path(path)
         data = self.data(check_suffix(path))
@@ -74,7 +74,7 @@ class Plot:
         return path
 
     def data(self, kind: str) -> bytes:
-        """The bytes of a file. The same plot drawn again gives the same bytes."""
+        """Return the bytes of a file. Drawing the same plot again gives the same bytes."""
         if kind == "csv":
             text = StringIO()
             writer = csv.writer(text, lineterminator="\n")
@@ -91,20 +91,20 @@ class Plot:
 
 
 def check_suffix(path: Path) -> str:
-    """``png`` of ``map.png``.
+    """Return ``png`` for ``map.png``.
 
     Raises
     ------
     RequestError
-        It is no ending that can be written.
+        The suffix is not supported.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise RequestError(f"{path}: the ending says what to write; allowed are {', '.join(SUFFIXES)}")
+        raise RequestError(f"{path}: unknown file type; the suffix must be one of {', '.join(SUFFIXES)}")
     return path.suffix.lower()[1:]
 
 
 def new_figure(width: float, height: float, layout: Any = "constrained") -> Any:
-    """An empty figure of a size in inches, with a canvas of its own."""
+    """Return an empty figure of a size in inches, with its own canvas."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,1 +1,1 @@
-"""What stands on a terminal: the plan, progress, tables."""
+"""Terminal output: plans, progress, tables."""

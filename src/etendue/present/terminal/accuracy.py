@@ -1,7 +1,7 @@
-"""Error against run time, as ``etendue accuracy`` tells it.
+"""Report of ``etendue accuracy``: error against run time.
 
-In:  what the study found.
-Out: a document for ``--json``, a table, a diagram, and the same on stdout.
+In:  the result of the study.
+Out: a document for ``--json``, a table, a plot, and the same on stdout.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from etendue.contract.wording import words as called
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.present.terminal.work_precision import Series, diagrams
 
-UNBOUNDED = 132  # columns where nobody's terminal ends
+UNBOUNDED = 132  # columns when stdout is not a terminal
 TABLE, DOCUMENT, DIAGRAM = "accuracy.csv", "accuracy.json", "accuracy.png"
 
 
 def document(found: Any) -> dict[str, Any]:
-    """All curves, trials and choices; errors are rms relative to full scale, seconds those of one thread."""
+    """Return all curves, trials and choices; errors are rms relative to full scale, seconds are thread time."""
     knobs = {curve.knob.key: curve.knob for curve in found.curves}
     elsewhere = {tolerance: error for tolerance, error, _ in found.verified}
 
@@ -81,7 +81,7 @@ def _curve(curve: Any) -> dict[str, Any]:
 
 
 def csv_text(document: Mapping[str, Any]) -> str:
-    """A row for each setting of each knob alone, and for each combination of the front."""
+    """Return a row for each setting of each knob alone, and for each combination on the front."""
     text = io.StringIO()
     rows = csv.writer(text)
     rows.writerow(["part", "knob", "setting", "stage_error", "error", "variable", "seconds", "whole_seconds", "order"])
@@ -108,7 +108,7 @@ def csv_text(document: Mapping[str, Any]) -> str:
 
 
 def files_of(document: Mapping[str, Any]) -> dict[str, bytes]:
-    """Of a document without NaN and infinity."""
+    """Return the files of a document that contains no NaN or infinity."""
     return {
         TABLE: csv_text(document).encode(),
         DOCUMENT: (json.dumps(document, indent=1, allow_nan=False) + "\n").encode(),
@@ -117,7 +117,9 @@ def files_of(document: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 def diagram(document: Mapping[str, Any]) -> bytes:
-    """Left: each knob alone, error of its stage against the time of the stages it affects. Right: all of it."""
+    """Plot the results. Left: each knob alone, error of its stage against the time of the stages it affects. Right: all
+    trials.
+    """
     floor = document["reference_floor"]
     alone = []
     for curve in document["curves"]:
@@ -130,24 +132,24 @@ def diagram(document: Mapping[str, Any]) -> bytes:
     return diagrams(
         f"{document['pipeline']}: error against run time",
         [
-            ("each knob alone, at its stage", "thread time of the stages it affects, s", alone, None, None),
+            ("each knob alone: error of its stage", "thread time of the stages it affects, s", alone, None, None),
             (
-                f"the whole {called()['whole']}, at what is wanted",
+                f"the whole {called()['whole']}: error of the wanted variables",
                 "thread time, s",
                 [
                     Series("tried", whole, "dots"),
-                    Series("nothing better is as fast", front, "front"),
+                    Series("Pareto front", front, "front"),
                     Series("as planned", planned, "star"),
                 ],
                 (document["noise_floor"], f"noise of one frame, {document['noise_floor_of']}"),
-                (floor, "the reference is not known better"),
+                (floor, "uncertainty of the reference"),
             ),
         ],
     )
 
 
 def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
-    """Every knob alone, the front, the cheapest setting for each tolerance, and what there is to say about it."""
+    """Print every knob alone, the front, the cheapest setting for each tolerance, and notes."""
     console = _out()
     if not console.is_terminal:
         console.width = max(console.width, UNBOUNDED)
@@ -156,8 +158,8 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
         f"{escape(document['pipeline'])}: each knob alone{escape(f', at {at}') if at else ''}",
         ("knob", "left"),
         ("setting", "right"),
-        ("at its stage", "right"),
-        ("wanted", "right"),
+        ("stage error", "right"),
+        ("final error", "right"),
         ("time", "right"),
         ("order", "left"),
     )
@@ -169,16 +171,14 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
             rows.add_row(head[0], _value(p["setting"]), *shown, _seconds(p["seconds"]), head[1])
     console.print(rows)
     reference = {_key(curve): curve["reference"] for curve in document["curves"]}
-    rows = _table(
-        "nothing better is as fast", ("error", "right"), ("time", "right"), ("settings", "left"), wrap=("settings",)
-    )
+    rows = _table("Pareto front", ("error", "right"), ("time", "right"), ("settings", "left"), wrap=("settings",))
     for p in document["frontier"]:
         rows.add_row(_number(p["error"]), _seconds(p["seconds"]), escape(_settings(p["settings"], reference)))
     console.print(rows)
     columns = [("tolerance", "right"), ("error", "right"), ("time", "right"), ("cheapest settings", "left")]
     if document["verified_at"]:
         columns.insert(2, ("elsewhere", "right"))
-    rows = _table("the cheapest setting", *columns, wrap=("cheapest settings",))
+    rows = _table("cheapest settings by tolerance", *columns, wrap=("cheapest settings",))
     for one in document["cheapest"]:
         words = [f"{one['tolerance']:.0e}", _number(one["error"]), _seconds(one["seconds"])]
         if document["verified_at"]:
@@ -194,10 +194,10 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
         )
     if document["noise_floor"] is not None:
         console.print(
-            f"noise       of one frame {document['noise_floor']:.2g} in {document['noise_floor_of']}: below it nothing "
-            f"is seen in one"
+            f"noise       of one frame {document['noise_floor']:.2g} in {document['noise_floor_of']}: smaller errors "
+            f"are invisible in a single frame"
         )
-    console.print(f"reference   known to {document['reference_floor']:.1g}; errors below count as that")
+    console.print(f"reference   accurate to {document['reference_floor']:.1g}; smaller errors count as that")
     for text in document["notes"]:
         console.print(f"note        {escape(text)}", soft_wrap=True)
     for path in files:
@@ -209,7 +209,7 @@ def _key(curve: Mapping[str, Any]) -> str:
 
 
 def _law(curve: Mapping[str, Any]) -> str:
-    """', order 4.0' or ', a factor 3.1 a step' of what was observed."""
+    """Return ', order 4.0' or ', a factor 3.1 each' for the observed convergence."""
     if curve["order"] is None:
         return ""
     return (
@@ -224,7 +224,7 @@ def _value(value: Any) -> str:
 
 
 def _settings(settings: Mapping[str, Any], reference: Mapping[str, Any] = {}) -> str:
-    """Settings in words; those that stand at their reference go without saying."""
+    """Return settings as text, omitting those at their reference."""
     moved = {key: value for key, value in settings.items() if key not in reference or value != reference[key]}
     return ", ".join(f"{key} = {_value(value)}" for key, value in moved.items()) or "the reference"
 

@@ -1,4 +1,4 @@
-"""What is installed, in words: stages by what they are for, and the quantities that stages share.
+"""Lists of what is installed: stages by role, and the quantities that stages share.
 
 In:  the registry.
 Out: stages and shared quantities on the terminal, or as JSON.
@@ -25,7 +25,7 @@ from etendue.present.terminal.terminal import _out, _table, escape
 
 
 def stage_document(registry: Registry, name: str) -> dict[str, Any]:
-    """One stage as JSON; a broken plugin says why it is broken."""
+    """Return one stage as JSON; a broken plugin gives the reason."""
     installed = registry.installed(name)
     document: dict[str, Any] = {"name": name, "distribution": installed.distribution, "version": installed.version}
     try:
@@ -61,13 +61,13 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
 
 
 def print_stages(documents: list[dict[str, Any]]) -> None:
-    """Every stage in a line below its role, in the order in which roles are declared; what is declared nowhere, and
-    what is broken.
+    """Print every stage on a line below its role, in the order in which roles are declared; then undeclared roles and
+    broken stages.
     """
     console = _out()
     roles, working = discovery.installed(), [d for d in documents if "broken" not in d]
     declared = roles.names("roles")
-    table = _table("stages by what they are for", ("stage", "left"), ("what it is", "left"), wrap=("what it is",))
+    table = _table("stages by role", ("stage", "left"), ("description", "left"), wrap=("description",))
     for role in dict.fromkeys([*declared, *sorted({d["role"] for d in working})]):
         own = [d for d in working if d["role"] == role]
         if own:
@@ -78,35 +78,35 @@ def print_stages(documents: list[dict[str, Any]]) -> None:
     console.print(table)
     for role in sorted({d["role"] for d in working} - {"", *declared}):
         who = ", ".join(d["name"] for d in working if d["role"] == role)
-        console.print(escape(f"note: no distribution says what the role {role!r} of {who} is: etendue_roles()"))
+        console.print(escape(f"note: no distribution describes the role {role!r} of {who} in etendue_roles()"))
     for d in documents:
         if "broken" in d:
             console.print(f"broken: {d['name']}: {escape(d['broken'])}")
-    console.print("one of them in full: etendue stages NAME; what several of them share: etendue quantities")
+    console.print("details of a stage: etendue stages NAME; shared quantities: etendue quantities")
 
 
 def _origin(document: dict[str, Any]) -> str:
-    """' (from NAME VERSION)' of what is not built in."""
+    """Return ' (from NAME VERSION)' for what is not built in."""
     return (
         "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']} {document['version']})"
     )
 
 
 def first_sentence(doc: str) -> str:
-    """The first sentence, for lists; 'eq. 5' does not end one."""
+    """Return the first sentence, for lists; 'eq. 5' does not end one."""
     paragraph = " ".join(cleandoc(doc).split("\n\n")[0].split())
     return re.split(r"(?<=[.!?])(?<!\beq\.)(?<!\beqs\.)(?<!\bFig\.)\s", paragraph, maxsplit=1)[0]
 
 
 def print_stage(document: dict[str, Any]) -> None:
-    """One stage in full: what it is, reads, writes, and a paragraph for every parameter."""
+    """Print one stage in full: description, inputs, outputs, and a paragraph for every parameter."""
     console = _out()
     role = f", {document['role']}" if document["role"] else ""
     console.print(escape(f"{document['name']}{role}, from {document['distribution']} {document['version']}"))
     if "broken" in document:
         console.print(f"broken: {escape(document['broken'])}")
         return
-    console.print(escape(re.sub(r"(?<!\n)\n(?!\n)", " ", cleandoc(document["doc"]))))  # a line for each paragraph
+    console.print(escape(re.sub(r"(?<!\n)\n(?!\n)", " ", cleandoc(document["doc"]))))  # one line per paragraph
     for what in ("reads", "writes"):
         for declaration in document[what].values():
             console.print(f"{what:7s} {escape(declaration)}")
@@ -130,17 +130,19 @@ def _print_parameter(console: Console, key: str, p: dict[str, Any]) -> None:
         if text
     ]
     console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
-    settings = f"; from the cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
+    settings = f"; settings from cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
     for text in (
         p["doc"],
-        f"a finer setting costs time; reference: {p['fidelity']}{settings}" if p["fidelity"] else "",
+        f"accuracy setting (finer costs time); reference: {p['fidelity']}{settings}" if p["fidelity"] else "",
     ):
         if text:
             console.print(Padding(escape(text), (0, 0, 0, 4)))
 
 
 def quantity_document(name: str, registry: Registry | None = None) -> dict[str, Any]:
-    """One shared quantity as JSON; with a registry, also the stages that take it. One that cannot be read says why."""
+    """Return one shared quantity as JSON; with a registry, also the stages that take it. One that cannot be read gives
+    the reason.
+    """
     brought = discovery.installed().all("quantities", name)
     found: dict[str, Any] = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
     try:
@@ -186,17 +188,17 @@ def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
 
 
 def print_quantities(documents: list[dict[str, Any]]) -> None:
-    """Every shared quantity in a line."""
-    columns = (("quantity", "left"), ("default", "right"), ("what it is", "left"))
+    """Print every shared quantity on a line."""
+    columns = (("quantity", "left"), ("default", "right"), ("description", "left"))
     table = _table(
-        f"quantities that stages share, under \\[{next(iter(tables()))}] in a pipeline", *columns, wrap=("what it is",)
+        f"shared quantities, set under \\[{next(iter(tables()))}] in a pipeline", *columns, wrap=("description",)
     )
     for d in documents:
         said = f"broken: {d['broken']}" if "broken" in d else d["doc"]
         table.add_row(d["name"], "required" if d["required"] else escape(_valued(d)), escape(said + _origin(d)))
     console = _out()
     console.print(table)
-    console.print("one of them with its range and the stages that take it: etendue quantities NAME")
+    console.print("range and stages of a quantity: etendue quantities NAME")
 
 
 def _valued(document: dict[str, Any]) -> str:
@@ -214,4 +216,4 @@ def print_quantity(document: dict[str, Any]) -> None:
     allowed = f"one of {', '.join(document['choices'])}" if document["choices"] else document["range"]
     if allowed:
         console.print(escape(f"allowed  {allowed}"))
-    console.print(f"taken by {', '.join(document['stages']) or 'no stage that is installed'}")
+    console.print(f"used by  {', '.join(document['stages']) or 'no installed stage'}")

@@ -1,7 +1,7 @@
 """Measured global errors: a row for each wanted variable.
 
-In:  what was measured, the tolerance that was asked for.
-Out: a document for ``--json``; a table of the worst, on stdout.
+In:  measured errors, the requested tolerance.
+Out: a document for ``--json``; a table of the largest errors on stdout.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from rich.console import Console
 
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds, short_axes
 
-SHOWN = 10  # rows; what is smaller is told in one line
+SHOWN = 10  # rows; smaller errors are summarised in one line
 
 
 def global_error_document(
     found: Any, tolerance: float, norm: str = "rms", stated: Mapping[str, float | None] | None = None
 ) -> dict[str, Any]:
-    """``global_error`` by variable, and how it was measured; ``stated`` for cells that were not."""
+    """Return ``global_error`` by variable and how it was measured; ``stated`` holds bounds for cells not measured."""
     errors = {}
     for name, error in found.errors.items():
         errors[name] = {
@@ -41,39 +41,39 @@ def global_error_document(
 
 
 def held_document(held: Any, stated: Mapping[str, float | None]) -> dict[str, Any]:
-    """What ``--hold`` found beside the errors that it measured."""
+    """Return what ``--hold`` found and the errors that it measured."""
     document = global_error_document(held.measured, held.asked, held.norm, stated)
     document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
     return {**document, "hold": held.document()}
 
 
 def say_held(held: Any) -> list[str]:
-    """In front of a run: the tolerance that was found, and what cannot be held."""
+    """Return the lines printed before a run: the tolerance found, and what cannot be held."""
     when = "found by an earlier run" if held.remembered else f"measured in {human_seconds(held.seconds)} of thread time"
     said = [f"hold {held.asked:g}: local tolerance {held.tolerance:g}, {when}"]
     return said + _not_held(held.document(), held.measured.errors)
 
 
 def _not_held(hold: dict[str, Any], errors: Any) -> list[str]:
-    """Which variables are not held, by how much, and what is to blame."""
+    """Return which variables are not held, by how much, and the causes."""
     said = []
     for name in hold["missed"][:SHOWN]:
         own = errors[name] if isinstance(errors[name], dict) else vars(errors[name])
         value = own["rms" if hold["norm"] == "rms" else "max"]
         far = (
-            f"{value:.2g}, {value / hold['asked']:.2g} times as far"
+            f"{value:.2g}, {value / hold['asked']:.2g} times the tolerance"
             if value is not None and value > hold["asked"]
             else own["how"]
         )
         said.append(f"not held: {name}, {far}{': ' + own['why'] if own.get('why') else ''}")
     if hold["missed"] and hold["blame"]:
         blame = ", ".join(f"{name} ({fall:.2g})" for name, fall in hold["blame"].items())
-        said.append(f"to blame: {blame}")
+        said.append(f"caused by: {blame}")
     return said
 
 
 def print_global_error(document: dict[str, Any]) -> None:
-    """The worst variables, those that could not be measured, and what it cost."""
+    """Print the largest errors, the variables that could not be measured, and the time it took."""
     out, told = _out(), document["measured"]
     errors = sorted(
         document["global_error"].items(), key=lambda item: -math.inf if item[1]["rms"] is None else -item[1]["rms"]
@@ -83,8 +83,8 @@ def print_global_error(document: dict[str, Any]) -> None:
         f"global error against the reference, tolerance {told['tolerance']:g}",
         ("variable", "left"),
         ("rms", "right"),
-        ("largest", "right"),
-        ("known by", "left"),
+        ("max", "right"),
+        ("basis", "left"),
         ("held", "left"),
         ("worst at", "left"),
         wrap=("worst at",),
@@ -101,7 +101,7 @@ def print_global_error(document: dict[str, Any]) -> None:
         )
         if "linear" in error:
             rows.add_row(
-                "  in front of the encoding",
+                "  before the encoding",
                 _number(error["linear"]["rms"]),
                 _number(error["linear"]["max"]),
                 "",
@@ -113,10 +113,10 @@ def print_global_error(document: dict[str, Any]) -> None:
 
 
 def _print_held(out: Console, document: dict[str, Any], errors: list[tuple[str, dict[str, Any]]]) -> None:
-    """Whether what is wanted is within its tolerance, and where that was measured."""
+    """Print whether the wanted variables are within the tolerance, and where that was measured."""
     told = document["measured"]
     if len(errors) > SHOWN:
-        out.print(f"{len(errors) - SHOWN} further variables, rms at most {_number(errors[SHOWN][1]['rms'])}")
+        out.print(f"{len(errors) - SHOWN} more variables, rms at most {_number(errors[SHOWN][1]['rms'])}")
     for why in dict.fromkeys(error["why"] for _, error in errors if "why" in error):
         out.print(f"unknown: {escape(why)}", soft_wrap=True)
     cells = "1 point" if told["cells"] == 1 else f"{told['cells']} points"
@@ -127,16 +127,16 @@ def _print_held(out: Console, document: dict[str, Any], errors: list[tuple[str, 
             out.print(escape(text), soft_wrap=True)
         if hold["held"]:
             out.print(
-                f"held: everything wanted is within {hold['asked']:g} of the reference, with local tolerance "
+                f"held: all wanted variables are within {hold['asked']:g} of the reference, with local tolerance "
                 f"{hold['tolerance']:g}"
             )
     elif missed:
-        out.print(f"not held: {missed} of {len(errors)} variables are further from the reference than the tolerance")
+        out.print(f"not held: {missed} of {len(errors)} variables differ from the reference by more than the tolerance")
     elsewhere = {name: error["elsewhere"] for name, error in errors if error.get("elsewhere")}
     if elsewhere:
         worst = max(elsewhere, key=lambda name: elsewhere[name])
-        out.print(f"of cells that were not measured at most {_number(elsewhere[worst])} is stated ({escape(worst)})")
-    when = ", as an earlier run measured it" if told["remembered"] else ""
+        out.print(f"cells not measured: error bound {_number(elsewhere[worst])} ({escape(worst)})")
+    when = ", by an earlier run" if told["remembered"] else ""
     out.print(f"measured at {cells} of the sweep in {human_seconds(told['seconds'])} of thread time{when}")
 
 

@@ -1,6 +1,6 @@
-"""Tables as notebooks show them.
+"""HTML tables for notebooks.
 
-In:  rows of numbers and texts, which may come from anywhere.
+In:  rows of numbers and texts from any source.
 Out: HTML without scripts; texts are escaped.
 """
 
@@ -16,7 +16,7 @@ STYLE = "text-align:left;padding:2px 10px 2px 0;border:0;vertical-align:top"
 
 
 def rows_of(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table without a title."""
+    """Return a table without a title."""
     head = "".join(f'<th style="{STYLE}">{_safe(name)}</th>' for name in heads)
     body = "".join(
         "<tr>" + "".join(f'<td style="{STYLE}">{_safe(cell)}</td>' for cell in row) + "</tr>" for row in rows
@@ -32,7 +32,7 @@ def table(
     colour: str = "",
     folded: bool = False,
 ) -> str:
-    """A table with its title above and notes below; ``folded``: seen when its title is clicked."""
+    """Return a table with its title above and notes below; with ``folded`` it opens on a click on the title."""
     below = "".join(f"<div>{_safe(note)}</div>" for note in notes)
     own = f"{rows_of(heads, rows)}{below}"
     tint = f' style="color:{colour}"' if colour else ""

@@ -1,4 +1,4 @@
-"""What to look at: the command behind a run that draws its results, and the list of what can be drawn.
+"""Suggestions after a run: the command that plots its results, and the list of possible plots.
 
 In:  the outcome of a run; what an archive holds.
 Out: lines of text.
@@ -15,7 +15,7 @@ from etendue.telling import printable
 
 
 def next_commands(outcome: Any) -> list[str]:
-    """What to type to look at the results: plots of what there is."""
+    """Return the commands that plot the results."""
     place = shlex.quote(str(outcome.archive) if "://" in str(outcome.archive) else os.path.relpath(outcome.archive))
     place = place if not place.startswith("..") else shlex.quote(str(outcome.archive))
     chosen = small_maps(outcome.plan)
@@ -23,11 +23,11 @@ def next_commands(outcome: Any) -> list[str]:
         [f"map {chosen[0].variable}", "pareto"] if len(chosen) > 1 else [f"map {chosen[0].variable}"] if chosen else []
     )
     kinds += ["strip", "budget"]
-    return [f"look at it     etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; what there is: --list)"]
+    return [f"plot it        etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; see --list)"]
 
 
 def plots_text(document: dict[str, Any]) -> list[str]:
-    """What can be drawn of an archive, line by line."""
+    """Return what can be plotted from an archive, line by line."""
     lines = []
     for name, what in document["kinds"].items():
         lines.append(f"kind {name:8s} {what}")
@@ -39,5 +39,6 @@ def plots_text(document: dict[str, Any]) -> list[str]:
         own = ", ".join([*one["axes"], *(f"[{dim}]" for dim in one["dims"])]) or "one value"
         unit = f"  in {one['units']}" if one["units"] else ""
         better = f"  {one['better']} is better" if one["better"] else ""
-        lines.append(printable(f"{one['kind']:8s} {one['name']:{wide}s}  over {own}{unit}{better}"))
+        kind = "metric" if one["kind"] == "figure" else one["kind"]
+        lines.append(printable(f"{kind:8s} {one['name']:{wide}s}  over {own}{unit}{better}"))
     return lines

@@ -1,6 +1,6 @@
-"""What a terminal sees while something is done: how far a plan or a run is, what is being tried.
+"""Progress on the terminal: of a plan, of a run, and of trials.
 
-All of it goes to stderr; where that is no terminal nothing is said.
+All of it goes to stderr; if stderr is not a terminal, nothing is printed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class TerminalProgress:
-    """A bar on stderr; silent where stderr is no terminal."""
+    """A progress bar on stderr; silent if stderr is not a terminal."""
 
     def __init__(self, plan: Plan) -> None:
         self.console = Console(stderr=True)
@@ -63,7 +63,7 @@ class TerminalProgress:
     def finished(self, reports: tuple[CellReport, ...]) -> None:
         if self.progress:
             self.progress.advance(self.task, len(reports))
-            speed = self.progress.tasks[0].speed  # of late
+            speed = self.progress.tasks[0].speed  # recent speed
             self.progress.update(self.task, rate=human_rate(speed) if speed else "")
 
     def end(self) -> None:
@@ -74,7 +74,7 @@ class TerminalProgress:
 
 @contextmanager
 def trying(silent: bool = False) -> Iterator[Callable[[str], None]]:
-    """A line on stderr that says what is being tried; where stderr is no terminal nothing is said."""
+    """Show on stderr what is being tried; silent if stderr is not a terminal."""
     console = Console(stderr=True)
     if silent or not console.is_terminal:
         yield lambda text: None
@@ -85,7 +85,7 @@ def trying(silent: bool = False) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def planning() -> Iterator[Callable[[int, int], None]]:
-    """A line on stderr that says how far a plan is, once it takes longer than a second."""
+    """Show the progress of planning on stderr once it takes longer than a second."""
     console, began = Console(stderr=True), time.monotonic()
     said: Status | None = None
 

@@ -1,4 +1,4 @@
-"""What a terminal shows of an archive: its runs, axes and stages, with the cells that are there.
+"""Terminal summary of an archive: its runs, axes and stages, with the finished cells.
 
 In:  the document that describes an archive.
 Out: lines on stdout.
@@ -16,12 +16,12 @@ from etendue.telling import human_bytes
 
 
 def _span(sizes: list[int]) -> str:
-    """'32', or '24..48' where cells of one stage are of several sizes."""
+    """Return '32', or '24..48' if cells of one stage differ in size."""
     return f"{min(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)}..{max(sizes)}"
 
 
 def short(text: object, most: int = 200) -> str:
-    """What an archive calls something, on one line."""
+    """Return a name found in an archive, shortened to one line."""
     said = str(text)
     return said if len(said) <= most else f"{said[:most]}... ({len(said)} characters)"
 
@@ -29,22 +29,22 @@ def short(text: object, most: int = 200) -> str:
 def print_archive(document: dict[str, Any]) -> None:
     console = _out()
     runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
-    state = "a run is going on" if document["running"] else f"{runs}, the last began {document['began']}"
+    state = "a run is in progress" if document["running"] else f"{runs}, the last started {document['began']}"
     console.print(
         f"{document['archive']}: pipeline {short(document['pipeline'])}, {human_bytes(document['bytes'])}, {state}"
     )
     if document["partial"]:
         console.print(
-            escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"),
+            escape(f"left by a killed compact: {document['partial']}; the next compact removes it"),
             soft_wrap=True,
         )
     planned, finished = document["planned"], document["finished"]
     if planned:
         share = f"{100 * finished // planned} %" if finished < planned else "all"
-        console.print(f"cells {finished} of {planned} that the last run was asked for ({share})")
+        console.print(f"cells {finished} of {planned} requested by the last run ({share})")
     if document["rate"]:
         left = "" if document["left"] is None else f", about {human_seconds(max(round(document['left']), 1))} left"
-        console.print(f"pace  {human_rate(document['rate'])} since it began{left}")
+        console.print(f"pace  {human_rate(document['rate'])} since it started{left}")
     for axis, values in document["axes"].items():
         shown = ", ".join(map(short, values[:8])) + (f", ... ({len(values)})" if len(values) > 8 else "")
         console.print(f"axis {short(axis)}: {shown}")
@@ -55,8 +55,10 @@ def print_archive(document: dict[str, Any]) -> None:
 
 
 def _print_stage(console: Console, document: dict[str, Any], stage: dict[str, Any], axes: dict[str, str]) -> None:
-    """Its cells, and each of its variables once: cells of several sizes have one group for each."""
-    cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not begun"
+    """Print the cells of a stage, and each of its variables once: cells of several sizes are stored in one group
+    each.
+    """
+    cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not started"
     if document["running"] and stage["planned"]:
         cells = f"{stage['finished']} of {stage['planned']}"
     groups = dict.fromkeys(v["group"] for v in stage["variables"]) or {f"{stage['name']} (not kept)": None}

@@ -24,8 +24,8 @@ Table = dict[str, Any]
 
 
 class Column:
-    """A column of a table that is made when it is asked for as an array: all of a large one at once would take more
-    than the plan.
+    """A table column that is built when it is converted to an array: all columns of a large table at once would take
+    more memory than the plan.
     """
 
     def __init__(self, make: Callable[[], list[Any]], dtype: Any) -> None:
@@ -36,16 +36,16 @@ class Column:
 
 
 def ledger(plan: Plan, reports: Reports) -> Table:
-    """One row per cell: stage, axes (missing where they do not reach), seconds, error and how it is known, key."""
+    """Return one row per cell: stage, axes (missing where they do not apply), seconds, error and its basis, key."""
     cells, nodes = plan.cells, {node.name: node for node in plan.nodes}
     arrays: dict[str, Any] = {}
 
     def put(name: str, long_name: str, of: Callable[[Cell], Any], units: str = "") -> None:
-        """Of every cell a text, or a number where there are units."""
+        """Add a column computed from each cell: text, or numbers if there are units."""
         _put(arrays, name, long_name, lambda: [of(cell) for cell in cells.values()], units)
 
     def put_report(name: str, long_name: str, of: Callable[[int], Any], units: str = "") -> None:
-        """The same of what has become of a cell, by its number."""
+        """Add a column computed from the report of each cell, by its number."""
         nothing = math.nan if units else ""
         _put(
             arrays,
@@ -75,11 +75,9 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     put("stage", "stage", lambda c: c.node)
     put("use", "implementation", lambda c: c.use)
     for axis in plan.axes:
-        # named beside the dims of the other groups, not after them: here it is a column
+        # prefixed at_, because here an axis value is a column, not a dimension as in the other groups
         arrays[f"at_{axis.dim}"] = (("cell",), _at(plan, axis), {"long_name": axis.key, "units": axis.units or "1"})
-    _put(
-        arrays, "status", "what became of the cell", lambda: [STATUSES[one] or "not_computed" for one in reports.status]
-    )
+    _put(arrays, "status", "status of the cell", lambda: [STATUSES[one] or "not_computed" for one in reports.status])
     put_report("seconds", "thread time", reports.seconds.__getitem__, "s")
     put(
         "error",
@@ -87,27 +85,27 @@ def ledger(plan: Plan, reports: Reports) -> Table:
         lambda c: math.nan if c.error[0] is None else c.error[0],
         "1",
     )
-    put("how", "how the error is known", lambda c: c.error[1])
+    put("how", "basis of the error", lambda c: c.error[1])
     put(
         "bound",
-        "what leaving out and approximating may add to what the cell writes, relative to full scale",
+        "error bound of omissions and approximations in the cell's output, relative to full scale",
         lambda c: c.bound,
         "1",
     )
     put(
         "approximated",
-        "knobs that the plan has set",
+        "knobs set by the plan",
         lambda c: ", ".join(f"{a.knob} = {a.value}" for a in c.approximated),
     )
-    put("seconds_saved", "thread time that leaving out and approximating is expected to save", saved, "s")
-    put("why_left_out", "why", lambda c: c.left_out.why if c.left_out else "")
+    put("seconds_saved", "expected thread time saved by omissions and approximations", saved, "s")
+    put("why_left_out", "reason for leaving out", lambda c: c.left_out.why if c.left_out else "")
     put_report("clipped", "share of negative input clipped", rest(0), "1")
-    put_report("clipped_flux", "share of flux in it", rest(1), "1")
-    earlier = "an earlier platform, on which it was computed, and accepted; empty: that of the record of the run"
+    put_report("clipped_flux", "share of flux clipped", rest(1), "1")
+    earlier = "earlier platform on which the cell was computed, if accepted; empty: platform of the run record"
     put_report("platform", earlier, rest(3))
     put("key", "equal key, equal result", lambda c: c.key)
-    put_report("message", "what went wrong", rest(4))
-    return {"arrays": arrays, "attrs": {"title": "one row per cell: error against run time is a selection from it"}}
+    put_report("message", "error message", rest(4))
+    return {"arrays": arrays, "attrs": {"title": "one row per cell"}}
 
 
 def _put(arrays: dict[str, Any], name: str, long_name: str, make: Callable[[], list[Any]], units: str = "") -> None:
@@ -116,7 +114,7 @@ def _put(arrays: dict[str, Any], name: str, long_name: str, make: Callable[[], l
 
 
 def _at(plan: Plan, axis: Axis) -> Column:
-    """Where each cell stands on an axis; nothing of a cell that it does not reach."""
+    """Return the axis value of each cell; empty or NaN if the axis does not reach it."""
     text = any(isinstance(v, str) for v in axis.values)
     place = {node.name: node.axes.index(axis.dim) for node in plan.nodes if axis.dim in node.axes}
     nothing: Any = "" if text else math.nan
@@ -127,7 +125,7 @@ def _at(plan: Plan, axis: Axis) -> Column:
 
 
 def stage_rows(plan: Plan, reports: Reports) -> list[dict[str, Any]]:
-    """One row per stage: cells computed, reused, left out and failed, seconds, share, worst error."""
+    """Return one row per stage: cells computed, reused, left out and failed, seconds, share, worst error."""
     rows = []
     took = {node.name: reports.seconds_of(node.name) for node in plan.nodes}
     total = reports.seconds_of() or 1.0
@@ -158,14 +156,14 @@ def stage_rows(plan: Plan, reports: Reports) -> list[dict[str, Any]]:
 
 
 def summary(plan: Plan, reports: Reports) -> Table:
-    """The same as a group of the archive."""
+    """Return the same rows as a group of the archive."""
     rows = stage_rows(plan, reports)
     dims = ("stage",)
     arrays = {
         "stage": (dims, np.array([r["name"] for r in rows], dtype=object), {"long_name": "stage"}),
         "cells": (dims, np.array([r["cells"] for r in rows]), {"units": "1", "long_name": "cells"}),
         "seconds": (dims, np.array([r["seconds"] for r in rows]), {"units": "s", "long_name": "thread time"}),
-        "bytes": (dims, np.array([r["bytes"] for r in rows]), {"units": "byte", "long_name": "stored"}),
+        "bytes": (dims, np.array([r["bytes"] for r in rows]), {"units": "byte", "long_name": "bytes stored"}),
         "worst_error": (
             dims,
             np.array([math.nan if r["error"] is None else r["error"] for r in rows]),
@@ -181,9 +179,7 @@ def summary(plan: Plan, reports: Reports) -> Table:
 
 
 def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]:
-    """A sentence for each stage with a variable that counts what was lifted to a floor, or lies above saturation,
-    and is above 0.
-    """
+    """Return a sentence for each stage whose count of values lifted to a floor, or above saturation, is not 0."""
     texts = []
     for node in plan.nodes:
         if not any(variable(v).counted == counted for v in node.writes):
@@ -199,8 +195,9 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
 
 
 def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[tuple[str, float, str, tuple[str, ...]]]:
-    """Up to three figures of the shown cells: what goes first, then any other scalar; with their name, value and
-    unit the stages that are not in them."""
+    """Return up to three metrics of the shown cells, preferred ones first: name, value, unit, and the stages that do
+    not affect them.
+    """
     preferred = first("headline")
     found: dict[str, tuple[str, float, str, tuple[str, ...]]] = {}
     for ref, values in arrays.items():

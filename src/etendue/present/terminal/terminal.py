@@ -1,6 +1,6 @@
-"""What a terminal sees: plan, the table at the end.
+"""Terminal output of plans and of finished runs.
 
-Results go to stdout, notes to stderr. rich does the drawing; NO_COLOR and pipes are honoured by it.
+Results go to stdout, notes to stderr. rich does the drawing and honours NO_COLOR and pipes.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, printable
 
-MOST_STORED = 6  # variables whose bytes are told one by one
+MOST_STORED = 6  # variables whose bytes are listed individually
 
 
 def escape(text: str) -> str:
-    """Foreign text as it stands: no markup, nothing that a terminal obeys."""
+    """Return foreign text with markup and control characters neutralised."""
     return without_markup(printable(text))
 
 
 class _Console(Console):
-    """What is printed as text holds nothing that a terminal obeys, wherever it comes from."""
+    """A console that removes control characters from all printed text, wherever it comes from."""
 
     def print(self, *objects: Any, **how: Any) -> None:
         super().print(*(printable(o) if isinstance(o, str) else o for o in objects), **how)
@@ -57,7 +57,7 @@ def human_rate(cells_a_second: float) -> str:
 
 
 def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) -> Table:
-    """A table whose columns are (name, justify); only those in ``wrap`` are broken into lines."""
+    """Return a table with columns (name, justify); only those in ``wrap`` may break into lines."""
     table = _Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for name, justify in columns:
         table.add_column(name, justify=justify, no_wrap=name not in wrap)  # type: ignore[arg-type]
@@ -67,7 +67,9 @@ def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) ->
 def _print_whole(
     console: Console, title: str, columns: tuple[tuple[str, str], ...], rows: list[tuple[str, ...]], keys: int = 1
 ) -> None:
-    """A table without an ellipsis: where the terminal is too narrow, below itself, each part with the first columns."""
+    """Print a table without ellipses: if the terminal is too narrow, split it into parts that repeat the first
+    columns.
+    """
     widths = [
         max(map(cell_len, (name, *(printable(row[i]) for row in rows)))) + 3 for i, (name, _) in enumerate(columns)
     ]
@@ -85,8 +87,8 @@ def _print_whole(
 
 
 def short_axes(keys: Iterable[str]) -> dict[str, str]:
-    """Short names of axes: 'spacing' of 'grid_spacing', 'filter' of 'filter.use'; the key itself where two would be
-    equal.
+    """Return short names of axes: 'spacing' for 'grid_spacing', 'filter' for 'filter.use'; the key itself where two
+    would be equal.
     """
     short = {}
     for key in keys:
@@ -97,14 +99,14 @@ def short_axes(keys: Iterable[str]) -> dict[str, str]:
 
 
 def _product(names: Iterable[str]) -> str:
-    """'gain*spacing*time'; with blanks, where lines may break, when it is long."""
+    """Return 'gain*spacing*time'; with blanks, where lines may break, if it is long."""
     names = list(names)
     text = "*".join(names) or "-"
     return text if len(text) <= 24 else " * ".join(names)
 
 
 def _axis(axis: dict[str, Any], short: str) -> str:
-    """'spacing = grid_spacing: 2.8 .. 5.4 um (2)'."""
+    """Return a line such as 'spacing = grid_spacing: 2.8 .. 5.4 um (2)'."""
     values = [f"{v:g}" if isinstance(v, float) else str(v) for v in axis["values"]]
     units = f" {axis['units']}" if axis["units"] not in (None, "1") else ""
     shown = ", ".join(values) if len(values) <= 4 else f"{values[0]} .. {values[-1]}"
@@ -112,7 +114,7 @@ def _axis(axis: dict[str, Any], short: str) -> str:
 
 
 def _uses(stages: list[dict[str, Any]]) -> list[str]:
-    """'filter is filter_fast' for every stage that is named otherwise than what it uses."""
+    """Return 'filter is filter_fast' for every stage whose name differs from what it uses."""
     texts = []
     for stage in stages:
         uses = stage["use"] if isinstance(stage["use"], list) else [stage["use"]]
@@ -122,7 +124,9 @@ def _uses(stages: list[dict[str, Any]]) -> list[str]:
 
 
 def _bound(stages: list[dict[str, Any]]) -> list[str]:
-    """Which stages take a shared quantity from an earlier one, and which are run one by one over a dim."""
+    """Return lines for stages that take a shared quantity from an earlier one, and for those run once for each index of
+    a dim.
+    """
     found: dict[tuple[str, str], list[str]] = {}
     mapped: dict[str, list[str]] = {}
     for stage in stages:
@@ -130,12 +134,14 @@ def _bound(stages: list[dict[str, Any]]) -> list[str]:
             found.setdefault((name, finder), []).append(stage["name"])
         if stage["one_by_one"]:
             mapped.setdefault(" ".join(stage["one_by_one"]), []).append(stage["name"])
-    texts = [f"found     {name} by {finder}, for {', '.join(takers)}" for (name, finder), takers in found.items()]
+    texts = [
+        f"found     {name}: from {finder}, used by {', '.join(takers)}" for (name, finder), takers in found.items()
+    ]
     return texts + [f"for each  {dims}: {', '.join(names)}" for dims, names in mapped.items()]
 
 
 def _stored(document: dict[str, Any]) -> list[str]:
-    """Bytes of what is stored by variable, most first; and what the words under `keep` would store."""
+    """Return the stored bytes by variable, largest first, and what the words under `keep` would store."""
     sizes: dict[str, int] = {}
     for stage in document["stages"]:
         for name, one in stage["variables"].items():
@@ -150,7 +156,7 @@ def _stored(document: dict[str, Any]) -> list[str]:
 
 
 def print_plan(document: dict[str, Any]) -> None:
-    """The plan as a table, and what is left out and why."""
+    """Print the plan as a table, and what is left out and why."""
     console = _out()
     short = short_axes(axis["name"] for axis in document["axes"])
     table = _table(
@@ -188,7 +194,7 @@ def print_plan(document: dict[str, Any]) -> None:
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
         f"{human_bytes(document['bytes'])} before compression, about {human_seconds(document['seconds'])} of thread "
         f"time, "
-        f"{human_bytes(document['peak_memory'])} held at most, {document['precision']}"
+        f"peak memory {human_bytes(document['peak_memory'])}, {document['precision']}"
     )
     notes = _Console(stderr=True, highlight=False)
     for text in document["warnings"]:
@@ -196,7 +202,7 @@ def print_plan(document: dict[str, Any]) -> None:
 
 
 def outcome_document(outcome: Any) -> dict[str, Any]:
-    """``etendue run --json``."""
+    """Return the document of ``etendue run --json``."""
     stages = stage_rows(outcome.plan, outcome.reports)
     return {
         "archive": str(outcome.archive) if outcome.archive else None,
@@ -233,7 +239,7 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
 
 
 def together(reasons: Mapping[str, str]) -> dict[str, list[str]]:
-    """Stages by the reason for which they are computed again."""
+    """Group stages by the reason for which they are recomputed."""
     found: dict[str, list[str]] = {}
     for name, why in reasons.items():
         found.setdefault(why, []).append(name)
@@ -241,7 +247,7 @@ def together(reasons: Mapping[str, str]) -> dict[str, list[str]]:
 
 
 def replay(plan: Plan, ref: CellRef) -> str:
-    """The command that computes one cell and what it needs, alone. Axes that do not reach it stand at their first
+    """Return the command that computes one cell and what it needs, alone. Axes that do not reach it take their first
     value.
     """
     labels = plan.labels(ref)
@@ -272,7 +278,7 @@ def replay(plan: Plan, ref: CellRef) -> str:
 
 
 def print_outcome(outcome: Any) -> None:
-    """The table stage | cells | time | share, what was left out or failed, headline figures, where everything is."""
+    """Print the stage table, what was left out or failed, headline metrics, and where the results are."""
     console = _out()
     rows = stage_rows(outcome.plan, outcome.reports)
     table = _table(
@@ -282,7 +288,7 @@ def print_outcome(outcome: Any) -> None:
         ("time", "right"),
         ("share", "right"),
         ("error", "right"),
-        ("known by", "left"),
+        ("basis", "left"),
         ("left out", "right"),
     )
     for row in rows:
@@ -309,54 +315,53 @@ def print_outcome(outcome: Any) -> None:
     if outcome.archive:
         for text in next_commands(outcome):
             console.print(text, soft_wrap=True)
-    console.print(f"{human_seconds(outcome.seconds)} in all")
+    console.print(f"{human_seconds(outcome.seconds)} total")
 
 
 def _print_changes(console: Console, outcome: Any) -> None:
-    """What a run has done to what was there before."""
+    """Print what a run has changed among earlier results."""
     for why, names in together(outcome.reasons).items():
         more = f" and {len(names) - 4} more" if len(names) > 5 else ""
-        console.print(f"computed again: {', '.join(names[:4] if more else names)}{more}, because {escape(why)}")
+        console.print(f"recomputed: {', '.join(names[:4] if more else names)}{more}, because {escape(why)}")
     if outcome.removed:
         console.print(
-            f"removed: {outcome.removed} cells of earlier runs at other axis values, which would come out differently "
-            f"now"
+            f"removed: {outcome.removed} cells of earlier runs at other axis values, which would now come out "
+            f"differently"
         )
     if outcome.pruned:
-        console.print(f"removed, as asked: {outcome.pruned} finished cells that this run does not keep")
+        console.print(f"pruned: {outcome.pruned} finished cells that this run does not keep")
     if outcome.stay:
         console.print(
-            escape(f"stays: {', '.join(outcome.stay)}, which 'keep' no longer names (remove: --prune)"), soft_wrap=True
+            escape(f"kept: {', '.join(outcome.stay)}, no longer named by 'keep' (--prune removes it)"), soft_wrap=True
         )
     for text in outcome.mended[:5]:
-        console.print(escape(f"was missing or damaged, and is written again: {text[:1000]}"), soft_wrap=True)
+        console.print(escape(f"rewritten, because missing or damaged: {text[:1000]}"), soft_wrap=True)
     if len(outcome.mended) > 5:
-        console.print(f"was missing or damaged, and is written again: {len(outcome.mended) - 5} more")
+        console.print(f"rewritten, because missing or damaged: {len(outcome.mended) - 5} more")
     if outcome.moved.get("shards"):
         shards, copied, computed = (outcome.moved[name] for name in ("shards", "copied", "computed"))
         what = (
-            f"{shards} {'shard' if shards == 1 else 'shards'} made anew: {copied} bytes copied beside {computed} "
-            f"bytes computed"
+            f"{shards} {'shard' if shards == 1 else 'shards'}: {copied} bytes copied beside {computed} bytes computed"
         )
         console.print(f"rewritten: {what}", soft_wrap=True)
 
 
 def _print_doubts(console: Console, outcome: Any) -> None:
-    """Where light is cut off, and what failed."""
+    """Print where light was clipped, and what failed."""
     worst = outcome.reports.most_clipped()
     if worst is not None:
         console.print(
-            f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell"
+            f"clipped: negative light before {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell"
         )
     for text in floored(outcome.plan, outcome.reports):
         console.print(f"floored: {escape(text)}", soft_wrap=True)
     for text in floored(outcome.plan, outcome.reports, "overexposed"):
-        console.print(f"overexposed: {escape(text)}; what is clipped is shown as white", soft_wrap=True)
+        console.print(f"overexposed: {escape(text)}; clipped values are shown as white", soft_wrap=True)
     for report in outcome.failed[:5]:
         ref = (report.stage, report.index)
         where = f"{report.stage} {outcome.plan.labels(ref)}, {outcome.plan.origin(ref)}"
         console.print(f"failed: {escape(where)}: {escape(report.message)}", soft_wrap=True)
-        console.print(f"  again, alone: {escape(replay(outcome.plan, ref))}", soft_wrap=True)
+        console.print(f"  rerun alone: {escape(replay(outcome.plan, ref))}", soft_wrap=True)
     if len(outcome.failed) > 5:
         console.print(f"failed: {len(outcome.failed) - 5} more; see the ledger")
 
@@ -364,7 +369,7 @@ def _print_doubts(console: Console, outcome: Any) -> None:
 def _print_figures(console: Console, outcome: Any) -> None:
     figures = headlines(outcome.plan, outcome.arrays)
     if figures and outcome.shown_at:
-        console.print(f"figures and pictures{escape(outcome.shown_at)}:")
+        console.print(f"metrics and pictures{escape(outcome.shown_at)}:")
     for name, value, unit, unseen in figures:
         without = f"  without {', '.join(unseen)}" if unseen else ""
         console.print(

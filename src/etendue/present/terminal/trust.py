@@ -1,4 +1,4 @@
-"""What a terminal sees of an archive's trustworthiness: reproduced, compared, verified."""
+"""Terminal output of checks of an archive: reproduced, compared, verified."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from etendue.present.terminal.stored import short
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds
 from etendue.telling import human_bytes
 
-MOST = 16  # lines of a kind; --json has all
+MOST = 16  # lines of each kind; --json has all
 LONGEST = 1000  # characters of a path
 
 
@@ -22,18 +22,20 @@ def _figure(value: float | None) -> str:
 
 
 def print_reproduction(document: dict[str, Any]) -> None:
-    """By stage how many cells came out again, and how far the others are; what differs of platform and software."""
+    """Print for each stage how many arrays are reproduced, how far the others differ, and what differs in platform and
+    software.
+    """
     console = _out()
     table = _table(
         f"{escape(document['archive'])}: {document['verdict']}",
         ("stage", "left"),
         ("arrays", "right"),
         ("same", "right"),
-        ("within", "right"),
-        ("not", "right"),
-        ("largest", "right"),
+        ("in bounds", "right"),
+        ("wrong", "right"),
+        ("max", "right"),
         ("rms", "right"),
-        ("stated", "right"),
+        ("bound", "right"),
     )
     for stage in document["stages"]:
         wrong = sum(stage[kind] for kind in ("beyond", "unknown", "damaged", "failed"))
@@ -53,13 +55,13 @@ def print_reproduction(document: dict[str, Any]) -> None:
 
 
 def _print_reasons(console: Console, document: dict[str, Any]) -> None:
-    """Why cells and files come out otherwise, and what was not looked at."""
+    """Print why cells and files differ, and what was not checked."""
     for name, pair in document["platform"]["differs"].items():
         console.print(escape(f"platform  {name}: {pair['then']} then, {pair['now']} now"), soft_wrap=True)
     if document["platform"]["same"]:
-        console.print("platform  the same: every bit has to agree")
+        console.print("platform  same: every bit must agree")
     for row in document["software"]:
-        what = "its code is another" if row["what"] == "code" else f"{row['then']} then, {row['now']} now"
+        what = "its code has changed" if row["what"] == "code" else f"{row['then']} then, {row['now']} now"
         console.print(escape(f"software  {row['stage']}: {what}"), soft_wrap=True)
     for cell in document["not_the_same"]:
         if cell["found"] != "within":
@@ -72,26 +74,26 @@ def _print_reasons(console: Console, document: dict[str, Any]) -> None:
             )
     for one in document["differences"][:MOST]:
         where = f" {one['where']}" if one["where"] else ""
-        says = one["says"] or "nothing, or it is not there"
+        says = one["says"] or "nothing, or is missing"
         console.print(
-            escape(f"another: {one['file']}{where}: it says {says}; it comes out as {one['is'] or 'nothing'}"),
+            escape(f"differs: {one['file']}{where}: stored {says}; recomputed {one['is'] or 'nothing'}"),
             soft_wrap=True,
         )
     if len(document["differences"]) > MOST:
         console.print(f"... {len(document['differences']) - MOST} more; --json has all")
     for damage in document["damages"][:MOST]:
         console.print(escape(_damage(damage)), soft_wrap=True)
-    console.print(f"{document['compared']} variables of cells compared in {human_seconds(document['seconds'])}")
+    console.print(f"{document['compared']} cell variables compared in {human_seconds(document['seconds'])}")
     if not document["differences"]:
-        console.print("coordinates, units, dims, types, status, tables, records: as they come out again")
+        console.print("coordinates, units, dims, types, status, tables, records: reproduced")
     for one in document["not_checked"]:
         console.print(escape(f"not checked: {one['what']} ({one['why']})"), soft_wrap=True)
     if any(stage["relative"] for stage in document["stages"]):
-        console.print("rms and stated are relative to full scale")
+        console.print("rms and bound are relative to full scale")
 
 
 def print_differences(document: dict[str, Any]) -> None:
-    """By stage which cells of two archives differ, by how much, and since what."""
+    """Print for each stage which cells of two archives differ, by how much, and why."""
     console = _out()
     state = "equal" if document["equal"] else "not equal"
     console.print(escape(f"{document['first']} and {document['second']}: {state}"), soft_wrap=True)
@@ -102,9 +104,9 @@ def print_differences(document: dict[str, Any]) -> None:
         ("differ", "right"),
         ("in 1st", "right"),
         ("in 2nd", "right"),
-        ("largest", "right"),
+        ("max", "right"),
         ("rms", "right"),
-        ("share", "right"),
+        ("relative", "right"),
     )
     for stage in document["stages"]:
         table.add_row(
@@ -118,11 +120,11 @@ def print_differences(document: dict[str, Any]) -> None:
 
 
 def _print_where(console: Console, document: dict[str, Any]) -> None:
-    """Since what cells differ, and which only one archive has."""
+    """Print what caused the differences, and which cells only one archive has."""
     if any(stage["differing"] for stage in document["stages"]):
         console.print(
-            "of the worst cell: largest and rms difference, and as a share rms over full scale (inf: there is none to "
-            "divide by)",
+            "max, rms: difference of the worst cell; relative: its rms over full scale (inf: no full scale to divide "
+            "by)",
             soft_wrap=True,
         )
     for stage in document["stages"]:
@@ -147,7 +149,7 @@ def _print_where(console: Console, document: dict[str, Any]) -> None:
 
 @contextmanager
 def reading(silent: bool = False) -> Iterator[Callable[[int, int], None]]:
-    """A bar of bytes on stderr while an archive is read; nothing where stderr is no terminal."""
+    """Show a progress bar of bytes read on stderr; nothing if stderr is not a terminal."""
     bar = Progress(
         TextColumn("reading"),
         BarColumn(),
@@ -175,19 +177,19 @@ def reading(silent: bool = False) -> Iterator[Callable[[int, int], None]]:
 
 
 def print_verified(document: dict[str, Any]) -> None:
-    """What is damaged, and how much was read."""
+    """Print what is damaged, and how much was read."""
     console = _out()
     for damage in document["damages"][:MOST]:
         console.print(escape(_damage(damage)), soft_wrap=True)
     if len(document["damages"]) > MOST:
         console.print(f"... {len(document['damages']) - MOST} more; --json has all")
     for path in document["beside"][:MOST]:
-        console.print(escape(f"beside it: {path}, which no run has written, and nobody vouches for"), soft_wrap=True)
+        console.print(escape(f"foreign: {path}, not written by any run and not verified"), soft_wrap=True)
     if len(document["beside"]) > MOST:
-        console.print(f"... {len(document['beside']) - MOST} more beside it; --json has all")
+        console.print(f"... {len(document['beside']) - MOST} more foreign files; --json has all")
     if document["partial"]:
         console.print(
-            escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"),
+            escape(f"left by a killed compact: {document['partial']}; the next compact removes it"),
             soft_wrap=True,
         )
     rate = f", {document['bytes_per_second'] / 1e6:.0f} MB/s" if document["bytes_per_second"] else ""
@@ -197,16 +199,13 @@ def print_verified(document: dict[str, Any]) -> None:
     )
     lost = len(document["cells_lost"])
     places = len(document["damages"])
-    found = (
-        f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to be "
-        f"computed again"
-    )
+    found = f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to recompute"
     console.print(escape(f"{document['archive']}: {'whole' if document['whole'] else found}"), soft_wrap=True)
     console.print(f"read {read}{rate}")
     if "sha256" in document:
-        console.print(f"sha256 of all of it: {document['sha256']}", soft_wrap=True)
+        console.print(f"sha256 of the archive: {document['sha256']}", soft_wrap=True)
     if not document["whole"]:
-        console.print(escape(f"repair it: etendue verify {document['archive']} --repair"), soft_wrap=True)
+        console.print(escape(f"to repair: etendue verify {document['archive']} --repair"), soft_wrap=True)
 
 
 def _damage(damage: dict[str, Any]) -> str:
@@ -216,7 +215,7 @@ def _damage(damage: dict[str, Any]) -> str:
 
 
 def print_repaired(document: dict[str, Any]) -> None:
-    """What was damaged, what was done, what is left."""
+    """Print what was damaged, what was done, and what is left."""
     console = _out()
     for damage in document["repaired"][:MOST]:
         console.print(escape(f"was {_damage(damage)}"), soft_wrap=True)

@@ -1,7 +1,7 @@
 """Error against run time, both logarithmic: which alternative is worth its time.
 
 In:  points with a label, seconds per megapixel, error.
-Out: a PNG with the points, and the front of those that nothing else beats in both.
+Out: a PNG with the points and their Pareto front.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
 
-AROUND = (  # where a label may stand, points beside its own
+AROUND = (  # candidate positions of a label, in points from its dot
     (8, 6, "left"),
     (8, -13, "left"),
     (-8, 6, "right"),
@@ -35,7 +35,7 @@ class Point:
 
 
 def work_precision(points: list[Point], title: str, error: str) -> bytes:
-    """The plot as PNG; lower left is better."""
+    """Return the plot as PNG; lower left is better."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -58,7 +58,7 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
     front = sorted((p for p in points if p.best), key=lambda p: p.seconds)
     if len(front) > 1:
         x, y = [p.seconds for p in front], [p.error for p in front]
-        axes.plot(x, y, color="#3b6fb6", lw=1.2, zorder=2, label="nothing better is as fast")
+        axes.plot(x, y, color="#3b6fb6", lw=1.2, zorder=2, label="Pareto front")
         axes.legend(loc="upper right", frameon=False, fontsize=8)
     for chosen, colour in ((True, "#3b6fb6"), (False, "#9a9a9a")):
         some = [p for p in points if p.best == chosen]
@@ -72,7 +72,7 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
 
 
 def _label(axes: Any, points: list[Point], renderer: Any) -> None:
-    """A name beside each point, where it covers no other and no name."""
+    """Put a label beside each point, where it covers no point and no other label."""
     taken = [axes.transData.transform((p.seconds, p.error)) for p in points]
     boxes: list[Any] = []
     for p in points:
@@ -107,12 +107,12 @@ class Series:
 
 
 Level = tuple[float | None, str] | None
-Panel = tuple[str, str, list[Series], Level, Level]  # title, what the time is of, series, line of noise, floor
+Panel = tuple[str, str, list[Series], Level, Level]  # title, x label, series, noise level, floor
 
 
 def diagrams(title: str, panels: list[Panel]) -> bytes:
-    """Work-precision diagrams side by side as PNG, both axes logarithmic; points without error or time have no place
-    on them.
+    """Return work-precision diagrams side by side as PNG, both axes logarithmic; points without error or time are
+    omitted.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -152,7 +152,7 @@ def _draw(axes: Any, series: Series, order: int) -> None:
 
 
 def _few_ticks(axes: Any) -> None:
-    """Numbers that do not overlap, room above for the legend."""
+    """Set ticks that do not overlap, and leave room above for the legend."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     low, high = axes.get_xlim()

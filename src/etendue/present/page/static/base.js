@@ -1,4 +1,4 @@
-// What everything here is made of: elements that hold text as text, packed columns, words for numbers, and where the sliders stand.
+// Basics: elements that hold text as text, packed columns, numbers as words, and the positions of the sliders.
 
 const SVG = 'http://www.w3.org/2000/svg';
 
@@ -79,14 +79,15 @@ const plural = (number, one, many) => `${count(number)} ${number === 1 ? one : m
 const capital = (text) => text[0].toUpperCase() + text.slice(1);
 const say_as = (words) => words.filter(Boolean).join(' ');
 
-// A name written out, word for word, as distributions spell it; what they spell with a _ in front is the end of a name.
+// Write a name out, word by word, as distributions spell it; a spelling that starts with _ applies to the end of a
+// name.
 function named(name) {
   const known = state.doc ? state.doc.spelling : {};
   for (const [end, said] of Object.entries(known)) if (end.startsWith('_') && name.endsWith(end)) name = name.slice(0, -end.length) + said;
   return name.split('_').map((word) => (Object.hasOwn(known, word) ? known[word] : word)).join(' ');
 }
 
-// As few digits as keep the values of an axis apart.
+// As few digits as distinguish the values of an axis.
 function digitsOf(axis) {
   if (!axis.digits) axis.digits = [3, 4, 5, 6, 8].find((n) => new Set(axis.values.map((v) => say(v, n))).size === new Set(axis.values).size) || 12;
   return axis.digits;
@@ -98,7 +99,7 @@ function axisValue(axis, index) {
   return axis.units === 's' ? seconds(value, digitsOf(axis)) : withUnit(value, axis.units, digitsOf(axis));
 }
 
-// ---- where the sliders stand
+// ---- positions of the sliders
 
 const state = { doc: null, at: {}, told: new Set(), waiting: false };
 
@@ -116,7 +117,7 @@ function move(places) {
 const axisOf = (dim) => state.doc.axes.find((axis) => axis.dim === dim);
 const where = (dims, at = state.at) => dims.map((dim) => axisOf(dim)).filter(Boolean).map((axis) => `${axis.label} ${axisValue(axis, at[axis.dim])}`).join(', ');
 
-// ---- figures
+// ---- metrics
 
 class Figure {
   constructor(said, bytes) {
@@ -133,7 +134,7 @@ class Figure {
   words(value) { return this.meanings.length && this.meanings[value] ? named(this.meanings[value]) : withUnit(value, this.units, KNOWN); }
 }
 
-// One number a cell: a figure, or one of its labels ("level behind filter").
+// One number per cell: a metric, or one of its labels ("level after filter").
 function scalarsOf(figure) {
   if (!figure.dims.length) return [{ figure, inner: 0, id: figure.id, name: named(figure.variable), of: '' }];
   const labelled = figure.dims.every((dim) => dim.coordinates[0].labels && !dim.coordinates[0].axes.length) && figure.inner <= 16;

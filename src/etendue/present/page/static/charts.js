@@ -1,4 +1,4 @@
-// Lines and points in SVG: axes with round numbers, a legend, what is under the pointer.
+// Lines and points in SVG: axes with round numbers, a legend, values under the pointer.
 
 const COLOURS = 8; // --c0 .. --c7 of the style sheet
 const colour = (i) => `var(--c${i % COLOURS})`;
@@ -46,7 +46,8 @@ function extent(values, log, zero) {
   return [low === 0 ? 0 : low - pad, high + pad];
 }
 
-// Draws again when the width changes; nothing is stretched. What is far from the window waits until it comes near, or is printed.
+// Redraws when the width changes, so that nothing is stretched. Charts far from the window wait until they come near or
+// the page is printed.
 const unseen = new Set();
 const near = new IntersectionObserver((entries) => { for (const entry of entries) { entry.target.near = entry.isIntersecting; if (entry.isIntersecting && unseen.delete(entry.target)) entry.target.drawNow(); } }, { rootMargin: '200px' });
 addEventListener('beforeprint', () => { for (const host of [...unseen]) { unseen.delete(host); host.drawNow(); } });
@@ -91,7 +92,7 @@ function frame(width, height, x, y, margin) {
 
 const MARGIN = { left: 62, right: 18, top: 26, bottom: 46 };
 
-// series: [{name, points: [[x, y], ..], colour, dash, faint}]; marks: [{x, label}] stand as upright lines.
+// series: [{name, points: [[x, y], ..], colour, dash, faint}]; marks: [{x, label}] are drawn as vertical lines.
 function lines(host, width, { x, y, series, marks = [], height = 340, points = true, say: saying }) {
   const tall = x.names && Math.max(...x.names.map((n) => n.length), 1) * 6.6 > (width - 80) / x.names.length ? 40 : 0;
   const f = frame(width, height + tall, x, y, { ...MARGIN, bottom: MARGIN.bottom + tall });
@@ -130,7 +131,8 @@ const legend = (series) => series.length > 1 && series.length <= 16
   ? el('ul', { class: 'legend' }, series.map((one, i) => { const sign = svg('svg', { width: 22, height: 10 }, svg('line', { x1: 1, x2: 21, y1: 5, y2: 5, stroke: one.colour || colour(i), 'stroke-width': one.faint ? 1.5 : 2.5, 'stroke-dasharray': one.dash })); return el('li', {}, sign, one.name); }))
   : null;
 
-// Many points on a canvas, axes and front in SVG above it. points: {x: [], y: [], faint: []}; front: positions in them; star: the one to build.
+// Many points on a canvas, axes and front in SVG above it. points: {x: [], y: [], faint: []}; front: positions in them;
+// star: the recommended one.
 function scatter(host, width, { x, y, points, front, here, pick, saying, star, height = 400 }) {
   const f = frame(width, height, x, y, MARGIN);
   const canvas = el('canvas', { class: 'under' }), sharp = window.devicePixelRatio || 1;
@@ -163,7 +165,7 @@ function scatter(host, width, { x, y, points, front, here, pick, saying, star, h
   clear(host, el('div', { class: 'stacked' }, canvas, f.root), read);
 }
 
-// Positions on the front, by x: nothing else is at least as good in both and better in one.
+// Positions on the front, by x: no other is at least as good in both and better in one.
 function paretoFront(xs, ys, moreX, moreY) {
   const order = Array.from(xs, (_, i) => i).filter((i) => Number.isFinite(xs[i]) && Number.isFinite(ys[i]));
   const gx = (i) => (moreX ? -xs[i] : xs[i]), gy = (i) => (moreY ? -ys[i] : ys[i]);

@@ -1,4 +1,4 @@
-// The sweep explored: maps, curves, trade-offs.
+// Exploration of the sweep: maps, curves, trade-offs.
 
 const moreIsBetter = (scalar) => scalar.figure.better !== 'lower';
 const rank = (scalar) => { const i = state.doc.opening.open.findIndex((one) => isSaid(scalar, one)); return i < 0 ? state.doc.opening.open.length : i; };
@@ -6,7 +6,7 @@ const options = (scalars) => scalars.map((s) => ({ value: s.id, name: `${s.name}
 const dotsOf = (scalar) => `${scalar.figure.label}${scalar.of ? `, ${scalar.of}` : ''}`;
 const axisLabel = (scalar) => `${scalar.name}${scalar.figure.units ? ` (${unit(scalar.figure.units)})` : ''}`;
 
-// The first by rank: each variable once, or, `apart`, each stage once.
+// The first by rank: each variable once, or with `apart` each stage once.
 function best(scalars, n, apart = false, varying = true) {
   const seen = new Set(), found = [];
   for (const s of [...scalars].sort((a, b) => rank(a) - rank(b) || b.inner - a.inner)) {
@@ -24,7 +24,7 @@ function mapPart(doc, scalars) {
   const able = scalars.filter((s) => s.figure.axes.some((dim) => axisOf(dim).values.length > 1) && rangeOf(s).known);
   if (!able.length) return null;
   let scalar = best(able, 1)[0] || able[0], across = null, down = null, third = null, log = false;
-  const wideRange = () => { const { low, high } = rangeOf(scalar); return low > 0 && high / low > 30 && !scalar.figure.meanings.length; };  // from there on colours stand for equal ratios
+  const wideRange = () => { const { low, high } = rangeOf(scalar); return low > 0 && high / low > 30 && !scalar.figure.meanings.length; };  // above this ratio colours are logarithmic
   log = wideRange();
   const panels = el('div', { class: 'plot', id: 'panels' });
   const map = el('div', { class: 'plot', id: 'map' }), curve = el('div', { class: 'plot', id: 'lines' }), controls = el('div', { class: 'controls' }), title = el('h3', {}), meaning = el('p', { class: 'note' });
@@ -37,7 +37,7 @@ function mapPart(doc, scalars) {
     panels.hidden = !third;
     const own = dims().map((dim) => ({ value: dim, name: axisOf(dim).label }));
     const again = () => { drawControls(); redraw(); };
-    clear(controls, field('Figure', choice(options(able), scalar.id, (id) => { scalar = able.find((s) => s.id === id); log = wideRange(); again(); }, 'figure')),
+    clear(controls, field('Metric', choice(options(able), scalar.id, (id) => { scalar = able.find((s) => s.id === id); log = wideRange(); again(); }, 'figure')),
       own.length > 1 ? field('Across', choice(own, across, (dim) => { if (dim === down) down = across; across = dim; again(); }, 'across')) : null,
       own.length > 1 ? field('Up', choice(own, down, (dim) => { if (dim === across) across = down; down = dim; again(); }, 'up')) : null,
       rest().length > 1 ? field('Panels', choice(own.filter((one) => rest().includes(one.value)), third, (dim) => { third = dim; again(); }, 'panels')) : null,
@@ -50,7 +50,7 @@ function mapPart(doc, scalars) {
     fit();
     const a = axisOf(across), b = down && axisOf(down), others = rest(), { low, high } = rangeOf(scalar);
     heatMap(map, width, { across: a, down: b, value: (i, j) => value({ [across]: i, ...(b ? { [down]: j } : {}) }), units: scalar.figure.units, meanings: scalar.figure.meanings, log: log && rangeOf(scalar).low > 0, at: [state.at[across], b ? state.at[down] : 0], label: axisLabel(scalar), range: others.length ? [low, high] : null, pick: (i, j) => move({ [across]: i, ...(b ? { [down]: j } : {}) }) });
-    if (others.length) map.append(el('p', { class: 'note' }, `At ${where(others)}; colours on one scale for all of the sweep. The slider moves to other planes, which stand below, small.`));
+    if (others.length) map.append(el('p', { class: 'note' }, `At ${where(others)}; one colour scale for the whole sweep. Use the slider to move to other planes; they are shown small below.`));
   });
   sized(panels, (width) => {
     fit();
@@ -69,7 +69,7 @@ function mapPart(doc, scalars) {
   });
   drawControls();
   state.told.add(redraw);
-  return section('maps', 'Over the axes', 'How any figure changes with what was swept. Click a cell of the map, or move it with the arrow keys, to go there.', card(controls, title, meaning, map, panels, curve));
+  return section('maps', 'Over the axes', 'How any metric changes over the sweep. Click a cell of the map, or use the arrow keys, to go there.', card(controls, title, meaning, map, panels, curve));
 }
 
 const spread = (n, most) => (n <= most ? Array.from({ length: n }, (_, i) => i) : Array.from({ length: most }, (_, i) => Math.round((i * (n - 1)) / (most - 1))));
@@ -77,7 +77,7 @@ const nearestOf = (list, value) => list.reduce((b, v, i) => (Math.abs(v - value)
 const isDark = () => getComputedStyle(document.documentElement).colorScheme === 'dark';
 const ramp = (i, n) => `rgb(${shade((isDark() ? 0.34 : 0.04) + ((isDark() ? 0.66 : 0.8) * i) / Math.max(1, n - 1)).join(',')})`;
 
-// ---- functions: what has a dim of its own
+// ---- functions: variables with a dim of their own
 
 function curvesPart(doc, figures) {
   const able = figures.filter((f) => f.dims.length && f.inner > 1 && f.dims[f.dims.length - 1].size > 1 && f.values.some(Number.isFinite));
@@ -97,7 +97,7 @@ function curvesPart(doc, figures) {
   sized(plot, (width) => drawCurves(plot, width, figure, against, doc));
   drawControls();
   state.told.add(() => plot.redraw());
-  return section('curves', 'Curves', `Whole functions of the chosen cell: ${doc.words.curves}.`, card(controls, meaning, plot));
+  return section('curves', 'Curves', `Curves of the selected cell: ${doc.words.curves}.`, card(controls, meaning, plot));
 }
 
 function drawCurves(plot, width, figure, against, doc, height = 340) {
@@ -112,10 +112,10 @@ function drawCurves(plot, width, figure, against, doc, height = 340) {
   const all = series.flatMap((s) => s.points.map((p) => p[1]));
   const shares = figure.units === '' && all.every((v) => !(v < -0.02 || v > 1.3));
   lines(plot, width, { height, x: along.labels ? { names: xs, label: named(along.name) } : { range: extent(xs), label: `${along.label}${along.units ? ` (${unit(along.units)})` : ''}` }, y: { range: shares ? [Math.min(0, ...all.filter(Number.isFinite)), Math.max(1, ...all.filter(Number.isFinite)) * 1.02] : extent(all, false, true), label: `${named(figure.variable)}${figure.units ? ` (${unit(figure.units)})` : ''}` }, series, marks, points: Boolean(along.labels) });
-  if (rows > 16) plot.append(el('p', { class: 'note' }, `The first 16 of ${rows} curves.`));
+  if (rows > 16) plot.append(el('p', { class: 'note' }, `First 16 of ${rows} curves.`));
 }
 
-// Where half a cycle a pixel lies, whatever the frequency is told in.
+// Half a cycle per pixel, whatever the unit of the frequency.
 function nyquistOf(dim, xs) {
   const own = dim.coordinates.find((c) => !c.labels && !c.axes.length && /pixel/.test(c.units));
   const i = own ? Array.from(own.values).findIndex((v, k) => k > 0 && v >= 0.5) : -1;
@@ -126,7 +126,7 @@ function nyquistOf(dim, xs) {
 
 // ---- trade-offs
 
-// Two figures worth trading: those of the front with which the page opens, else the first two.
+// Two metrics worth trading: those of the front with which the page opens, else the first two.
 function opposed(able) {
   const { front } = state.doc.opening;
   const on = front ? [front.x, front.y].map((one) => able.find((s) => isSaid(s, one))).filter(Boolean) : [];
@@ -154,28 +154,28 @@ function tradePart(doc, scalars) {
     const place = (i) => { let rest = places[i]; const found = {}; for (let k = dims.length - 1; k >= 0; k--) { found[dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); } return found; };
     const number = (where) => dims.reduce((a, dim, k) => a * sizes[k] + where[dim], 0);
     const index = new Map(places.map((n, i) => [n, i]));
-    const able = faint.every((one) => one) ? faint.map(() => false) : faint; // where all of them clip, they are compared
+    const able = faint.every((one) => one) ? faint.map(() => false) : faint; // if all of them clip, they are compared
     current = { dims, xs, ys, place, faint: able, front: paretoFront(xs.map((x, i) => (able[i] ? NaN : x)), ys, moreX, moreY), here: () => index.get(number(state.at)) ?? -1 };
   };
   sized(plot, (width) => {
     const { dims, xs, ys, place, faint, front, here } = current;
-    const saying = (i) => (i < 0 ? 'Point at a dot; click to go there.' : `${withUnit(xs[i], chosen.x.figure.units, KNOWN)} · ${withUnit(ys[i], chosen.y.figure.units, KNOWN)} at ${where(dims, place(i))}${faint[i] ? ', clips' : ''}`);
-    scatter(plot, width, { x: { range: extent(xs, logX), log: logX, label: `${axisLabel(chosen.x)}, ${moreX ? 'more is better →' : '← less is better'}` }, y: { range: extent(ys, logY), log: logY, label: `${moreY ? '↑ more' : '↓ less'} is better: ${axisLabel(chosen.y)}` }, points: { x: xs, y: ys, faint }, front, here: here(), pick: (i) => move(place(i)), saying });
+    const saying = (i) => (i < 0 ? 'Hover over a dot; click to go there.' : `${withUnit(xs[i], chosen.x.figure.units, KNOWN)} · ${withUnit(ys[i], chosen.y.figure.units, KNOWN)} at ${where(dims, place(i))}${faint[i] ? ', clips' : ''}`);
+    scatter(plot, width, { x: { range: extent(xs, logX), log: logX, label: `${axisLabel(chosen.x)}, ${moreX ? 'higher is better →' : '← lower is better'}` }, y: { range: extent(ys, logY), log: logY, label: `${moreY ? '↑ higher' : '↓ lower'} is better: ${axisLabel(chosen.y)}` }, points: { x: xs, y: ys, faint }, front, here: here(), pick: (i) => move(place(i)), saying });
   });
   const drawTable = () => {
     const { dims, xs, ys, place, faint, front } = current, burnt = faint.filter((one) => one).length, shown = front.slice(0, 12);
     clear(table, front.length ? tableOf(['', ...dims.map((dim) => axisOf(dim).label), axisLabel(chosen.x), axisLabel(chosen.y)], shown.map((i, k) => [String(k + 1), ...dims.map((dim) => axisValue(axisOf(dim), place(i)[dim])), say(xs[i], KNOWN), say(ys[i], KNOWN)]), 1 + dims.length) : null,
-      el('p', { class: 'note' }, `${plural(front.length, 'cell')} of ${count(xs.length)} on the front: nothing else is at least as good in both${burnt ? ` and clips no more than ${percentOf(clipped)} of pixels or white; ${plural(burnt, 'cell')} that ${burnt === 1 ? 'does' : 'do'} ${burnt === 1 ? 'is' : 'are'} drawn faint` : ''}. ${front.length > 12 ? 'The first 12. ' : ''}`, csvButton('front as CSV', 'front', () => [[...dims, chosen.x.id, chosen.y.id], ...front.map((i) => [...dims.map((dim) => axisOf(dim).values[place(i)[dim]]), xs[i], ys[i]])])));
+      el('p', { class: 'note' }, `${plural(front.length, 'cell')} of ${count(xs.length)} on the front: no other cell is at least as good in both${burnt ? ` and clips no more than ${percentOf(clipped)} of pixels or white; ${plural(burnt, 'cell')} that ${burnt === 1 ? 'does' : 'do'} ${burnt === 1 ? 'is' : 'are'} drawn faint` : ''}. ${front.length > 12 ? 'The first 12. ' : ''}`, csvButton('front as CSV', 'front', () => [[...dims, chosen.x.id, chosen.y.id], ...front.map((i) => [...dims.map((dim) => axisOf(dim).values[place(i)[dim]]), xs[i], ys[i]])])));
   };
   const again = () => { collect(); drawControls(); plot.redraw(); drawTable(); };
   const able2 = options(able);
   function drawControls() {
     const positive = (s) => rangeOf(s).low > 0;
-    clear(controls, el('div', { class: 'controls inner' }, field('Across', choice(able2, chosen.x.id, (id) => { chosen.x = able.find((s) => s.id === id); moreX = moreIsBetter(chosen.x); logX = logX && positive(chosen.x); again(); }, 'across')), tick('more is better', moreX, (on) => { moreX = on; again(); }), positive(chosen.x) ? tick('log', logX, (on) => { logX = on; again(); }) : null),
-      el('div', { class: 'controls inner' }, field('Up', choice(able2, chosen.y.id, (id) => { chosen.y = able.find((s) => s.id === id); moreY = moreIsBetter(chosen.y); logY = logY && positive(chosen.y); again(); }, 'up')), tick('more is better', moreY, (on) => { moreY = on; again(); }), positive(chosen.y) ? tick('log', logY, (on) => { logY = on; again(); }) : null));
+    clear(controls, el('div', { class: 'controls inner' }, field('Across', choice(able2, chosen.x.id, (id) => { chosen.x = able.find((s) => s.id === id); moreX = moreIsBetter(chosen.x); logX = logX && positive(chosen.x); again(); }, 'across')), tick('higher is better', moreX, (on) => { moreX = on; again(); }), positive(chosen.x) ? tick('log', logX, (on) => { logX = on; again(); }) : null),
+      el('div', { class: 'controls inner' }, field('Up', choice(able2, chosen.y.id, (id) => { chosen.y = able.find((s) => s.id === id); moreY = moreIsBetter(chosen.y); logY = logY && positive(chosen.y); again(); }, 'up')), tick('higher is better', moreY, (on) => { moreY = on; again(); }), positive(chosen.y) ? tick('log', logY, (on) => { logY = on; again(); }) : null));
   }
   again();
   let seen = state.bytes;
   state.told.add(() => { if (seen !== state.bytes) { seen = state.bytes; collect(); drawTable(); } plot.redraw(); });
-  return section('trade', 'Trade-offs', 'A dot per cell. The line joins those that nothing else beats in both figures, the Pareto front.', card(controls, plot, table));
+  return section('trade', 'Trade-offs', 'One dot per cell. The line is the Pareto front: no other cell is better in both metrics.', card(controls, plot, table));
 }

@@ -1,10 +1,10 @@
-// The live page: how far the run is, and the part in which every pixel of every stage can be looked at.
+// The live page: progress of the run, and the part that shows every pixel of every stage.
 
 const asking = (what, words) => `${location.pathname.replace(/[^/]*$/, '')}${what}?${new URLSearchParams(words)}`;
 const waiting = new Map();
 addEventListener('message', (event) => { if (event.source === parent && waiting.has(event.data?.number)) { waiting.get(event.data.number)(event.data); waiting.delete(event.data.number); } });
 
-// In a notebook the page is in a frame, and who holds it asks for it.
+// In a notebook the page is in a frame, and its parent sends the requests.
 async function askHolder(what, words) {
   const number = askHolder.last = (askHolder.last || 0) + 1;
   const answer = await new Promise((done) => { waiting.set(number, done); parent.postMessage({ etendue: 1, number, what, words }, '*'); });
@@ -20,7 +20,7 @@ async function ask(what, words = {}) {
 }
 const placesOf = (at) => state.doc.axes.map((axis) => `${axis.dim}:${at[axis.dim]}`).join(',');
 
-// One question at a time: of those that come while it is under way only the last is asked.
+// One request at a time: of those that arrive meanwhile only the last is sent.
 function latest(work) {
   let busy = false, next = null;
   return async function run(...args) {
@@ -57,13 +57,13 @@ function watch(doc, bar) {
       bar.classList.remove('gone');
       if (now.serial !== serial) { serial = now.serial; await renew(now); }
       if (now.running) wait = 1000;
-    } catch { bar.hidden = false; bar.classList.add('gone'); bar.lastChild.textContent = 'the program that shows this page has ended: etendue view'; wait = 5000; }
+    } catch { bar.hidden = false; bar.classList.add('gone'); bar.lastChild.textContent = 'disconnected: etendue view has stopped'; wait = 5000; }
     timer = setTimeout(look, wait);
   };
   timer = setTimeout(look, 800);
 }
 
-// New numbers under the same page; another page where more than numbers have changed.
+// New numbers in the same page; a new page if more than numbers has changed.
 async function renew(now) {
   const fresh = await (await ask('document')).json(), through = state.doc.live.through, same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
   fresh.live.through = through;
@@ -81,9 +81,9 @@ async function renew(now) {
 function livePart(doc) {
   const bar = progressOf(doc);
   watch(doc, bar);
-  if (!doc.pictured.length) return section('live', 'Every pixel', '', card(bar, el('p', { class: 'note' }, 'This archive keeps no pictures.')));
+  if (!doc.pictured.length) return section('live', 'Every pixel', '', card(bar, el('p', { class: 'note' }, 'This archive stores no pictures.')));
   const view = new Panes(doc, state.panes);
   state.panes = view;
-  return section('live', 'Every pixel', 'Straight from the store. Drag to move, turn the wheel to zoom, point for values at every stage; click to hold a place for the line and the table.',
+  return section('live', 'Every pixel', 'Read directly from the store. Drag to pan, scroll to zoom, hover for values at every stage; click to pin a position for the line and the table.',
     card(bar, view.toolbar, view.area, view.status), el('div', { class: 'pair' }, card(el('h3', {}, 'Under the pointer'), view.table), el('div', {}, card(view.lineHead, view.linePlot), card(view.histogramHead, view.histogramPlot), view.curves ? card(el('h3', {}, 'Transfer by stage'), view.curves) : null)));
 }

@@ -1,4 +1,5 @@
-// Maps of a figure over two axes: colour by value, the numbers in the cells where there is room, the slider's place outlined.
+// Maps of a metric over two axes: colour by value, numbers in the cells if there is room, the position of the sliders
+// outlined.
 
 const VIRIDIS = ['#440154', '#482475', '#414487', '#355f8d', '#2a788e', '#21918c', '#22a884', '#44bf70', '#7ad151', '#bddf26', '#fde725'];
 const STOPS = VIRIDIS.map((hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)));
@@ -9,8 +10,8 @@ function shade(share) {
 }
 const bright = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b > 120;
 
-// across, down: axes of the sweep; value(i, j): a number; pick(i, j). Names of whole numbers in `meanings`; `range`: of the colours, where that is
-// not the map's own.
+// across, down: axes of the sweep; value(i, j): a number; pick(i, j). `meanings`: names of whole numbers; `range`: of
+// the colours, if not the map's own.
 function heatMap(host, width, { across, down, value, units, meanings, log, at, pick, label, range }) {
   const columns = across.values.length, rows = down ? down.values.length : 1;
   const left = down ? Math.min(110, 24 + 6.6 * Math.max(...down.values.map((_, j) => axisValue(down, j).length))) : 16;

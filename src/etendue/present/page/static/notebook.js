@@ -1,4 +1,4 @@
-// The live page in a notebook: in a frame of its own; what it asks travels through the kernel's channel.
+// The live page in a notebook: in its own frame; its requests travel through the kernel's channel.
 
 function render({ model, el }) {
   const frame = document.createElement('iframe');

@@ -1,9 +1,10 @@
-// Small multiples: the same map for each value of a third axis, and of a fourth row by row, on one colour scale with the map above.
+// Small multiples: the same map for each value of a third axis, and of a fourth row by row, on the colour scale of the
+// map above.
 
 const MOST_PANELS = 12, MOST_ROWS_OF_PANELS = 6, PANEL_WIDTH = 132;
 const SHADES = Array.from({ length: 256 }, (_, i) => shade(i / 255));
 
-// At most so many places of an axis, that of the slider among them.
+// At most `most` positions of an axis, including that of the slider.
 function placesAlong(axis, most) {
   const found = spread(axis.values.length, most), now = state.at[axis.dim];
   if (!found.includes(now)) found[nearestOf(found, now)] = now;
@@ -84,7 +85,7 @@ function panelMaps(host, width, { scalar, across, down, third, fourth, log, pick
   });
   saying(here());
   const part = (axis, shown) => `${axis.label}${shown.length < axis.values.length ? ` (${shown.length} of ${axis.values.length} values)` : ''}`;
-  const title = el('p', { class: 'note over' }, `Panels: ${part(third, each)}${fourth ? `; rows: ${part(fourth, rowsOf)}` : ''}. Colours as above; across ${across.label}${down ? `, up ${down.label}` : ''}. A click goes there.`);
+  const title = el('p', { class: 'note over' }, `Panels: ${part(third, each)}${fourth ? `; rows: ${part(fourth, rowsOf)}` : ''}. Colours as above; across ${across.label}${down ? `, up ${down.label}` : ''}. Click to go there.`);
   const focused = host.contains(document.activeElement) || host.again;
   clear(host, title, el('div', { class: 'stacked' }, canvas, root), read);
   if (focused) { host.again = false; root.focus({ preventScroll: true }); }

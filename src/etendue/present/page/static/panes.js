@@ -1,4 +1,5 @@
-// Linked pictures of stages: one place and one zoom for all of them, nearest neighbour; two of them under a wipe; values, lines, histograms.
+// Linked pictures of stages: one position and one zoom for all, nearest neighbour; two of them under a wipe; values,
+// lines, histograms.
 
 const MOST_PANES = 4, REMEMBERED = 80;
 
@@ -12,14 +13,14 @@ class Panes {
     const shown = names.map((p, i) => i).filter((i) => names[i].variable === 'rgb_display');
     const b = shown.length ? shown[shown.length - 1] : last, a = raw >= 0 && raw !== b ? raw : Math.max(0, b - 1);
     this.panes = [this.pane(a), this.pane(b)];
-    if (before && JSON.stringify(before.doc.pictured) === JSON.stringify(names)) { // the same archive, further on: stay where one was
+    if (before && JSON.stringify(before.doc.pictured) === JSON.stringify(names)) { // the same archive, further on: keep the current view
       this.panes = before.panes.map((p) => this.pane(p.index));
       for (const name of ['mode', 'wipe', 'stops', 'held', 'view', 'fitted', 'along']) this[name] = before[name];
     }
     this.toolbar = el('div', { class: 'controls toolbar' });
     this.area = el('div', { class: 'panes' });
     this.status = el('p', { class: 'readout', id: 'pane-status' });
-    this.table = el('div', { class: 'probe', id: 'probe' }, el('p', { class: 'note' }, 'Point at a picture.'));
+    this.table = el('div', { class: 'probe', id: 'probe' }, el('p', { class: 'note' }, 'Hover over a picture.'));
     this.lineHead = el('div', { class: 'head' }); this.linePlot = el('div', { class: 'plot', id: 'line-plot' });
     this.histogramHead = el('div', { class: 'head' }); this.histogramPlot = el('div', { class: 'plot', id: 'histogram' });
     this.probe = latest((place) => this.askProbe(place));
@@ -47,9 +48,9 @@ class Panes {
     const gain = el('input', { type: 'range', min: -4, max: 8, step: 0.5, value: this.stops, 'aria-label': 'brightness in stops', oninput: () => { this.stops = Number(gain.value); gainSaid.textContent = this.saidStops(); this.again(); } }), gainSaid = el('output', {}, this.saidStops());
     clear(this.toolbar,
       el('div', { class: 'group', role: 'group', 'aria-label': 'arrangement' }, mode('beside', 'Side by side'), mode('wipe', 'Wipe A | B')),
-      el('div', { class: 'group', role: 'group', 'aria-label': 'zoom' }, button('Fit', 'all of it (0)', () => { this.fit(); this.draw(); }), button('1 : 1', 'a pixel of the picture on a pixel of the screen (1)', () => this.oneToOne()), button('−', 'smaller', () => this.zoom(0.5)), button('+', 'larger', () => this.zoom(2))),
-      this.mode === 'beside' && this.panes.length < Math.min(MOST_PANES, this.doc.pictured.length) ? button('+ picture', 'one more stage', () => { this.panes.push(this.pane(Math.max(0, this.panes[0].index - 1))); this.tools(); this.build(); this.again(); }) : null,
-      this.mode === 'wipe' && this.doc.axes.length ? (this.held ? button('B follows the sliders', '', () => { this.held = null; this.tools(); this.again(); }, true) : button('Hold B at this cell', 'then move the sliders: A follows, B stays', () => { this.held = { ...state.at }; this.tools(); this.again(); })) : null,
+      el('div', { class: 'group', role: 'group', 'aria-label': 'zoom' }, button('Fit', 'whole picture (0)', () => { this.fit(); this.draw(); }), button('1 : 1', 'one picture pixel per screen pixel (1)', () => this.oneToOne()), button('−', 'zoom out', () => this.zoom(0.5)), button('+', 'zoom in', () => this.zoom(2))),
+      this.mode === 'beside' && this.panes.length < Math.min(MOST_PANES, this.doc.pictured.length) ? button('+ picture', 'add a stage', () => { this.panes.push(this.pane(Math.max(0, this.panes[0].index - 1))); this.tools(); this.build(); this.again(); }) : null,
+      this.mode === 'wipe' && this.doc.axes.length ? (this.held ? button('B follows the sliders', '', () => { this.held = null; this.tools(); this.again(); }, true) : button('Hold B at this cell', 'A follows the sliders, B stays', () => { this.held = { ...state.at }; this.tools(); this.again(); })) : null,
       el('label', { class: 'field gain' }, el('span', {}, 'brightness of linear pictures ', gainSaid), gain));
   }
   saidStops() { return `${this.stops > 0 ? '+' : this.stops < 0 ? '−' : '±'}${Math.abs(this.stops)} stops`; }
@@ -67,7 +68,7 @@ class Panes {
   }
 
   canvas(pane) {
-    const canvas = el('canvas', { tabindex: 0, class: 'pixels', 'aria-label': 'pixels: drag to move, + and − to zoom, arrow keys to move' });
+    const canvas = el('canvas', { tabindex: 0, class: 'pixels', 'aria-label': 'pixels: drag or use the arrow keys to pan, + and − to zoom' });
     pane.canvas = canvas;
     let drag = null;
     const place = (event) => { const box = canvas.getBoundingClientRect(); return this.toPlace(event.clientX - box.left - box.width / 2, event.clientY - box.top - box.height / 2); };
@@ -92,12 +93,12 @@ class Panes {
     return canvas;
   }
 
-  // ---- places: um on the image plane, or samples where a picture has none
+  // ---- places: um on the image plane, or samples if a picture has no place on it
 
   toPlace(dx, dy) { return { x: this.view.x + dx / this.view.scale, y: this.view.y + dy / this.view.scale }; }
   reference() { return this.panes.map((p) => p.said).filter(Boolean).sort((a, b) => b.width * b.dx - a.width * a.dx)[0]; }
   extent(said) { return { x: said.x - said.dx / 2, y: said.y - said.dy / 2, width: said.width * said.dx, height: said.height * said.dy }; }
-  // Where a picture stands in the view: itself, or, without a place on the plane, as wide as what has one.
+  // Where a picture lies in the view: its own place, or, if it has none on the plane, that of a picture that has.
   box(said) {
     const other = this.panes.map((p) => p.said).find((s) => s && s.plane);
     return !said.plane && other ? this.extent(other) : this.extent(said);
@@ -165,12 +166,12 @@ class Panes {
       if (this.mode === 'wipe') break;
     }
     const said = this.panes.map((p) => p.said).find(Boolean), zoomed = said ? this.view.scale * (this.box(said).width / said.width) * (window.devicePixelRatio || 1) : 1;
-    clear(this.status, said ? `${zoomed >= 1 ? `${say(zoomed, 3)} screen pixels a pixel` : `1 screen pixel shows ${say(1 / zoomed, 3)} pixels`} of ${named(this.what(this.panes.find((p) => p.said)).stage)}${this.held && this.mode === 'wipe' ? ` · B held at ${where(this.doc.axes.map((a) => a.dim), this.held)}` : ''}` : ' ');
+    clear(this.status, said ? `${zoomed >= 1 ? `${say(zoomed, 3)} screen pixels per pixel` : `1 screen pixel shows ${say(1 / zoomed, 3)} pixels`} of ${named(this.what(this.panes.find((p) => p.said)).stage)}${this.held && this.mode === 'wipe' ? ` · B held at ${where(this.doc.axes.map((a) => a.dim), this.held)}` : ''}` : ' ');
   }
   stamp(pen, pane, width, height, sharp) {
     if (!pane.bitmap) { pen.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--soft'); pen.font = `${14 * sharp}px system-ui, sans-serif`; pen.textAlign = 'center'; pen.fillText(pane.why ? `no picture: ${pane.why.slice(0, 60)}` : 'loading …', width / 2, height / 2); return; }
     const b = this.box(pane.said), k = this.view.scale * sharp;
-    pen.imageSmoothingEnabled = k * (b.width / pane.said.width) < 0.999; // never between pixels that are seen one by one
+    pen.imageSmoothingEnabled = k * (b.width / pane.said.width) < 0.999; // never interpolate pixels that are large enough to see
     pen.drawImage(pane.bitmap, (b.x - this.view.x) * k + width / 2, (b.y - this.view.y) * k + height / 2, b.width * k, b.height * k);
   }
 
@@ -193,13 +194,13 @@ class Panes {
     const { rows } = await (await ask('probe', words)).json(), many = (r) => r.values.length > 4;
     const value = (r) => (r.why ? el('span', { class: 'soft' }, r.why) : many(r) ? `${say(Math.min(...r.values))} … ${say(Math.max(...r.values))} in ${r.values.length} ${r.dims.some((dim) => this.doc.bins.includes(dim)) ? 'bands' : 'values'}` : r.values.map((v, i) => `${r.labels[i] ? `${r.labels[i]} ` : r.filter ? `${r.filter} ` : ''}${say(v, 5)}`).join('  '));
     const shown = tableOf(['stage', 'value', '', 'pixel'], rows.map((r) => [named(r.stage), el('span', { 'data-probe': `${r.stage}.${r.variable}`, 'data-values': JSON.stringify(r.values || []), 'data-row': r.row, 'data-column': r.column }, value(r)), unit(r.units || ''), r.why ? '' : `${r.row}, ${r.column}`]), 9);
-    clear(this.table, el('p', { class: 'note' }, `${place.pane.said.plane ? `x ${say(Math.abs(place.x) < 1e-6 ? 0 : place.x, 4)} µm, y ${say(Math.abs(place.y) < 1e-6 ? 0 : place.y, 4)} µm on the image plane` : 'of the picture’s own samples'}${this.point ? ' · held; click a picture to let go' : ''}`), shown);
+    clear(this.table, el('p', { class: 'note' }, `${place.pane.said.plane ? `x ${say(Math.abs(place.x) < 1e-6 ? 0 : place.x, 4)} µm, y ${say(Math.abs(place.y) < 1e-6 ? 0 : place.y, 4)} µm on the image plane` : 'in samples of the picture'}${this.point ? ' · pinned; click a picture to release' : ''}`), shown);
     this.last = place;
     if (!this.point) this.line();
   }
 
   lineHeading() {
-    clear(this.lineHead, el('h3', {}, 'Line through it'), el('div', { class: 'group' }, ['x', 'y'].map((along) => el('button', { type: 'button', 'aria-pressed': String(this.along === along), onclick: () => { this.along = along; this.lineHeading(); this.line(); } }, along === 'x' ? 'row' : 'column'))));
+    clear(this.lineHead, el('h3', {}, 'Line profile'), el('div', { class: 'group' }, ['x', 'y'].map((along) => el('button', { type: 'button', 'aria-pressed': String(this.along === along), onclick: () => { this.along = along; this.lineHeading(); this.line(); } }, along === 'x' ? 'row' : 'column'))));
   }
   async askLine() {
     const place = this.point || this.last, s = place && this.sampleOf(place.pane, place);
@@ -212,7 +213,7 @@ class Panes {
     if (this.linePlot.redraw) { this.linePlot.drawer = draw; this.linePlot.redraw(); } else { this.linePlot.drawer = draw; sized(this.linePlot, (width) => this.linePlot.drawer(width)); }
   }
 
-  histogramHeading() { clear(this.histogramHead, el('h3', {}, `Histogram of what is seen of ${named(this.what(this.panes[0]).stage)}: ${named(this.what(this.panes[0]).variable)}`)); }
+  histogramHeading() { clear(this.histogramHead, el('h3', {}, `Histogram of the visible part of ${named(this.what(this.panes[0]).stage)}: ${named(this.what(this.panes[0]).variable)}`)); }
   async askHistogram() {
     const pane = this.panes[0];
     this.histogramHeading();
@@ -220,10 +221,10 @@ class Panes {
     const b = this.box(pane.said), half = { x: pane.canvas.clientWidth / 2 / this.view.scale, y: pane.canvas.clientHeight / 2 / this.view.scale }, w = pane.said.width, h = pane.said.height;
     const rows = [this.view.y - half.y, this.view.y + half.y].map((y) => ((y - b.y) / b.height) * h), columns = [this.view.x - half.x, this.view.x + half.x].map((x) => ((x - b.x) / b.width) * w);
     const found = await (await ask('histogram', { ...this.what(pane), at: placesOf(this.at(pane)), y0: clamp(Math.floor(rows[0]), 0, h), y1: clamp(Math.ceil(rows[1]), 0, h), x0: clamp(Math.floor(columns[0]), 0, w), x1: clamp(Math.ceil(columns[1]), 0, w) })).json();
-    if (!found.channels.length) { clear(this.histogramPlot, el('p', { class: 'note' }, 'Nothing of it is seen.')); return; }
+    if (!found.channels.length) { clear(this.histogramPlot, el('p', { class: 'note' }, 'No part of it is visible.')); return; }
     const tints = { R: '#d1453b', G: '#2e9e5b', B: '#3d74d6' }, step = (found.high - found.low) / found.channels[0].counts.length || 1;
     const series = found.channels.map((c, i) => ({ name: c.name, colour: tints[c.name] || colour(i), points: c.counts.flatMap((n, k) => [[found.low + k * step, n], [found.low + (k + 1) * step, n]]) }));
-    const share = (v) => (v === null ? '–' : v === 0 ? '0' : `${say(100 * v, 3)} %`), statistics = tableOf(['', 'mean', 'deviation', 'mean / deviation', 'at 0 or below', 'clipped'], found.channels.map((c) => [c.name || 'all', say(c.mean), say(c.deviation, 3), c.deviation > 0 ? say(c.mean / c.deviation, 3) : '–', share(c.at_zero), share(c.at_top)]), 1);
+    const share = (v) => (v === null ? '–' : v === 0 ? '0' : `${say(100 * v, 3)} %`), statistics = tableOf(['', 'mean', 'std dev', 'mean / std dev', 'at or below 0', 'clipped'], found.channels.map((c) => [c.name || 'all', say(c.mean), say(c.deviation, 3), c.deviation > 0 ? say(c.mean / c.deviation, 3) : '–', share(c.at_zero), share(c.at_top)]), 1);
     const draw = (width) => { lines(this.histogramPlot, width, { height: 220, points: false, x: { range: [found.low, found.high], label: `value${found.units ? ` (${unit(found.units)})` : ''}` }, y: { range: extent(series.flatMap((l) => l.points.map((p) => p[1])), false, true), label: 'pixels' }, series, marks: found.ceiling && found.ceiling <= found.high ? [{ x: found.ceiling, label: 'clipped' }] : [] }); this.histogramPlot.append(statistics); };
     if (this.histogramPlot.redraw) { this.histogramPlot.drawer = draw; this.histogramPlot.redraw(); } else { this.histogramPlot.drawer = draw; sized(this.histogramPlot, (width) => this.histogramPlot.drawer(width)); }
   }

@@ -1,7 +1,7 @@
-// The frame of the page: what it is about, its parts, the sliders, all of it at a glance, what distributions add, where it comes from.
+// The frame of the page: its header, its parts, the sliders, the overview, sections of distributions, provenance.
 
 const parts = [];
-const SHORT = { cell: 'The choice', maps: 'Maps', subjects: 'Figures', error: 'Error and time', omitted: 'Left out', figures: 'Files', provenance: 'Provenance', live: 'Pixels' };
+const SHORT = { cell: 'The choice', maps: 'Maps', subjects: 'Metrics', error: 'Error and time', omitted: 'Left out', figures: 'Files', provenance: 'Provenance', live: 'Pixels' };
 
 function section(id, title, lead, ...content) {
   const made = el('section', { id, 'aria-labelledby': `${id}-title` }, el('h2', { id: `${id}-title` }, title), lead ? el('p', { class: 'lead' }, lead) : null, ...content);
@@ -32,7 +32,7 @@ function header(doc) {
   const spent = sum(doc.stages.map((s) => s.seconds || 0)), failed = sum(doc.failures.rows.map((row) => row.cells));
   const chip = (kind, text) => el('span', { class: `chip ${kind}` }, text);
   const chips = [];
-  if (doc.running) chips.push(chip('busy', doc.live ? 'running' : 'still running when this was made'));
+  if (doc.running) chips.push(chip('busy', doc.live ? 'running' : 'still running when this page was made'));
   else if (!doc.ended) chips.push(chip('warn', 'interrupted'));
   if (failed) chips.push(chip('bad', `${plural(failed, 'cell')} failed`));
   if (doc.damaged.length) chips.push(chip('bad', `${plural(doc.damaged.length, 'array')} damaged`));
@@ -44,7 +44,7 @@ function header(doc) {
   return el('header', {},
     el('div', { class: 'top' }, el('p', { class: 'kind' }, `${doc.live ? 'etendue · live view' : 'etendue · report'}${doc.archive === doc.name ? '' : ` · ${doc.archive}`}`), themeSwitch()),
     el('div', { class: 'top' }, el('h1', {}, doc.title || doc.name), state), doc.description ? el('p', { class: 'about' }, doc.description) : null,
-    el('p', { class: 'facts', title: `begun ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}` }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (a stage at one set of values), ${seconds(spent)} of computing.`));
+    el('p', { class: 'facts', title: `started ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}` }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (one stage at one set of values), ${seconds(spent)} of computing time.`));
 }
 
 function themeSwitch() {
@@ -75,7 +75,7 @@ function navigation() {
 
 function sliders(doc) {
   if (!doc.axes.some((axis) => axis.values.length > 1)) return null;
-  const bar = el('div', { class: 'sliders', role: 'group', 'aria-label': 'place on the axes of the sweep' });
+  const bar = el('div', { class: 'sliders', role: 'group', 'aria-label': 'position on the axes of the sweep' });
   for (const axis of doc.axes) {
     const said = el('output', {}), last = axis.values.length - 1;
     const input = el('input', { type: 'range', min: 0, max: last, step: 1, 'aria-label': axis.label, 'data-axis': axis.dim, disabled: last === 0, oninput: () => move({ [axis.dim]: Number(input.value) }) });
@@ -85,7 +85,7 @@ function sliders(doc) {
   return bar;
 }
 
-// ---- glance
+// ---- overview
 
 function glance(doc) {
   const swept = doc.axes.map((axis) => [axis.label, axis.values.length > 6 || !axis.values.length ? `${axisValue(axis, 0)} … ${axisValue(axis, axis.values.length - 1)}` : axis.values.map((_, i) => axisValue(axis, i)).join(', '), `${axis.values.length} values`]);
@@ -99,44 +99,44 @@ function glance(doc) {
   for (const one of pictures) {
     const stage = doc.stages.find((s) => s.name === one.stage);
     strip.append(el('li', {}, el('figure', {},
-      el('div', { class: 'tile' }, el('img', { src: `data:image/webp;base64,${one.data}`, alt: `${one.variable} behind ${one.stage}`, width: one.shown[0], height: one.shown[1], loading: 'lazy' })),
-      el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}${one.unencoded ? ' · without gamma' : ''}${one.how === 'without loss' ? '' : ` · ${one.how}`}`)))));
+      el('div', { class: 'tile' }, el('img', { src: `data:image/webp;base64,${one.data}`, alt: `${one.variable} after ${one.stage}`, width: one.shown[0], height: one.shown[1], loading: 'lazy' })),
+      el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}${one.unencoded ? ' · without gamma' : ''}${one.how === 'lossless' ? '' : ` · ${one.how}`}`)))));
   }
   const chain = el('ol', { class: 'chain' }, doc.stages.map((stage) => el('li', { class: stage.failed ? 'failed' : '' }, el('strong', {}, named(stage.name)), el('span', {}, stage.what || stage.role[0] || stage.use.join(', ')))));
   const made = section('glance', `The ${whole} at a glance`, doc.words.chain,
-    card(el('div', { class: 'columns' }, swept.length ? el('div', {}, el('h3', {}, 'Swept'), facts(swept.map(([a, b, c]) => [a, b, c]))) : null, el('div', {}, el('h3', {}, 'The same everywhere'), facts(first.map(row)))),
+    card(el('div', { class: 'columns' }, swept.length ? el('div', {}, el('h3', {}, 'Swept'), facts(swept.map(([a, b, c]) => [a, b, c]))) : null, el('div', {}, el('h3', {}, 'Constant'), facts(first.map(row)))),
       rest.length ? el('details', {}, el('summary', {}, `All ${shared.length} quantities`), facts(rest.map(row))) : null),
-    pictures.length ? card(el('h3', {}, doc.words.strip), strip, el('p', { class: 'note' }, `${doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}. ` : ''}Linear pictures of one kind have one brightness, at which the first of them is bright on this screen; display values are as they are. At most 256 × 256 samples.`), doc.live ? null : picturesNote(doc)) : null,
+    pictures.length ? card(el('h3', {}, doc.words.strip), strip, el('p', { class: 'note' }, `${doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}. ` : ''}Linear pictures of one kind share one brightness, set so that the first of them is bright; display values are shown unchanged. At most 256 × 256 samples.`), doc.live ? null : picturesNote(doc)) : null,
     el('details', { class: 'card' }, el('summary', {}, `What each of the ${doc.stages.length} stages does`), chain));
   parts[parts.length - 1].title = capital(whole);
   return made;
 }
 
-// ---- what distributions add: paragraphs, tables, pictures
+// ---- sections of distributions: paragraphs, tables, pictures
 
 function addedPart(one) {
   const block = (own) => {
     if (own.table) return tableOf(own.table.head, own.table.rows.map((row) => row.map((value) => say(value))), 1);
     return own.picture ? el('img', { class: 'added', src: own.picture, alt: own.alt }) : el('p', {}, own.paragraph);
   };
-  return section(`added-${one.name}`, one.title, '', card(one.why ? el('p', { class: 'broken' }, one.why) : one.blocks.map(block), el('p', { class: 'note' }, `This section comes with ${one.origin}.`)));
+  return section(`added-${one.name}`, one.title, '', card(one.why ? el('p', { class: 'broken' }, one.why) : one.blocks.map(block), el('p', { class: 'note' }, `Section provided by ${one.origin}.`)));
 }
 
-// ---- where it comes from
+// ---- provenance
 
 function provenance(doc) {
   const p = doc.provenance, versions = (map) => Object.entries(map).map(([name, version]) => `${name} ${say(version, EXACT)}`).join(', ');
   const command = (text, what) => el('div', { class: 'command' }, el('code', {}, text), el('span', {}, what));
   const again = [
-    command(`etendue reproduce ${doc.archive}`, 'computes it again from the archive alone, and compares every cell'),
+    command(`etendue reproduce ${doc.archive}`, 'recomputes it from the archive alone and compares every cell'),
     p.pipeline_file ? command(`etendue run ${doc.archive}/${p.pipeline_file} --archive again`, 'runs the same pipeline into a new archive') : null,
     command(`etendue verify ${doc.archive}`, 'reads every byte against its checksum'),
     command(`etendue view ${doc.archive}`, 'every pixel of every stage, live'),
     command(`etendue report ${doc.archive} -o report.html`, 'this page'),
   ];
-  return section('provenance', 'Where it comes from', 'Everything here was computed by simulation; the commands below make it again.',
-    card(el('h3', {}, 'Make it again'), again),
+  return section('provenance', 'Provenance', 'Everything here was simulated; the commands below reproduce it.',
+    card(el('h3', {}, 'Reproduce it'), again),
     card(el('dl', { class: 'facts-list' },
-      [['archive', doc.archive], ['pipeline', doc.name], ['begun', p.began], ['runs', String(p.runs)], ['options', versions(p.options)], ['changed on the command line', versions(p.overrides) || 'nothing'], ['platform', versions(p.platform)], ['libraries', versions(p.libraries)], ['stages from', p.distributions.join(', ')], ['page made by', doc.made_by]].map(([a, b]) => el('div', {}, el('dt', {}, a), el('dd', {}, b)))),
+      [['archive', doc.archive], ['pipeline', doc.name], ['started', p.began], ['runs', String(p.runs)], ['options', versions(p.options)], ['changed on the command line', versions(p.overrides) || 'none'], ['platform', versions(p.platform)], ['libraries', versions(p.libraries)], ['stages from', p.distributions.join(', ')], ['page made by', doc.made_by]].map(([a, b]) => el('div', {}, el('dt', {}, a), el('dd', {}, b)))),
       el('details', {}, el('summary', {}, 'The pipeline file'), el('pre', {}, p.text))));
 }

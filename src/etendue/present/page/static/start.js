@@ -1,4 +1,4 @@
-// The page put together.
+// Assembly of the page.
 
 async function begin() {
   const doc = JSON.parse(document.getElementById('document').textContent), root = document.getElementById('page');
@@ -21,13 +21,13 @@ async function show(doc, root) {
     () => (doc.live ? openingPart(doc, scalars) : null), () => glance(doc), () => mapPart(doc, scalars), () => curvesPart(doc, state.figures), () => tradePart(doc, scalars),
     () => errorPart(doc), () => omittedPart(doc), () => (failed ? null : failedPart(doc)), () => subjectsPart(doc, scalars), () => allPart(doc, scalars, state.figures), ...doc.sections.map((one) => () => addedPart(one)), () => provenance(doc),
   ]);
-  const head = header(doc), held = el('div', { class: 'held' }, navigation(), sliders(doc)), foot = el('footer', {}, `${doc.made_by} · this page asks no network for anything${doc.live ? ' but the program that shows it' : ''}`);
+  const head = header(doc), held = el('div', { class: 'held' }, navigation(), sliders(doc)), foot = el('footer', {}, `${doc.made_by} · this page loads nothing from the network${doc.live ? '; it talks only to the program that shows it' : ''}`);
   clear(root, head, doc.live ? [held, el('main', {}, first, rest)] : el('main', {}, first, held, rest), foot);
   root.dataset.ready = 'yes';
   if (location.hash) document.getElementById(location.hash.slice(1))?.scrollIntoView();
 }
 
-// A part that cannot be drawn takes no other with it.
+// If a part cannot be drawn, the others still are.
 function standing(make) {
   try { return make(); } catch (error) { console.error(error); return el('section', {}, el('p', { class: 'broken' }, `A part of this page could not be drawn: ${error.message}`)); }
 }

@@ -1,4 +1,4 @@
-"""Where run time and error come from, and what was left out: the ledger of an archive, stage by stage.
+"""Sources of run time and error, and omissions: the ledger of an archive, stage by stage.
 
 In:  holdings with a table ``ledger``.
 Out: a ``Plot`` of three columns of bars over the stages in their order.
@@ -22,8 +22,8 @@ COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "s
 
 
 def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: str = "") -> Plot:
-    """Thread time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also what
-    each is owed of losses at a ``place`` of the sweep.
+    """Plot thread time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also
+    each stage's share of the losses at a ``place`` of the sweep.
 
     Raises
     ------
@@ -56,16 +56,21 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
         f"{holdings.pipeline + ': ' if holdings.pipeline else ''}time, error and omissions by stage", fontsize=10
     )
     if blame is None:
-        return Plot(whole, COLUMNS, rows, [f"which stage loses {called()['lost']}: --blame"] if shared_out() else [])
+        return Plot(
+            whole,
+            COLUMNS,
+            rows,
+            [f"each stage's share of the loss of {called()['lost']}: --blame"] if shared_out() else [],
+        )
     for axes, loss in zip(
         np.atleast_1d(second.subplots(1, len(losses))) if second is not None else (), losses, strict=True
     ):
         _draw_loss(axes, loss)
     if second is not None and place:
-        second.suptitle(f"what each stage is owed of the losses, at {place}", fontsize=10)
+        second.suptitle(f"each stage's share of the loss, at {place}", fontsize=10)
     where = f" at {place}" if place else ""
     notes = [f"no losses{where}: {blame['why']}"] if blame.get("why") else []
-    notes += [f"losses are those of the {called()['cell']}{where}"] if place and not notes else []
+    notes += [f"losses are given for the {called()['cell']}{where}"] if place and not notes else []
     notes += map(str, blame["notes"])
     return Plot(
         whole, (*COLUMNS, *(f"{loss['what'].lower()}_share" for loss in losses)), _with_shares(rows, losses), notes
@@ -73,7 +78,7 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
 
 
 def _draw_time(axes: Any, at: Mapping[str, list[Any]]) -> None:
-    """Bars of thread time by stage, spent and saved."""
+    """Draw bars of thread time by stage, spent and saved."""
     rank = np.arange(len(at["stage"]))
     seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
     axes.barh(rank, seconds, color="#4477aa", label="spent")
@@ -85,13 +90,13 @@ def _draw_time(axes: Any, at: Mapping[str, list[Any]]) -> None:
         edgecolor="#4477aa",
         hatch="////",
         linewidth=0.6,
-        label="saved, as planned",
+        label="saved (planned)",
     )
     top = max(float((seconds + saved).max()), 1e-9)
     for row, (own, more) in enumerate(zip(seconds, saved, strict=True)):
         axes.text(own + more + 0.01 * top, row, _seconds(own), va="center", fontsize=7)
     axes.set_xlim(0, 1.22 * top)
-    axes.set_title(f"thread time: {_seconds(float(seconds.sum()))} in all", fontsize=9)
+    axes.set_title(f"thread time: {_seconds(float(seconds.sum()))} total", fontsize=9)
     axes.set_yticks(
         rank,
         [
@@ -104,7 +109,7 @@ def _draw_time(axes: Any, at: Mapping[str, list[Any]]) -> None:
 
 
 def _draw_error(axes: Any, at: Mapping[str, list[Any]]) -> None:
-    """Bars of stated errors by stage, on a logarithmic axis."""
+    """Draw bars of stated errors by stage, on a logarithmic axis."""
     rank = np.arange(len(at["stage"]))
     stated = np.array([np.nan if v is None else v for v in at["error"]], float)
     bound = np.array(at["bound"], float)
@@ -117,7 +122,7 @@ def _draw_error(axes: Any, at: Mapping[str, list[Any]]) -> None:
         left=low,
         height=0.36,
         color="#cc6677",
-        label="of the stage itself",
+        label="of the stage",
     )
     axes.barh(
         rank + 0.19,
@@ -125,17 +130,17 @@ def _draw_error(axes: Any, at: Mapping[str, list[Any]]) -> None:
         left=low,
         height=0.36,
         color="#ddcc77",
-        label="added by omissions, at most",
+        label="error bound of omissions",
     )
     axes.set_xlim(low, max(2.0 * float(positive.max()), 10 * low) * 12 if positive.size else 1.0)
     for row, (own, how) in enumerate(zip(stated, at["how"], strict=True)):
         text = "unknown" if np.isnan(own) else f"{'exact' if own == 0 else f'{own:.0e}'.replace('e-0', 'e-')}, {how}"
         axes.text(own * 1.15 if own > low else low * 1.15, row - 0.19, text, va="center", fontsize=6.5)
-    axes.set_title("largest error, share of full scale", fontsize=9)
+    axes.set_title("largest error, relative to full scale", fontsize=9)
 
 
 def _draw_cells(axes: Any, at: Mapping[str, list[Any]]) -> None:
-    """Bars of the share of cells that were left out, coarser or failed."""
+    """Draw bars of the share of cells that were left out, coarser or failed."""
     rank = np.arange(len(at["stage"]))
     shares = {
         name: np.array(at[name], float) / np.maximum(np.array(at["cells"], float), 1)
@@ -151,11 +156,11 @@ def _draw_cells(axes: Any, at: Mapping[str, list[Any]]) -> None:
             axes.barh(rank, 100 * shares[name], left=100 * start, color=colour, label=words)
             start = start + shares[name] if name != "approximated" else start
     axes.set_xlim(0, 105)
-    axes.set_title("share of the cells, %", fontsize=9)
+    axes.set_title("share of cells, %", fontsize=9)
 
 
 def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:
-    """Bars of what each stage is owed; what wins back to the left."""
+    """Draw bars of each stage's share; stages that win back loss extend to the left."""
     names, shares = [one["stage"] for one in loss["stages"]], np.array([_known(one["share"]) for one in loss["stages"]])
     place = np.arange(len(names))
     axes.barh(place, 100 * shares, color=np.where(shares < 0, "#44aa77", "#cc6677"))
@@ -171,7 +176,7 @@ def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:
     axes.invert_yaxis()
     axes.axvline(0, color="0.4", linewidth=0.8)
     axes.set_title(f"{loss['what']}: {loss['value']:.3g}, ideal {loss['ideal']:.3g}\n({loss['figure']})", fontsize=8.5)
-    axes.set_xlabel("share of what is lost, %; below 0: wins back", fontsize=7.5)
+    axes.set_xlabel("share of the loss, %; below 0: wins back", fontsize=7.5)
     axes.tick_params(labelsize=7.5, length=2)
     axes.grid(axis="x", color="0.93")
     axes.set_axisbelow(True)
@@ -182,7 +187,7 @@ def _known(share: Any) -> float:
 
 
 def _with_shares(rows: list[list[Any]], losses: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
-    """A share of each loss behind what is known of a stage; stages that are one in a loss, a row of their own."""
+    """Append each stage's share of every loss to its row; stages merged in a loss get a row of their own."""
     shares = [{one["stage"]: one["share"] for one in loss["stages"]} for loss in losses]
     names = [row[0] for row in rows]
     apart = [name for name in dict.fromkeys(name for own in shares for name in own) if name not in names]
@@ -191,7 +196,7 @@ def _with_shares(rows: list[list[Any]], losses: Sequence[Mapping[str, Any]]) -> 
 
 
 def by_stage(holdings: Holdings) -> list[list[Any]]:
-    """A row for each stage, in their order: as ``COLUMNS`` says.
+    """Return a row for each stage, in order, with the columns of ``COLUMNS``.
 
     Raises
     ------
@@ -200,9 +205,7 @@ def by_stage(holdings: Holdings) -> list[list[Any]]:
     """
     ledger = holdings.table("ledger")
     if ledger is None:
-        raise RequestError(
-            "there is no ledger here: a budget is drawn of an archive, or of what a run gave, as a whole"
-        )
+        raise RequestError("no ledger: a budget needs a whole archive or the whole result of a run")
     stages = ledger["stage"].values.astype(object)
     rows = []
     for name in dict.fromkeys(stages.tolist()):

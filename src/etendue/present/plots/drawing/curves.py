@@ -1,9 +1,8 @@
-"""Curves: a variable over its own dim, such as frequency or signal, or a figure over an axis of the sweep.
+"""Curves: a variable over its own dim, such as frequency or signal, or a metric over an axis of the sweep.
 
-In:  holdings, the name of a variable, what runs along x, which dim is told apart by lines and which by panels.
-Out: a ``Plot``; where an axis ends for good, as frequency does at that of Nyquist, a line stands: half a cycle a pixel,
-     or what a
-variable with an ``end`` says in the same unit.
+In:  holdings, the name of a variable, the dim along x, the dims shown as lines and as panels.
+Out: a ``Plot``. A line marks where an axis ends by nature, as frequency does at Nyquist: at half a cycle per pixel, or
+     at the value of a variable with an ``end`` in the same unit.
 """
 
 from __future__ import annotations
@@ -39,13 +38,13 @@ def curves(
     at: Mapping[str, Any] | None = None,
     middle: Mapping[str, Any] | None = None,
 ) -> Plot:
-    """Lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: what lines tell
-    apart.
+    """Plot lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: the dim shown
+    as separate lines.
 
     Raises
     ------
     RequestError
-        No such variable, dim or value.
+        Unknown variable, dim or value.
     """
     held = holdings.find(variable, "curve", "figure") if variable else _preferred(holdings)
     free = [dim for dim in held.dims if held.is_counted(dim)]
@@ -74,7 +73,7 @@ def curves(
 
 
 def _scale(grid: Sequence[Any], held: HeldVariable, spread: PlotDim | None) -> None:
-    """``spread``: the axis along x, if its values are far apart."""
+    """Set scales and labels; ``spread``: the axis along x, if its values call for a logarithmic scale."""
     unit = unit_text(held.units)
     for axes in grid:
         if spread is not None:
@@ -93,7 +92,7 @@ def _draw_panels(
     x: tuple[str, str],
     hue: PlotDim | None,
 ) -> tuple[list[list[Any]], str]:
-    """All panels: their numbers, and what the last end of x is called."""
+    """Draw all panels; return their numbers and the name of the end of x."""
     rows: list[list[Any]] = []
     ended = ""
     for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
@@ -111,7 +110,7 @@ def _draw_panels(
 def _draw_lines(
     axes: Any, holdings: Holdings, held: HeldVariable, x: tuple[str, str], hue: PlotDim | None, at: Mapping[str, Any]
 ) -> tuple[list[list[Any]], str, str]:
-    """The lines of a panel and where x ends: their numbers, the title of x, and what the last end is called."""
+    """Draw the lines of a panel and the end of x; return their numbers, the title of x, and the name of the end."""
     rows: list[list[Any]] = []
     title, ended, seen = "", "", set()
     for colour, value in zip(_colours(hue), hue.values if hue else [None], strict=True):
@@ -141,38 +140,36 @@ def _preferred(holdings: Holdings) -> HeldVariable:
 
 
 def _along(held: HeldVariable, x: str, free: Sequence[str], dims: Sequence[PlotDim]) -> tuple[str, str]:
-    """The dim along x, and the coordinate or variable that stands there in its place."""
+    """Return the dim along x, and the coordinate or variable shown in its place."""
     group = held.groups[0]
     if not x:
         if free:
             return free[0], ""
         axes = [dim for dim in dims if len(dim.values) > 1 and dim.counted]
         if not axes:
-            raise RequestError(f"{held.name} has one value along every axis: there is no curve in it")
+            raise RequestError(f"{held.name} has only one value along every axis: nothing to plot as a curve")
         return max(axes, key=lambda dim: (dim.name in first("along"), len(dim.values))).name if len(axes) > 1 else axes[
             0
         ].name, ""
     if x in free or x in [dim.name for dim in dims]:
         if free and x not in free:
-            raise RequestError(f"--x {x}: {held.name} runs over {free[0]}; a coordinate along it may stand there")
+            raise RequestError(f"--x {x}: {held.name} runs over {free[0]}; x must be that or a coordinate along it")
         return x, ""
     beside = [
         str(name) for name, own in group.variables.items() if free and free[0] in own.dims and own.dtype.kind in "fiu"
     ]
     if x in beside:
         return free[0], x
-    raise RequestError(
-        f"--x {x}: it is no dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}"
-    )
+    raise RequestError(f"--x {x}: not a dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}")
 
 
 def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: Mapping[str, Any]) -> str:
-    """What lines tell apart: as it was asked for, else names first (stages, factors), then the axis with the most
+    """Return the dim shown as lines: as requested, else named dims first (stages, factors), then the axis with the most
     values that lines can show.
     """
     names = [dim.name for dim in rest]
     if lines and lines not in names:
-        raise RequestError(f"--lines {lines}: it is no dim that lines could tell apart{nearest(lines, names)}")
+        raise RequestError(f"--lines {lines}: not a dim that can be shown as lines{nearest(lines, names)}")
     if lines:
         return lines
     open_ = [dim for dim in rest if dim.name not in chosen and 1 < len(dim.values) <= MOST_LINES]
@@ -181,7 +178,7 @@ def _told_apart(lines: str, rest: Sequence[PlotDim], chosen: Mapping[str, Any]) 
 
 
 def _x_of(held: HeldVariable, along: str, beside: str, at: Mapping[str, Any]) -> tuple[Any, str, str]:
-    """Where the samples of a line stand, the unit, and the title of the axis."""
+    """Return the x values of a line, their unit, and the title of the axis."""
     if not beside:
         units = held.units_of(along)
         title = name_text(along, units) if units != "s" else f"{along.replace('_', ' ')}, s"
@@ -196,11 +193,11 @@ def _x_of(held: HeldVariable, along: str, beside: str, at: Mapping[str, Any]) ->
                 units,
                 name_text(str(array.attrs.get("long_name", beside)), units),
             )
-    raise RequestError(f"{beside} is not known at these values")
+    raise RequestError(f"{beside} has no values here")
 
 
 def _end(holdings: Holdings, held: HeldVariable, at: Mapping[str, Any], units: str) -> tuple[float, str] | None:
-    """Where x ends for a line in its unit, and what that is called; None where it goes on, or nobody says."""
+    """Return where x ends for a line, in its unit, and the name of that end; None if it has no known end."""
     if units in PER_PIXEL:
         return 0.5, NYQUIST
     group = held.groups[0]

@@ -1,6 +1,6 @@
-"""A figure over two axes of a sweep, its number in every cell; further axes and names such as stages as panels.
+"""Maps: a metric over two axes of a sweep, its value in every cell; further axes and names such as stages as panels.
 
-In:  holdings, the name of a figure, which axis goes where.
+In:  holdings, the name of a metric, the place of each axis.
 Out: a ``Plot``.
 """
 
@@ -32,12 +32,12 @@ def figure_map(
     at: Mapping[str, Any] | None = None,
     middle: Mapping[str, Any] | None = None,
 ) -> Plot:
-    """A map of a figure; of an index by name. Without ``figure`` a sensible one.
+    """Plot a map of a metric, or of an index by name. Without ``figure`` a sensible one is chosen.
 
     Raises
     ------
     RequestError
-        No such figure, axis or value.
+        Unknown metric, axis or value.
     """
     held = holdings.find(figure, "figure") if figure else preferred(holdings)
     if held.known.index:
@@ -59,20 +59,20 @@ def factor_map(
     at: Mapping[str, Any] | None = None,
     middle: Mapping[str, Any] | None = None,
 ) -> Plot:
-    """What limits where: the name that an index over two axes stands for.
+    """Plot a map of an index over two axes by the names that it stands for, such as the limiting factor.
 
     Raises
     ------
     RequestError
-        Nothing here says what limits, or the index has no names; no such axis or value.
+        There is no index, or it has no names; unknown axis or value.
     """
     indices = [one for one in holdings.of_kind("figure") if one.known.index]
     if not figure and not indices:
-        raise RequestError("nothing here says what limits: no figure is a place in a list of names, such as of factors")
+        raise RequestError("no limiting factors stored: no metric is an index into a list of names")
     held = holdings.find(figure, "figure") if figure else indices[-1]
     names = names_of(held)
     if not names:
-        raise RequestError(f"{held.name} is a plain number, no index into names; map draws it")
+        raise RequestError(f"{held.name} is a plain number, not an index into names; use map")
     place = arranged(dims_of([held]), 2, (x, y), panels, resolved([held], at or {}), middle=middle)
     values, failed, _ = laid_out(held, place)
     what = f"{held.known.asks}{without(held.attrs)}" if held.known.asks else held.title
@@ -84,11 +84,11 @@ def factor_map(
 
 
 def preferred(holdings: Holdings) -> HeldVariable:
-    """The figure that is drawn when none is named: what goes first; one that differs over the sweep."""
+    """Return the metric plotted by default: the preferred one; one that varies over the sweep."""
     figures = [one for one in holdings.of_kind("figure") if not one.known.counted]
     if not figures:
         raise RequestError(
-            "there are no figures here, only pictures; draw them with strip, or keep a stage that writes figures"
+            "no metrics stored, only pictures; plot them with strip, or keep a stage that writes metrics"
         )
     varying = [one for one in figures if one.axes] or figures
     for name in first("map"):
@@ -99,7 +99,7 @@ def preferred(holdings: Holdings) -> HeldVariable:
 
 
 def names_of(held: HeldVariable) -> list[str]:
-    """The names that an index points to: as its attributes say, else the labels that stand beside it."""
+    """Return the names that an index points to: from its attributes, else from the labels beside it."""
     said = str(held.attrs.get("flag_meanings", "")).split()
     group = held.groups[0]
     dim = held.known.names
@@ -108,7 +108,7 @@ def names_of(held: HeldVariable) -> list[str]:
 
 
 def laid_out(held: HeldVariable, place: Arrangement) -> tuple[Any, Any, Any]:
-    """Values, whether the cell failed, and whether it was computed: (panel, y, x) each."""
+    """Return values, whether the cell failed, and whether it was computed, each as (panel, y, x)."""
     at = {dim: value for dim, value in place.fixed.items() if dim in (*held.axes, *held.dims)}
     values, failed = held.values(at), held.failed(at)
     there = held.there(at)
@@ -123,7 +123,7 @@ def laid_out(held: HeldVariable, place: Arrangement) -> tuple[Any, Any, Any]:
 
 
 def _over(flags: Any, order: Sequence[str], values: Any) -> Any:
-    """Flags over the axes as they stand beside values over all dims."""
+    """Broadcast flags over the axes to all dims of the values."""
     whole = flags.expand_dims({dim: values.sizes[dim] for dim in order if dim not in flags.dims})
     return whole.transpose(*order).values
 
@@ -157,7 +157,7 @@ def _title(what: str, holdings: Holdings, place: Arrangement) -> str:
 
 
 def _table(held: HeldVariable, place: Arrangement, values: Any) -> tuple[list[str], list[list[Any]]]:
-    """A row for each number."""
+    """Return a row for each number."""
     dims = [*place.panels, *(side for side in (place.y, place.x) if side)]
     fixed = [name for name in place.fixed if name in (*held.axes, *held.dims)]
     columns = [*fixed, *(dim.name for dim in dims), held.variable]

@@ -1,7 +1,7 @@
-"""Panels: a figure over two dims, one panel for each value of others; numbers by colour, names by colour with a legend.
+"""Panels: a metric over two dims, one panel for each value of others; numbers by colour, names by colour with a legend.
 
 In:  arrays (panel, y, x) with the labels of each; numbers, or indices into names.
-Out: a figure, every cell with its value or its name's colour; cells that failed are marked.
+Out: a figure, every cell with its value or its name's colour; failed cells are marked.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import new_figure
 
 MOST_COLUMNS = 4
-WIDEST = 16.0  # inches of a figure
+WIDEST = 16.0  # inches, largest width of a figure
 OTHERS = ("#aa3377", "#994455", "#997700", "#6699cc", "#004488", "#eecc66")
 MOST_TICKS = 12
-SPREAD = 30  # of the largest number over the smallest: from there on colours stand for equal ratios
+SPREAD = 30  # ratio of largest to smallest number from which colours are logarithmic
 FAILED, NOTHING = "×", "–"
 
 
 @dataclass(frozen=True)
 class Sides:
-    """What stands along the sides of every panel, and over each. Texts, or numbers that become texts."""
+    """Labels along the sides of every panel and above each: texts, or numbers that become texts."""
 
     x: Sequence[Any]
     y: Sequence[Any]
     panels: Sequence[Any]
     x_name: str = ""
     y_name: str = ""
-    columns: int = 0  # of panels; 0: as fits
+    columns: int = 0  # number of panel columns; 0: automatic
 
 
 def map_of_figures(
     values: Any, sides: Sides, title: str, unit: str = "", digits: int = 3, failed: Any = None, there: Any = None
 ) -> Any:
-    """Numbers by colour on one scale, each also written in its cell.
+    """Show numbers by colour on one scale, each also written in its cell.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ def map_of_figures(
     sides : Sides
     title, unit : str
     digits : int
-        That are written.
+        Digits that are written.
     failed, there : (panel, y, x) bool arrays
-        Cells that failed, and those that were computed: a cell without a number is marked if it was.
+        Cells that failed, and those that were computed: a computed cell without a number is marked.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def map_of_figures(
     Raises
     ------
     ValueError
-        Where the values have another shape than the sides.
+        The shape of the values does not match the sides.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.ticker import FuncFormatter
@@ -82,7 +82,7 @@ def map_of_figures(
                 _mark(panel, row, column, FAILED, "#c03028", room)
             elif math.isfinite(value):
                 if room:
-                    dark = norm.vmax == norm.vmin or float(norm(value)) < 0.6  # one number alone has the darkest
+                    dark = norm.vmax == norm.vmin or float(norm(value)) < 0.6  # a single number gets the darkest colour
                     colour = "white" if dark else "black"
                     panel.text(
                         column, row, number_text(value, digits), ha="center", va="center", fontsize=room, color=colour
@@ -93,7 +93,9 @@ def map_of_figures(
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=panels, fraction=0.05, pad=0.02, aspect=25)
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
         span = high / max(low, 1e-300)
-        shown = "" if span > 100 else "25" if span > 4 else "23456789"  # of each decade, where the scale is logarithmic
+        shown = (
+            "" if span > 100 else "25" if span > 4 else "23456789"
+        )  # leading digits labelled in each decade of a logarithmic scale
         bar.ax.yaxis.set_minor_formatter(
             FuncFormatter(lambda value, _: f"{value:.3g}" if f"{value:.0e}"[0] in shown else "")
         )
@@ -112,15 +114,14 @@ def map_of_names(
     said: str = "no value",
     tints: Mapping[str, str] | None = None,
 ) -> Any:
-    """Names by colour with a legend; ``indices`` (panel, y, x) point into ``names``, and what is unknown (NaN) stays
-    white.
+    """Show names by colour with a legend; ``indices`` (panel, y, x) point into ``names``; NaN stays white.
 
-    ``said``: what white means; ``tints``: colours of names that have one.
+    ``said``: meaning of white; ``tints``: colours of names that have one.
 
     Raises
     ------
     ValueError
-        The indices have another shape than the sides, or point beyond the names.
+        The indices do not match the sides, or point beyond the names.
     """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
@@ -129,7 +130,7 @@ def map_of_names(
     found = indices[np.isfinite(indices)]
     if found.size and not (found.min() >= 0 and found.max() < len(names)):
         raise ValueError(
-            f"indices run from {found.min():g} to {found.max():g}; allowed is 0 to {len(names) - 1}, one for each name"
+            f"indices from {found.min():g} to {found.max():g}; must be from 0 to {len(names) - 1}, one for each name"
         )
     others = iter(OTHERS * (len(names) // len(OTHERS) + 1))
     colours = [(tints or {}).get(name) or next(others) for name in names]
@@ -161,7 +162,7 @@ def map_of_names(
 
 
 def scale_of(values: Any) -> Any:
-    """How numbers become colours: in equal ratios where all are above 0 and they differ much, else in equal steps."""
+    """Return the colour scale: logarithmic if all numbers are above 0 and differ much, else linear."""
     from matplotlib.colors import LogNorm, Normalize
 
     found = np.asarray(values, float)
@@ -177,11 +178,11 @@ def _mark(panel: Any, row: int, column: int, text: str, colour: str, room: float
 
 
 def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
-    """Below the panels: what marks mean that stand in them."""
+    """Explain below the panels the marks that appear in them."""
     words = [f"{FAILED} the cell failed"] if failed is not None and np.any(failed) else []
     lost = ~np.isfinite(values) & (np.zeros_like(values, bool) if failed is None else ~np.asarray(failed))
     if there is not None and np.any(lost & np.asarray(there) & np.isnan(values)):
-        words.append(f"{NOTHING} computed, but there is no such value")
+        words.append(f"{NOTHING} computed, but undefined")
     if np.any(lost & (False if there is None else ~np.asarray(there))):
         words.append("empty: not computed")
     if words:
@@ -192,13 +193,13 @@ def _checked(values: Any, sides: Sides) -> Any:
     values = np.asarray(values, dtype=float)
     wanted = (len(sides.panels), len(sides.y), len(sides.x))
     if values.shape != wanted:
-        raise ValueError(f"values have shape {values.shape}; allowed is (panel, y, x) = {wanted}, as the sides say")
+        raise ValueError(f"values have shape {values.shape}; the sides need (panel, y, x) = {wanted}")
     return values
 
 
 def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
-    """A figure with one panel for each label, its sides labelled; and how high letters in a cell may be, 0 where
-    they do not fit.
+    """Return a figure with one panel for each label and labelled sides; and the font size in cells, 0 if no text
+    fits.
     """
     count = len(sides.panels)
     columns = sides.columns or (min(MOST_COLUMNS, count) if count not in (5, 6, 9) else 3)
@@ -222,12 +223,12 @@ def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
         found.append(panel)
     cell = min(
         wide / max(len(sides.x), 1) * 0.62, high / max(len(sides.y), 1) * 1.4
-    )  # inches, of which 3 or 4 letters have 0.25
+    )  # inches; 3 or 4 letters take 0.25
     return figure, found, min(7.5, 26 * cell) if cell > 0.17 else 0
 
 
 def _ticks(put: Any, labels: Sequence[Any], inches: float, turned: bool) -> None:
-    """Labels of cells, as many as there is room for."""
+    """Label as many cells as there is room for."""
     texts = [_text(label) for label in labels]
     letters = max((len(text) for text in texts), default=1)
     each = 0.062 * letters + 0.06 if turned else 0.13
@@ -247,7 +248,7 @@ def _ticks(put: Any, labels: Sequence[Any], inches: float, turned: bool) -> None
 
 
 def wrapped(text: str, inches: float, points: float = 10) -> str:
-    """A title broken into lines that fit over a figure."""
+    """Break a title into lines that fit over a figure."""
     import textwrap
 
     return "\n".join(textwrap.wrap(text, max(24, int(inches * 72 / (0.56 * points)))))

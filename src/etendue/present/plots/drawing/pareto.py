@@ -1,8 +1,8 @@
-"""Trade-offs: two figures of every cell of a sweep, and the front, beyond which one is better only where the other is
-worse.
+"""Trade-offs: two metrics of every cell of a sweep, and the Pareto front, on which one improves only where the other
+worsens.
 
-In:  holdings, two figures, for each whether higher or lower is better.
-Out: a ``Plot``, its front named by axis values.
+In:  holdings, two metrics, and for each whether higher or lower is better.
+Out: a ``Plot``, its front labelled by axis values.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ MOST_NAMED = 24
 
 
 def front(points: Any) -> Any:
-    """Which of some points no other beats: none is at least as good in every column and better in one.
+    """Return which points no other dominates: none is at least as good in every column and better in one.
 
     Parameters
     ----------
-    points : (n, figures) array
+    points : (n, metrics) array
         Higher is better; rows with NaN are never on the front.
 
     Returns
@@ -45,7 +45,7 @@ def front(points: Any) -> Any:
     found = np.zeros(len(points), bool)
     order = (
         np.lexsort(-points.T[::-1]) if len(points) else np.empty(0, int)
-    )  # by the first column, then by the second, best first
+    )  # by the first column, then the second, best first
     best = -np.inf
     last: Any = None
     if points.shape[1] == 2:
@@ -69,15 +69,14 @@ def pareto(
     better: Mapping[str, str] | Sequence[str] = (),
     at: Mapping[str, Any] | None = None,
 ) -> Plot:
-    """Two figures against each other, every cell a point; the front is drawn through and named.
+    """Plot two metrics against each other, every cell a point; the Pareto front is drawn and labelled.
 
-    ``better``: ``higher`` or ``lower`` for each figure, in order or by name; where it is not said the variable's own
-    word counts.
+    ``better``: ``higher`` or ``lower`` for each metric, in order or by name; by default that of the variable.
 
     Raises
     ------
     RequestError
-        No such figures; nobody says which is better; a dim such as ``stage`` is left open.
+        Unknown metrics; it is not known which is better; a dim such as ``stage`` is left open.
     """
     held = _chosen(holdings, first, second)
     sense = [_better(one, place, better) for place, one in enumerate(held)]
@@ -108,7 +107,7 @@ def pareto(
 
 
 def _behind(held: Sequence[HeldVariable], place: dict[str, Any]) -> list[str]:
-    """The last entry of a dim of names, such as the last of the stages that blur, into the place; and what says so."""
+    """Choose the last entry of a named dim, such as the last of the stages that blur; return the texts that say so."""
     said = []
     for one in held:
         for dim in one.dims:
@@ -116,11 +115,11 @@ def _behind(held: Sequence[HeldVariable], place: dict[str, Any]) -> list[str]:
                 names = one.values_of(dim)
                 if dim != "stage":
                     raise RequestError(
-                        f"{one.name} has the dim {dim}: choose with --at {dim}={names[0]} (or "
+                        f"{one.name} has the dim {dim}: choose one with --at {dim}={names[0]} (or "
                         f"{', '.join(map(str, names[1:]))})"
                     )
                 place[dim] = names[-1]
-                said.append(f"behind {names[-1]}")
+                said.append(f"after {names[-1]}")
     return said
 
 
@@ -128,13 +127,13 @@ def _chosen(holdings: Holdings, first: str, second: str) -> list[HeldVariable]:
     if first and second:
         return [holdings.find(name, "figure") for name in (first, second)]
     if first or second:
-        raise RequestError(f"a front is of two figures: etendue plot {holdings.archive} pareto FIGURE FIGURE")
+        raise RequestError(f"a front needs two metrics: etendue plot {holdings.archive} pareto METRIC METRIC")
     names = {one.variable for one in holdings.of_kind("figure")}
     for pair in map(str.split, goes_first("front")):
         if len(pair) == 2 and names.issuperset(pair):
             return [holdings.find(name, "figure") for name in pair]
     own = f"etendue plot {holdings.archive}"
-    raise RequestError(f"say which two figures: {own} pareto FIGURE FIGURE (which there are: {own} --list)")
+    raise RequestError(f"choose two metrics: {own} pareto METRIC METRIC (to list them: {own} --list)")
 
 
 def _better(held: HeldVariable, place: int, asked: Mapping[str, str] | Sequence[str]) -> str:
@@ -150,8 +149,8 @@ def _better(held: HeldVariable, place: int, asked: Mapping[str, str] | Sequence[
         if word:
             raise RequestError(f"--better {word}{nearest(word, SAID)}")
         raise RequestError(
-            f"nobody says whether more or less of {held.variable} is better; say it: --better {held.variable}=higher "
-            f"(or lower)"
+            f"unknown whether higher or lower {held.variable} is better; give --better {held.variable}=higher (or "
+            "lower)"
         )
     return SAID[word]
 
@@ -202,7 +201,7 @@ def _draw(
     axes.scatter(*values[on].T, facecolors="none", edgecolors="black", s=70, linewidths=1.1, zorder=3)
     lines = _name_points(axes, values, named, index, dims)
     more = f"\n({len(on) - len(named)} more)" if len(on) > len(named) else ""
-    head = f"The front, {len(on)} of {int(np.isfinite(values).all(axis=1).sum())} cells"
+    head = f"Pareto front, {len(on)} of {int(np.isfinite(values).all(axis=1).sum())} cells"
     handles = [Line2D([], [], linestyle="none", label=line) for line in [head, *lines]]
     legend = figure.legend(
         handles=handles,
@@ -225,7 +224,7 @@ def _draw(
             handletextpad=0.2,
         )
     _name_sides(axes, held, sense, values)
-    axes.margins(0.09)  # numbers beside the outermost points stay clear of the frame
+    axes.margins(0.09)  # keep numbers of the outermost points clear of the frame
     axes.tick_params(labelsize=8)
     axes.grid(color="0.92", zorder=0)
     axes.set_title(wrapped(title, 6.2), fontsize=10)
@@ -233,7 +232,7 @@ def _draw(
 
 
 def _name_points(axes: Any, values: Any, named: Any, index: Any, dims: Sequence[PlotDim]) -> list[str]:
-    """Numbers beside some points, and a line for each: where it is, and both figures."""
+    """Number some points, and return a line for each: its axis values and both metrics."""
     lines = []
     for number, place in enumerate(named, 1):
         axes.annotate(str(number), values[place], (5, 5), textcoords="offset points", fontsize=7.5, zorder=4)
@@ -255,7 +254,7 @@ def _name_sides(axes: Any, held: Sequence[HeldVariable], sense: Sequence[str], v
 
 
 def _marks(dims: Sequence[PlotDim], hue: int | None, shape: int | None, colours: Any) -> list[Any]:
-    """What colours and markers stand for; of many colours some."""
+    """Return legend entries of colours and markers; of many colours a selection."""
     from matplotlib.lines import Line2D
 
     marks: list[tuple[str, Any, str]] = []

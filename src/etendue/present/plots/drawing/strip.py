@@ -1,8 +1,8 @@
-"""Every stage of one cell as a picture, in their order, each with a part of it enlarged; and one picture alone.
+"""Strips: every stage of one cell as a picture, in order, each with an enlarged detail; and single pictures.
 
-In:  holdings; the cell by axis values, by default the one whose pictures an archive has of all stages.
-Out: a ``Plot``: a sample is a whole number of dots where it can be, the first row of an array on top, width to height
-     as it is.
+In:  holdings; the cell by axis values, by default the one of which the archive has pictures of all stages.
+Out: a ``Plot``: a sample takes a whole number of dots if possible, the first row of an array is on top, the aspect
+     ratio is kept.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ BOX, INSET, GAP, LABEL, HEAD = (
     12,
     34,
     40,
-)  # dots: sides of a picture and of its part, between, above a picture, above all
+)  # dots: sides of a picture and of its detail, gap, room above a picture, room above all
 COLUMNS = 6
-MOST_SAID = 5  # values of an axis in a message
+MOST_SAID = 5  # values of an axis listed in a message
 
 
 @dataclass(frozen=True)
 class Tile:
-    """One picture: (y, x, 3) bytes; and the part of it, the same place of the scene in every stage."""
+    """One picture, (y, x, 3) bytes, and a detail of it: the same place of the scene in every stage."""
 
     stage: str
     variable: str
@@ -48,21 +48,21 @@ class Tile:
     size: tuple[int, int]  # of the array, before it was made small
     part: Any = None
     where: tuple[float, float, float, float] | None = (
-        None  # of the part: top, left, height, width as shares of the picture
+        None  # of the detail: top, left, height, width as fractions of the picture
     )
 
 
 def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Mapping[str, Any] | None = None) -> Plot:
-    """All stages of one cell, or one ``variable`` at all values of the one axis that ``at`` leaves open.
+    """Plot all stages of one cell, or one ``variable`` at all values of the one axis that ``at`` leaves open.
 
     Raises
     ------
     RequestError
-        No pictures, no such axis value.
+        No pictures, or no such axis value.
     """
     tiles, said = (_of_variable if variable else _of_stages)(holdings, variable, stage, at or {})
     if not tiles:
-        raise RequestError("there are no pictures here: keep a stage that makes some, such as 'encode'")
+        raise RequestError("no pictures stored: keep a stage that makes some, such as 'encode'")
     figure = _draw(tiles, f"{holdings.pipeline}{': ' if holdings.pipeline and said else ''}{said}")
     rows = [[one.stage, one.variable, *one.size] for one in tiles]
     return Plot(figure, ("stage", "variable", "height", "width"), rows, [], DPI)
@@ -99,7 +99,7 @@ def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str,
         if picture is not None:
             label = value_text(value, units[open_[0]], open_[0]) if open_ else held.stage
             found.append((label, held.variable, *picture, 0.0 if picture[1] else white_of(holdings, held, place)))
-    bright = max((white for *_, white in found), default=1.0)  # one for all, so that what is darker looks darker
+    bright = max((white for *_, white in found), default=1.0)  # one white for all, so that darker pictures look darker
     found = [(*one[:-1], bright) for one in found]
     said = places_text({dim: v for dim, v in fixed.items() if dim in swept}, units)
     return _with_parts(found), f"{held.title}{', ' + said if said else ''}"
@@ -108,14 +108,12 @@ def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str,
 def _one_open(held: HeldVariable, open_: list[str]) -> list[str]:
     if len(open_) > 1:
         chosen = _words_at(held, open_[1:])
-        raise RequestError(
-            f"{held.name} has {' and '.join(open_)} open: choose a value of all but one, such as {chosen}"
-        )
+        raise RequestError(f"{held.name} varies over {' and '.join(open_)}: fix all but one, such as {chosen}")
     return open_
 
 
 def picture_of(held: HeldVariable, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool]:
-    """The array of one cell and whether the cell has failed.
+    """Return the array of one cell and whether the cell has failed.
 
     Raises
     ------
@@ -135,34 +133,34 @@ def picture_of(held: HeldVariable, at: Mapping[str, Any]) -> tuple[xarray.DataAr
 
 
 def _open_text(held: HeldVariable, open_: list[str]) -> str:
-    """What to choose of a variable that is swept, and what draws all of it."""
+    """Return the message that a swept variable needs a choice, and the command that shows all of it."""
     said = []
     for dim in open_:
         values = held.values_of(dim)
         more = f", ... ({len(values)})" if len(values) > MOST_SAID else ""
-        said.append(f"{dim} is {', '.join(value_text(v, held.units_of(dim), dim) for v in values[:MOST_SAID])}{more}")
+        said.append(f"{dim}: {', '.join(value_text(v, held.units_of(dim), dim) for v in values[:MOST_SAID])}{more}")
     chosen, others = _words_at(held, open_), _words_at(held, open_[1:])
     shapes = (
-        ", in pictures of several sizes"
+        ", with pictures of several sizes"
         if len({tuple(g.sizes[d] for d in ("y", "x")) for g in held.groups}) > 1
         else ""
     )
     return (
-        f"{held.name} is swept over {' and '.join(open_)}{shapes}: choose a value of each with {chosen} "
+        f"{held.name} is swept over {' and '.join(open_)}{shapes}: choose one value each with {chosen} "
         f"({'; '.join(said)}); "
-        f"or all of {open_[0]} beside each other: strip {held.name}{f' {others}' if others else ''}"
+        f"or show all of {open_[0]} side by side: strip {held.name}{f' {others}' if others else ''}"
     )
 
 
 def _words_at(held: HeldVariable, dims: Sequence[str]) -> str:
-    """The first value of each of some axes, as it is typed in a shell."""
+    """Return options with the first value of some axes, as typed in a shell."""
     first = {dim: held.values_of(dim)[0] for dim in dims}
     typed = {dim: f"{value:.6g}" if isinstance(value, float) else str(value) for dim, value in first.items()}
     return " ".join(f"--at {dim}={shlex.quote(text)}" for dim, text in typed.items())
 
 
 def _picture(held: HeldVariable, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool] | None:
-    """One cell of a variable, in the shape that has it; None where no shape does."""
+    """Return one cell of a variable from the group that has it; None if none has."""
     values = {dim: value for dim, value in at.items() if dim in held.axes}
     inner = {dim: value for dim, value in at.items() if dim in held.dims}
     for group in held.groups_at(at):
@@ -177,15 +175,15 @@ def _picture(held: HeldVariable, at: Mapping[str, Any]) -> tuple[xarray.DataArra
 
 
 def drawn_of(held: HeldVariable) -> Drawn:
-    """How a variable is drawn, as far as that holds for all cells; ``shown`` is '' where it is not looked at with
-    all others.
+    """Return how a variable is drawn, as far as that is the same for all cells; ``shown`` is '' if it is not shown by
+    default.
     """
     return read(held.variable, held.groups[0].variables[held.variable].attrs, {})
 
 
 def white_of(holdings: Holdings, held: HeldVariable, at: Mapping[str, Any]) -> float:
-    """The linear value that is shown as white in the picture of a cell: the same for all stages of its kind, as far
-    as they are there.
+    """Return the linear value shown as white in the picture of a cell: the same for all stages of its kind, as far as
+    they exist.
     """
     kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown or one is held]
 
@@ -199,7 +197,7 @@ def white_of(holdings: Holdings, held: HeldVariable, at: Mapping[str, Any]) -> f
 
 
 def of_frames(frames: xarray.Dataset) -> list[Tile]:
-    """The pictures that a run has left of one cell."""
+    """Return the pictures that a run has stored of one cell."""
     tiles = []
     preview = frames["preview"].values
     detail = frames["detail"].values if "detail" in frames else None
@@ -218,7 +216,7 @@ def of_frames(frames: xarray.Dataset) -> list[Tile]:
 
 
 def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool, float]]) -> list[Tile]:
-    """Pictures of stored arrays, each with what is shown as white in it, and the part where its edges are."""
+    """Return tiles of stored arrays, each with its value of white, and with the detail where the edges are."""
     drawn = [
         (stage, variable, pictures.drawn(array, white, failed), failed)
         for stage, variable, array, failed, white in found
@@ -291,14 +289,14 @@ def _draw(tiles: list[Tile], title: str) -> Any:
 
 
 def _fitted(shape: tuple[int, int], box: int) -> tuple[int, int]:
-    """Rows and columns of dots: a whole number for each sample where the array is smaller than the box."""
+    """Return rows and columns in dots: a whole number per sample if the array is smaller than the box."""
     largest = max(shape)
     scale = box // largest if box >= largest else box / largest
     return max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
 
 
 def _placed(figure: Any, picture: Any, left: int, top: int, size: tuple[int, int], edge: str = "") -> Any:
-    """A picture at its place in dots, upright, samples as squares."""
+    """Draw a picture at its place in dots, upright, with square samples."""
     width, height = (round(DPI * length) for length in figure.get_size_inches())
     axes = figure.add_axes((left / width, 1 - (top + size[0]) / height, size[1] / width, size[0] / height))
     small = size[0] < picture.shape[0]
@@ -313,7 +311,7 @@ def _placed(figure: Any, picture: Any, left: int, top: int, size: tuple[int, int
 
 
 def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, Any] | None = None) -> Plot:
-    """One picture of one cell, upright, with its true aspect and colours.
+    """Show one picture of one cell, upright, with its true aspect and colours.
 
     Raises
     ------
@@ -323,10 +321,10 @@ def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, An
     names = [one.variable for one in holdings.of_kind("picture")]
     if not variable:
         if not names:
-            raise RequestError("there are no pictures here")
+            raise RequestError("no pictures stored")
         variable = next((name for name in first("picture") if name in names), names[-1])
     if variable not in names and "." not in variable and not any(one.variable == variable for one in holdings):
-        raise RequestError(f"there is no picture {variable!r} here{nearest(variable, names)}")
+        raise RequestError(f"unknown picture {variable!r}{nearest(variable, names)}")
     held = holdings.find(f"{stage}.{variable}" if stage and "." not in variable else variable, "picture")
     asked = resolved([held], at or {})
     array, failed = picture_of(held, asked)
@@ -337,8 +335,8 @@ def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, An
 
 
 def show_array(array: xarray.DataArray, failed: bool = False, title: str = "", white: float | None = None) -> Plot:
-    """One array as a picture; striped where it has no values. ``white``: the linear value shown as white, None: by
-    the array alone.
+    """Show one array as a picture, striped where it has no values. ``white``: the linear value shown as white; None:
+    from the array alone.
     """
     picture = pictures.drawn(array, white, failed)
     rows, columns = picture.shape[:2]

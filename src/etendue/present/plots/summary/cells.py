@@ -1,7 +1,7 @@
-"""How far a run is, and what became of its cells: from the ledger, from the journal of a run that has none yet, else
+"""Progress of a run and status of its cells: from the ledger, from the journal of a run that has no ledger yet, else
 from statuses.
 
-In:  holdings; the ledger, the journal, the folder of an archive, as far as there are any.
+In:  holdings; the ledger, the journal, the folder of an archive, as far as they exist.
 Out: words, counts, rows of what failed and of what was left out.
 """
 
@@ -26,14 +26,14 @@ from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.terminal.terminal import human_rate, human_seconds
 
-UNKNOWN = "unknown"  # of a cell whose row of the ledger is lost: a fill value
+UNKNOWN = "unknown"  # status of a cell whose row of the ledger is lost: a fill value
 
 
 def state_of(folder: Path | None, record: Mapping[str, Any], counts: Mapping[str, int]) -> str:
     lost = counts.get("failed", 0)
     ended = f"{lost} {'cell' if lost == 1 else 'cells'} failed" if lost else "complete"
     if unknown := counts.get(UNKNOWN, 0):
-        ended = f"damaged: of {unknown} {'cell' if unknown == 1 else 'cells'} the ledger says nothing"
+        ended = f"damaged: no ledger entry for {unknown} {'cell' if unknown == 1 else 'cells'}"
     if folder is None:
         return ended
     if is_running(folder):
@@ -44,13 +44,13 @@ def state_of(folder: Path | None, record: Mapping[str, Any], counts: Mapping[str
         return ", ".join(words)
     if read_manifest(folder) is None:
         far = progress(read(folder / JOURNAL))
-        return f"broken off: {far['finished']} of {far['planned']} cells" if far["planned"] else "broken off"
+        return f"interrupted: {far['finished']} of {far['planned']} cells" if far["planned"] else "interrupted"
     open_, cells = counts.get("not_computed", 0), sum(counts.values())
-    return f"broken off: {cells - open_} of {cells} cells" if open_ else ended
+    return f"interrupted: {cells - open_} of {cells} cells" if open_ else ended
 
 
 def stages_of(holdings: Holdings, ledger: xarray.Dataset | None) -> list[str]:
-    """Every stage there is, kept or not."""
+    """Return the names of all stages, stored or not."""
     if ledger is not None:
         return list(dict.fromkeys(filter(None, map(str, ledger["stage"].values.tolist()))))
     own = holdings.tree.attrs.get("etendue", {})
@@ -79,13 +79,15 @@ def counts_of(holdings: Holdings, ledger: xarray.Dataset | None, journal: Any) -
 def failed_cells(
     holdings: Holdings, ledger: xarray.Dataset | None, journal: Any, units: Mapping[str, str]
 ) -> list[tuple[str, str, str]]:
-    """(stage, where, message) of every cell that failed."""
+    """Return (stage, where, message) of every cell that failed."""
     if ledger is not None:
         return _failed_of(ledger, units)
     if not journal:
         return _failed_by_status(holdings, units)
     told = [name for name, event, status, *_ in journal.said.told() if event == status == "failed"]
-    return [(stage, where, "") for stage, _, where in (name.partition(" ") for name in told)]  # why is told at its end
+    return [
+        (stage, where, "") for stage, _, where in (name.partition(" ") for name in told)
+    ]  # the reason is written when the run ends
 
 
 def _failed_of(ledger: xarray.Dataset, units: Mapping[str, str]) -> list[tuple[str, str, str]]:
@@ -120,7 +122,7 @@ def _failed_by_status(holdings: Holdings, units: Mapping[str, str]) -> list[tupl
 
 
 def omitted_cells(ledger: xarray.Dataset) -> list[tuple[str, int, int, str, float, float]]:
-    """A row for each stage and reason: left out, or coarser."""
+    """Return a row for each stage and reason: left out, or coarser."""
     stages = ledger["stage"].values.astype(object)
     rows = []
     for column, word in (("why_left_out", ""), ("approximated", "coarser: ")):

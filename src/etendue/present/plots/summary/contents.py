@@ -1,9 +1,8 @@
-"""An archive, or a run in memory, at a glance: what it is, how far it is, its axes, figures, pictures, and what went
-wrong.
+"""Summary of an archive or of a run in memory: what it is, its progress, axes, metrics, pictures, and failures.
 
-In:  an ``xarray.DataTree`` as ``open_archive``, xarray or ``simulate`` give it, of a run that has ended, was broken off
-     or goes on.
-Out: a ``Glance``: numbers, texts and small pictures. Texts may be a stranger's: whoever shows them escapes them.
+In:  an ``xarray.DataTree`` from ``open_archive``, xarray or ``simulate``, of a run that is finished, interrupted or in
+     progress.
+Out: a ``Glance``: numbers, texts and small pictures. Texts may come from strangers: escape them before display.
 """
 
 from __future__ import annotations
@@ -38,21 +37,21 @@ from etendue.present.plots.labels import places_text, unit_text, value_text
 from etendue.present.plots.summary.cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
 
 MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
-RANGED = 50_000  # cells of a figure, up to which its least and most are read
-LARGEST = 16 * 2**20  # numbers of an array that is made small for its picture
-SAMPLES = 256  # along a side, of which a small picture is made
+RANGED = 50_000  # largest number of cells of which min and max are read
+LARGEST = 16 * 2**20  # largest number of elements of an array shown as a picture
+SAMPLES = 256  # largest side of a small picture, in samples
 UNREADABLE = (
     EtendueError,
     OSError,
     ValueError,
     KeyError,
     RuntimeError,
-)  # what xarray, zarr and its codecs say of bytes that are damaged
+)  # what xarray, zarr and its codecs raise on damaged bytes
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One number of one cell, and its least and most over the sweep; unknown: NaN."""
+    """One metric of one cell, with its min and max over the sweep; unknown: NaN."""
 
     name: str
     title: str
@@ -67,7 +66,7 @@ class Metric:
 
     @property
     def spanned(self) -> str:
-        """Least and most over the sweep, as they are printed; '' where they are not known or are that of the cell."""
+        """Return min and max over the sweep as text; '' if unknown or equal to the value of the cell."""
         ends = list(dict.fromkeys(f"{end:.4g}" for end in (self.least, self.most)))
         known = math.isfinite(self.least) and (len(ends) > 1 or not math.isfinite(self.value))
         return f"{' … '.join(ends)} {unit_text(self.units)}".strip() if known else ""
@@ -75,18 +74,18 @@ class Metric:
 
 @dataclass(frozen=True)
 class Glance:
-    """What is seen first.
+    """The summary.
 
     Attributes
     ----------
-    place : the folder or address, as a command takes it; '' in memory
-    state : how far the run is, in words
-    counts : cells by what became of them
+    place : the folder or address, quoted for a shell; '' in memory
+    state : progress of the run, in words
+    counts : number of cells by status
     axes : (name, values, how many)
-    at : axis values of the cell whose figures and pictures these are
-    omitted : (stage, cells, of, why, what it adds at most, seconds saved)
+    at : axis values of the cell whose metrics and pictures are shown
+    omitted : (stage, cells, of, why, error bound, seconds saved)
     failed : (stage, where, message)
-    commands : what to type, and what for
+    commands : command and what it does
     """
 
     name: str
@@ -109,19 +108,19 @@ class Glance:
 
 
 def glance(tree: xarray.DataTree | xarray.Dataset) -> Glance:
-    """All that is seen first; what cannot be read is a note."""
+    """Return the summary of a tree; what cannot be read becomes a note."""
     place, folder = place_of(tree)
     why = _damage(folder) if folder else ""
     if not why:
         try:
             return _whole(tree, place, folder)
         except UNREADABLE as error:
-            why = f"it cannot be read: {error}"
+            why = f"cannot be read: {error}"
     return _broken(_named(tree, folder), place if folder else "", why)
 
 
 def glance_at(folder: Path) -> Glance:
-    """The same of an archive in a folder, though it is so damaged that no tree can be made of it."""
+    """Return the summary of an archive in a folder, even if it is too damaged to open as a tree."""
     try:
         return glance(open_archive(folder))
     except ArchiveError as error:
@@ -130,12 +129,12 @@ def glance_at(folder: Path) -> Glance:
 
 
 def _broken(name: str, place: str, why: str) -> Glance:
-    mend = [(f"etendue verify {place} --repair", "computes what is lost, and nothing else")] if place else []
+    mend = [(f"etendue verify {place} --repair", "recompute only what is damaged")] if place else []
     return Glance(name, place, "damaged", 0, {}, [], "", [], [], [], [], mend, [why])
 
 
 def _whole(tree: xarray.DataTree | xarray.Dataset, place: str, folder: Path | None) -> Glance:
-    """A glance at what is as it was written, single arrays aside."""
+    """Return the summary of an archive whose metadata are intact; single arrays may still be unreadable."""
     holdings = Holdings(tree)
     notes: list[str] = []
     whole = isinstance(tree, xarray.DataTree) and tree.parent is None
@@ -179,7 +178,7 @@ def _whole(tree: xarray.DataTree | xarray.Dataset, place: str, folder: Path | No
 
 
 def place_of(tree: xarray.DataTree | xarray.Dataset) -> tuple[str, Path | None]:
-    """Where a tree was read from, as a command takes it, and the folder of its archive; ('', None) in memory."""
+    """Return where a tree was read from, quoted for a shell, and the folder of its archive; ('', None) in memory."""
     source = str((tree.root if isinstance(tree, xarray.DataTree) else tree).encoding.get("source", ""))
     if "://" in source:
         return shlex.quote(source.rstrip("/").removesuffix(f"/{DATA}")), None
@@ -191,7 +190,7 @@ def place_of(tree: xarray.DataTree | xarray.Dataset) -> tuple[str, Path | None]:
 
 
 def _ledger(holdings: Holdings, notes: list[str]) -> xarray.Dataset | None:
-    """The ledger, read at once; None and a note where it cannot be."""
+    """Load the ledger; return None and add a note if it cannot be read."""
     try:
         ledger = holdings.table("ledger")
         return ledger.load() if ledger is not None else None
@@ -201,7 +200,7 @@ def _ledger(holdings: Holdings, notes: list[str]) -> xarray.Dataset | None:
 
 
 def _named(tree: xarray.DataTree | xarray.Dataset, folder: Path | None) -> str:
-    """The name of a pipeline, of which the metadata of the store may be lost."""
+    """Return the name of the pipeline, even if the metadata of the store are lost."""
     own = tree.attrs.get("etendue", {})
     said = own.get("pipeline") if isinstance(own, Mapping) else ""
     record = (latest_record(folder) or {}) if folder else {}
@@ -209,7 +208,9 @@ def _named(tree: xarray.DataTree | xarray.Dataset, folder: Path | None) -> str:
 
 
 def _damage(folder: Path) -> str:
-    """What of an archive is not as it was written, chunks of cells aside, and how to mend it; '' where all is."""
+    """Return what in an archive has changed since it was written, apart from chunks of cells, and how to repair it; ''
+    if nothing.
+    """
     try:
         refuse_changed(folder, is_running(folder))
     except ArchiveError as error:
@@ -222,8 +223,8 @@ def _damage(folder: Path) -> str:
 
 
 def _cell(holdings: Holdings) -> dict[str, Any]:
-    """The cell that is looked at: that of the pictures of a run; else, of those that have come furthest, the one in
-    the middle.
+    """Return the cell to show: that of the run's pictures; else, among the furthest finished, the one nearest the
+    middle.
     """
     said = shown_at(holdings)
     if said:
@@ -243,7 +244,7 @@ def _cell(holdings: Holdings) -> dict[str, Any]:
 
 
 def _finished(one: HeldVariable) -> list[dict[str, Any]]:
-    """Where a stage is finished, by its status alone: none of its arrays is read."""
+    """Return where a stage is finished, from its status alone: no other array is read."""
     found = []
     for group in one.groups:
         if "status" in group:
@@ -255,7 +256,9 @@ def _finished(one: HeldVariable) -> list[dict[str, Any]]:
 
 
 def _is_finished(one: HeldVariable, at: Mapping[str, Any]) -> bool:
-    """Whether the cell at some values of the sweep is there; what no axis reaches is."""
+    """Tell whether the cell at some values of the sweep is finished; a variable that no axis reaches counts as
+    finished.
+    """
     place = {dim: at[dim] for dim in one.axes}
     for group in one.groups:
         if "status" in group and all(value in group[dim].values.tolist() for dim, value in place.items()):
@@ -265,7 +268,7 @@ def _is_finished(one: HeldVariable, at: Mapping[str, Any]) -> bool:
 
 
 def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Metric]:
-    """What goes first; then what else is one number a cell."""
+    """Return the preferred metrics; then all others with one number per cell."""
     able: dict[str, HeldVariable] = {}
     for one in holdings.of_kind("figure"):
         if one.dims in ((), ("stage",)) and not one.known.counted and not one.known.index and not one.known.quiet:
@@ -280,7 +283,7 @@ def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Metric]:
 
 
 def _figure(one: HeldVariable, at: Mapping[str, Any]) -> Metric | None:
-    """A figure of one cell and its range over the sweep; None where neither is known."""
+    """Return a metric of one cell and its range over the sweep; None if neither is known."""
     cells = math.prod(len(one.values_of(dim)) for dim in one.axes)
     ranged = cells <= RANGED
     place = {dim: value for dim, value in at.items() if dim in one.axes}
@@ -293,13 +296,13 @@ def _figure(one: HeldVariable, at: Mapping[str, Any]) -> Metric | None:
     if not (math.isfinite(own) or finite.size):
         return None
     least, most = (float(finite.min()), float(finite.max())) if finite.size else (math.nan, math.nan)
-    behind = f" behind {one.values_of('stage')[-1]}" if one.dims else ""
-    name, without, rest = one.title.partition(", without ")  # 'level behind filter, without sharpen'
+    behind = f" after {one.values_of('stage')[-1]}" if one.dims else ""
+    name, without, rest = one.title.partition(", without ")  # such as 'level after filter, without sharpen'
     return Metric(one.variable, f"{name}{behind}{without}{rest}", one.units, own, least, most)
 
 
 def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:
-    """Every stage of one cell, small."""
+    """Return a small picture of every stage at one cell."""
     frames = holdings.table("frames")
     if frames is not None:
         return of_frames(frames)
@@ -335,35 +338,35 @@ def _values(values: list[Any], units: str, dim: str) -> str:
 
 
 def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, str]]:
-    """Of a run that lacks something: the command that computes what is not there, and nothing else."""
+    """Return the command that computes what is missing, for an unfinished run."""
     files = sorted((folder / "runs").glob("*.toml")) if folder else []
     if not files or state == "complete" or state.startswith("running"):
         return []
     return [
         (
             f"etendue run {shlex.quote(f'{shlex.split(place)[0]}/runs/{files[-1].name}')} --archive {place}",
-            "computes what is not there",
+            "compute what is missing",
         )
     ]
 
 
 def _places(one: HeldVariable, at: Mapping[str, Any]) -> str:
-    """The values of what is swept, as words of a call."""
+    """Return the values along swept axes, as keyword arguments of a call."""
     axes = {dim: one.values_of(dim) for dim in one.axes if dim.isidentifier()}
     return "".join(f", {dim}={at.get(dim, values[0])!r}" for dim, values in axes.items() if len(values) > 1)
 
 
 def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """In Python for any tree; as commands for what is stored."""
+    """Return next steps: in Python for any tree, and as commands for a stored one."""
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
     names = [one.variable for one in varying]
     named = next((name for name in first("glance") if name in names), names[-1] if names else "")
     pictured = {one.variable: one for one in holdings.of_kind("picture")}
     front = [name for name in first("picture") if name in pictured]
     picture = next((name for name in (*front, *reversed(pictured)) if _is_finished(pictured[name], at)), "")
-    found = [(f'tree.etendue.plot.map("{named}")', "a figure over the sweep")] if named else []
+    found = [(f'tree.etendue.plot.map("{named}")', "a metric over the sweep")] if named else []
     found += (
-        [("tree.etendue.plot.strip()", "every stage, with a part enlarged")]
+        [("tree.etendue.plot.strip()", "every stage, with an enlarged detail")]
         if picture or holdings.table("frames") is not None
         else []
     )
@@ -374,7 +377,7 @@ def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tup
         return found
     return [
         *found,
-        (f"etendue plot {place} --list", "all that can be drawn"),
-        (f"etendue report {place} -o report.html", "one page to read and send on"),
+        (f"etendue plot {place} --list", "list all possible plots"),
+        (f"etendue report {place} -o report.html", "one self-contained HTML page"),
         (f"etendue view {place}", "every pixel of every stage, live"),
     ]

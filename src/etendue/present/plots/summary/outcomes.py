@@ -1,4 +1,4 @@
-"""What a run gives, as it looks: the archive, or the tree in memory, at a glance, and what this run has done for it.
+"""Rendering of a run's outcome: the summary of the archive or of the tree in memory, and what this run did.
 
 In:  the outcome of a run.
 Out: HTML for a notebook, lines for a terminal.
@@ -28,8 +28,8 @@ def outcome_page(outcome: Any) -> str:
 
 
 def _seen(outcome: Any) -> tuple[Glance | None, str]:
-    """None of a run into an object store, whose archive is opened by who asks for it, and of an archive that is gone
-    or damaged: why.
+    """Return the summary; or None and the reason: the archive is damaged, missing, or in an object store, where the
+    caller opens it.
     """
     tree = outcome.tree
     try:

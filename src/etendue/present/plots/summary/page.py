@@ -1,8 +1,8 @@
-"""A glance as it looks: HTML for a notebook, lines for a terminal.
+"""Rendering of a summary: HTML for a notebook, lines for a terminal.
 
 In:  a ``Glance``.
-Out: HTML without scripts, styles of its own elements alone, pictures in it: nothing is asked of a network; every text
-     is escaped.
+Out: HTML without scripts, with inline styles and embedded pictures: nothing is loaded from the network; every text is
+     escaped.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from etendue.present.terminal.html_tables import table
 from etendue.present.terminal.terminal import human_seconds
 from etendue.telling import printable
 
-SIDE = 128  # dots of a small picture, at most
-QUALITY = 82  # of WebP
+SIDE = 128  # largest side of a small picture, in dots
+QUALITY = 82  # quality of WebP
 WORDS = {
     "done": "done",
     "left_out": "left out",
@@ -35,7 +35,7 @@ RED = "#d43f3a"
 
 
 def text(one: Glance) -> str:
-    """A line or two."""
+    """Return the summary in a line or two."""
     axes = " × ".join(f"{number} {name}" for name, _, number in one.axes)
     where = f"in {one.place}" if one.place else "in memory"
     there = [f"{_stages(one)}, {_cells(one)}"] if one.stages else []
@@ -47,7 +47,7 @@ def text(one: Glance) -> str:
 
 
 def page(one: Glance, run: str = "") -> str:
-    """The HTML. ``run``: what a run has done just now."""
+    """Return the summary as HTML. ``run``: what a run has just done."""
     bad = bool(one.counts.get("failed")) or one.state.startswith("damaged")
     head = (
         f'<div><b style="font-size:1.15em">{safe(one.name)}</b> '
@@ -58,7 +58,7 @@ def page(one: Glance, run: str = "") -> str:
     parts = [head, f"<div{_style(SOFT)}>{' · '.join(map(safe, facts))}</div>"]
     if one.failed:
         lost = [
-            (stage, where or "–", message or "the ledger says it when the run has ended")
+            (stage, where or "–", message or "reported in the ledger when the run ends")
             for stage, where, message in one.failed
         ]
         parts.append(table("Failed", ("stage", "at", "why"), lost[:MOST_ROWS], _more(lost), colour=RED))
@@ -75,17 +75,17 @@ def page(one: Glance, run: str = "") -> str:
             (stage, f"{n} of {of}", why, _bound(most), _seconds(saved))
             for stage, n, of, why, most, saved in one.omitted[:MOST_ROWS]
         ]
-        heads = ("stage", "cells", "why", "adds at most", "saves")
-        parts.append(table("Left out or made coarser", heads, rows, _more(one.omitted), folded=True))
+        heads = ("stage", "cells", "why", "error bound", "time saved")
+        parts.append(table("Left out or coarser", heads, rows, _more(one.omitted), folded=True))
     parts += [f"<div>{safe(note)}</div>" for note in one.notes]
     parts.append(_commands(one.commands))
     return f'<div class="etendue" style="max-width:70em;line-height:1.45">{"".join(parts)}</div>'
 
 
 def _figures(one: Glance) -> str:
-    """The table of figures; numbers stay with their units."""
+    """Return the table of metrics; numbers stay with their units."""
     heads = (
-        "figure",
+        "metric",
         f"at {one.at}".replace(" ", "\N{NO-BREAK SPACE}") if one.at else "value",
         *(("over the sweep",) if one.axes else ()),
     )
@@ -94,7 +94,7 @@ def _figures(one: Glance) -> str:
         title = own.title if own.title.replace(" ", "_") == own.name else f"{own.title} ({own.name})"
         values = (own.said, own.spanned) if one.axes else (own.said,)
         rows.append((title, *(value.replace(" ", "\N{NO-BREAK SPACE}") for value in values)))
-    return table("Figures", heads, rows)
+    return table("Metrics", heads, rows)
 
 
 def _style(style: str) -> str:
@@ -128,7 +128,7 @@ def _more(rows: Sequence[Any]) -> list[str]:
 
 
 def _bound(most: float) -> str:
-    return f"{most:.1g}" if most > 0 else "nothing"
+    return f"{most:.1g}" if most > 0 else "0"
 
 
 def _seconds(saved: float) -> str:
@@ -136,7 +136,7 @@ def _seconds(saved: float) -> str:
 
 
 def _strip(tiles: Sequence[Tile], at: str) -> str:
-    """Small pictures beside each other, in the order of the stages."""
+    """Return small pictures side by side, in the order of the stages."""
     shown = [
         f"<figure{_style('margin:0;flex:0 0 auto;max-width:10.5em')}>{_image(one)}{_caption(one)}</figure>"
         for one in tiles[:MOST_PICTURES]
@@ -169,7 +169,7 @@ def _image(one: Tile) -> str:
     how = Image.Resampling.NEAREST if largest <= SIDE else Image.Resampling.BOX
     picture.resize((size[0], size[1]), how).save(file, "WEBP", quality=QUALITY, method=4)
     data = base64.b64encode(file.getvalue()).decode()
-    words = safe(f"{one.variable} behind {one.stage}")
+    words = safe(f"{one.variable} after {one.stage}")
     return (
         f'<img src="data:image/webp;base64,{data}" width="{size[0]}" height="{size[1]}" alt="{words}" '
         f'style="display:block;margin:0">'
@@ -181,4 +181,4 @@ def _commands(commands: Iterable[tuple[str, str]]) -> str:
         f'<div><code style="user-select:all">{safe(command)}</code> <span{_style(SOFT)}>{safe(what)}</span></div>'
         for command, what in commands
     )
-    return f'<div style="margin-top:.6em"><b>Look further</b>{rows}</div>' if rows else ""
+    return f'<div style="margin-top:.6em"><b>Next steps</b>{rows}</div>' if rows else ""
