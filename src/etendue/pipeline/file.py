@@ -2,7 +2,8 @@
 imported here.
 
 In:  TOML text (or the same as a mapping), overrides from the command line.
-Out: a ``PipelineFile`` whose entries still hold values as written; ``plan.wiring.graph`` resolves them against the stages.
+Out: a ``PipelineFile`` whose entries still hold values as written; ``plan.wiring.graph`` resolves them against the
+     stages.
 """
 
 from __future__ import annotations

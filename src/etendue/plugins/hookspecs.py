@@ -65,8 +65,8 @@ def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[e
 
 @hookspec
 def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Dims that are divided into bands, or have a unit and a name (``contract.arrays.dims.Dim``). Stages may ask for the
-    coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
+    """Dims that are divided into bands, or have a unit and a name (``contract.arrays.dims.Dim``). Stages may ask for
+    the coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
 
     {"frequency": {"bins": True, "units": "Hz", "long_name": "frequency"}}
     """

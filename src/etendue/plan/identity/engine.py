@@ -1,10 +1,10 @@
 """Sort the engine's own modules: those that can change a bit of a cell, and those that only move what others compute.
 
 The key of every cell covers the package ``compute`` and the few modules outside it that its bits depend on; the digest
-of a stage's own code and of all it imports is added to it (``plan.identity.code``). No digest follows the packages in ``MOVES``,
-each for the reason given, nor manifests: the class they give for a name, defaults, dims and patterns are in keys as
-code and values. A test computes cells of every kind of pipeline in fresh processes, and fails if one of them imports a
-module, or reads a table, that is in neither list and in no digest.
+of a stage's own code and of all it imports is added to it (``plan.identity.code``). No digest follows the packages in
+``MOVES``, each for the reason given, nor manifests: the class they give for a name, defaults, dims and patterns are in
+keys as code and values. A test computes cells of every kind of pipeline in fresh processes, and fails if one of them
+imports a module, or reads a table, that is in neither list and in no digest.
 """
 
 from __future__ import annotations

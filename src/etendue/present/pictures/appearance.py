@@ -4,8 +4,8 @@ and exported pictures.
 In:  an array over y and x, perhaps with bands or channels first; how it is drawn (``contract.drawn.Drawn``).
 Out: (3, y, x) linear sRGB, encoded values or grey, at full size or reduced; the value shown as white; bytes.
 
-Leading dims are converted to colours by functions that distributions register (``contract.arrays.colouring``), and so are patterns
-of filters. Undefined values are striped.
+Leading dims are converted to colours by functions that distributions register (``contract.arrays.colouring``), and so
+are patterns of filters. Undefined values are striped.
 """
 
 from __future__ import annotations
