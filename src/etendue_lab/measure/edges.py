@@ -47,16 +47,16 @@ TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's ta
 KINDS = {  # why edges are not found automatically: parts of the reason, and advice
     "shorter than 24 pixels": (("shorter than",), "make the chart larger in the picture"),
     "along rows or columns": (
-        ("along the raster", "not slanted", "nothing in it stands at a slant"),
+        ("parallel to the pixel axes", "nothing in it is slanted"),
         "turn the chart by about 5 degrees",
     ),
     "nearly along a diagonal": (
-        ("along a diagonal",),
+        ("nearly diagonal",),
         "turn the chart: edges are best at about 5 degrees from rows and columns",
     ),
-    "less than 8 pixels from something else": (("something stands within",), "leave more room around the edge"),
+    "less than 8 pixels from something else": (("there is something within",), "leave more room around the edge"),
     "not straight, or not alone": (
-        ("not straight", "no single straight", "distances", "line", "in one row", "no step"),
+        ("not a single straight", "distances", "line", "in one row", "no step"),
         "",
     ),
     "no stronger than the noise or texture around it": ((HIDDEN,), ""),

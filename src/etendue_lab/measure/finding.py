@@ -138,8 +138,8 @@ def _apart(places: list[EdgePlace]) -> list[EdgePlace]:
 
 
 def reason(error: ValueError) -> str:
-    """Return why no edge can be measured, without the allowed range."""
-    return str(error).removeprefix("picture shows no edge that can be measured: ").partition("; allowed is")[0]
+    """Return why no edge can be measured, without what is required."""
+    return str(error).removeprefix("picture shows no edge that can be measured: ").partition("; one edge between")[0]
 
 
 def _parts(rows: int, columns: int) -> list[tuple[int, int, int, int]]:
