@@ -27,7 +27,6 @@ from etendue.archive.manifest import DATA
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record
 from etendue.archive.vouched import open_archive
-from etendue.contract.drawn import Pictured
 from etendue.contract.wording import first
 from etendue.errors import ArchiveError, EtendueError
 from etendue.present.plots import pictures
@@ -35,12 +34,11 @@ from etendue.present.plots.glance_cells import counts_of, failed_cells, omitted_
 from etendue.present.plots.holdings import FINISHED, Held, Holdings
 from etendue.present.plots.kinds import shown_at
 from etendue.present.plots.labels import places_text, unit_text, value_text
-from etendue.present.plots.strip import Tile, drawn_of, of_frames, picture_of
+from etendue.present.plots.strip import Tile, drawn_of, of_frames, picture_of, white_of
 
 MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 RANGED = 50_000  # cells of a figure, up to which its least and most are read
 LARGEST = 16 * 2**20  # numbers of an array that is made small for its picture
-SAMPLES = 256  # along a side, of which a small picture is made
 UNREADABLE = (
     EtendueError,
     OSError,
@@ -303,26 +301,16 @@ def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:
     frames = holdings.table("frames")
     if frames is not None:
         return of_frames(frames)
-    kept, thin = [], []
+    tiles = []
     for one in holdings.of_kind("picture"):
         own = {dim: value for dim, value in at.items() if dim in one.axes}
         if not drawn_of(one).shown or not _is_finished(one, at):
             continue
         array, _ = picture_of(one, own)
-        if array.size > LARGEST:
-            continue
-        step = 1 if pictures.drawn_as(array).pattern else max(1, -(-max(array.sizes["y"], array.sizes["x"]) // SAMPLES))
-        kept.append((one, (int(array.sizes["y"]), int(array.sizes["x"]))))
-        thin.append(array.isel(y=slice(None, None, step), x=slice(None, None, step)).load())
-    order = [Pictured(one.variable, one.dims, drawn_of(one), one.axes) for one, _ in kept]
-    whites = [
-        pictures.bright_among(order, number, lambda other: pictures.bright_in(thin[other]))
-        for number in range(len(order))
-    ]
-    return [
-        Tile(one.stage, one.variable, pictures.drawn(array, white), size)
-        for (one, size), array, white in zip(kept, thin, whites, strict=True)
-    ]
+        if array.size <= LARGEST:
+            picture = pictures.drawn(array, white_of(holdings, one, own), small=True)
+            tiles.append(Tile(one.stage, one.variable, picture, (int(array.sizes["y"]), int(array.sizes["x"]))))
+    return tiles
 
 
 def _values(values: list[Any], units: str, dim: str) -> str:
