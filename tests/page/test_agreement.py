@@ -9,6 +9,7 @@ import base64
 import io
 import json
 import os
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,16 @@ def archive(request, archives):
     return archives / request.param
 
 
+@cache
+def loaded(archive):
+    return tree_of(archive).load()
+
+
+@cache
+def served(archive):
+    return Live(archive)
+
+
 def of_sheet(archive, at):
     """(stage, variable): pixels, as a run has left them."""
     frames = xarray.open_dataset(archive / "data.zarr", engine="zarr", group="frames")
@@ -100,7 +111,7 @@ def of_sheet(archive, at):
 
 
 def of_report(archive, at):
-    opened = Opened(archive)
+    opened = served(archive).opened
     for one in shots(opened, {axis.dim: axis.places[at[axis.dim]] for axis in opened.axes}, 10**9)["strip"]:
         assert one["how"] == "without loss"
         with Image.open(io.BytesIO(base64.b64decode(one["data"]))) as picture:
@@ -109,12 +120,12 @@ def of_report(archive, at):
 
 def of_notebook(archive, at):
     """As a tree without the pictures of its run shows itself."""
-    for one in small_pictures(Holdings(tree_of(archive).load().drop_nodes("frames")), at):
+    for one in small_pictures(Holdings(loaded(archive).drop_nodes("frames")), at):
         yield (one.stage, one.variable), one.picture
 
 
 def of_viewer(archive, at):
-    live = Live(archive)
+    live = served(archive)
     where = ",".join(f"{axis.dim}:{axis.places[at[axis.dim]]}" for axis in live.opened.axes)
     for stage, variable in pictured(live.opened):
         _, data, said = live.answers["picture"]({"stage": stage, "variable": variable, "at": where})
@@ -124,7 +135,7 @@ def of_viewer(archive, at):
 
 
 def of_plot(archive, at):
-    holdings = Holdings(tree_of(archive).load())
+    holdings = Holdings(loaded(archive))
     for one in holdings.of_kind("picture"):
         plot = show(holdings, one.variable, one.stage, {dim: at[dim] for dim in one.axes})
         yield (one.stage, one.variable), np.asarray(plot.figure.axes[-1].images[0].get_array())
@@ -132,7 +143,7 @@ def of_plot(archive, at):
 
 def made_small(archive, at):
     """What plots and viewer show at full size."""
-    holdings = Holdings(tree_of(archive).load())
+    holdings = Holdings(loaded(archive))
     for one in holdings.of_kind("picture"):
         place = {dim: at[dim] for dim in one.axes}
         white = white_of(holdings, one, place)
@@ -140,19 +151,19 @@ def made_small(archive, at):
 
 
 def cells(archive):
-    """Places on the axes: the first, the last, and the one that is on the sheet."""
-    axes = Opened(archive).axes
+    """Places on the axes: the one that is on the sheet, the first and the last."""
+    axes = served(archive).opened.axes
     frames = xarray.open_dataset(archive / "data.zarr", engine="zarr", group="frames")
     on_sheet = {str(dim): value for dim, value in frames.attrs["cell"].items()}
-    return [{axis.dim: axis.values[i] for axis in axes} for i in (0, -1)], on_sheet
+    ends = ({axis.dim: axis.values[i] for axis in axes} for i in (0, -1))
+    return [on_sheet, *(at for at in ends if at != on_sheet)]
 
 
 def test_everybody_draws_the_same(archive):
-    ends, on_sheet = cells(archive)
-    for at in (*ends, on_sheet):
+    for number, at in enumerate(cells(archive)):
         full, small = dict(of_plot(archive, at)), dict(made_small(archive, at))
         assert {stage for stage, _ in full} >= {"scene", "halation", "pixel", "defects", "adc", "balance", "encode"}
-        places = {of_viewer: full, of_report: small, of_notebook: small} | ({of_sheet: small} if at is on_sheet else {})
+        places = {of_viewer: full, of_report: small, of_notebook: small} | ({} if number else {of_sheet: small})
         for place, expected in places.items():
             found = dict(place(archive, at))
             assert len(found) >= 15 and found.keys() <= full.keys(), place.__name__
