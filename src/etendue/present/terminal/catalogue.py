@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from inspect import cleandoc
+from operator import itemgetter
 from typing import Any
 
 from rich.console import Console
@@ -67,15 +68,15 @@ def print_stages(documents: list[dict[str, Any]]) -> None:
     console = _out()
     roles, working = discovery.installed(), [d for d in documents if "broken" not in d]
     declared = roles.names("roles")
-    table = _table("stages by what they are for", ("stage", "left"), ("what it is", "left"), wrap=("what it is",))
+    rows: list[tuple[str, str]] = []
     for role in dict.fromkeys([*declared, *sorted({d["role"] for d in working})]):
         own = [d for d in working if d["role"] == role]
         if own:
             said = roles.first("roles", role)
-            table.add_row(escape(role or "(no role)"), escape(str(said.value)) if said else "")
-        for d in own:
-            table.add_row(f"  {d['name']}", escape(first_sentence(d["doc"]) + _origin(d)))
-    console.print(table)
+            rows.append((role or "(no role)", str(said.value) if said else ""))
+        rows += [(f"  {d['name']}", first_sentence(d["doc"]) + _origin(d)) for d in own]
+    columns = ("stage", "left", itemgetter(0)), ("what it is", "left", itemgetter(1))
+    console.print(_table("stages by what they are for", *columns, rows=rows, wrap=("what it is",)))
     for role in sorted({d["role"] for d in working} - {"", *declared}):
         who = ", ".join(d["name"] for d in working if d["role"] == role)
         console.print(escape(f"note: no distribution says what the role {role!r} of {who} is: etendue_roles()"))
@@ -187,15 +188,14 @@ def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
 
 def print_quantities(documents: list[dict[str, Any]]) -> None:
     """Every shared quantity in a line."""
-    columns = (("quantity", "left"), ("default", "right"), ("what it is", "left"))
-    table = _table(
-        f"quantities that stages share, under \\[{next(iter(tables()))}] in a pipeline", *columns, wrap=("what it is",)
+    columns = (
+        ("quantity", "left", "name"),
+        ("default", "right", lambda d: "required" if d["required"] else _valued(d)),
+        ("what it is", "left", lambda d: (f"broken: {d['broken']}" if "broken" in d else d["doc"]) + _origin(d)),
     )
-    for d in documents:
-        said = f"broken: {d['broken']}" if "broken" in d else d["doc"]
-        table.add_row(d["name"], "required" if d["required"] else escape(_valued(d)), escape(said + _origin(d)))
+    title = f"quantities that stages share, under \\[{next(iter(tables()))}] in a pipeline"
     console = _out()
-    console.print(table)
+    console.print(_table(title, *columns, rows=documents, wrap=("what it is",)))
     console.print("one of them with its range and the stages that take it: etendue quantities NAME")
 
 

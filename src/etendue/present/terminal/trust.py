@@ -21,33 +21,25 @@ def _figure(value: float | None) -> str:
     return "-" if value is None else f"{value:.2g}"
 
 
+def _counted(number: int) -> str:
+    return str(number or "")
+
+
 def print_reproduction(document: dict[str, Any]) -> None:
     """By stage how many cells came out again, and how far the others are; what differs of platform and software."""
     console = _out()
     table = _table(
         f"{escape(document['archive'])}: {document['verdict']}",
-        ("stage", "left"),
-        ("arrays", "right"),
-        ("same", "right"),
-        ("within", "right"),
-        ("not", "right"),
-        ("largest", "right"),
-        ("rms", "right"),
-        ("stated", "right"),
+        ("stage", "left", "name"),
+        ("arrays", "right", "compared"),
+        ("same", "right", "same"),
+        ("within", "right", "within", _counted),
+        ("not", "right", lambda stage: sum(map(stage.get, ("beyond", "unknown", "damaged", "failed"))), _counted),
+        ("largest", "right", lambda stage: _figure(stage["largest"]) if stage["same"] < stage["compared"] else ""),
+        ("rms", "right", lambda stage: _figure(stage["relative"]) if stage["same"] < stage["compared"] else ""),
+        ("stated", "right", lambda stage: _figure(stage["allowed"]) if stage["same"] < stage["compared"] else ""),
+        rows=document["stages"],
     )
-    for stage in document["stages"]:
-        wrong = sum(stage[kind] for kind in ("beyond", "unknown", "damaged", "failed"))
-        table.add_row(
-            stage["name"],
-            str(stage["compared"]),
-            str(stage["same"]),
-            str(stage["within"] or ""),
-            str(wrong or ""),
-            *(
-                _figure(stage[name]) if stage["same"] < stage["compared"] else ""
-                for name in ("largest", "relative", "allowed")
-            ),
-        )
     console.print(table)
     _print_reasons(console, document)
 
@@ -97,22 +89,16 @@ def print_differences(document: dict[str, Any]) -> None:
     console.print(escape(f"{document['first']} and {document['second']}: {state}"), soft_wrap=True)
     table = _table(
         "",
-        ("stage", "left"),
-        ("cells", "right"),
-        ("differ", "right"),
-        ("in 1st", "right"),
-        ("in 2nd", "right"),
-        ("largest", "right"),
-        ("rms", "right"),
-        ("share", "right"),
+        ("stage", "left", "name"),
+        ("cells", "right", "cells"),
+        ("differ", "right", "differing", _counted),
+        ("in 1st", "right", "only_first", _counted),
+        ("in 2nd", "right", "only_second", _counted),
+        ("largest", "right", lambda stage: _figure(stage["largest"]) if stage["differing"] else ""),
+        ("rms", "right", lambda stage: _figure(stage["rms"]) if stage["differing"] else ""),
+        ("share", "right", lambda stage: _figure(stage["relative"]) if stage["differing"] else ""),
+        rows=document["stages"],
     )
-    for stage in document["stages"]:
-        table.add_row(
-            stage["name"],
-            str(stage["cells"]),
-            *(str(stage[name] or "") for name in ("differing", "only_first", "only_second")),
-            *(_figure(stage[name]) if stage["differing"] else "" for name in ("largest", "rms", "relative")),
-        )
     console.print(table)
     _print_where(console, document)
 
