@@ -11,12 +11,14 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-Column = Sequence[Any]  # (name, side, key or function of a row, form of format() or function of a value, of nothing)
+Column = Sequence[
+    Any
+]  # (name, side, key or function of a row or none for its place, form of format() or function of a value, of nothing)
 
 
 def cells(columns: Iterable[Column], rows: Iterable[Any]) -> list[list[str]]:
     """A row of texts for each row."""
-    own = [(*column[2:], "", "")[:3] for column in columns]
+    own = [(*(column[2:] or (place,)), "", "")[:3] for place, column in enumerate(columns)]
     return [[_text(of(row) if callable(of) else row[of], form, none) for of, form, none in own] for row in rows]
 
 

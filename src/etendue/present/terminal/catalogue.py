@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from inspect import cleandoc
-from operator import itemgetter
 from typing import Any
 
 from rich.console import Console
@@ -75,7 +74,7 @@ def print_stages(documents: list[dict[str, Any]]) -> None:
             said = roles.first("roles", role)
             rows.append((role or "(no role)", str(said.value) if said else ""))
         rows += [(f"  {d['name']}", first_sentence(d["doc"]) + _origin(d)) for d in own]
-    columns = ("stage", "left", itemgetter(0)), ("what it is", "left", itemgetter(1))
+    columns = ("stage", "left"), ("what it is", "left")
     console.print(_table("stages by what they are for", *columns, rows=rows, wrap=("what it is",)))
     for role in sorted({d["role"] for d in working} - {"", *declared}):
         who = ", ".join(d["name"] for d in working if d["role"] == role)

@@ -69,8 +69,8 @@ def _table(title: str, *columns: Column, rows: Iterable[Any] = (), wrap: tuple[s
 
 def _print_whole(console: Console, title: str, columns: Sequence[Column], rows: Sequence[Any], keys: int = 1) -> None:
     """A table without an ellipsis: where the terminal is too narrow, below itself, each part with the first columns."""
-    told = [[column[0] for column in columns], *cells(columns, rows)]
-    widths = [max(cell_len(printable(text)) for text in column) + 3 for column in zip(*told, strict=True)]
+    told, heads = cells(columns, rows), [column[0] for column in columns]
+    widths = [max(cell_len(printable(text)) for text in column) + 3 for column in zip(heads, *told, strict=True)]
     parts: list[list[int]] = [[]]
     for column in range(keys, len(columns)):
         if parts[-1] and sum(widths[:keys]) + sum(widths[i] for i in (*parts[-1], column)) - 3 > console.width:
@@ -78,7 +78,8 @@ def _print_whole(console: Console, title: str, columns: Sequence[Column], rows: 
         parts[-1].append(column)
     for number, part in enumerate(parts):
         chosen = [*range(keys), *part]
-        console.print(_table("" if number else title, *(columns[i] for i in chosen), rows=rows))
+        own = [[row[i] for i in chosen] for row in told]
+        console.print(_table("" if number else title, *(columns[i][:2] for i in chosen), rows=own))
 
 
 def short_axes(keys: Iterable[str]) -> dict[str, str]:
