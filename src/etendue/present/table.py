@@ -11,7 +11,8 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-Column = Sequence[
+# (name, side, key or function of a row or none for its place, form of format() or function of a value, of nothing)
+Column = Sequence[Any]
     Any
 ]  # (name, side, key or function of a row or none for its place, form of format() or function of a value, of nothing)
 

@@ -91,7 +91,7 @@ def print_global_error(document: dict[str, Any]) -> None:
         ("rms", "right", "rms", ".2g", "unknown"),
         ("largest", "right", "max", ".2g", "unknown"),
         ("known by", "left", "how"),
-        ("held", "left", "held", lambda held: held and "yes" if held in ("", True) else "no", "unknown"),
+        ("held", "left", "held", lambda held: {True: "yes", False: "no"}.get(held, ""), "unknown"),
         ("worst at", "left", "at", lambda at: ", ".join(f"{short[k]} {_plain(v)}" for k, v in at.items())),
         rows=rows,
         wrap=("worst at",),
