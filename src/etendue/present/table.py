@@ -11,10 +11,8 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-# (name, side, key or function of a row or none for its place, form of format() or function of a value, of nothing)
+# name, side; key or function of a row, its place where there is none; form or function of a value; what stands for none
 Column = Sequence[Any]
-    Any
-]  # (name, side, key or function of a row or none for its place, form of format() or function of a value, of nothing)
 
 
 def cells(columns: Iterable[Column], rows: Iterable[Any]) -> list[list[str]]:
