@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
-from etendue.present.table import cells
+from etendue.present.terminal.cells import cells
 from etendue.present.terminal.html_tables import rows_of
 from etendue.present.terminal.terminal import human_seconds, plan_columns
 from etendue.telling import human_bytes

@@ -18,7 +18,7 @@ from rich.table import Table
 from etendue.contract.stage import parameters_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
-from etendue.present.table import Column, cells
+from etendue.present.terminal.cells import Column, cells
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, printable
