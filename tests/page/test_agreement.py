@@ -1,4 +1,5 @@
-"""One variable of one cell is one picture: on the contact sheet, in a plot, in the report and in the viewer.
+"""One variable of one cell is one picture, to the last bit: on the contact sheet, in a plot, in the report, in the
+viewer and in a notebook.
 
 Every kind of ``shown``: light, planes of a camera and of tristimulus values, mosaics, one plane, encoded values, a map
 whose distribution is not installed where it is drawn, and what nobody says anything of. Under A and D65, swept and not.
@@ -8,6 +9,7 @@ import base64
 import io
 import json
 import os
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +21,11 @@ from etendue.present.page.live import Live
 from etendue.present.page.looks import picture, pictured
 from etendue.present.page.opened import Opened
 from etendue.present.page.shots import shots
-from etendue.present.plots.drawing.strip import show
+from etendue.present.plots import pictures
+from etendue.present.plots.drawing.strip import picture_of, show, white_of
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.opening import opened as tree_of
+from etendue.present.plots.summary.contents import _pictures as small_pictures
 from tests.fresh import process
 
 SITE = Path(__file__).parents[1] / "plugins" / "halation"  # brings `halo`, a map from 0 to 20 percent
@@ -83,70 +87,90 @@ def archives(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param(one, marks=[] if one == "A" else [pytest.mark.long]) for one in PIPELINES]
-)
+@pytest.fixture(scope="module", params=PIPELINES)
 def archive(request, archives):
     return archives / request.param
 
 
-@pytest.fixture(scope="module")
-def drawn(archive):
-    """Bytes by who draws them, stage, variable and place: {("plot", "encode", "rgb_display", (("f_number", 2.8),)):
-    (y, x, 3)}.
-    """
-    found = {}
-    opened, live, holdings = Opened(archive), Live(archive), Holdings(tree_of(archive).load())
+@cache
+def loaded(archive):
+    return tree_of(archive).load()
+
+
+@cache
+def served(archive):
+    return Live(archive)
+
+
+def of_sheet(archive, at):
+    """(stage, variable): pixels, as a run has left them."""
     frames = xarray.open_dataset(archive / "data.zarr", engine="zarr", group="frames")
-    at = {str(dim): value for dim, value in frames.attrs["cell"].items()}
-    start = {axis.dim: axis.places[at[axis.dim]] for axis in opened.axes}
-    stages = [str(name) for name in frames.stage.values]
-    for name, variable, preview, high, wide in zip(
-        stages,
-        frames.variable.values.tolist(),
-        frames.preview.values,
-        frames.height.values,
-        frames.width.values,
-        strict=True,
-    ):
-        own = opened.reaching(stage := name.removesuffix(f".{variable}"))
-        place = tuple((dim, at[dim]) for dim in own)
-        found["sheet", stage, variable, place] = np.moveaxis(preview[:, :high, :wide], 0, -1)
-    for one in shots(opened, start)["strip"]:
-        place = tuple((dim, at[dim]) for dim in opened.reaching(one["stage"]))
+    columns = [frames[name].values for name in ("stage", "variable", "preview", "height", "width")]
+    for stage, variable, preview, high, wide in zip(*columns, strict=True):
+        yield (stage.removesuffix(f".{variable}"), variable), np.moveaxis(preview[:, :high, :wide], 0, -1)
+
+
+def of_report(archive, at):
+    opened = served(archive).opened
+    for one in shots(opened, {axis.dim: axis.places[at[axis.dim]] for axis in opened.axes}, 10**9)["strip"]:
+        assert one["how"] == "lossless"
         with Image.open(io.BytesIO(base64.b64decode(one["data"]))) as picture:
-            found["report", one["stage"], one["variable"], place] = np.asarray(picture.convert("RGB"))
-    for stage, variable in pictured(opened):
-        axes = [opened.axis(dim) for dim in opened.reaching(stage)]
-        last = tuple(len(axis.values) - 1 for axis in axes)
-        for index in {tuple(start[axis.dim] for axis in axes), tuple(0 for _ in last), last}:
-            place = tuple((axis.dim, axis.values[i]) for axis, i in zip(axes, index, strict=True))
-            where = ",".join(f"{axis.dim}:{i}" for axis, i in zip(axes, index, strict=True))
-            _, data, said = live.answers["picture"]({"stage": stage, "variable": variable, "at": where})
-            size = json.loads(said["X-Picture"])
-            found["viewer", stage, variable, place] = np.frombuffer(data, np.uint8).reshape(
-                size["height"], size["width"], 4
-            )[..., :3]
-            plot = show(holdings, variable, stage, dict(place))
-            found["plot", stage, variable, place] = np.asarray(plot.figure.axes[-1].images[0].get_array())
-    return found
+            yield (one["stage"], one["variable"]), np.asarray(picture.convert("RGB"))
 
 
-def test_everybody_draws_the_same(drawn, archive):
-    """To 1 of 255: sums of float32 in another order may fall on the other side of a half."""
-    by_picture = {}
-    for (who, *which), pixels in drawn.items():
-        by_picture.setdefault(tuple(which), {})[who] = pixels.astype(int)
-    far = {}
-    for which, own in by_picture.items():
-        assert {"plot", "viewer"} <= own.keys()
-        for who, pixels in own.items():  # of a large array the sheet and the report show areas, the others samples
-            other = own["plot"] if pixels.shape == own["plot"].shape else own["sheet"]
-            far[(*which, who)] = int(np.abs(pixels - other).max())
-    wrong = {which: one for which, one in far.items() if one > 1}
-    assert not wrong, "\n".join(f"{one:4d} {which}" for which, one in wrong.items())
-    assert {which[0] for which in by_picture} >= {"scene", "halation", "pixel", "defects", "adc", "balance", "encode"}
-    assert sum(who == "sheet" for *_, who in far) == sum(who == "report" for *_, who in far) >= 15
+def of_notebook(archive, at):
+    """As a tree without the pictures of its run shows itself."""
+    for one in small_pictures(Holdings(loaded(archive).drop_nodes("frames")), at):
+        yield (one.stage, one.variable), one.picture
+
+
+def of_viewer(archive, at):
+    live = served(archive)
+    where = ",".join(f"{axis.dim}:{axis.places[at[axis.dim]]}" for axis in live.opened.axes)
+    for stage, variable in pictured(live.opened):
+        _, data, said = live.answers["picture"]({"stage": stage, "variable": variable, "at": where})
+        size = json.loads(said["X-Picture"])
+        pixels = np.frombuffer(data, np.uint8).reshape(size["height"], size["width"], 4)
+        yield (stage, variable), pixels[..., :3]
+
+
+def of_plot(archive, at):
+    holdings = Holdings(loaded(archive))
+    for one in holdings.of_kind("picture"):
+        plot = show(holdings, one.variable, one.stage, {dim: at[dim] for dim in one.axes})
+        yield (one.stage, one.variable), np.asarray(plot.figure.axes[-1].images[0].get_array())
+
+
+def made_small(archive, at):
+    """What plots and viewer show at full size."""
+    holdings = Holdings(loaded(archive))
+    for one in holdings.of_kind("picture"):
+        place = {dim: at[dim] for dim in one.axes}
+        white = white_of(holdings, one, place)
+        yield (one.stage, one.variable), pictures.drawn(picture_of(one, place)[0], white, small=True)
+
+
+def cells(archive):
+    """Places on the axes: the one that is on the sheet, the first and the last."""
+    axes = served(archive).opened.axes
+    frames = xarray.open_dataset(archive / "data.zarr", engine="zarr", group="frames")
+    on_sheet = {str(dim): value for dim, value in frames.attrs["cell"].items()}
+    ends = ({axis.dim: axis.values[i] for axis in axes} for i in (0, -1))
+    return [on_sheet, *(at for at in ends if at != on_sheet)]
+
+
+def test_everybody_draws_the_same(archive):
+    for number, at in enumerate(cells(archive)):
+        full, small = dict(of_plot(archive, at)), dict(made_small(archive, at))
+        assert {stage for stage, _ in full} >= {"scene", "halation", "pixel", "defects", "adc", "balance", "encode"}
+        places = {of_viewer: full, of_report: small, of_notebook: small} | ({} if number else {of_sheet: small})
+        for place, expected in places.items():
+            found = dict(place(archive, at))
+            assert len(found) >= 15 and found.keys() <= full.keys(), place.__name__
+            wrong = [which for which, pixels in found.items() if not np.array_equal(pixels, expected[which])]
+            assert not wrong, (place.__name__, at, wrong)
+        for which, pixels in full.items():
+            assert max(pixels.shape) > 256 or np.array_equal(pixels, small[which]), which
 
 
 def test_a_grey_edge_under_a_is_seen_as_its_viewer_sees_it(archives):

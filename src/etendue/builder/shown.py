@@ -10,8 +10,9 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
+from etendue.present.terminal.cells import cells
 from etendue.present.terminal.html_tables import rows_of
-from etendue.present.terminal.terminal import human_seconds
+from etendue.present.terminal.terminal import human_seconds, plan_columns
 from etendue.telling import human_bytes
 
 
@@ -23,17 +24,7 @@ def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], 
 
 def plan_page(document: dict[str, Any]) -> str:
     """Return what ``etendue plan`` prints, as HTML."""
-    rows = [
-        (
-            stage["name"],
-            " \u00d7 ".join(stage["axes"]) or "-",
-            stage["cells"],
-            stage["left_out"]["cells"] if stage["left_out"] else "",
-            human_bytes(stage["bytes"]),
-            human_seconds(stage["seconds"]),
-        )
-        for stage in document["stages"]
-    ]
+    columns = plan_columns(lambda axes: " \u00d7 ".join(axes) or "-")
     whole = (
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
         f"{human_bytes(document['bytes'])}, "
@@ -41,6 +32,5 @@ def plan_page(document: dict[str, Any]) -> str:
         f"of memory"
     )
     notes = [whole, *(f"note: {escape(text)}" for text in document["warnings"])]
-    return table_page(
-        f"plan of {document['name']}", ("stage", "axes", "cells", "left out", "stored", "time"), rows, notes
-    )
+    rows = cells(columns, document["stages"])
+    return table_page(f"plan of {document['name']}", [name for name, *_ in columns], rows, notes)

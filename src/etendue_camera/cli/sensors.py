@@ -11,7 +11,7 @@ from typing import Any
 
 from etendue.errors import RequestError
 from etendue.pipeline.presets import Sourced, preset, preset_names
-from etendue.plugins.discovery import OWN
+from etendue.present.terminal.catalogue import _origin
 from etendue.present.terminal.terminal import _out, _table, escape
 
 
@@ -47,17 +47,14 @@ def _plain(value: Any) -> Any:
 
 def print_sensors(documents: list[dict[str, Any]]) -> None:
     """Print one line per sensor."""
-    columns = (("sensor", "left"), ("pitch", "right"), ("full well", "right"), ("description", "left"))
-    table = _table("sensors", *columns, wrap=("description",))
-    for d in documents:
-        if "broken" in d:
-            continue
-        well = d["facts"].get("full_well", {}).get("value", "")
-        pitch = d["camera"].get("pixel_pitch", {}).get("value", "")
-        origin = "" if d["distribution"] == OWN else f" (from {d['distribution']} {d['version']})"
-        table.add_row(d["name"], str(pitch), str(well), escape(d["title"] + origin))
+    columns = (
+        ("sensor", "left", "name"),
+        ("pitch", "right", lambda d: d["camera"].get("pixel_pitch", {}).get("value", ""), str),
+        ("full well", "right", lambda d: d["facts"].get("full_well", {}).get("value", ""), str),
+        ("description", "left", lambda d: d["title"] + _origin(d)),
+    )
     console = _out()
-    console.print(table)
+    console.print(_table("sensors", *columns, rows=[d for d in documents if "broken" not in d], wrap=("description",)))
     for d in documents:
         if "broken" in d:
             console.print(f"broken: {d['name']}: {escape(d['broken'])}")
@@ -66,7 +63,6 @@ def print_sensors(documents: list[dict[str, Any]]) -> None:
 
 def print_sensor(document: dict[str, Any]) -> None:
     """Print every value of a sensor with its source; addresses are listed below in full."""
-
     console = _out()
     if "broken" in document:
         console.print(f"broken: {escape(document['broken'])}")
@@ -81,16 +77,13 @@ def print_sensor(document: dict[str, Any]) -> None:
         if document[name]:
             table = _table(
                 escape(title),
-                ("quantity", "left"),
-                ("value", "left"),
-                ("source", "left"),
-                ("note", "left"),
+                ("quantity", "left", "key"),
+                ("value", "left", "value", lambda own: ", ".join(map(str, own if isinstance(own, list) else [own]))),
+                ("source", "left", "source", lambda own: f"({addresses.index(own) + 1})" if own in addresses else own),
+                ("note", "left", "note"),
+                rows=[{"key": key, **one} for key, one in document[name].items()],
                 wrap=("note",),
             )
-            for key, one in document[name].items():
-                value = ", ".join(map(str, one["value"])) if isinstance(one["value"], list) else str(one["value"])
-                source = f"({addresses.index(one['source']) + 1})" if one["source"] in addresses else one["source"]
-                table.add_row(key, escape(value), escape(source), escape(one["note"]))
             console.print(table)
     for number, address in enumerate(addresses, 1):
         console.print(f"({number}) {escape(address)}", soft_wrap=True)

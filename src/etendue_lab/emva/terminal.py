@@ -66,24 +66,25 @@ def print_emva(document: dict[str, Any]) -> None:
 
 def _figures(title: str, rows: list[dict[str, Any]]) -> Table:
     columns = (
-        ("metric", "left"),
-        ("measured", "right"),
-        ("interval", "left"),
-        ("expected", "right"),
-        ("held", "left"),
+        ("metric", "left", lambda row: NAMES[row["figure"]] + _unit(row)),
+        ("measured", "right", lambda row: _text(row, "value")),
+        (
+            "interval",
+            "left",
+            lambda row: " to ".join(own) if any(own := [_text(row, end) for end in ("low", "high")]) else "",
+        ),
+        ("expected", "right", lambda row: _text(row, "expected")),
+        ("held", "left", "held", lambda held: "yes" if held else "no"),
     )
-    table = _table(title, *columns)
-    for row in rows:
-        unit = "%" if row["figure"] in PERCENT else "" if row["unit"] == "1" else row["unit"]
-        scale = 100.0 if row["figure"] in PERCENT else 1.0
-        word = "" if row["held"] is None else "yes" if row["held"] else "no"
-        cells = [_text(row[name], scale) for name in ("value", "low", "high", "expected")]
-        interval = f"{cells[1]} to {cells[2]}" if cells[1] or cells[2] else ""
-        table.add_row(NAMES[row["figure"]] + (f", {unit}" if unit else ""), cells[0], interval, cells[3], word)
-    return table
+    return _table(title, *columns, rows=rows)
 
 
-def _text(value: float | None, scale: float) -> str:
+def _unit(row: dict[str, Any]) -> str:
+    return ", %" if row["figure"] in PERCENT else "" if row["unit"] == "1" else f", {row['unit']}"
+
+
+def _text(row: dict[str, Any], name: str) -> str:
+    value, scale = row[name], 100.0 if row["figure"] in PERCENT else 1.0
     if value is None or math.isnan(value):
         return ""
     return f"{scale * value:.0f}" if 1e3 <= abs(scale * value) < 1e7 else f"{scale * value:.4g}"

@@ -6,7 +6,6 @@ Out: a table for each loss, and how well pairs are predicted.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from etendue.present.terminal.terminal import _out, _table, escape
@@ -19,22 +18,19 @@ def print_losses(document: dict[str, Any]) -> None:
     console = _out()
     console.print(f"{document['pipeline']}: each stage's share of the loss, relative to the camera with ideal stages")
     for loss in document["losses"]:
+        orders = loss["orders"]
         columns = (
-            ("stage", "left"),
-            ("share of loss", "right"),
-            (f"loss [{loss['unit']}]", "right"),
-            ("without it", "right"),
+            ("stage", "left", "stage"),
+            ("share of loss", "right", "share", lambda share: f"{100 * share:.1f} %", "-"),
+            (f"loss [{loss['unit']}]", "right", lambda row, orders=orders: f"{row['loss']:.3f}{_error(row, orders)}"),
+            ("without it", "right", "figure_without", ".4g", "-"),
         )
         table = _table(
             f"{loss['what']}: {loss['figure']} {loss['camera']:.4g}, ideal {loss['ideal']:.4g}; loss "
             f"{loss['loss']:.4g} {loss['unit']}",
             *columns,
+            rows=loss["stages"],
         )
-        for row in loss["stages"]:
-            error = "" if not loss["orders"] or row["standard_error"] is None else f" +- {row['standard_error']:.1g}"
-            known = row["share"] is not None and not math.isnan(row["share"])
-            share = f"{100 * row['share']:.1f} %" if known else "-"
-            table.add_row(row["stage"], share, f"{row['loss']:.3f}{error}", _figure(row["figure_without"]))
         console.print(table)
         how = f"{loss['orders']} random orders" if loss["orders"] else "all sets of stages"
         console.print(f"  shares from {how}: {loss['coalitions']} cameras")
@@ -51,5 +47,5 @@ def print_losses(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _figure(value: float | None) -> str:
-    return "-" if value is None or math.isnan(value) else f"{value:.4g}"
+def _error(row: dict[str, Any], orders: int) -> str:
+    return "" if not orders or row["standard_error"] is None else f" +- {row['standard_error']:.1g}"

@@ -11,12 +11,13 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
+from etendue.contract.drawn import Drawn
 from rich.console import Console
 from rich.table import Table
 
+from etendue.present.pictures.appearance import Appearance, rendered
 from etendue.present.terminal.terminal import _out, _table, escape, short_axes
-from etendue_camera.colour import matrices
-from etendue_camera.colour.encoding import srgb_encode
+from etendue_camera.seen import of_channel
 
 COLUMNS = (
     ("psnr_linear", "PSNR linear", ".2f"),
@@ -137,12 +138,9 @@ def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: st
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    seen = matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
-    matrix = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB) @ seen
-    panels: list[Any] = [
-        np.moveaxis(srgb_encode(np.clip(matrices.apply_matrix(matrix, one), 0, 1)), 0, -1)
-        for one in (picture, reference)
-    ]
+    drawn = Drawn("linear", 1.0, viewer=tuple(white))
+    own = Appearance(drawn, of_channel(drawn, None, "XYZ"))
+    panels = [rendered(drawn, own.rgb(one), 1.0) for one in (picture, reference)]
     rows, columns = shown.shape
     scale = max(1, LONGEST // max(rows, columns))
     high, wide = rows * scale, columns * scale

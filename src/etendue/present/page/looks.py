@@ -19,7 +19,7 @@ from etendue.contract.arrays import colouring as seen_as
 from etendue.contract.arrays.drawn import Drawn, Pictured, read
 from etendue.errors import ArchiveError
 from etendue.present.page.opened import PLANE, Opened, ShownGroup
-from etendue.present.pictures.appearance import as_bytes, seen
+from etendue.present.pictures.appearance import rendered, white_among
 from etendue.present.plots import pictures
 
 LARGEST = 64 * 2**20  # largest number of elements of an array that is shown
@@ -119,15 +119,15 @@ class Picture:
                 opened.whites[key] = pictures.bright_in(found.one)
             return opened.whites[key]
 
-        return pictures.bright_among(order, number, bright_of)
+        return white_among(order, number, bright_of)
 
     def eight_bit(self, gain: float = 1.0) -> Any:
         """Return (y, x, 3) uint8. ``gain``: factor of extra brightness."""
-        return _bytes(seen(self.drawn, self.linear, self.bright / gain))
+        return rendered(self.drawn, self.linear, self.bright / gain)
 
     def small(self) -> Any:
         """Return the same, averaged over areas until it fits."""
-        return _bytes(seen(self.drawn, pictures.appearance_of(self.one).small(self.one.values), self.bright))
+        return pictures.drawn(self.one, self.bright, small=True)
 
     # -- places -----------------------------------------------------------------------------------------
 
@@ -156,10 +156,6 @@ class Picture:
 def drawn_of(opened: Opened, stage: str, variable: str) -> Drawn:
     """Return how a variable is drawn, as far as that is the same for all cells."""
     return read(variable, opened.groups[stage][0].data.variables[variable].attrs, {})
-
-
-def _bytes(picture: Any) -> Any:
-    return np.ascontiguousarray(np.moveaxis(as_bytes(picture), 0, -1))
 
 
 def picture(opened: Opened, stage: str, variable: str, at: Mapping[str, int]) -> Picture | None:

@@ -10,7 +10,7 @@ are patterns of filters. Undefined values are striped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,12 +59,18 @@ class Appearance:
         rows = rows.astype(np.float32, copy=False)
         return np.maximum(rows - np.float32(self.drawn.black), 0) if self.drawn.black else rows
 
-    def mixed(self, planes: Any) -> Any:
-        """Return planes mixed to colours, at any size."""
+    def mixed(self, planes: Iterable[Any]) -> Any:
+        """Return planes mixed to colours, at any size; summed in order, so that they may arrive one by one."""
         if self.matrix is None:
+            planes = planes if isinstance(planes, np.ndarray) else np.stack(list(planes))
             planes = planes[None] if planes.ndim == 2 else planes
             return planes[:3] if len(planes) >= 3 else np.repeat(planes[:1], 3, axis=0)
-        return np.tensordot(self.matrix.astype(planes.dtype), planes, axes=1)
+        mixed: Any = None
+        for plane, weights in zip(planes, self.matrix.T.astype(np.float32), strict=True):
+            mixed = np.zeros((3, *plane.shape), np.float32) if mixed is None else mixed
+            for own, weight in zip(mixed, weights, strict=True):
+                own += weight * plane
+        return mixed
 
     def ends(self, plane: Any) -> tuple[float, float]:
         """Return the numbers of a map shown as black and white, or their logarithms."""
@@ -122,24 +128,40 @@ def appearance(
     return Appearance(drawn, tints=np.array(period, dtype=np.float32))
 
 
-def brightness(small: Any) -> float:
-    """Return the linear value shown as white if brightness is adapted for viewing, from a reduced picture.
+def brightness(drawn: Drawn, small: Any) -> float:
+    """Return the linear value shown as white in a single picture, from its reduced version.
 
-    It is at least a thousandth of the brightest value: beside a point source all else may be close to zero.
+    If brightness is adapted for viewing it is at least a thousandth of the brightest value: beside a point source
+    all else may be close to zero.
     """
+    if not drawn.scaled:
+        return drawn.white or 1.0
     peaks = small.max(axis=0)
     peaks = peaks[np.isfinite(peaks)]
     bright = max(float(np.quantile(peaks, BRIGHT)), 1e-3 * float(peaks.max())) / SHARE if peaks.size else 0.0
     return bright if bright > 0 else 1.0
 
 
-def whites_of(pictures: Sequence[tuple[Pictured, Any]]) -> list[float]:
-    """Return the value shown as white in each of a cell's reduced pictures, in the order of the light."""
-    order, found = [one for one, _ in pictures], dict[int, float]()
-    for number, (one, _) in enumerate(pictures):
-        if one.drawn.scaled and (other := lit_by(order, number)) not in found:
-            found[other] = brightness(pictures[other][1])
-    return [found[lit_by(order, n)] if one.drawn.scaled else one.drawn.white or 1.0 for n, one in enumerate(order)]
+def white_among(order: Sequence[Pictured], number: int, bright_of: Callable[[int], float | None]) -> float:
+    """Return the linear value shown as white in one of a cell's pictures, in the order of the light; ``bright_of``
+    gives the value of the pictures that exist.
+    """
+    there = list(range(len(order)))
+    while order[number].drawn.scaled:
+        other = there[lit_by([order[n] for n in there], there.index(number))]
+        if (found := bright_of(other)) is not None or other == number:
+            return found or 1.0
+        there.remove(other)
+    return order[number].drawn.white or 1.0
+
+
+def rendered(drawn: Drawn, light: Any, white: float) -> Any:
+    """Return (y, x, 3) uint8: the one picture of a variable, for contact sheets, plots, pages and files.
+
+    ``light`` is the result of `Appearance`, for the whole frame, some rows or a reduced frame; ``white`` is the value
+    shown as white.
+    """
+    return np.ascontiguousarray(np.moveaxis(np.rint(255 * seen(drawn, light, white)).astype(np.uint8), 0, -1))
 
 
 def seen(drawn: Drawn, found: Any, bright: float) -> Any:
@@ -159,11 +181,6 @@ def striped(shape: tuple[int, ...]) -> Any:
         (((rows + columns) // STRIPE) % 2 == 0)[..., None], *(np.array(colour, np.float32) / 255 for colour in HATCH)
     )
     return np.moveaxis(stripes, -1, 0)
-
-
-def as_bytes(seen: Any) -> Any:
-    """Return (3, y, x) uint8."""
-    return np.rint(255 * seen).astype(np.uint8)
 
 
 def encoded(linear: Any) -> Any:

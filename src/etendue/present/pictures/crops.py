@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from etendue.present.pictures.appearance import encoded as on_screen
+from etendue.contract.drawn import Drawn
+from etendue.present.pictures.appearance import Appearance, brightness, rendered
 
 SIDE, SHOWN, COLUMNS = 56, 280, 5  # samples of a crop, its size on the screen, crops in a row
 COARSE = 28  # samples of a crop of the coarsest picture, if pixel sizes differ
@@ -51,12 +52,11 @@ def strip(pictures: list[Strip], encoded: bool, title: str) -> bytes:
     alike = len({(p.picture.shape[-2:], p.plane) for p in pictures}) == 1
     windows, said = (_of_one_size if alike else _of_several)(pictures)
     cut = [
-        np.asarray(p.picture, np.float64)[..., top : top + high, left : left + wide]
+        p.picture[..., top : top + high, left : left + wide]
         for p, (top, left, high, wide) in zip(pictures, windows, strict=True)
     ]
-    if not encoded:
-        bright = max(float(np.quantile(cut[0], 0.995)), 1e-9)
-        cut = [on_screen(np.clip(0.9 * c / bright, 0, 1)) for c in cut]
+    own = Appearance(Drawn("encoded" if encoded else "linear"))
+    white = brightness(own.drawn, own.rgb(cut[0]))
     largest = [max(high, wide) for _, _, high, wide in windows]
     scales = [max(1, SHOWN // own) for own in largest]
     box, label, gap, head = (
@@ -72,8 +72,7 @@ def strip(pictures: list[Strip], encoded: bool, title: str) -> bytes:
     FigureCanvasAgg(figure)
     figure.text(gap / width, 1 - 0.55 * head / height, f"{title} ({said})", ha="left", va="center", fontsize=9)
     for number, (one, crop, scale) in enumerate(zip(pictures, cut, scales, strict=True)):
-        shown = np.moveaxis(crop[:3] if len(crop) >= 3 else np.repeat(crop[:1], 3, axis=0), 0, -1)
-        shown = np.repeat(np.repeat(np.clip(shown, 0, 1), scale, axis=0), scale, axis=1)
+        shown = rendered(own.drawn, own.rgb(crop), white).repeat(scale, axis=0).repeat(scale, axis=1)
         row, column = divmod(number, across)
         x = gap + column * (box + gap)
         y = height - head - row * (box + label + gap) - box

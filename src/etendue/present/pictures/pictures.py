@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from etendue.contract.values.quantities import declared
 from etendue.contract.wording import first
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
-from etendue.present.pictures.appearance import as_bytes, seen, whites_of
+from etendue.present.pictures.appearance import brightness, rendered, white_among
 from etendue.present.pictures.contact_sheet import contact_sheet, with_maps
 from etendue.present.pictures.details import PlaneWindow, limited, lines_of, part_of, side_of
 from etendue.present.pictures.fitting import LARGEST
@@ -31,7 +32,7 @@ from etendue.present.pictures.thumbnails import Thumbnail, window_of
 
 @dataclass
 class Frame:
-    """One picture: its stage and variable, (3, y, x) in 0..1 as encoded sRGB, the true size, what exists at full
+    """One picture: its stage and variable, (y, x, 3) bytes of encoded sRGB, the true size, what exists at full
     resolution, and a detail.
     """
 
@@ -43,7 +44,7 @@ class Frame:
     exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one, before scaling and encoding
     bright: float = 1.0  # value shown as white
     first: int = 0  # its first row in the whole
-    part: Any = None  # (3, y, x) detail, the same place of the scene in all
+    part: Any = None  # (y, x, 3) detail, the same place of the scene in all
     place: tuple[float, float, float, float] = (
         0.0,
         0.0,
@@ -60,10 +61,11 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
         for variable, one in ((v, small.get(cell.ref, {}).get(v)) for v in node.writes):
             if one is not None and (drawn := drawn_of(plan, cell, variable)) is not None:
                 order.append((node.name, Pictured(variable, node.writes[variable].dims, drawn, node.axes), one))
-    whites = whites_of([(own, one.picture) for _, own, one in order])
+    bright_of = cache(lambda number: brightness(order[number][1].drawn, order[number][2].picture))
     frames: list[Frame] = []
-    for (stage, (variable, _, drawn, _), one), white in zip(order, whites, strict=True):
-        frame = Frame(stage, variable, seen(drawn, one.picture, white), one.size, drawn=drawn)
+    for number, (stage, (variable, _, drawn, _), one) in enumerate(order):
+        white = white_among([own for _, own, _ in order], number, bright_of)
+        frame = Frame(stage, variable, rendered(drawn, one.picture, white), one.size, drawn=drawn)
         if drawn.shown != "map" and max(one.size) <= LARGEST:
             frame.exact, frame.bright = one.picture, white
         elif drawn.shown != "map" and one.band is not None:
@@ -85,7 +87,8 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: PlaneWindo
     side = min(side_of(coarse.size), *coarse.exact.shape[-2:])
     whole = all(max(f.size) <= LARGEST for f, _ in seen)
     first, last = (0, coarse.size[0]) if whole or band is None else band.rows(y)
-    top, left = part_of(_encoded(coarse, coarse.exact[:, first - coarse.first : last - coarse.first]), side)
+    exact = coarse.exact[:, first - coarse.first : last - coarse.first]
+    top, left = part_of(rendered(coarse.drawn, exact, coarse.bright) / 255.0, side)
     (y0, dy), (x0, dx) = y.um(), x.um()
     row, column = top + first, left
     window = PlaneWindow(
@@ -96,7 +99,7 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: PlaneWindo
         part = f.exact[:, max(0, rows[0] - f.first) : rows[1] - f.first, columns[0] : columns[1]]
         if not part.size:
             continue
-        f.part = limited(_encoded(f, part))
+        f.part = rendered(f.drawn, limited(part), f.bright)
         f.place = (
             rows[0] / f.size[0],
             columns[0] / f.size[1],
@@ -143,19 +146,14 @@ def _shared(plan: Plan) -> str:
     return f"{',' if plan.axes else ' at'} {', '.join(texts)}" if texts else ""
 
 
-def _encoded(frame: Frame, part: Any) -> Any:
-    """Return a piece of the exact picture as shown, 0 to 1."""
-    return seen(frame.drawn, part, frame.bright)
-
-
 def _parts(frames: list[Frame]) -> dict[str, Any]:
     """Return the details as arrays, to be stored with the pictures."""
-    sizes = [(0, 0) if f.part is None else f.part.shape[-2:] for f in frames]
+    sizes = [(0, 0) if f.part is None else f.part.shape[:2] for f in frames]
     high, wide = (max(1, *(size[n] for size in sizes), 1) for n in (0, 1))
     detail = np.zeros((len(frames), 3, high, wide), np.uint8)
     for i, (frame, (y, x)) in enumerate(zip(frames, sizes, strict=True)):
         if frame.part is not None:
-            detail[i, :, :y, :x] = as_bytes(frame.part)
+            detail[i, :, :y, :x] = np.moveaxis(frame.part, -1, 0)
     said = {"long_name": "detail at full resolution: the same place of the scene in every stage"}
     place = {"long_name": "position of the detail: top, left, height, width as fractions of the picture", "units": "1"}
     return {
@@ -180,11 +178,11 @@ def _parts(frames: list[Frame]) -> dict[str, Any]:
 
 def frames_table(frames: list[Frame]) -> dict[str, Any]:
     """Return the frames as a group of the archive: preview(stage, channel, y, x), 8 bit, padded with zeros."""
-    height, width = max(f.picture.shape[1] for f in frames), max(f.picture.shape[2] for f in frames)
+    height, width = (max(f.picture.shape[side] for f in frames) for side in (0, 1))
     preview = np.zeros((len(frames), 3, height, width), np.uint8)
     for i, frame in enumerate(frames):
-        _, y, x = frame.picture.shape
-        preview[i, :, :y, :x] = as_bytes(frame.picture)
+        y, x, _ = frame.picture.shape
+        preview[i, :, :y, :x] = np.moveaxis(frame.picture, -1, 0)
     names = [f.stage for f in frames]
     stage = [n if names.count(n) == 1 else f"{n}.{f.variable}" for n, f in zip(names, frames, strict=True)]
     dims = ("stage", "channel", "y", "x")
@@ -215,12 +213,12 @@ def frames_table(frames: list[Frame]) -> dict[str, Any]:
             ),
             "height": (
                 ("stage",),
-                np.array([f.picture.shape[1] for f in frames]),
+                np.array([f.picture.shape[0] for f in frames]),
                 {"units": "pixel", "long_name": "height of the preview"},
             ),
             "width": (
                 ("stage",),
-                np.array([f.picture.shape[2] for f in frames]),
+                np.array([f.picture.shape[1] for f in frames]),
                 {"units": "pixel", "long_name": "width of the preview"},
             ),
             **_parts(frames),

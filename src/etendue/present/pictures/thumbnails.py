@@ -10,7 +10,7 @@ pictures of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +23,7 @@ from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import Appearance, appearance
 from etendue.present.pictures.details import PlaneWindow, band_of, lines_of
-from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, as_float, fitted
+from etendue.present.pictures.fitting import LARGEST, Fitted, Rows, Tinted, fitted
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,16 @@ class _View:
         """Return the reduced picture and some of its rows; planes are read one by one, as all together may be too large
         for memory.
         """
-        small, band = [], _Mixing(self.seen)
-        for number in range(array.shape[0]):
-            plane = np.asarray(array[number])
-            small.append(fitted(plane))
-            band.add(number, as_float(plane[slice(*self.rows)]))
-        rows = band.made()
-        return self.seen.mixed(np.stack(small)), rows if rows.size else None
+        small = []
+
+        def rows() -> Iterator[Any]:
+            for number in range(array.shape[0]):
+                plane = np.asarray(array[number])
+                small.append(fitted(plane, self.seen.values))
+                yield self.seen.values(plane[slice(*self.rows)])
+
+        band = self.seen.mixed(rows())
+        return self.seen.mixed(np.stack(small)), band if band.size else None
 
     def gathering(self, shape: tuple[int, ...]) -> Gathering | None:
         if self.middles or self.light or self.seen.grey:
@@ -126,27 +129,6 @@ class Observer:
         """Return what reduces a variable that arrives row by row; None if the whole is needed, or it is small."""
         view = self.views.get(variable)
         return view.gathering(shape) if view and max(shape[-2:]) > LARGEST else None
-
-
-class _Mixing:
-    """Mixes planes to colours as they arrive: three planes are held, however many there are."""
-
-    def __init__(self, seen: Appearance) -> None:
-        self.seen, self.apart = seen, list[Any]()
-        self.sum: Any = None
-
-    def add(self, number: int, plane: Any) -> None:
-        if self.seen.matrix is None:
-            self.apart.append(plane)
-            return
-        weights = self.seen.matrix[:, number].astype(plane.dtype)
-        if self.sum is None:
-            self.sum = np.zeros((len(weights), *plane.shape), plane.dtype)
-        for own, weight in zip(self.sum, weights, strict=True):
-            own += weight * plane
-
-    def made(self) -> Any:
-        return self.seen.mixed(np.stack(self.apart)) if self.sum is None else self.sum
 
 
 class Gathering:
@@ -206,4 +188,4 @@ def _view(plan: Plan, cell: Cell, variable: str) -> _View | None:
     first = (round(grid.line("y").start), round(grid.line("x").start)) if drawn.pattern else (0, 0)
     edges = grid.bands().edges if banded(dims) else None
     seen = appearance(drawn, dims[middles:], edges, grid["channel"].values() if "channel" in dims else (), first)
-    return None if seen is None else _View(seen, middles, edges is not None)
+    return None if seen is None else _View(seen, middles, edges is not None and not seen.grey)

@@ -196,6 +196,7 @@ class Holdings:
         tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree
         self.tree = tree
         self.held: dict[tuple[str, str], HeldVariable] = {}
+        self.whites: dict[tuple[Any, ...], float | None] = {}  # what is bright in a picture, by its name and place
         stages = _stages(tree)
         self.order = self._order(group for _, groups in stages for group in groups)
         for stage, groups in stages:

@@ -7,7 +7,6 @@ Out: (y, x, 3) bytes, encoded sRGB, the first row of the array on top.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,9 @@ import xarray
 from etendue.archive.structure.layout import BOUNDS
 from etendue.contract.arrays.colouring import flat_dims
 from etendue.contract.arrays.dims import banded
-from etendue.contract.arrays.drawn import Drawn, Pictured, lit_by, read
+from etendue.contract.arrays.drawn import Drawn, read
 from etendue.errors import RequestError
-from etendue.present.pictures.appearance import Appearance, appearance, as_bytes, brightness, seen, striped
+from etendue.present.pictures.appearance import Appearance, appearance, brightness, rendered
 
 ENDS = ("band_from", "band_to")
 
@@ -70,29 +69,19 @@ def bright_in(array: xarray.DataArray) -> float:
     """Return the linear value shown as white in a picture that stands alone."""
     array = upright(array)
     own = appearance_of(array)
-    return brightness(own.small(array.values)) if own.drawn.scaled else own.drawn.white or 1.0
+    return brightness(own.drawn, own.small(array.values) if own.drawn.scaled else None)
 
 
-def bright_among(order: Sequence[Pictured], number: int, bright_of: Callable[[int], float | None]) -> float:
-    """Return the same for one of the pictures of a cell; ``bright_of`` gives the value of the pictures that exist."""
-    there = list(range(len(order)))
-    while order[number].drawn.scaled:
-        other = there[lit_by([order[n] for n in there], there.index(number))]
-        if (found := bright_of(other)) is not None or other == number:
-            return found or 1.0
-        there.remove(other)
-    return order[number].drawn.white or 1.0
-
-
-def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = False) -> Any:
-    """Return (y, x, 3) uint8 as seen; missing values are striped, and the whole picture if the cell ``failed``."""
+def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = False, small: bool = False) -> Any:
+    """Return (y, x, 3) uint8 as seen, at full size or ``small``; missing values are striped, and the whole picture if
+    the cell ``failed``.
+    """
     array = upright(array)
     own = appearance_of(array)
     if failed:
-        picture = striped(array.shape[-2:])
-    else:
-        picture = seen(own.drawn, own.rgb(array.values), bright or bright_in(array))
-    return np.ascontiguousarray(np.moveaxis(as_bytes(picture), 0, -1))
+        return rendered(own.drawn, np.full((3, *array.shape[-2:]), np.nan), 1.0)
+    light = (own.small if small else own.rgb)(array.values)
+    return rendered(own.drawn, light, bright or bright_in(array))
 
 
 def upright(array: xarray.DataArray) -> xarray.DataArray:

@@ -156,35 +156,29 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
     at = ", ".join(f"{key} {value}" for key, value in document["at"].items())
     rows = _table(
         f"{escape(document['pipeline'])}: each knob alone{escape(f', at {at}') if at else ''}",
-        ("knob", "left"),
-        ("setting", "right"),
-        ("stage error", "right"),
-        ("final error", "right"),
-        ("time", "right"),
-        ("order", "left"),
+        ("knob", "left", lambda p: "" if p["rest"] else _key(p["curve"])),
+        ("setting", "right", lambda p: _value(p["setting"])),
+        ("stage error", "right", lambda p: "reference" if p["last"] else _number(p["stage_error"])),
+        ("final error", "right", lambda p: "" if p["last"] else _number(p["error"])),
+        ("time", "right", lambda p: _seconds(p["seconds"])),
+        ("order", "left", lambda p: "" if p["rest"] else _law(p["curve"]).strip(", ")),
+        rows=[
+            {**p, "curve": curve, "rest": number > 0, "last": number == len(curve["points"]) - 1}
+            for curve in document["curves"]
+            for number, p in enumerate(curve["points"])
+        ],
     )
-    for curve in document["curves"]:
-        for number, p in enumerate(curve["points"]):
-            last = number == len(curve["points"]) - 1
-            shown = ("reference", "") if last else (_number(p["stage_error"]), _number(p["error"]))
-            head = (escape(_key(curve)), escape(_law(curve).strip(", "))) if not number else ("", "")
-            rows.add_row(head[0], _value(p["setting"]), *shown, _seconds(p["seconds"]), head[1])
     console.print(rows)
     reference = {_key(curve): curve["reference"] for curve in document["curves"]}
-    rows = _table("Pareto front", ("error", "right"), ("time", "right"), ("settings", "left"), wrap=("settings",))
-    for p in document["frontier"]:
-        rows.add_row(_number(p["error"]), _seconds(p["seconds"]), escape(_settings(p["settings"], reference)))
-    console.print(rows)
-    columns = [("tolerance", "right"), ("error", "right"), ("time", "right"), ("cheapest settings", "left")]
-    if document["verified_at"]:
-        columns.insert(2, ("elsewhere", "right"))
-    rows = _table("cheapest settings by tolerance", *columns, wrap=("cheapest settings",))
-    for one in document["cheapest"]:
-        words = [f"{one['tolerance']:.0e}", _number(one["error"]), _seconds(one["seconds"])]
-        if document["verified_at"]:
-            words.insert(2, _number(one["elsewhere"]))
-        rows.add_row(*words, "none" if one["settings"] is None else escape(_settings(one["settings"], reference)))
-    console.print(rows)
+    error, time = ("error", "right", "error", ".2g", "unknown"), ("time", "right", lambda p: _seconds(p["seconds"]))
+    settings = ("left", "settings", lambda own: _settings(own, reference), "none")
+    title = "Pareto front"
+    console.print(_table(title, error, time, ("settings", *settings), rows=document["frontier"], wrap=("settings",)))
+    elsewhere = [("elsewhere", "right", "elsewhere", ".2g", "unknown")] if document["verified_at"] else []
+    columns = [("tolerance", "right", "tolerance", ".0e"), error, *elsewhere, time, ("cheapest settings", *settings)]
+    console.print(
+        _table("cheapest settings by tolerance", *columns, rows=document["cheapest"], wrap=("cheapest settings",))
+    )
     planned = document["planned"]
     console.print(f"as planned  error {_number(planned['error'])}, {_seconds(planned['seconds'])}")
     if document["verified_at"]:

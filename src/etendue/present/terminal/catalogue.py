@@ -67,15 +67,15 @@ def print_stages(documents: list[dict[str, Any]]) -> None:
     console = _out()
     roles, working = discovery.installed(), [d for d in documents if "broken" not in d]
     declared = roles.names("roles")
-    table = _table("stages by role", ("stage", "left"), ("description", "left"), wrap=("description",))
+    rows: list[tuple[str, str]] = []
     for role in dict.fromkeys([*declared, *sorted({d["role"] for d in working})]):
         own = [d for d in working if d["role"] == role]
         if own:
             said = roles.first("roles", role)
-            table.add_row(escape(role or "(no role)"), escape(str(said.value)) if said else "")
-        for d in own:
-            table.add_row(f"  {d['name']}", escape(first_sentence(d["doc"]) + _origin(d)))
-    console.print(table)
+            rows.append((role or "(no role)", str(said.value) if said else ""))
+        rows += [(f"  {d['name']}", first_sentence(d["doc"]) + _origin(d)) for d in own]
+    columns = ("stage", "left"), ("description", "left")
+    console.print(_table("stages by role", *columns, rows=rows, wrap=("description",)))
     for role in sorted({d["role"] for d in working} - {"", *declared}):
         who = ", ".join(d["name"] for d in working if d["role"] == role)
         console.print(escape(f"note: no distribution describes the role {role!r} of {who} in etendue_roles()"))
@@ -189,15 +189,14 @@ def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
 
 def print_quantities(documents: list[dict[str, Any]]) -> None:
     """Print every shared quantity on a line."""
-    columns = (("quantity", "left"), ("default", "right"), ("description", "left"))
-    table = _table(
-        f"shared quantities, set under \\[{next(iter(tables()))}] in a pipeline", *columns, wrap=("description",)
+    columns = (
+        ("quantity", "left", "name"),
+        ("default", "right", lambda d: "required" if d["required"] else _valued(d)),
+        ("description", "left", lambda d: (f"broken: {d['broken']}" if "broken" in d else d["doc"]) + _origin(d)),
     )
-    for d in documents:
-        said = f"broken: {d['broken']}" if "broken" in d else d["doc"]
-        table.add_row(d["name"], "required" if d["required"] else escape(_valued(d)), escape(said + _origin(d)))
+    title = f"shared quantities, set under \\[{next(iter(tables()))}] in a pipeline"
     console = _out()
-    console.print(table)
+    console.print(_table(title, *columns, rows=documents, wrap=("description",)))
     console.print("range and stages of a quantity: etendue quantities NAME")
 
 

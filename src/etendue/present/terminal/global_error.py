@@ -79,37 +79,29 @@ def print_global_error(document: dict[str, Any]) -> None:
         document["global_error"].items(), key=lambda item: -math.inf if item[1]["rms"] is None else -item[1]["rms"]
     )
     out.print("")
-    rows = _table(
+    short = short_axes(dict.fromkeys(key for _, error in errors for key in error["at"]))
+    rows: list[dict[str, Any]] = []
+    for name, error in errors[:SHOWN]:
+        rows.append({**error, "name": name})
+        if "linear" in error:
+            rows.append({**error["linear"], "name": "  before the encoding", "how": "", "held": "", "at": {}})
+    table = _table(
         f"global error against the reference, tolerance {told['tolerance']:g}",
-        ("variable", "left"),
-        ("rms", "right"),
-        ("max", "right"),
-        ("basis", "left"),
-        ("held", "left"),
-        ("worst at", "left"),
+        ("variable", "left", "name"),
+        ("rms", "right", "rms", ".2g", "unknown"),
+        ("max", "right", "max", ".2g", "unknown"),
+        ("basis", "left", "how"),
+        ("held", "left", "held", lambda held: {True: "yes", False: "no"}.get(held, ""), "unknown"),
+        ("worst at", "left", "at", lambda at: ", ".join(f"{short[k]} {_plain(v)}" for k, v in at.items())),
+        rows=rows,
         wrap=("worst at",),
     )
-    short = short_axes(dict.fromkeys(key for _, error in errors for key in error["at"]))
-    for name, error in errors[:SHOWN]:
-        words = {True: "yes", False: "no", None: "unknown"}
-        at = ", ".join(
-            f"{short[key]} {value:.4g}" if isinstance(value, float) else f"{short[key]} {value}"
-            for key, value in error["at"].items()
-        )
-        rows.add_row(
-            escape(name), _number(error["rms"]), _number(error["max"]), error["how"], words[error["held"]], escape(at)
-        )
-        if "linear" in error:
-            rows.add_row(
-                "  before the encoding",
-                _number(error["linear"]["rms"]),
-                _number(error["linear"]["max"]),
-                "",
-                "",
-                "",
-            )
-    out.print(rows)
+    out.print(table)
     _print_held(out, document, errors)
+
+
+def _plain(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _print_held(out: Console, document: dict[str, Any], errors: list[tuple[str, dict[str, Any]]]) -> None:

@@ -6,7 +6,7 @@ Results go to stdout, notes to stderr. rich does the drawing and honours NO_COLO
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -18,6 +18,7 @@ from rich.table import Table
 from etendue.contract.stage import parameters_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
+from etendue.present.terminal.cells import Column, cells
 from etendue.present.terminal.looking import next_commands
 from etendue.present.terminal.tables import floored, headlines, stage_rows
 from etendue.telling import human_bytes, printable
@@ -56,23 +57,22 @@ def human_rate(cells_a_second: float) -> str:
     return f"{cells_a_second:.0f} cells/s" if cells_a_second >= 10 else f"{cells_a_second:.2g} cells/s"
 
 
-def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) -> Table:
-    """Return a table with columns (name, justify); only those in ``wrap`` may break into lines."""
+def _table(title: str, *columns: Column, rows: Iterable[Any] = (), wrap: tuple[str, ...] = ()) -> Table:
+    """A table of rows; only columns in ``wrap`` are broken into lines."""
     table = _Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    for name, justify in columns:
-        table.add_column(name, justify=justify, no_wrap=name not in wrap)  # type: ignore[arg-type]
+    for name, justify, *_ in columns:
+        table.add_column(name, justify=justify, no_wrap=name not in wrap)
+    for row in cells(columns, rows):
+        table.add_row(*map(escape, row))
     return table
 
 
-def _print_whole(
-    console: Console, title: str, columns: tuple[tuple[str, str], ...], rows: list[tuple[str, ...]], keys: int = 1
-) -> None:
+def _print_whole(console: Console, title: str, columns: Sequence[Column], rows: Sequence[Any], keys: int = 1) -> None:
     """Print a table without ellipses: if the terminal is too narrow, split it into parts that repeat the first
     columns.
     """
-    widths = [
-        max(map(cell_len, (name, *(printable(row[i]) for row in rows)))) + 3 for i, (name, _) in enumerate(columns)
-    ]
+    told, heads = cells(columns, rows), [column[0] for column in columns]
+    widths = [max(cell_len(printable(text)) for text in column) + 3 for column in zip(heads, *told, strict=True)]
     parts: list[list[int]] = [[]]
     for column in range(keys, len(columns)):
         if parts[-1] and sum(widths[:keys]) + sum(widths[i] for i in (*parts[-1], column)) - 3 > console.width:
@@ -80,10 +80,8 @@ def _print_whole(
         parts[-1].append(column)
     for number, part in enumerate(parts):
         chosen = [*range(keys), *part]
-        table = _table("" if number else title, *(columns[i] for i in chosen))
-        for row in rows:
-            table.add_row(*(escape(row[i]) for i in chosen))
-        console.print(table)
+        own = [[row[i] for i in chosen] for row in told]
+        console.print(_table("" if number else title, *(columns[i][:2] for i in chosen), rows=own))
 
 
 def short_axes(keys: Iterable[str]) -> dict[str, str]:
@@ -155,30 +153,25 @@ def _stored(document: dict[str, Any]) -> list[str]:
     return [f"stored    {', '.join(said)}", f"keep      = {words}"]
 
 
+def plan_columns(product: Callable[[Iterable[str]], str]) -> tuple[Column, ...]:
+    """Of the stages of a plan."""
+    return (
+        ("stage", "left", "name"),
+        ("axes", "left", "axes", product),
+        ("cells", "right", "cells"),
+        ("left out", "right", lambda stage: stage["left_out"] and stage["left_out"]["cells"]),
+        ("stored", "right", "bytes", human_bytes),
+        ("time", "right", "seconds", human_seconds),
+    )
+
+
 def print_plan(document: dict[str, Any]) -> None:
     """Print the plan as a table, and what is left out and why."""
     console = _out()
     short = short_axes(axis["name"] for axis in document["axes"])
-    table = _table(
-        f"plan of {escape(document['name'])}",
-        ("stage", "left"),
-        ("axes", "left"),
-        ("cells", "right"),
-        ("left out", "right"),
-        ("stored", "right"),
-        ("time", "right"),
-        wrap=("axes",),
-    )
-    for stage in document["stages"]:
-        table.add_row(
-            stage["name"],
-            _product(short[key] for key in stage["axes"]),
-            str(stage["cells"]),
-            str(stage["left_out"]["cells"]) if stage["left_out"] else "",
-            human_bytes(stage["bytes"]),
-            human_seconds(stage["seconds"]),
-        )
-    console.print(table)
+    columns = plan_columns(lambda axes: _product(short[key] for key in axes))
+    title = f"plan of {escape(document['name'])}"
+    console.print(_table(title, *columns, rows=document["stages"], wrap=("axes",)))
     for text in _stored(document):
         console.print(escape(text))
     for axis in document["axes"]:
@@ -283,24 +276,15 @@ def print_outcome(outcome: Any) -> None:
     rows = stage_rows(outcome.plan, outcome.reports)
     table = _table(
         f"{escape(outcome.plan.pipeline.name)}: {outcome.computed} cells computed, {len(outcome.reused)} reused",
-        ("stage", "left"),
-        ("cells", "right"),
-        ("time", "right"),
-        ("share", "right"),
-        ("error", "right"),
-        ("basis", "left"),
-        ("left out", "right"),
+        ("stage", "left", "name"),
+        ("cells", "right", "cells"),
+        ("time", "right", lambda row: human_seconds(row["seconds"]) if row["computed"] else "reused"),
+        ("share", "right", lambda row: f"{100 * row['share']:.0f} %"),
+        ("error", "right", "error", ".1g", "unknown"),
+        ("basis", "left", "how"),
+        ("left out", "right", lambda row: f"{row['left_out']['cells']} of {row['cells']}" if row["left_out"] else ""),
+        rows=rows,
     )
-    for row in rows:
-        table.add_row(
-            row["name"],
-            str(row["cells"]),
-            human_seconds(row["seconds"]) if row["computed"] else "reused",
-            f"{100 * row['share']:.0f} %",
-            "unknown" if row["error"] is None else f"{row['error']:.1g}",
-            row["how"],
-            f"{row['left_out']['cells']} of {row['cells']}" if row["left_out"] else "",
-        )
     console.print(table)
     for row in rows:
         for text in told(row["name"], row["left_out"], row["approximated"]):

@@ -21,6 +21,10 @@ def _figure(value: float | None) -> str:
     return "-" if value is None else f"{value:.2g}"
 
 
+def _counted(number: int) -> str:
+    return str(number or "")
+
+
 def print_reproduction(document: dict[str, Any]) -> None:
     """Print for each stage how many arrays are reproduced, how far the others differ, and what differs in platform and
     software.
@@ -28,28 +32,16 @@ def print_reproduction(document: dict[str, Any]) -> None:
     console = _out()
     table = _table(
         f"{escape(document['archive'])}: {document['verdict']}",
-        ("stage", "left"),
-        ("arrays", "right"),
-        ("same", "right"),
-        ("in bounds", "right"),
-        ("wrong", "right"),
-        ("max", "right"),
-        ("rms", "right"),
-        ("bound", "right"),
+        ("stage", "left", "name"),
+        ("arrays", "right", "compared"),
+        ("same", "right", "same"),
+        ("within", "right", "within", _counted),
+        ("wrong", "right", lambda stage: sum(map(stage.get, ("beyond", "unknown", "damaged", "failed"))), _counted),
+        ("largest", "right", lambda stage: _figure(stage["largest"]) if stage["same"] < stage["compared"] else ""),
+        ("rms", "right", lambda stage: _figure(stage["relative"]) if stage["same"] < stage["compared"] else ""),
+        ("bound", "right", lambda stage: _figure(stage["allowed"]) if stage["same"] < stage["compared"] else ""),
+        rows=document["stages"],
     )
-    for stage in document["stages"]:
-        wrong = sum(stage[kind] for kind in ("beyond", "unknown", "damaged", "failed"))
-        table.add_row(
-            stage["name"],
-            str(stage["compared"]),
-            str(stage["same"]),
-            str(stage["within"] or ""),
-            str(wrong or ""),
-            *(
-                _figure(stage[name]) if stage["same"] < stage["compared"] else ""
-                for name in ("largest", "relative", "allowed")
-            ),
-        )
     console.print(table)
     _print_reasons(console, document)
 
@@ -99,22 +91,16 @@ def print_differences(document: dict[str, Any]) -> None:
     console.print(escape(f"{document['first']} and {document['second']}: {state}"), soft_wrap=True)
     table = _table(
         "",
-        ("stage", "left"),
-        ("cells", "right"),
-        ("differ", "right"),
-        ("in 1st", "right"),
-        ("in 2nd", "right"),
-        ("max", "right"),
-        ("rms", "right"),
-        ("relative", "right"),
+        ("stage", "left", "name"),
+        ("cells", "right", "cells"),
+        ("differ", "right", "differing", _counted),
+        ("in 1st", "right", "only_first", _counted),
+        ("in 2nd", "right", "only_second", _counted),
+        ("largest", "right", lambda stage: _figure(stage["largest"]) if stage["differing"] else ""),
+        ("rms", "right", lambda stage: _figure(stage["rms"]) if stage["differing"] else ""),
+        ("relative", "right", lambda stage: _figure(stage["relative"]) if stage["differing"] else ""),
+        rows=document["stages"],
     )
-    for stage in document["stages"]:
-        table.add_row(
-            stage["name"],
-            str(stage["cells"]),
-            *(str(stage[name] or "") for name in ("differing", "only_first", "only_second")),
-            *(_figure(stage[name]) if stage["differing"] else "" for name in ("largest", "rms", "relative")),
-        )
     console.print(table)
     _print_where(console, document)
 

@@ -18,6 +18,7 @@ import xarray
 from etendue.contract.arrays.drawn import Drawn, Pictured, read
 from etendue.contract.wording import first
 from etendue.errors import RequestError, nearest
+from etendue.present.pictures.appearance import white_among
 from etendue.present.pictures.details import part_of, side_of
 from etendue.present.plots import pictures
 from etendue.present.plots.arrangement import dims_of
@@ -189,11 +190,15 @@ def white_of(holdings: Holdings, held: HeldVariable, at: Mapping[str, Any]) -> f
 
     def bright_of(number: int) -> float | None:
         one = kept[number]
-        found = _picture(one, {dim: value for dim, value in at.items() if dim in one.axes})
-        return None if found is None or found[1] else pictures.bright_in(found[0])
+        place = {dim: at[dim] for dim in one.axes}
+        key = one.name, *place.values()
+        if key not in holdings.whites:
+            found = _picture(one, place)
+            holdings.whites[key] = None if found is None or found[1] else pictures.bright_in(found[0])
+        return holdings.whites[key]
 
     order = [Pictured(one.variable, one.dims, drawn_of(one), one.axes) for one in kept]
-    return pictures.bright_among(order, kept.index(held), bright_of)
+    return white_among(order, kept.index(held), bright_of)
 
 
 def of_frames(frames: xarray.Dataset) -> list[Tile]:

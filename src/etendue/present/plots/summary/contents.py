@@ -26,11 +26,10 @@ from etendue.archive.read.verified_store import open_archive
 from etendue.archive.records.manifest import DATA
 from etendue.archive.records.owner import is_running
 from etendue.archive.records.provenance import latest_record
-from etendue.contract.arrays.drawn import Pictured
 from etendue.contract.wording import first
 from etendue.errors import ArchiveError, EtendueError
 from etendue.present.plots import pictures
-from etendue.present.plots.drawing.strip import Tile, drawn_of, of_frames, picture_of
+from etendue.present.plots.drawing.strip import Tile, drawn_of, of_frames, picture_of, white_of
 from etendue.present.plots.holdings import FINISHED, HeldVariable, Holdings
 from etendue.present.plots.kinds import shown_at
 from etendue.present.plots.labels import places_text, unit_text, value_text
@@ -39,7 +38,6 @@ from etendue.present.plots.summary.cells import counts_of, failed_cells, omitted
 MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 RANGED = 50_000  # largest number of cells of which min and max are read
 LARGEST = 16 * 2**20  # largest number of elements of an array shown as a picture
-SAMPLES = 256  # largest side of a small picture, in samples
 UNREADABLE = (
     EtendueError,
     OSError,
@@ -306,26 +304,16 @@ def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:
     frames = holdings.table("frames")
     if frames is not None:
         return of_frames(frames)
-    kept, thin = [], []
+    tiles = []
     for one in holdings.of_kind("picture"):
         own = {dim: value for dim, value in at.items() if dim in one.axes}
         if not drawn_of(one).shown or not _is_finished(one, at):
             continue
         array, _ = picture_of(one, own)
-        if array.size > LARGEST:
-            continue
-        step = 1 if pictures.drawn_as(array).pattern else max(1, -(-max(array.sizes["y"], array.sizes["x"]) // SAMPLES))
-        kept.append((one, (int(array.sizes["y"]), int(array.sizes["x"]))))
-        thin.append(array.isel(y=slice(None, None, step), x=slice(None, None, step)).load())
-    order = [Pictured(one.variable, one.dims, drawn_of(one), one.axes) for one, _ in kept]
-    whites = [
-        pictures.bright_among(order, number, lambda other: pictures.bright_in(thin[other]))
-        for number in range(len(order))
-    ]
-    return [
-        Tile(one.stage, one.variable, pictures.drawn(array, white), size)
-        for (one, size), array, white in zip(kept, thin, whites, strict=True)
-    ]
+        if array.size <= LARGEST:
+            picture = pictures.drawn(array, white_of(holdings, one, own), small=True)
+            tiles.append(Tile(one.stage, one.variable, picture, (int(array.sizes["y"]), int(array.sizes["x"]))))
+    return tiles
 
 
 def _values(values: list[Any], units: str, dim: str) -> str:
