@@ -7,9 +7,13 @@ Out: ``Command``: where it stands, how it is typed, what it does. A command's mo
 from __future__ import annotations
 
 import dataclasses
+import pkgutil
 from functools import cache
+from types import ModuleType
 
 import click
+
+from etendue.errors import PluginError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,12 +64,17 @@ def offered() -> dict[str, Command]:
     return found
 
 
+def _discovery() -> ModuleType:
+    """What finds the commands of others: those of the engine are found without it."""
+    from etendue.plugins import discovery
+
+    return discovery
+
+
 @cache
 def _brought() -> dict[str, tuple[Command, str]]:
     """What distributions bring, with where it comes from; what cannot be read is left out."""
-    from etendue.errors import PluginError
-    from etendue.plugins import discovery
-
+    discovery = _discovery()
     every, found = discovery.installed(), {}
     for name in every.names("commands"):
         for one in every.all("commands", name)[:1]:
@@ -84,16 +93,11 @@ def loaded(name: str, command: Command) -> click.Command:
     PluginError
         Its module cannot be imported, or holds no click command of this name.
     """
-    from importlib.metadata import EntryPoint
-
     if name in OWN:
-        return EntryPoint(name, command.place, "").load()  # type: ignore[no-any-return]
-    from etendue.errors import PluginError
-    from etendue.plugins import discovery
-
+        return pkgutil.resolve_name(command.place)  # type: ignore[no-any-return]
     origin = f"the command {name!r} of {_brought()[name][1]}"
-    with discovery.foreign(f"{origin} cannot be loaded"):
-        found = EntryPoint(name, command.place, "").load()
+    with _discovery().foreign(f"{origin} cannot be loaded"):
+        found = pkgutil.resolve_name(command.place)
     if not isinstance(found, click.Command):
         raise PluginError(f"{origin} is {type(found).__name__}; expected a click command at {command.place}")
     return found
@@ -110,9 +114,7 @@ def listed() -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 def _title(origin: str) -> str:
-    from etendue.plugins import discovery
-
-    return "Commands of what is installed with it" if origin == discovery.OWN else f"Commands of {origin}"
+    return "Commands of what is installed with it" if origin == _discovery().OWN else f"Commands of {origin}"
 
 
 def _typed(name: str, command: Command) -> str:
@@ -121,6 +123,4 @@ def _typed(name: str, command: Command) -> str:
 
 def missed(name: str) -> str:
     """'; ...': why nobody brings a command, where a distribution that may is broken."""
-    from etendue.plugins import discovery
-
-    return discovery.installed().missed("commands", name)
+    return str(_discovery().installed().missed("commands", name))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Iterator
+import pkgutil
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import click
 
-from etendue import streams
+from etendue import interrupts, streams
+from etendue.result_files import finite
+from etendue.telling import printable
 
 
 class _Command(click.Command):
@@ -24,12 +27,28 @@ class _Command(click.Command):
 command = functools.partial(click.command, cls=_Command)
 
 
+def later(place: str, interrupted: str = "") -> Callable[[Callable[[], None]], Callable[..., None]]:
+    """What a command does, at ``module:function``: imported when it is called, so that ``--help`` costs nothing.
+
+    ``interrupted``: what is said from then on when a signal comes.
+    """
+
+    def does(declared: Callable[[], None]) -> Callable[..., None]:
+        @functools.wraps(declared)
+        def called(**words: Any) -> None:
+            if interrupted:
+                interrupts.say(interrupted)
+            pkgutil.resolve_name(place)(**words)
+
+        return called
+
+    return does
+
+
 def say(document: Any) -> None:
     """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor
     infinity.
     """
-    from etendue.result_files import finite
-
     with streams.results():
         click.echo(json.dumps(_printable(finite(document)), allow_nan=False))
 
@@ -64,8 +83,6 @@ def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
 
 def _printable(value: Any) -> Any:
     """A document without control characters: who shows a text of it may be a terminal."""
-    from etendue.telling import printable
-
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, dict):

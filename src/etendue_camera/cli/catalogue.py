@@ -10,9 +10,6 @@ from etendue.cli.saying import command
 @command("sensors")
 @NAME
 @JSON
-def sensors(name: str | None, as_json: bool) -> None:
+@later("etendue_camera.cli.sensors:sensors_command")
+def sensors() -> None:
     """Sensors that a pipeline may name: [camera] sensor = "NAME". With a name: each value and where it comes from."""
-    from etendue.pipeline.presets import preset_names
-    from etendue_camera.cli.sensors import print_sensor, print_sensors, sensor_document
-
-    tell_one(as_json, name, preset_names(), sensor_document, print_sensor, print_sensors)

@@ -93,3 +93,10 @@ def print_sensor(document: dict[str, Any]) -> None:
             console.print(table)
     for number, address in enumerate(addresses, 1):
         console.print(f"({number}) {escape(address)}", soft_wrap=True)
+
+
+def sensors_command(name: str | None, as_json: bool) -> None:
+    from etendue.pipeline.presets import preset_names
+    from etendue_camera.cli.sensors import print_sensor, print_sensors, sensor_document
+
+    tell_one(as_json, name, preset_names(), sensor_document, print_sensor, print_sensors)

@@ -287,3 +287,30 @@ def _when(shelf: Shelf) -> str:
     """
     written = str(shelf.record["began"]).replace("-", ":").replace("T", " ").rstrip("Z")
     return written if re.fullmatch(r"\d{4}(:\d\d){2} \d\d(:\d\d){2}", written, re.ASCII) else ""
+
+
+def export_command(place: Path | str, as_json: bool, **words: Any) -> None:
+    from etendue.archive import places
+    from etendue_camera.export.command import ExportRequest
+    from etendue_camera.export.command import export as write
+
+    with places.reading(place) as folder:
+        done = write(ExportRequest(folder, **words))
+    if as_json:
+        say(
+            {
+                "files": [str(path) for path in done.files],
+                "skipped": [{"at": where, "why": why} for where, why in done.skipped],
+            }
+        )
+    else:
+        with streams.results():
+            for path in done.files[:10]:
+                click.echo(str(path))
+            if len(done.files) > 10:
+                click.echo(f"... {len(done.files)} files in {done.folder}")
+        for text in done.notes:
+            click.echo(f"note: {text}", err=True)
+        for where, why in done.skipped:
+            click.echo(f"{where}: no picture, the cell is {why}", err=True)
+    sys.exit(3 if done.skipped else 0)

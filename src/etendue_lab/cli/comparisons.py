@@ -36,15 +36,8 @@ from etendue.cli.saying import command, say, show, tell
 @options.JSON
 @options.gather
 @options.gather_way
-def compare(
-    given: options.Given,
-    way: options.Way,
-    axis: str,
-    repeat: int,
-    noise_free: bool,
-    no_mtf50: bool,
-    output: Path | None,
-) -> None:
+@later("etendue_lab.compare.ranking:compare_command")
+def compare() -> None:
     """Rank alternatives: quality against run time, plugins included.
 
     --axis demosaic.use takes every installed stage that writes what the stage `demosaic` of the file writes and reads
@@ -64,24 +57,6 @@ def compare(
     Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off, or one that was named is refused, or all but
     one are.
     """
-    from etendue.result_files import check_folder
-    from etendue_lab.compare.axis import parse_axis
-    from etendue_lab.compare.ranking import document, print_comparison, write_files
-    from etendue_lab.compare.study import compare as measure
-
-    pipeline = given.pipeline()
-    how, progress = way.options(), options.progress(way.silent)
-    along = parse_axis(axis, options.number)
-    folder = output or Path(
-        f"{pipeline.name}-compare-{along.key.removesuffix('.use').removeprefix('camera.').replace('.', '_')}"
-    )
-    found = measure(pipeline, along, repeat, noise_free, how, progress, not no_mtf50, lambda: check_folder(folder))
-    files = write_files(found, folder)
-    if way.as_json:
-        say({**document(found), "files": [str(path) for path in files]})
-    else:
-        show(print_comparison, found, files)
-    sys.exit(3 if found.failed or found.lacking else 0)
 
 
 @command("quality")
@@ -120,15 +95,8 @@ def compare(
 @options.JSON
 @options.gather
 @options.gather_way
-def quality(
-    given: options.Given,
-    way: options.Way,
-    samples_per_degree: float,
-    without: tuple[str, ...],
-    keep: tuple[str, ...],
-    pictures: int,
-    output: Path | None,
-) -> None:
+@later("etendue_lab.quality.terminal:quality_command")
+def quality() -> None:
     """How far a camera is from the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
 
     For every cell of the sweep: PSNR of camera primaries and of the encoded picture, SSIM of its luma, CIEDE2000 and
@@ -138,28 +106,6 @@ def quality(
 
     Exit codes: 0 done, 2 the request is wrong, 3 some cells failed.
     """
-    from etendue_lab.quality.study import pictures_of, write
-    from etendue_lab.quality.study import quality as measure
-    from etendue_lab.quality.terminal import print_quality
-
-    pipeline, leave_out = given.pipeline(), not given.nothing_left_out
-    found = measure(
-        pipeline,
-        options.installed(),
-        samples_per_degree,
-        without,
-        keep,
-        leave_out,
-        way.options(),
-        options.progress(way.silent),
-        pictures_of(pipeline.name) if output else None,
-        output,
-        pictures,
-    )
-    if output:
-        write(found, output)
-    tell(way.as_json, found.document(), print_quality)
-    sys.exit(3 if found.failed else 0)
 
 
 @command("noise")
@@ -171,16 +117,11 @@ def quality(
 )
 @options.JSON
 @options.gather
-def noise(given: options.Given, reflectance: float, frames: int, as_json: bool) -> None:
+@later("etendue_lab.noise.terminal:noise_command")
+def noise() -> None:
     """Noise behind every stage of a camera in front of a grey card: predicted, and found in frames of noise.
 
     Predicted from shot noise, read noise, fixed patterns and rounding, and from what the stages behind the mosaic
     answer to one pixel; stages that adapt to their picture adapt to noise, and differ from the prediction. Correlations
     between channels and between neighbours say how coarse and how coloured the noise looks.
     """
-    from etendue_lab.noise.study import noise as measure
-    from etendue_lab.noise.terminal import print_noise
-
-    pipeline = given.pipeline()
-    found = measure(pipeline, options.installed(), reflectance, frames, None, options.progress(as_json))
-    tell(as_json, found.document(), print_noise)

@@ -19,7 +19,8 @@ from etendue.cli.saying import command, tell
 )
 @options.JSON
 @options.gather
-def emva(given: options.Given, pixels: int, as_json: bool) -> None:
+@later("etendue_lab.emva.terminal:emva_command")
+def emva() -> None:
     """A sensor measured after EMVA 1288 release 4 (linear): its figures with intervals, beside what they should be.
 
     Of a pipeline FILE raw frames are taken of a uniform light and of the dark, two at each exposure time, with the lens
@@ -30,15 +31,3 @@ def emva(given: options.Given, pixels: int, as_json: bool) -> None:
 
     Exit codes: 0 done, 2 the request is wrong, 3 some channels could not be measured.
     """
-    from etendue.errors import RequestError
-    from etendue_lab.emva.study import of_archive, of_pipeline
-    from etendue_lab.emva.terminal import print_emva
-
-    if given.file.is_dir():
-        if given.settings:
-            raise RequestError("--set: an archive is measured as it is; give its pipeline file to change something")
-        found = of_archive(given.file, options.installed())
-    else:
-        found = of_pipeline(given.pipeline(), options.installed(), pixels, None, options.progress(as_json))
-    tell(as_json, found.document(), print_emva)
-    sys.exit(3 if any(channel.why for channel in found.channels) else 0)

@@ -31,15 +31,8 @@ from etendue.cli.saying import command, tell
 )
 @options.JSON
 @options.gather
-def information(
-    given: options.Given,
-    reflectance: float,
-    contrast_ratio: float,
-    size: float,
-    object_contrast: float,
-    frames: int,
-    as_json: bool,
-) -> None:
+@later("etendue_lab.information.terminal:information_command")
+def information() -> None:
     """Bits a pixel that a camera tells of fine detail, and where along the chain they are lost.
 
     Shannon's information capacity, noise equivalent quanta (NEQ) and the signal-to-noise ratio of the ideal observer
@@ -53,16 +46,6 @@ def information(
     Nyquist: variance (range/mean)^2 / 12. Behind the mosaic the channels are taken together, as the best sum of them at
     each frequency; what each tells alone stands beside.
     """
-    from etendue.result_files import finite
-    from etendue_lab.information.study import information as measure
-    from etendue_lab.information.terminal import print_information
-
-    progress = options.progress(as_json)
-    pipeline = given.pipeline()
-    found = measure(
-        pipeline, options.installed(), reflectance, contrast_ratio, size, object_contrast, frames, None, progress
-    )
-    tell(as_json, finite(found.document()), print_information)
 
 
 @command("losses")
@@ -85,7 +68,8 @@ def information(
 )
 @options.JSON
 @options.gather
-def losses(given: options.Given, reflectance: float, runs: int, seed: int, as_json: bool) -> None:
+@later("etendue_lab.losses.terminal:losses_command")
+def losses() -> None:
     """What part of the lost contrast, signal-to-noise ratio and colour each stage is owed.
 
     Shapley values: what a stage adds to the loss, averaged over all orders in which the stages of the camera could be
@@ -96,12 +80,3 @@ def losses(given: options.Given, reflectance: float, runs: int, seed: int, as_js
 
     Numerical error by stage is another question: `etendue accuracy`.
     """
-    from etendue.present.terminal.progress import trying
-    from etendue.result_files import finite
-    from etendue_lab.losses.study import losses as measure
-    from etendue_lab.losses.terminal import print_losses
-
-    pipeline = given.pipeline()
-    with trying(silent=as_json) as told:
-        found = measure(pipeline, options.installed(), reflectance, runs, seed, None, told)
-    tell(as_json, finite(found.document()), print_losses)

@@ -15,7 +15,8 @@ from etendue.cli.saying import command, say, show
 @click.option("--all", "every", is_flag=True, help="A row for each case, not the worst of each law.")
 @options.WORKERS
 @options.JSON
-def stability(stages: tuple[str, ...], every: bool, workers: int | None, as_json: bool) -> None:
+@later("etendue_lab.stability.terminal:stability_command")
+def stability() -> None:
     """Try stages where numbers are hard: do they compute, or refuse in words?
 
     Every installed stage, plugins too, at the ends and in the corners of every range that it declares, at zero and
@@ -27,14 +28,3 @@ def stability(stages: tuple[str, ...], every: bool, workers: int | None, as_json
 
     Exit codes: 0 all hold, 1 a check failed, 2 the request is wrong.
     """
-    from etendue_lab.stability.rows import counts, document, groups, single
-    from etendue_lab.stability.study import stability as check
-    from etendue_lab.stability.terminal import print_stability, trying
-
-    with trying() as told:
-        rows = check(stages, workers or 0, told)
-    if as_json:
-        say(document(rows))
-    else:
-        show(print_stability, single(rows) if every else groups(rows), every, counts(rows))
-    sys.exit(1 if any(row.ok is False for row in rows) else 0)

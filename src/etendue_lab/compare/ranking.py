@@ -301,3 +301,32 @@ def csv_text(found: Comparison) -> str:
 
 def _json(found: Comparison) -> str:
     return json.dumps(document(found), indent=1, allow_nan=False) + "\n"
+
+
+def compare_command(
+    given: options.Given,
+    way: options.Way,
+    axis: str,
+    repeat: int,
+    noise_free: bool,
+    no_mtf50: bool,
+    output: Path | None,
+) -> None:
+    from etendue.result_files import check_folder
+    from etendue_lab.compare.axis import parse_axis
+    from etendue_lab.compare.ranking import document, print_comparison, write_files
+    from etendue_lab.compare.study import compare as measure
+
+    pipeline = given.pipeline()
+    how, progress = way.options(), options.progress(way.silent)
+    along = parse_axis(axis, options.number)
+    folder = output or Path(
+        f"{pipeline.name}-compare-{along.key.removesuffix('.use').removeprefix('camera.').replace('.', '_')}"
+    )
+    found = measure(pipeline, along, repeat, noise_free, how, progress, not no_mtf50, lambda: check_folder(folder))
+    files = write_files(found, folder)
+    if way.as_json:
+        say({**document(found), "files": [str(path) for path in files]})
+    else:
+        show(print_comparison, found, files)
+    sys.exit(3 if found.failed or found.lacking else 0)

@@ -87,3 +87,18 @@ def _text(value: float | None, scale: float) -> str:
     if value is None or math.isnan(value):
         return ""
     return f"{scale * value:.0f}" if 1e3 <= abs(scale * value) < 1e7 else f"{scale * value:.4g}"
+
+
+def emva_command(given: options.Given, pixels: int, as_json: bool) -> None:
+    from etendue.errors import RequestError
+    from etendue_lab.emva.study import of_archive, of_pipeline
+    from etendue_lab.emva.terminal import print_emva
+
+    if given.file.is_dir():
+        if given.settings:
+            raise RequestError("--set: an archive is measured as it is; give its pipeline file to change something")
+        found = of_archive(given.file, options.installed())
+    else:
+        found = of_pipeline(given.pipeline(), options.installed(), pixels, None, options.progress(as_json))
+    tell(as_json, found.document(), print_emva)
+    sys.exit(3 if any(channel.why for channel in found.channels) else 0)

@@ -102,3 +102,24 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
 
 def _ratio(found: float, predicted: float) -> str:
     return f"{found / predicted:.3f}" if predicted else "-"
+
+
+def information_command(
+    given: options.Given,
+    reflectance: float,
+    contrast_ratio: float,
+    size: float,
+    object_contrast: float,
+    frames: int,
+    as_json: bool,
+) -> None:
+    from etendue.result_files import finite
+    from etendue_lab.information.study import information as measure
+    from etendue_lab.information.terminal import print_information
+
+    progress = options.progress(as_json)
+    pipeline = given.pipeline()
+    found = measure(
+        pipeline, options.installed(), reflectance, contrast_ratio, size, object_contrast, frames, None, progress
+    )
+    tell(as_json, finite(found.document()), print_information)

@@ -55,3 +55,15 @@ def print_losses(document: dict[str, Any]) -> None:
 
 def _figure(value: float | None) -> str:
     return "-" if value is None or math.isnan(value) else f"{value:.4g}"
+
+
+def losses_command(given: options.Given, reflectance: float, runs: int, seed: int, as_json: bool) -> None:
+    from etendue.present.terminal.progress import trying
+    from etendue.result_files import finite
+    from etendue_lab.losses.study import losses as measure
+    from etendue_lab.losses.terminal import print_losses
+
+    pipeline = given.pipeline()
+    with trying(silent=as_json) as told:
+        found = measure(pipeline, options.installed(), reflectance, runs, seed, None, told)
+    tell(as_json, finite(found.document()), print_losses)

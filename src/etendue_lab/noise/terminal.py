@@ -78,3 +78,12 @@ def _found(row: dict[str, Any]) -> str:
 def _ratio(row: dict[str, Any]) -> str:
     """Found over predicted."""
     return f"{row['found'] / row['predicted']:.3f}" if row["predicted"] else ""
+
+
+def noise_command(given: options.Given, reflectance: float, frames: int, as_json: bool) -> None:
+    from etendue_lab.noise.study import noise as measure
+    from etendue_lab.noise.terminal import print_noise
+
+    pipeline = given.pipeline()
+    found = measure(pipeline, options.installed(), reflectance, frames, None, options.progress(as_json))
+    tell(as_json, found.document(), print_noise)

@@ -174,3 +174,36 @@ def _known(value: Any) -> bool:
 
 def _axis(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def quality_command(
+    given: options.Given,
+    way: options.Way,
+    samples_per_degree: float,
+    without: tuple[str, ...],
+    keep: tuple[str, ...],
+    pictures: int,
+    output: Path | None,
+) -> None:
+    from etendue_lab.quality.study import pictures_of, write
+    from etendue_lab.quality.study import quality as measure
+    from etendue_lab.quality.terminal import print_quality
+
+    pipeline, leave_out = given.pipeline(), not given.nothing_left_out
+    found = measure(
+        pipeline,
+        options.installed(),
+        samples_per_degree,
+        without,
+        keep,
+        leave_out,
+        way.options(),
+        options.progress(way.silent),
+        pictures_of(pipeline.name) if output else None,
+        output,
+        pictures,
+    )
+    if output:
+        write(found, output)
+    tell(way.as_json, found.document(), print_quality)
+    sys.exit(3 if found.failed else 0)

@@ -84,3 +84,17 @@ def trying() -> Iterator[Callable[[int, int, str], None]]:
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("starting", total=None)
         yield lambda done, total, name: progress.update(task, completed=done, total=total, description=name[:24])
+
+
+def stability_command(stages: tuple[str, ...], every: bool, workers: int | None, as_json: bool) -> None:
+    from etendue_lab.stability.rows import counts, document, groups, single
+    from etendue_lab.stability.study import stability as check
+    from etendue_lab.stability.terminal import print_stability, trying
+
+    with trying() as told:
+        rows = check(stages, workers or 0, told)
+    if as_json:
+        say(document(rows))
+    else:
+        show(print_stability, single(rows) if every else groups(rows), every, counts(rows))
+    sys.exit(1 if any(row.ok is False for row in rows) else 0)
