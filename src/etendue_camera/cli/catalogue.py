@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from etendue.cli.catalogue import tell_one
 from etendue.cli.options import JSON, NAME
-from etendue.cli.saying import command
+from etendue.cli.saying import command, later
 
 
 @command("sensors")

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-from typing import Any
-
 import click
 
-from etendue import streams
 from etendue.cli.options import FOLDER, JSON, PLACE
-from etendue.cli.saying import command, say
+from etendue.cli.saying import command, later
 
 
 @command("export")

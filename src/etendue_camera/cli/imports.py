@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from etendue.cli.saying import command
+from etendue.cli.saying import command, later
 from etendue_camera.importing.formats import NAMES
 
 HELP = f"""A spectral cube of another program as a scene: {NAMES}.

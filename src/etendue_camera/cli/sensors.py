@@ -9,6 +9,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Any
 
+from etendue.cli.bodies.catalogue import tell_one
 from etendue.errors import RequestError
 from etendue.pipeline.presets import Sourced, preset, preset_names
 from etendue.plugins.discovery import OWN
@@ -96,7 +97,4 @@ def print_sensor(document: dict[str, Any]) -> None:
 
 
 def sensors_command(name: str | None, as_json: bool) -> None:
-    from etendue.pipeline.presets import preset_names
-    from etendue_camera.cli.sensors import print_sensor, print_sensors, sensor_document
-
     tell_one(as_json, name, preset_names(), sensor_document, print_sensor, print_sensors)

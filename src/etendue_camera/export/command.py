@@ -9,11 +9,17 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
+
+from etendue import streams
+from etendue.archive import places
+from etendue.cli.saying import say
 from etendue.contract.registry import installed_stages
 from etendue.errors import Fault, RequestError
 from etendue.present.plots.places import is_called, read_at
@@ -290,12 +296,8 @@ def _when(shelf: Shelf) -> str:
 
 
 def export_command(place: Path | str, as_json: bool, **words: Any) -> None:
-    from etendue.archive import places
-    from etendue_camera.export.command import ExportRequest
-    from etendue_camera.export.command import export as write
-
     with places.reading(place) as folder:
-        done = write(ExportRequest(folder, **words))
+        done = export(ExportRequest(folder, **words))
     if as_json:
         say(
             {

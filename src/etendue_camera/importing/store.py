@@ -13,10 +13,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from etendue.errors import RequestError
 from etendue_camera.importing.cube import RADIANCE, Cube
+from etendue_camera.importing.light import TOO_WHITE, Said, light_of
 
 CHUNK = 512  # pixels along y and x
 
@@ -89,10 +91,6 @@ def write_store(cube: Cube, unit: str, place: Path, spacing: float | None, sourc
 
 
 def import_command(file: Path, output: Path | None, spacing: float | None, **words: Any) -> None:
-    from etendue_camera.importing.cube import RADIANCE
-    from etendue_camera.importing.light import TOO_WHITE, Said, light_of
-    from etendue_camera.importing.store import level_told, size_told, write_store
-
     cube, unit = light_of(file, Said(**words))
     highest = float(cube.values.max())
     if unit != RADIANCE and highest > TOO_WHITE:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, tell
+from etendue.cli.saying import command, later
 
 
 @command("emva")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, tell
+from etendue.cli.saying import command, later
 
 
 @command("information")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, tell
+from etendue.cli.saying import command, later
 
 
 @command("measure")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, say, show
+from etendue.cli.saying import command, later
 
 
 @command("stability")

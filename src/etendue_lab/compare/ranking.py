@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import sys
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -18,12 +19,16 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from etendue.cli import options
+from etendue.cli.saying import say, show
 from etendue.present.pictures.crops import Strip, strip
 from etendue.present.terminal.terminal import escape
 from etendue.present.terminal.work_precision import Point, work_precision
-from etendue.result_files import finite, write_whole
+from etendue.result_files import check_folder, finite, write_whole
+from etendue_lab.compare.axis import parse_axis
 from etendue_lab.compare.compared import FIGURES, Row
 from etendue_lab.compare.study import Comparison
+from etendue_lab.compare.study import compare as measure
 
 PLOT, CROPS = "error_against_time.png", "crops.png"
 MOST_CROPS = 9
@@ -312,11 +317,6 @@ def compare_command(
     no_mtf50: bool,
     output: Path | None,
 ) -> None:
-    from etendue.result_files import check_folder
-    from etendue_lab.compare.axis import parse_axis
-    from etendue_lab.compare.ranking import document, print_comparison, write_files
-    from etendue_lab.compare.study import compare as measure
-
     pipeline = given.pipeline()
     how, progress = way.options(), options.progress(way.silent)
     along = parse_axis(axis, options.number)

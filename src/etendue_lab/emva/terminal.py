@@ -7,11 +7,16 @@ Out: a table for each channel: figure, measured, interval, expected.
 from __future__ import annotations
 
 import math
+import sys
 from typing import Any
 
 from rich.table import Table
 
+from etendue.cli import options
+from etendue.cli.saying import tell
+from etendue.errors import RequestError
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue_lab.emva.study import of_archive, of_pipeline
 
 NAMES = {
     "gain": "system gain K",
@@ -90,10 +95,6 @@ def _text(value: float | None, scale: float) -> str:
 
 
 def emva_command(given: options.Given, pixels: int, as_json: bool) -> None:
-    from etendue.errors import RequestError
-    from etendue_lab.emva.study import of_archive, of_pipeline
-    from etendue_lab.emva.terminal import print_emva
-
     if given.file.is_dir():
         if given.settings:
             raise RequestError("--set: an archive is measured as it is; give its pipeline file to change something")

@@ -8,7 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.cli import options
+from etendue.cli.saying import tell
 from etendue.present.terminal.terminal import _out, _print_whole, escape
+from etendue.result_files import finite
+from etendue_lab.information.study import information as measure
 
 KINDS = {"photons": "shot noise alone, no blur", "blur": "blurs", "noise": "adds noise"}
 
@@ -113,10 +117,6 @@ def information_command(
     frames: int,
     as_json: bool,
 ) -> None:
-    from etendue.result_files import finite
-    from etendue_lab.information.study import information as measure
-    from etendue_lab.information.terminal import print_information
-
     progress = options.progress(as_json)
     pipeline = given.pipeline()
     found = measure(

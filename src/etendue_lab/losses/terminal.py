@@ -9,7 +9,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from etendue.cli import options
+from etendue.cli.saying import tell
+from etendue.present.terminal.progress import trying
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.result_files import finite
+from etendue_lab.losses.study import losses as measure
 
 PAIRS = 3  # with the strongest interactions, that are named
 
@@ -58,11 +63,6 @@ def _figure(value: float | None) -> str:
 
 
 def losses_command(given: options.Given, reflectance: float, runs: int, seed: int, as_json: bool) -> None:
-    from etendue.present.terminal.progress import trying
-    from etendue.result_files import finite
-    from etendue_lab.losses.study import losses as measure
-    from etendue_lab.losses.terminal import print_losses
-
     pipeline = given.pipeline()
     with trying(silent=as_json) as told:
         found = measure(pipeline, options.installed(), reflectance, runs, seed, None, told)

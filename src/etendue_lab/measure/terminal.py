@@ -7,9 +7,17 @@ Out: a table each for edges, stars, noise and the chart.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
+from etendue.cli import options
+from etendue.cli.saying import tell
+from etendue.contract.units import UnitError, to_unit
+from etendue.errors import RequestError
+from etendue.present.plots.plot import check_suffix
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue_lab.measure import study
+from etendue_lab.measure.drawn import drawn
 
 FLAGS = {
     "above_nyquist": "above Nyquist",
@@ -159,13 +167,6 @@ def _text(value: float, digits: int = 3) -> str:
 def measure_command(
     picture: Path, pitch: str | None, as_json: bool, output: Path | None, shown: Path | None, **words: Any
 ) -> None:
-    from etendue.contract.units import UnitError, to_unit
-    from etendue.errors import RequestError
-    from etendue.present.plots.plot import check_suffix
-    from etendue_lab.measure import study
-    from etendue_lab.measure.drawn import drawn
-    from etendue_lab.measure.terminal import print_photograph
-
     try:
         length = None if pitch is None else to_unit(options.number(pitch), "um")
     except UnitError as error:

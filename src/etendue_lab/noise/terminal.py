@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.cli import options
+from etendue.cli.saying import tell
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue_lab.noise.study import noise as measure
 
 
 def print_noise(document: dict[str, Any]) -> None:
@@ -81,9 +84,6 @@ def _ratio(row: dict[str, Any]) -> str:
 
 
 def noise_command(given: options.Given, reflectance: float, frames: int, as_json: bool) -> None:
-    from etendue_lab.noise.study import noise as measure
-    from etendue_lab.noise.terminal import print_noise
-
     pipeline = given.pipeline()
     found = measure(pipeline, options.installed(), reflectance, frames, None, options.progress(as_json))
     tell(as_json, found.document(), print_noise)

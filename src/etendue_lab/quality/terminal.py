@@ -7,16 +7,24 @@ Out: a table; a PNG.
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Mapping
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from etendue.cli import options
+from etendue.cli.saying import tell
 from etendue.present.terminal.terminal import _out, _table, escape, short_axes
 from etendue_camera.colour import matrices
 from etendue_camera.colour.encoding import srgb_encode
+from etendue_lab.quality.figures import Shot
+from etendue_lab.quality.study import Show, _cell, write
+from etendue_lab.quality.study import quality as measure
 
 COLUMNS = (
     ("psnr_linear", "PSNR linear", ".2f"),
@@ -176,6 +184,17 @@ def _axis(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def pictures_of(name: str) -> Show:
+    """Draws camera, ideal camera and their difference."""
+
+    def show(number: int, at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
+        where = ", ".join(f"{key} = {_cell(value)}" for key, value in at.items())
+        picture = side_by_side(shot.xyz(), ideal.xyz(), shown, shot.to_xyz.sum(axis=1), f"{name}  {where}".strip())
+        return f"quality_{number:03d}.png", picture
+
+    return show
+
+
 def quality_command(
     given: options.Given,
     way: options.Way,
@@ -185,10 +204,6 @@ def quality_command(
     pictures: int,
     output: Path | None,
 ) -> None:
-    from etendue_lab.quality.study import pictures_of, write
-    from etendue_lab.quality.study import quality as measure
-    from etendue_lab.quality.terminal import print_quality
-
     pipeline, leave_out = given.pipeline(), not given.nothing_left_out
     found = measure(
         pipeline,

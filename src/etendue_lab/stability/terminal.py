@@ -6,6 +6,7 @@ Out: a table; a line for each failure; the counts.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -13,7 +14,10 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from etendue.cli.saying import say, show
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue_lab.stability.rows import counts, document, groups, single
+from etendue_lab.stability.study import stability as check
 
 COLUMNS = (
     ("stage, law and its worst case", "left"),
@@ -87,10 +91,6 @@ def trying() -> Iterator[Callable[[int, int, str], None]]:
 
 
 def stability_command(stages: tuple[str, ...], every: bool, workers: int | None, as_json: bool) -> None:
-    from etendue_lab.stability.rows import counts, document, groups, single
-    from etendue_lab.stability.study import stability as check
-    from etendue_lab.stability.terminal import print_stability, trying
-
     with trying() as told:
         rows = check(stages, workers or 0, told)
     if as_json:
