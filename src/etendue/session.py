@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue import interrupts
+from etendue.archive import places
+from etendue.archive.provenance import platform_record
 from etendue.calls import called
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import CellReport, Keeper, Progress
@@ -68,8 +70,6 @@ class Options:
 
     def how(self, stop: Stop, mark: tuple[str, bytes] | None = None) -> How:
         """How the scheduler is to run batches; ``mark``: a file that all workers must see."""
-        from etendue.archive.provenance import platform_record
-
         workers = workers_of(self.scheduler, self.workers)
         return How(self.scheduler, workers, stop, self.cell_timeout, platform_record, mark)
 
@@ -169,23 +169,20 @@ def execute(
     options, progress = options or Options(), progress or _Silent()
     check_timeout(options)
     if archive is not None and "://" in str(archive):
-        from etendue.archive import places
-
         with places.writing(archive, far(options.scheduler)) as folder:
             outcome = execute(plan, folder, options, progress)
         placed: Outcome = places.placed(outcome, folder, archive)
         return placed
     from etendue.running import Running  # seconds of imports, while a signal may still end everything
 
-    if archive is not None:
-        from etendue.archive import keeper  # noqa: F401
+    keeping = into or _keeper(archive, options)
     TREES_OUT.collect()
     with interrupts.held(), SELDOM_COLLECTING:  # signals are answered where nothing is torn
         drawn = archive is not None or options.pictures
         check_machine(
             plan, Path(archive) if archive is not None else None, workers_of(options.scheduler, options.workers), drawn
         )
-        return _execute(plan, into or _keeper(archive, options), options, progress, Running)
+        return _execute(plan, keeping, options, progress, Running)
 
 
 def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, running: type[Running]) -> Outcome:
@@ -344,9 +341,7 @@ def simulate(
     if archive is None:
         return outcome.tree
     if "://" in str(archive):
-        from etendue.archive.places import open_archive
-
-        return open_archive(archive)
+        return places.open_archive(archive)
     import xarray
 
     return xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")

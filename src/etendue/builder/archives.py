@@ -9,15 +9,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from etendue.archive import places
+from etendue.archive import differences, places
+from etendue.archive import verify as verifying
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.builder.methods import Extended
 from etendue.calls import called_methods
+from etendue.errors import RequestError
+from etendue.plugins.shares import shares_at
+from etendue.present.page import notebook
+from etendue.present.page import report as page
 from etendue.present.plots import glance_page
 from etendue.present.plots.accessor import TreeAccessor
 from etendue.present.plots.glance import Glance, glance, glance_at
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options
+from etendue.trust import reproducing
 
 if TYPE_CHECKING:
     import xarray
@@ -76,30 +82,25 @@ class Archive(Extended):
 
         Gives the file that was written; an older one is replaced.
         """
-        from etendue.plugins.shares import shares_at
-        from etendue.present.page.report import report
-
         with places.reading(self.place) as folder:
             to = Path(output) if output is not None else Path(f"{folder.resolve().name}-report.html")
-            return report(folder, to, shares_at() if blame else None).path
+            return page.report(folder, to, shares_at() if blame else None).path
 
     def verify(self) -> dict[str, Any]:
         """Whether every byte is as it was written, and what is not: what ``etendue verify --json`` prints."""
-        from etendue.archive.verify import document, verify
-
         with places.reading(self.place, exact=True) as folder:
-            found: dict[str, Any] = places.named(document(verify(folder)), folder, self.place)
+            found: dict[str, Any] = places.named(verifying.document(verifying.verify(folder)), folder, self.place)
         return found
 
     def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
         """Compute every cell again from the archive alone and compare, with all else: what
         ``etendue reproduce --json`` prints.
         """
-        from etendue.trust.reproducing import document, reproduce
-
         with places.reading(self.place, exact=True) as folder:
             found: dict[str, Any] = places.named(
-                document(reproduce(folder, Options(check_scheduler(scheduler), workers))), folder, self.place
+                reproducing.document(reproducing.reproduce(folder, Options(check_scheduler(scheduler), workers))),
+                folder,
+                self.place,
             )
         return found
 
@@ -107,12 +108,10 @@ class Archive(Extended):
         """Which cells differ from those of another archive, by how much, and why: what ``etendue diff --json``
         prints.
         """
-        from etendue.archive.differences import differences, document
-
         place = other.place if isinstance(other, Archive) else other
         with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:
             found: dict[str, Any] = places.named(
-                places.named(document(a, b, differences(a, b)), a, self.place), b, place
+                places.named(differences.document(a, b, differences.differences(a, b)), a, self.place), b, place
             )
         return found
 
@@ -124,15 +123,12 @@ class Archive(Extended):
         RequestError
             The archive is at an object store, which the command ``etendue view`` fetches.
         """
-        from etendue.errors import RequestError
-        from etendue.present.page.notebook import view
-
         if places.is_url(self.place):
             raise RequestError(
                 f"{self.place}: a widget shows an archive in a folder; of an object store there is: etendue view "
                 f"{self.place}"
             )
-        return view(self.place, height)
+        return notebook.view(self.place, height)
 
     def _glance(self) -> Glance:
         return glance(self.tree) if isinstance(self.place, str) else glance_at(self.place)

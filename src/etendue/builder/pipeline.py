@@ -28,6 +28,7 @@ from etendue.pipeline.file import Pipeline as Written
 from etendue.pipeline.file import Source, parse_pipeline, read_pipeline
 from etendue.pipeline.overrides import TOP, axis_name
 from etendue.plan.planner import make_plan, summary
+from etendue.present.terminal.progress import TerminalProgress
 from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options, execute
@@ -293,8 +294,6 @@ class Pipeline(Extended, Source):
         Outcome
             ``tree``: the ``xarray.DataTree`` (of an archive: opened lazily); what was computed, reused, failed.
         """
-        from etendue.present.terminal.progress import TerminalProgress
-
         chosen = self if want is None else self.want(*([want] if isinstance(want, str) else want))
         made = chosen.plan(leave_out).plan
         outcome = execute(

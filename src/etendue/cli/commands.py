@@ -7,7 +7,6 @@ Out: ``Command``: where it stands, how it is typed, what it does. A command's mo
 from __future__ import annotations
 
 import dataclasses
-import pkgutil
 from functools import cache
 from types import ModuleType
 
@@ -93,11 +92,13 @@ def loaded(name: str, command: Command) -> click.Command:
     PluginError
         Its module cannot be imported, or holds no click command of this name.
     """
+    from pkgutil import resolve_name
+
     if name in OWN:
-        return pkgutil.resolve_name(command.place)  # type: ignore[no-any-return]
+        return resolve_name(command.place)  # type: ignore[no-any-return]
     origin = f"the command {name!r} of {_brought()[name][1]}"
     with _discovery().foreign(f"{origin} cannot be loaded"):
-        found = pkgutil.resolve_name(command.place)
+        found = resolve_name(command.place)
     if not isinstance(found, click.Command):
         raise PluginError(f"{origin} is {type(found).__name__}; expected a click command at {command.place}")
     return found

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import pkgutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -38,7 +37,9 @@ def later(place: str, interrupted: str = "") -> Callable[[Callable[[], None]], C
         def called(**words: Any) -> None:
             if interrupted:
                 interrupts.say(interrupted)
-            pkgutil.resolve_name(place)(**words)
+            from pkgutil import resolve_name
+
+            resolve_name(place)(**words)
 
         return called
 
