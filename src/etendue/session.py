@@ -168,7 +168,7 @@ def execute(
     """
     options, progress = options or Options(), progress or _Silent()
     check_timeout(options)
-    if archive is not None and "://" in str(archive):
+    if archive is not None and places.is_url(archive):
         with places.writing(archive, far(options.scheduler)) as folder:
             outcome = execute(plan, folder, options, progress)
         placed: Outcome = places.placed(outcome, folder, archive)
@@ -336,11 +336,16 @@ def simulate(
             f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
             f"{first.message}"
         )
+    return opened(outcome, archive)
+
+
+def opened(outcome: Outcome, archive: str | Path | None) -> Any:
+    """The tree of a run, in memory or of its archive, lazily; with ``tree.etendue``."""
     from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
 
     if archive is None:
         return outcome.tree
-    if "://" in str(archive):
+    if places.is_url(archive):
         return places.open_archive(archive)
     import xarray
 

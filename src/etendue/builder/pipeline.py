@@ -31,7 +31,7 @@ from etendue.plan.planner import make_plan, summary
 from etendue.present.terminal.progress import TerminalProgress
 from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.run.schedulers import check_scheduler
-from etendue.session import Options, execute
+from etendue.session import Options, execute, opened
 
 if TYPE_CHECKING:
     from etendue.plan.model import Plan
@@ -303,11 +303,7 @@ class Pipeline(Extended, Source):
             TerminalProgress(made) if progress else None,
         )
         if archive is not None:
-            import xarray
-
-            from etendue.present.plots import accessor  # noqa: F401  # tree.etendue
-
-            outcome.tree = xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")
+            outcome.tree = opened(outcome, archive)
         return outcome
 
     def __repr__(self) -> str:

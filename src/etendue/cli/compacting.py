@@ -12,7 +12,7 @@ from etendue.cli.saying import command, later
 @click.argument("place", type=PLACE, metavar="DIR")
 @click.argument("new", type=FOLDER, metavar="[NEW]", required=False)
 @JSON
-@later("etendue.cli.bodies.archives:compact")
+@later("etendue.cli.bodies.compacting:compact")
 def compact() -> None:
     """Write an archive anew: axes that grew sorted, shards as of a fresh sweep, the same bits in every array.
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import click
@@ -66,20 +65,6 @@ def tell(as_json: bool, document: Any, draw: Any) -> None:
         say(document)
     else:
         show(draw, document)
-
-
-@contextmanager
-def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
-    """Who says the share of each stage in what is lost; None where nobody asks."""
-    if not wanted:
-        yield None
-        return
-    from etendue.plugins.shares import shares_at
-    from etendue.present.terminal.progress import trying
-
-    found = shares_at()
-    with trying(silent) as told:
-        yield lambda folder, at: found(folder, at, told)
 
 
 def _printable(value: Any) -> Any:

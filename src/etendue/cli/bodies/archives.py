@@ -1,4 +1,4 @@
-"""Commands that read an archive, or write what is in it anew: ``show``, ``diff``, ``verify``, ``compact``."""
+"""Commands that read an archive: ``show``, ``diff``, ``verify``."""
 
 from __future__ import annotations
 
@@ -6,14 +6,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import click
-
 from etendue import interrupts
 from etendue.archive import places
-from etendue.archive.compact import compact as write_anew
 from etendue.archive.describe import describe_archive
 from etendue.archive.differences import differences, document
-from etendue.archive.in_place import compact_in_place
 from etendue.archive.verify import document as of_verified
 from etendue.archive.verify import sha256_of
 from etendue.archive.verify import verify as look
@@ -22,9 +18,6 @@ from etendue.cli.saying import tell
 from etendue.present.terminal.stored import print_archive
 from etendue.present.terminal.trust import print_differences, print_repaired, print_verified, reading
 from etendue.run.schedulers import far
-from etendue.telling import printable
-
-SHOWN = 6  # groups of which the name is said
 
 
 def show_archive(place: Path | str, as_json: bool) -> None:
@@ -60,38 +53,3 @@ def verify(place: Path | str, repair: bool, sources: tuple[Path, ...], digest: b
                 checked |= {"sha256": sha256_of(folder)} if digest else {}
     tell(way.as_json, checked, print_repaired if repair else print_verified)
     sys.exit(0 if checked["whole"] else 1)
-
-
-def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
-    if new is None:
-        if not isinstance(place, Path):
-            raise click.UsageError(f"{place} is not written anew in its place: name a folder, NEW, and copy that up")
-        done = compact_in_place(place)
-    else:
-        with places.reading(place) as folder:
-            done = write_anew(folder, new)
-    document: dict[str, Any] = {
-        "archive": str(done.folder),
-        "cells": done.cells,
-        "shards": done.shards,
-        "bytes": done.bytes,
-        "sorted": dict(done.sorted),
-        "written": done.written,
-        "amplification": done.amplification,
-    }
-    tell(as_json, document, _print)
-
-
-def _print(document: dict[str, Any]) -> None:
-    click.echo(f"{document['cells']} cells in {document['shards']} shards, {document['bytes']} bytes")
-    groups: dict[str, list[str]] = {}
-    for group, dims in document["sorted"].items():
-        groups.setdefault(", ".join(dims), []).append(group)
-    for dims, names in groups.items():
-        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-        click.echo(printable(f"sorted   {dims} of {', '.join(names[:SHOWN])}{more}"))
-    if document["written"]:
-        click.echo(f"written  {document['written']} bytes, {document['amplification']:.2f} for each byte of cells")
-    else:
-        click.echo("nothing to be written: it is as a fresh sweep would leave it")
-    click.echo(printable(f"archive  {document['archive']}"))

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 
 from etendue import streams
 from etendue.archive import places
-from etendue.cli.saying import blaming, say
+from etendue.cli.saying import say
 from etendue.errors import RequestError
+from etendue.plugins.shares import shares_at
+from etendue.present.page.document import start_of
 from etendue.present.page.live import Live
+from etendue.present.page.opened import Opened
 from etendue.present.page.report import report as write
 from etendue.present.page.server import Server
 
@@ -55,3 +61,23 @@ def view(place: Path | str, port: int, no_browser: bool) -> None:
                 server.serve_forever()
             except KeyboardInterrupt:
                 click.echo("ended", err=True)
+
+
+@contextmanager
+def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
+    """Who says the share of each stage in what is lost; None where nobody asks."""
+    if not wanted:
+        yield None
+        return
+    from etendue.present.terminal.progress import trying
+
+    found = shares_at()
+    with trying(silent) as told:
+        yield lambda folder, at: found(folder, at, told)
+
+
+def begun_at(folder: Path) -> dict[str, Any]:
+    """The axis values of the cell where the report of an archive begins, which is that of its contact sheet."""
+    opened = Opened(folder)
+    start = start_of(opened)
+    return {axis.dim: axis.values[start[axis.dim]] for axis in opened.axes}

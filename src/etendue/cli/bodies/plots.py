@@ -11,7 +11,7 @@ import click
 
 from etendue import streams
 from etendue.archive import places
-from etendue.cli.saying import blaming, say, show
+from etendue.cli.saying import say, show
 from etendue.present.plots.asked import Asked
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.kinds import draw, kind_of, listed
@@ -43,9 +43,13 @@ def plot(
         kind, figures = kind_of(holdings, words[0] if words else "", words[1:])
         if blame and kind != "budget":
             raise click.UsageError(f"--blame is for budget, not for {kind}")
-        with blaming(blame, as_json) as shares:
-            start = _begun_at(folder) if shares else None
-            found = shares(folder, start) if shares else None
+        start = found = None
+        if blame:
+            from etendue.cli.bodies.pages import begun_at, blaming
+
+            with blaming(blame, as_json) as shares:
+                start = begun_at(folder)
+                found = shares(folder, start)
         made = draw(holdings, kind, replace(asked, figures=figures, blame=found, blamed_at=start))
         path = made.save(
             output
@@ -70,13 +74,3 @@ def plot(
 
 def _parts(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-def _begun_at(folder: Path) -> dict[str, Any]:
-    """The axis values of the cell where the report of an archive begins, which is that of its contact sheet."""
-    from etendue.present.page.document import start_of
-    from etendue.present.page.opened import Opened
-
-    opened = Opened(folder)
-    start = start_of(opened)
-    return {axis.dim: axis.values[start[axis.dim]] for axis in opened.axes}
