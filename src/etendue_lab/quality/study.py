@@ -147,8 +147,7 @@ def quality(
         shown = _measured(row, shot, reference, samples_per_degree)
         if row["status"] != "done":
             continue
-        scalars = {name: _array(camera, place, name) for name in SCALARS}
-        row |= {name: math.nan if own is None else float(own) for name, own in scalars.items()}
+        row |= _scalars(camera, place)
         drawable += shown is not None
         if show is not None and shown is not None and number in chosen:
             result.pictures |= dict([show(number, {key: row[key] for key in axes}, shot, reference, shown)])
@@ -252,6 +251,11 @@ def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
 def _array(outcome: Outcome, place: Mapping[str, int], variable: str) -> Any:
     name = _writer(outcome.plan, variable)
     return None if name is None else outcome.arrays.get(_ref(outcome, name, place), {}).get(variable)
+
+
+def _scalars(outcome: Outcome, place: Mapping[str, int]) -> dict[str, float]:
+    found = {name: _array(outcome, place, name) for name in SCALARS}
+    return {name: math.nan if own is None else float(own) for name, own in found.items()}
 
 
 def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
