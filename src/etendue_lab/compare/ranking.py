@@ -168,11 +168,7 @@ def _columns(found: Comparison) -> list[_Column]:
         columns.append(_Column("ideal", lambda r: _number(r.mtf50_reference, ".3f")))
     if any(row.seconds is not None for row in found.rows):
         columns.append(_Column("error", lambda r: _number(r.error, ".2g")))
-        columns.append(
-            _Column(
-                "time", lambda r: "-" if (s := r.seconds) is None else f"{1e3 * s:.2f} ms" if s < 1 else f"{s:.2f} s"
-            )
-        )
+        columns.append(_Column("time", lambda r: _milliseconds(r.seconds)))
         columns.append(_Column("Mpixel/s", lambda r: _number(r.mpixel_per_second, ".1f") + ("*" if r.pareto else " ")))
     return columns
 
@@ -224,6 +220,10 @@ def _number(value: float | None, form: str) -> str:
     if value is None or math.isnan(value):
         return "-"
     return format(value, form)
+
+
+def _milliseconds(value: float | None) -> str:
+    return "-" if value is None else f"{1e3 * value:.2f} ms" if value < 1 else f"{value:.2f} s"
 
 
 def write_files(found: Comparison, folder: Path) -> list[Path]:
