@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -29,6 +28,8 @@ def check_folder(path: Path) -> None:
         if path.exists() and not path.is_dir():
             raise RequestError([Fault(str(path), "is a file; expected a folder, or the name of a new one")])
         path.mkdir(parents=True, exist_ok=True)
+        import tempfile  # not for --help
+
         with tempfile.TemporaryFile(dir=path):
             pass
     except OSError as error:

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue import interrupts
+from etendue.archive import places
+from etendue.archive.records.provenance import platform_record
 from etendue.calls import called
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import CellReport, Keeper, Progress
@@ -64,13 +66,12 @@ class Options:
     )
     # For a pipeline recorded in an archive: the reader's own limit on cells; a larger plan is refused.
     most_cells: int | None = None
-    # for a repair: names of cells of earlier runs that the archive must also have
-    restore: frozenset[str] | None = None
+    restore: frozenset[str] | None = (
+        None  # for a repair: names of cells of earlier runs that the archive must also have
+    )
 
     def how(self, stop: Stop, mark: tuple[str, bytes] | None = None) -> How:
         """Return how the scheduler is to run batches; ``mark``: a file that all workers must see."""
-        from etendue.archive.records.provenance import platform_record
-
         workers = workers_of(self.scheduler, self.workers)
         return How(self.scheduler, workers, stop, self.cell_timeout, platform_record, mark)
 
@@ -91,8 +92,9 @@ class Outcome:
     shown_at: str = ""  # axis values of the cells in pictures and headline metrics
     removed: int = 0  # cells of earlier runs at other axis values whose results are outdated
     pruned: int = 0  # finished cells removed on request
-    # stages stored earlier and still valid, although 'keep' no longer names them
-    stay: list[str] = field(default_factory=list)
+    stay: list[str] = field(
+        default_factory=list
+    )  # stages stored earlier and still valid, although 'keep' no longer names them
     mended: list[str] = field(default_factory=list)  # files that were missing or damaged and are written again
     moved: dict[str, int] = field(default_factory=dict)  # shards rewritten, bytes copied for them, bytes computed
     restored: int = 0  # cells of earlier runs that were computed again because they were damaged
@@ -172,24 +174,21 @@ def execute(
     """
     options, progress = options or Options(), progress or _Silent()
     check_timeout(options)
-    if archive is not None and "://" in str(archive):
-        from etendue.archive import places
-
+    if archive is not None and places.is_url(archive):
         with places.writing(archive, far(options.scheduler)) as folder:
             outcome = execute(plan, folder, options, progress)
         placed: Outcome = places.placed(outcome, folder, archive)
         return placed
     from etendue.running import Running  # slow imports, made while a signal may still end the process
 
-    if archive is not None:
-        from etendue.archive.write import keeper  # noqa: F401
+    keeping = into or _keeper(archive, options)
     TREES_OUT.collect()
     with interrupts.held(), SELDOM_COLLECTING:  # signals are handled only at safe points
         drawn = archive is not None or options.pictures
         check_machine(
             plan, Path(archive) if archive is not None else None, workers_of(options.scheduler, options.workers), drawn
         )
-        return _execute(plan, into or _keeper(archive, options), options, progress, Running)
+        return _execute(plan, keeping, options, progress, Running)
 
 
 def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress, running: type[Running]) -> Outcome:
@@ -343,14 +342,17 @@ def simulate(
             f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: "
             f"{first.message}"
         )
+    return opened(outcome, archive)
+
+
+def opened(outcome: Outcome, archive: str | Path | None) -> Any:
+    """The tree of a run, in memory or of its archive, lazily; with ``tree.etendue``."""
     from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
 
     if archive is None:
         return outcome.tree
-    if "://" in str(archive):
-        from etendue.archive.places import open_archive
-
-        return open_archive(archive)
+    if places.is_url(archive):
+        return places.open_archive(archive)
     import xarray
 
     return xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")

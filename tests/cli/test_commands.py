@@ -1,5 +1,7 @@
 """The command line: results on stdout, notes and progress on stderr, JSON without NaN, nothing imported in vain."""
 
+import dataclasses
+import inspect
 import json
 import math
 import os
@@ -7,10 +9,13 @@ import pty
 import subprocess
 import sys
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
 from etendue.cli import main
+from etendue.cli.commands import loaded, offered
+from etendue.cli.options import Given, Way
 from etendue.present.terminal.stored import print_archive
 from etendue.present.terminal.terminal import _out, _print_whole, short_axes
 from etendue.result_files import finite
@@ -139,6 +144,21 @@ def test_a_run_with_nothing_to_do_imports_no_scheduler_and_nothing_of_kernels(fi
         "scipy.special",
         "scipy.ndimage",
     }
+
+
+def test_what_a_command_does_takes_what_is_typed():
+    """The body of each stands elsewhere: it is there, and has a place for every argument and option."""
+    for name, one in offered().items():
+        command = loaded(name, one)
+        place = getattr(command.callback, "place", None)
+        assert place or one.place.partition(".")[0] not in ("etendue", "etendue_camera", "etendue_lab"), name
+        if place:
+            body = inspect.signature(resolve_name(place))
+            typed = {parameter.name for parameter in command.params}
+            for gathered, kind in (("given", Given), ("way", Way)):
+                if gathered in body.parameters:
+                    typed = typed - {field.name for field in dataclasses.fields(kind)} | {gathered}
+            body.bind(**dict.fromkeys(typed))
 
 
 # -- documents --------------------------------------------------------------------------------------------

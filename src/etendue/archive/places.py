@@ -17,7 +17,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from etendue import interrupts
 from etendue.archive.records.owner import Behind, stand, unless_written
+from etendue.archive.remote import stubs
+from etendue.archive.remote.lease import look
+from etendue.archive.remote.objects import Objects, zarr_store
 from etendue.calls import called
 from etendue.errors import ArchiveError, EtendueError, RequestError
 
@@ -74,9 +78,6 @@ def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iter
 
 def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
     from etendue.archive.fetching import Here, fetch
-    from etendue.archive.remote import stubs
-    from etendue.archive.remote.lease import look
-    from etendue.archive.remote.objects import Objects
 
     objects = Objects(url)
     here, found = Here(own, objects.url), objects.list()
@@ -126,7 +127,6 @@ def writing(place: str | Path, far: str = "", exact: bool = False) -> Iterator[P
     if not is_url(place):
         yield Path(place)
         return
-    from etendue import interrupts
     from etendue.archive.mirror import Mirror
 
     if far and not os.environ.get("ETENDUE_WORK"):
@@ -198,8 +198,6 @@ def open_archive(place: str | Path) -> xarray.DataTree:
 
         return opened(place)
     import xarray
-
-    from etendue.archive.remote.objects import zarr_store
 
     tree = xarray.open_datatree(zarr_store(str(place)), engine="zarr")
     tree.encoding["source"] = f"{str(place).rstrip('/')}/data.zarr"

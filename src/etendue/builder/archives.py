@@ -10,14 +10,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue.archive import places
+from etendue.archive.checks import verify as verifying
 from etendue.archive.journaling.journal import NAME as JOURNAL
+from etendue.archive.read import differences
 from etendue.builder.methods import Extended
 from etendue.calls import called_methods
+from etendue.errors import RequestError
+from etendue.plugins.shares import shares_at
+from etendue.present.page import notebook
+from etendue.present.page import report as report_page
 from etendue.present.plots.accessor import TreeAccessor
 from etendue.present.plots.summary import page
 from etendue.present.plots.summary.contents import Glance, glance, glance_at
 from etendue.run.schedulers import check_scheduler
 from etendue.session import Options
+from etendue.trust import reproducing
 
 if TYPE_CHECKING:
     import xarray
@@ -76,19 +83,14 @@ class Archive(Extended):
 
         ``blame``: also compute each stage's share of the losses now.
         """
-        from etendue.plugins.shares import shares_at
-        from etendue.present.page.report import report
-
         with places.reading(self.place) as folder:
             to = Path(output) if output is not None else Path(f"{folder.resolve().name}-report.html")
-            return report(folder, to, shares_at() if blame else None).path
+            return report_page.report(folder, to, shares_at() if blame else None).path
 
     def verify(self) -> dict[str, Any]:
         """Check whether every byte is as it was written; return what ``etendue verify --json`` prints."""
-        from etendue.archive.checks.verify import document, verify
-
         with places.reading(self.place, exact=True) as folder:
-            found: dict[str, Any] = places.named(document(verify(folder)), folder, self.place)
+            found: dict[str, Any] = places.named(verifying.document(verifying.verify(folder)), folder, self.place)
         return found
 
     def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
@@ -96,11 +98,11 @@ class Archive(Extended):
 
         Return what ``etendue reproduce --json`` prints.
         """
-        from etendue.trust.reproducing import document, reproduce
-
         with places.reading(self.place, exact=True) as folder:
             found: dict[str, Any] = places.named(
-                document(reproduce(folder, Options(check_scheduler(scheduler), workers))), folder, self.place
+                reproducing.document(reproducing.reproduce(folder, Options(check_scheduler(scheduler), workers))),
+                folder,
+                self.place,
             )
         return found
 
@@ -108,12 +110,10 @@ class Archive(Extended):
         """Compare with another archive: which cells differ, by how much, and why; return what ``etendue diff --json``
         prints.
         """
-        from etendue.archive.read.differences import differences, document
-
         place = other.place if isinstance(other, Archive) else other
         with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:
             found: dict[str, Any] = places.named(
-                places.named(document(a, b, differences(a, b)), a, self.place), b, place
+                places.named(differences.document(a, b, differences.differences(a, b)), a, self.place), b, place
             )
         return found
 
@@ -125,15 +125,12 @@ class Archive(Extended):
         RequestError
             If the archive is in an object store; use the command ``etendue view``, which fetches it.
         """
-        from etendue.errors import RequestError
-        from etendue.present.page.notebook import view
-
         if places.is_url(self.place):
             raise RequestError(
                 f"{self.place}: the widget needs an archive in a local folder; for an object store run: etendue view "
                 f"{self.place}"
             )
-        return view(self.place, height)
+        return notebook.view(self.place, height)
 
     def _glance(self) -> Glance:
         return glance(self.tree) if isinstance(self.place, str) else glance_at(self.place)

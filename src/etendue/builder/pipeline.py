@@ -28,9 +28,10 @@ from etendue.pipeline.file import PipelineFile as Written
 from etendue.pipeline.file import PipelineSource, parse_pipeline, read_pipeline
 from etendue.pipeline.overrides import TOP, axis_name
 from etendue.plan.planner import make_plan, summary
+from etendue.present.terminal.progress import TerminalProgress
 from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.run.schedulers import check_scheduler
-from etendue.session import Options, execute
+from etendue.session import Options, execute, opened
 
 if TYPE_CHECKING:
     from etendue.plan.model import Plan
@@ -295,8 +296,6 @@ class Pipeline(Extended, PipelineSource):
             ``tree``: the ``xarray.DataTree`` (from an archive, loaded lazily); also what was computed, reused and
             failed.
         """
-        from etendue.present.terminal.progress import TerminalProgress
-
         chosen = self if want is None else self.want(*([want] if isinstance(want, str) else want))
         made = chosen.plan(leave_out).plan
         outcome = execute(
@@ -306,11 +305,7 @@ class Pipeline(Extended, PipelineSource):
             TerminalProgress(made) if progress else None,
         )
         if archive is not None:
-            import xarray
-
-            from etendue.present.plots import accessor  # noqa: F401  # tree.etendue
-
-            outcome.tree = xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")
+            outcome.tree = opened(outcome, archive)
         return outcome
 
     def __repr__(self) -> str:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, say, show
+from etendue.cli.saying import command, later
 
 
 @command("accuracy")
@@ -58,14 +55,8 @@ from etendue.cli.saying import command, say, show
 @options.output("Folder for table (CSV, JSON) and plot. Default: ./<name>-accuracy.")
 @options.JSON
 @options.gather
-def accuracy(
-    given: options.Given,
-    as_json: bool,
-    knobs: tuple[str, ...],
-    verify: tuple[str, ...],
-    output: Path | None,
-    **effort: int,
-) -> None:
+@later("etendue.cli.bodies.accuracy:accuracy")
+def accuracy() -> None:
     """Measure error against run time for each accuracy setting (knob) and find the cheapest combination for a
     tolerance.
 
@@ -76,22 +67,3 @@ def accuracy(
 
     Exit codes: 0 done, 2 invalid request.
     """
-    from etendue.accuracy.study import accuracy as measure
-    from etendue.present.terminal.accuracy import document, files_of, print_accuracy
-    from etendue.present.terminal.progress import trying
-    from etendue.result_files import check_folder, finite, write_whole
-
-    pipeline = given.pipeline()
-    elsewhere = replace(given, settings=(*given.settings, *verify)).pipeline() if verify else None
-    asked = options.knob_settings(knobs)
-    folder = output or Path(f"{pipeline.name}-accuracy")
-    check_folder(folder)
-    with trying(silent=as_json) as told:
-        there = dict(word.split("=", 1) for word in verify)
-        found = measure(pipeline, options.installed(), asked, **effort, told=told, elsewhere=elsewhere, verify=there)
-    made = finite(document(found))
-    files = write_whole(folder, files_of(made))
-    if as_json:
-        say({**made, "files": [str(path) for path in files]})
-    else:
-        show(print_accuracy, made, files)

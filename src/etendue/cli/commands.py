@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cache
+from types import ModuleType
 
 import click
+
+from etendue.errors import PluginError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,12 +61,17 @@ def offered() -> dict[str, Command]:
     return found
 
 
+def _discovery() -> ModuleType:
+    """What finds the commands of others: those of the engine are found without it."""
+    from etendue.plugins import discovery
+
+    return discovery
+
+
 @cache
 def _brought() -> dict[str, tuple[Command, str]]:
     """Return the commands that distributions register, with their origin; those that cannot be read are omitted."""
-    from etendue.errors import PluginError
-    from etendue.plugins import discovery
-
+    discovery = _discovery()
     every, found = discovery.installed(), {}
     for name in every.names("commands"):
         for one in every.all("commands", name)[:1]:
@@ -82,16 +90,13 @@ def loaded(name: str, command: Command) -> click.Command:
     PluginError
         Its module cannot be imported or holds no click command of this name.
     """
-    from importlib.metadata import EntryPoint
+    from pkgutil import resolve_name
 
     if name in OWN:
-        return EntryPoint(name, command.place, "").load()  # type: ignore[no-any-return]
-    from etendue.errors import PluginError
-    from etendue.plugins import discovery
-
+        return resolve_name(command.place)  # type: ignore[no-any-return]
     origin = f"the command {name!r} of {_brought()[name][1]}"
-    with discovery.foreign(f"{origin} cannot be loaded"):
-        found = EntryPoint(name, command.place, "").load()
+    with _discovery().foreign(f"{origin} cannot be loaded"):
+        found = resolve_name(command.place)
     if not isinstance(found, click.Command):
         raise PluginError(f"{origin} is {type(found).__name__}; expected a click command at {command.place}")
     return found
@@ -108,9 +113,7 @@ def listed() -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 def _title(origin: str) -> str:
-    from etendue.plugins import discovery
-
-    return "More commands" if origin == discovery.OWN else f"Commands of {origin}"
+    return "More commands" if origin == _discovery().OWN else f"Commands of {origin}"
 
 
 def _typed(name: str, command: Command) -> str:
@@ -119,6 +122,4 @@ def _typed(name: str, command: Command) -> str:
 
 def missed(name: str) -> str:
     """Return '; ...' with the reason why no distribution provides a command, if one that may is broken."""
-    from etendue.plugins import discovery
-
-    return discovery.installed().missed("commands", name)
+    return str(_discovery().installed().missed("commands", name))

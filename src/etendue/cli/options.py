@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from etendue.run.schedulers import NAMES
+from etendue.errors import Fault, RequestError
+from etendue.run.schedulers import NAMES, check_scheduler
 
 if TYPE_CHECKING:
     from etendue.contract.registry import Registry
@@ -132,7 +133,6 @@ class Way:
 
     def options(self, **more: Any) -> Options:
         """The options of a run."""
-        from etendue.run.schedulers import check_scheduler
         from etendue.session import Options
 
         return Options(check_scheduler(self.scheduler), self.workers or 0, **more)
@@ -208,8 +208,6 @@ def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
     """
     from decimal import Decimal
 
-    from etendue.errors import Fault, RequestError
-
     found: dict[str, tuple[Any, ...]] = {}
     for text in words:
         key, equals, rest = (part.strip() for part in text.partition("="))
@@ -228,8 +226,6 @@ def overrides(given: Given) -> dict[str, Any]:
     RequestError
         A setting is not ``name=value``.
     """
-    from etendue.errors import Fault, RequestError
-
     found: dict[str, Any] = {}
     faults = []
     for option, texts in (("--set", given.settings), ("--sweep", given.sweeps)):

@@ -10,7 +10,9 @@ import click
 from etendue import interrupts
 from etendue.cli import commands
 from etendue.cli.saying import say
+from etendue.errors import EtendueError, RequestError, machine_text, nearest
 from etendue.interrupts import end_now
+from etendue.telling import plain, refusal, said, where
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
@@ -46,15 +48,10 @@ class _Main(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         name = str(args[0]) if args else ""
         if name and not name.startswith("-") and name not in commands.OWN and name not in commands.offered():
-            from etendue.errors import nearest
-
             ctx.fail(f"No such command {name!r}{nearest(name, commands.offered())}{commands.missed(name)}")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        from etendue.errors import EtendueError, RequestError
-        from etendue.telling import plain, refusal, said, where
-
         as_json = bool(ctx.obj)
         try:
             return super().invoke(ctx)
@@ -99,9 +96,6 @@ class _Main(click.Group):
             ctx.exit(1)
 
     def _refused(self, ctx: click.Context, error: OSError) -> NoReturn:
-        from etendue.errors import machine_text
-        from etendue.telling import refusal
-
         click.echo(refusal(machine_text(error)), err=True)
         ctx.exit(5)
 

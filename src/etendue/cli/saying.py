@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import click
 
-from etendue import streams
+from etendue import interrupts, streams
+from etendue.result_files import finite
+from etendue.telling import printable
 
 
 class _Command(click.Command):
@@ -24,12 +25,31 @@ class _Command(click.Command):
 command = functools.partial(click.command, cls=_Command)
 
 
+def later(place: str, interrupted: str = "") -> Callable[[Callable[[], None]], Callable[..., None]]:
+    """What a command does, at ``module:function``: imported when it is called, so that ``--help`` costs nothing.
+
+    ``interrupted``: what is said from then on when a signal comes.
+    """
+
+    def does(declared: Callable[[], None]) -> Callable[..., None]:
+        @functools.wraps(declared)
+        def called(**words: Any) -> None:
+            if interrupted:
+                interrupts.say(interrupted)
+            from pkgutil import resolve_name
+
+            resolve_name(place)(**words)
+
+        called.__dict__["place"] = place  # of a test that looks whether it is there
+        return called
+
+    return does
+
+
 def say(document: Any) -> None:
     """Print JSON on stdout. Unknown values become null and infinity becomes "inf": JSON has neither NaN nor
     infinity.
     """
-    from etendue.result_files import finite
-
     with streams.results():
         click.echo(json.dumps(_printable(finite(document)), allow_nan=False))
 
@@ -48,24 +68,8 @@ def tell(as_json: bool, document: Any, draw: Any) -> None:
         show(draw, document)
 
 
-@contextmanager
-def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
-    """Yield the function that computes each stage's share of the loss, or None if not wanted."""
-    if not wanted:
-        yield None
-        return
-    from etendue.plugins.shares import shares_at
-    from etendue.present.terminal.progress import trying
-
-    found = shares_at()
-    with trying(silent) as told:
-        yield lambda folder, at: found(folder, at, told)
-
-
 def _printable(value: Any) -> Any:
     """Return a document without control characters, since it may be shown on a terminal."""
-    from etendue.telling import printable
-
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, dict):

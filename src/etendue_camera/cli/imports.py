@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from etendue.cli.saying import command
+from etendue.cli.saying import command, later
 from etendue_camera.importing.formats import NAMES
 
 HELP = f"""Import a spectral cube of another program as a scene: {NAMES}.
@@ -53,38 +52,6 @@ and lines for a pipeline.
     help="Reflectance of that patch.",
 )
 @click.option("--clip", is_flag=True, help="Set negative values, such as from noise, to 0.")
-def take(file: Path, output: Path | None, spacing: float | None, **words: Any) -> None:
+@later("etendue_camera.importing.store:import_command")
+def take() -> None:
     """Run the command; its help is ``HELP``."""
-    from etendue_camera.importing.cube import RADIANCE
-    from etendue_camera.importing.light import TOO_WHITE, Said, light_of
-    from etendue_camera.importing.store import level_told, size_told, write_store
-
-    cube, unit = light_of(file, Said(**words))
-    highest = float(cube.values.max())
-    if unit != RADIANCE and highest > TOO_WHITE:
-        click.echo(
-            f"note: 1 is white, but values reach {highest:.4g}: use --scale, or --white-at on a white patch, to get a "
-            f"reflectance",
-            err=True,
-        )
-    place = output or Path(f"{file.stem}.zarr")
-    write_store(cube, unit, place, spacing, file.name)
-    for text in cube.told:
-        click.echo(f"note: {text}", err=True)
-    bands, rows, columns = cube.values.shape
-    click.echo(
-        f"{place}: {bands} bands of {cube.wavelength[0]:g} to {cube.wavelength[-1]:g} nm, {columns} x {rows} samples "
-        f"(width x height)"
-    )
-    click.echo(f"{level_told(cube, unit)}\n{size_told(cube, spacing)}")
-    lines = ['use = "radiance_cube"', 'name = "scene"', f'file = "{place}"']
-    if unit != RADIANCE:
-        lines.append('white_luminance = "1000 cd m-2"')
-    elif cube.white is None:
-        lines.append(
-            '# white_luminance = "1000 cd m-2"   # would treat the values as reflectance: import with --white-at '
-            "instead"
-        )
-    if spacing is None:
-        lines.append('spacing = "2 um"')
-    click.echo("in a pipeline:\n[[stages]]\n" + "\n".join(lines))

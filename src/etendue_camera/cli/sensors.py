@@ -9,6 +9,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Any
 
+from etendue.cli.bodies.catalogue import tell_one
 from etendue.errors import RequestError
 from etendue.pipeline.presets import Sourced, preset, preset_names
 from etendue.present.terminal.catalogue import _origin
@@ -87,3 +88,7 @@ def print_sensor(document: dict[str, Any]) -> None:
             console.print(table)
     for number, address in enumerate(addresses, 1):
         console.print(f"({number}) {escape(address)}", soft_wrap=True)
+
+
+def sensors_command(name: str | None, as_json: bool) -> None:
+    tell_one(as_json, name, preset_names(), sensor_document, print_sensor, print_sensors)

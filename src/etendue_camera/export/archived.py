@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue.archive import places
+from etendue.errors import RequestError, nearest
 
 if TYPE_CHECKING:
     from etendue.builder.archives import Archive
@@ -47,7 +48,6 @@ def export(
     RequestError
         If a kind, variable or value does not exist.
     """
-    from etendue.errors import RequestError, nearest
     from etendue_camera.export.command import SUFFIXES, ExportRequest, export
 
     if kind not in SUFFIXES:

@@ -9,11 +9,17 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
+
+from etendue import streams
+from etendue.archive import places
+from etendue.cli.saying import say
 from etendue.contract.registry import installed_stages
 from etendue.errors import Fault, RequestError
 from etendue.present.plots.places import is_called, read_at
@@ -290,3 +296,26 @@ def _when(shelf: Shelf) -> str:
     """
     written = str(shelf.record["began"]).replace("-", ":").replace("T", " ").rstrip("Z")
     return written if re.fullmatch(r"\d{4}(:\d\d){2} \d\d(:\d\d){2}", written, re.ASCII) else ""
+
+
+def export_command(place: Path | str, as_json: bool, **words: Any) -> None:
+    with places.reading(place) as folder:
+        done = export(ExportRequest(folder, **words))
+    if as_json:
+        say(
+            {
+                "files": [str(path) for path in done.files],
+                "skipped": [{"at": where, "why": why} for where, why in done.skipped],
+            }
+        )
+    else:
+        with streams.results():
+            for path in done.files[:10]:
+                click.echo(str(path))
+            if len(done.files) > 10:
+                click.echo(f"... {len(done.files)} files in {done.folder}")
+        for text in done.notes:
+            click.echo(f"note: {text}", err=True)
+        for where, why in done.skipped:
+            click.echo(f"{where}: no picture, the cell is {why}", err=True)
+    sys.exit(3 if done.skipped else 0)

@@ -13,10 +13,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from etendue.errors import RequestError
 from etendue_camera.importing.cube import RADIANCE, Cube
+from etendue_camera.importing.light import TOO_WHITE, Said, light_of
 
 CHUNK = 512  # pixels along y and x
 
@@ -87,3 +89,35 @@ def write_store(cube: Cube, unit: str, place: Path, spacing: float | None, sourc
         os.rename(beside / "store", place)
     finally:
         shutil.rmtree(beside, ignore_errors=True)
+
+
+def import_command(file: Path, output: Path | None, spacing: float | None, **words: Any) -> None:
+    cube, unit = light_of(file, Said(**words))
+    highest = float(cube.values.max())
+    if unit != RADIANCE and highest > TOO_WHITE:
+        click.echo(
+            f"note: 1 is white, but values reach {highest:.4g}: use --scale, or --white-at on a white patch, to get a "
+            f"reflectance",
+            err=True,
+        )
+    place = output or Path(f"{file.stem}.zarr")
+    write_store(cube, unit, place, spacing, file.name)
+    for text in cube.told:
+        click.echo(f"note: {text}", err=True)
+    bands, rows, columns = cube.values.shape
+    click.echo(
+        f"{place}: {bands} bands of {cube.wavelength[0]:g} to {cube.wavelength[-1]:g} nm, {columns} x {rows} samples "
+        f"(width x height)"
+    )
+    click.echo(f"{level_told(cube, unit)}\n{size_told(cube, spacing)}")
+    lines = ['use = "radiance_cube"', 'name = "scene"', f'file = "{place}"']
+    if unit != RADIANCE:
+        lines.append('white_luminance = "1000 cd m-2"')
+    elif cube.white is None:
+        lines.append(
+            '# white_luminance = "1000 cd m-2"   # would treat the values as reflectance: import with --white-at '
+            "instead"
+        )
+    if spacing is None:
+        lines.append('spacing = "2 um"')
+    click.echo("in a pipeline:\n[[stages]]\n" + "\n".join(lines))

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, say, show, tell
+from etendue.cli.saying import command, later
 
 
 @command("compare")
@@ -36,15 +33,8 @@ from etendue.cli.saying import command, say, show, tell
 @options.JSON
 @options.gather
 @options.gather_way
-def compare(
-    given: options.Given,
-    way: options.Way,
-    axis: str,
-    repeat: int,
-    noise_free: bool,
-    no_mtf50: bool,
-    output: Path | None,
-) -> None:
+@later("etendue_lab.compare.ranking:compare_command")
+def compare() -> None:
     """Rank alternatives, plugins included, by quality against run time.
 
     --axis demosaic.use takes every installed stage that writes what the file's stage `demosaic` writes, reads no more
@@ -63,24 +53,6 @@ def compare(
 
     Exit codes: 0 done, 2 invalid request, 3 an alternative failed, a named one was refused, or only one was left.
     """
-    from etendue.result_files import check_folder
-    from etendue_lab.compare.axis import parse_axis
-    from etendue_lab.compare.ranking import document, print_comparison, write_files
-    from etendue_lab.compare.study import compare as measure
-
-    pipeline = given.pipeline()
-    how, progress = way.options(), options.progress(way.silent)
-    along = parse_axis(axis, options.number)
-    folder = output or Path(
-        f"{pipeline.name}-compare-{along.key.removesuffix('.use').removeprefix('camera.').replace('.', '_')}"
-    )
-    found = measure(pipeline, along, repeat, noise_free, how, progress, not no_mtf50, lambda: check_folder(folder))
-    files = write_files(found, folder)
-    if way.as_json:
-        say({**document(found), "files": [str(path) for path in files]})
-    else:
-        show(print_comparison, found, files)
-    sys.exit(3 if found.failed or found.lacking else 0)
 
 
 @command("quality")
@@ -122,15 +94,8 @@ def compare(
 @options.JSON
 @options.gather
 @options.gather_way
-def quality(
-    given: options.Given,
-    way: options.Way,
-    samples_per_degree: float,
-    without: tuple[str, ...],
-    keep: tuple[str, ...],
-    pictures: int,
-    output: Path | None,
-) -> None:
+@later("etendue_lab.quality.terminal:quality_command")
+def quality() -> None:
     """Compare a camera with the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
 
     For every cell of the sweep: PSNR of camera primaries and of the encoded picture, SSIM of its luma, CIEDE2000 and
@@ -140,28 +105,6 @@ def quality(
 
     Exit codes: 0 done, 2 invalid request, 3 some cells failed.
     """
-    from etendue_lab.quality.study import pictures_of, write
-    from etendue_lab.quality.study import quality as measure
-    from etendue_lab.quality.terminal import print_quality
-
-    pipeline, leave_out = given.pipeline(), not given.nothing_left_out
-    found = measure(
-        pipeline,
-        options.installed(),
-        samples_per_degree,
-        without,
-        keep,
-        leave_out,
-        way.options(),
-        options.progress(way.silent),
-        pictures_of(pipeline.name) if output else None,
-        output,
-        pictures,
-    )
-    if output:
-        write(found, output)
-    tell(way.as_json, found.document(), print_quality)
-    sys.exit(3 if found.failed else 0)
 
 
 @command("noise")
@@ -177,16 +120,11 @@ def quality(
 )
 @options.JSON
 @options.gather
-def noise(given: options.Given, reflectance: float, frames: int, as_json: bool) -> None:
+@later("etendue_lab.noise.terminal:noise_command")
+def noise() -> None:
     """Report noise after every stage of a camera that views a grey card: predicted, and measured in noise frames.
 
     The prediction uses shot noise, read noise, fixed patterns, rounding, and the response of the stages after the
     mosaic to one pixel. Stages that adapt to their picture adapt to noise and differ from the prediction. Correlations
     between channels and between neighbours say how coloured and how coarse the noise looks.
     """
-    from etendue_lab.noise.study import noise as measure
-    from etendue_lab.noise.terminal import print_noise
-
-    pipeline = given.pipeline()
-    found = measure(pipeline, options.installed(), reflectance, frames, None, options.progress(as_json))
-    tell(as_json, found.document(), print_noise)

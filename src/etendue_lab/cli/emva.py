@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, tell
+from etendue.cli.saying import command, later
 
 
 @command("emva")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE|ARCHIVE")
-@options.settings("Override a value: camera.sensor=sony-imx363, camera.integration_time='1 s'" + options.REPEAT)
+@options.settings("Override a value: camera.sensor=sony-imx363, camera.integration_time='1 s'")
 @click.option(
     "--pixels",
     default=192,
@@ -23,7 +22,8 @@ from etendue.cli.saying import command, tell
 )
 @options.JSON
 @options.gather
-def emva(given: options.Given, pixels: int, as_json: bool) -> None:
+@later("etendue_lab.emva.terminal:emva_command")
+def emva() -> None:
     """Measure a sensor according to EMVA 1288 release 4 (linear): values with intervals, beside the expected ones.
 
     For a pipeline FILE, raw frames of uniform light and of the dark are taken with the lens removed, two at each
@@ -34,15 +34,3 @@ def emva(given: options.Given, pixels: int, as_json: bool) -> None:
 
     Exit codes: 0 done, 2 invalid request, 3 some channels could not be measured.
     """
-    from etendue.errors import RequestError
-    from etendue_lab.emva.study import of_archive, of_pipeline
-    from etendue_lab.emva.terminal import print_emva
-
-    if given.file.is_dir():
-        if given.settings:
-            raise RequestError("--set: cannot change an archive; give its pipeline file instead")
-        found = of_archive(given.file, options.installed())
-    else:
-        found = of_pipeline(given.pipeline(), options.installed(), pixels, None, options.progress(as_json))
-    tell(as_json, found.document(), print_emva)
-    sys.exit(3 if any(channel.why for channel in found.channels) else 0)

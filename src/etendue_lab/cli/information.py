@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, tell
+from etendue.cli.saying import command, later
 
 
 @command("information")
@@ -29,15 +29,8 @@ from etendue.cli.saying import command, tell
 )
 @options.JSON
 @options.gather
-def information(
-    given: options.Given,
-    reflectance: float,
-    contrast_ratio: float,
-    size: float,
-    object_contrast: float,
-    frames: int,
-    as_json: bool,
-) -> None:
+@later("etendue_lab.information.terminal:information_command")
+def information() -> None:
     """Report how many bits per pixel of fine detail a camera transmits, and where along the chain they are lost.
 
     Shannon's information capacity, noise equivalent quanta (NEQ) and the signal-to-noise ratio of the ideal observer
@@ -50,16 +43,6 @@ def information(
     frequencies up to Nyquist: variance (range/mean)^2 / 12. After the mosaic the channels are combined in the best sum
     at each frequency; each channel alone is listed too.
     """
-    from etendue.result_files import finite
-    from etendue_lab.information.study import information as measure
-    from etendue_lab.information.terminal import print_information
-
-    progress = options.progress(as_json)
-    pipeline = given.pipeline()
-    found = measure(
-        pipeline, options.installed(), reflectance, contrast_ratio, size, object_contrast, frames, None, progress
-    )
-    tell(as_json, finite(found.document()), print_information)
 
 
 @command("losses")
@@ -86,7 +69,8 @@ def information(
 )
 @options.JSON
 @options.gather
-def losses(given: options.Given, reflectance: float, runs: int, seed: int, as_json: bool) -> None:
+@later("etendue_lab.losses.terminal:losses_command")
+def losses() -> None:
     """Compute each stage's share of the lost contrast, signal-to-noise ratio and colour.
 
     Shares are Shapley values: what a stage adds to the loss, averaged over all orders in which the stages could be made
@@ -97,12 +81,3 @@ def losses(given: options.Given, reflectance: float, runs: int, seed: int, as_js
 
     For numerical error by stage, see `etendue accuracy`.
     """
-    from etendue.present.terminal.progress import trying
-    from etendue.result_files import finite
-    from etendue_lab.losses.study import losses as measure
-    from etendue_lab.losses.terminal import print_losses
-
-    pipeline = given.pipeline()
-    with trying(silent=as_json) as told:
-        found = measure(pipeline, options.installed(), reflectance, runs, seed, None, told)
-    tell(as_json, finite(found.document()), print_losses)

@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, tell
+from etendue.cli.saying import command, later
 
 
 @command("measure")
 @click.argument("picture", type=click.Path(path_type=Path), metavar="PICTURE")
 @click.option(
-    "--edge",
-    "edges",
-    multiple=True,
-    metavar="X,Y,W,H",
-    help="Rectangle that holds one slanted edge, or auto" + options.REPEAT,
+    "--edge", "edges", multiple=True, metavar="X,Y,W,H", help="Rectangle that holds one slanted edge, or auto"
 )
-@click.option(
-    "--star", "stars", multiple=True, metavar="X,Y,R", help="Centre and radius of a Siemens star" + options.REPEAT
-)
+@click.option("--star", "stars", multiple=True, metavar="X,Y,R", help="Centre and radius of a Siemens star")
 @click.option(
     "--cycles",
     type=click.IntRange(8, 400),
     metavar="N",
     help="Number of star periods per turn; counted if omitted.",
 )
-@click.option("--noise", multiple=True, metavar="X,Y,W,H", help="Rectangle that holds a uniform patch" + options.REPEAT)
+@click.option("--noise", multiple=True, metavar="X,Y,W,H", help="Rectangle that holds a uniform patch")
 @click.option(
     "--chart",
     metavar="X0,Y0,..,X3,Y3",
@@ -66,9 +59,8 @@ from etendue.cli.saying import command, tell
     metavar="FILE",
     help="Write the photograph with the measured regions outlined: .png, .svg or .pdf.",
 )
-def measure(
-    picture: Path, pitch: str | None, as_json: bool, output: Path | None, shown: Path | None, **words: Any
-) -> None:
+@later("etendue_lab.measure.terminal:measure_command")
+def measure() -> None:
     """Measure a photograph of your own with the same methods as simulated ones; each metric has a 95 % interval.
 
     MTF of slanted edges and Siemens stars, noise of uniform patches, colour differences of a ColorChecker. Regions are
@@ -77,30 +69,3 @@ def measure(
 
     Exit codes: 0 done, 2 invalid request, or a region does not show what it should.
     """
-    from etendue.contract.values.units import UnitError, to_unit
-    from etendue.errors import RequestError
-    from etendue.present.plots.plot import check_suffix
-    from etendue_lab.measure import study
-    from etendue_lab.measure.drawn import drawn
-    from etendue_lab.measure.terminal import print_photograph
-
-    try:
-        length = None if pitch is None else to_unit(options.number(pitch), "um")
-    except UnitError as error:
-        raise RequestError(f"--pitch {error}") from None
-    if length is not None and not length > 0:
-        raise RequestError(f"--pitch {pitch}: must be a length greater than 0, such as 4um")
-    asked = study.MeasurementRequest(**words, pitch=length)
-    if output is not None:
-        check_suffix(output)
-        if (asked.noise or asked.chart) and not (asked.edges or asked.stars):
-            raise RequestError("-o: only edges and stars have curves; give --edge or --star")
-    if shown is not None:
-        check_suffix(shown)
-    document = study.measure(picture, asked)
-    plot = None if output is None else study.curves(document)
-    if plot is not None and output is not None:
-        plot.save(output)
-    if shown is not None:
-        drawn(picture, document).save(shown)
-    tell(as_json, document, print_photograph)

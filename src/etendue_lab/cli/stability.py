@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-
 import click
 
 from etendue.cli import options
-from etendue.cli.saying import command, say, show
+from etendue.cli.saying import command, later
 
 
 @command("stability")
@@ -15,7 +13,8 @@ from etendue.cli.saying import command, say, show
 @click.option("--all", "every", is_flag=True, help="Show every case, not just the worst of each law.")
 @options.WORKERS
 @options.JSON
-def stability(stages: tuple[str, ...], every: bool, workers: int | None, as_json: bool) -> None:
+@later("etendue_lab.stability.terminal:stability_command")
+def stability() -> None:
     """Test stages at numerically hard inputs: they must compute, or refuse with a clear message.
 
     Every installed stage, plugins included, is run at the ends and corners of every range that it declares, at zero and
@@ -27,14 +26,3 @@ def stability(stages: tuple[str, ...], every: bool, workers: int | None, as_json
 
     Exit codes: 0 all passed, 1 a check failed, 2 invalid request.
     """
-    from etendue_lab.stability.rows import counts, document, groups, single
-    from etendue_lab.stability.study import stability as check
-    from etendue_lab.stability.terminal import print_stability, trying
-
-    with trying() as told:
-        rows = check(stages, workers or 0, told)
-    if as_json:
-        say(document(rows))
-    else:
-        show(print_stability, single(rows) if every else groups(rows), every, counts(rows))
-    sys.exit(1 if any(row.ok is False for row in rows) else 0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import sys
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -18,12 +19,16 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from etendue.cli import options
+from etendue.cli.saying import say, show
 from etendue.present.pictures.crops import Strip, strip
 from etendue.present.terminal.terminal import escape
 from etendue.present.terminal.work_precision import Point, work_precision
-from etendue.result_files import finite, write_whole
+from etendue.result_files import check_folder, finite, write_whole
+from etendue_lab.compare.axis import parse_axis
 from etendue_lab.compare.compared import FIGURES, ComparedRow
 from etendue_lab.compare.study import Comparison
+from etendue_lab.compare.study import compare as measure
 
 PLOT, CROPS = "error_against_time.png", "crops.png"
 MOST_CROPS = 9
@@ -297,3 +302,27 @@ def csv_text(found: Comparison) -> str:
 
 def _json(found: Comparison) -> str:
     return json.dumps(document(found), indent=1, allow_nan=False) + "\n"
+
+
+def compare_command(
+    given: options.Given,
+    way: options.Way,
+    axis: str,
+    repeat: int,
+    noise_free: bool,
+    no_mtf50: bool,
+    output: Path | None,
+) -> None:
+    pipeline = given.pipeline()
+    how, progress = way.options(), options.progress(way.silent)
+    along = parse_axis(axis, options.number)
+    folder = output or Path(
+        f"{pipeline.name}-compare-{along.key.removesuffix('.use').removeprefix('camera.').replace('.', '_')}"
+    )
+    found = measure(pipeline, along, repeat, noise_free, how, progress, not no_mtf50, lambda: check_folder(folder))
+    files = write_files(found, folder)
+    if way.as_json:
+        say({**document(found), "files": [str(path) for path in files]})
+    else:
+        show(print_comparison, found, files)
+    sys.exit(3 if found.failed or found.lacking else 0)

@@ -7,11 +7,16 @@ Out: a table for each channel: metric, measured, interval, expected.
 from __future__ import annotations
 
 import math
+import sys
 from typing import Any
 
 from rich.table import Table
 
+from etendue.cli import options
+from etendue.cli.saying import tell
+from etendue.errors import RequestError
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue_lab.emva.study import of_archive, of_pipeline
 
 NAMES = {
     "gain": "system gain K",
@@ -88,3 +93,14 @@ def _text(row: dict[str, Any], name: str) -> str:
     if value is None or math.isnan(value):
         return ""
     return f"{scale * value:.0f}" if 1e3 <= abs(scale * value) < 1e7 else f"{scale * value:.4g}"
+
+
+def emva_command(given: options.Given, pixels: int, as_json: bool) -> None:
+    if given.file.is_dir():
+        if given.settings:
+            raise RequestError("--set: cannot change an archive; give its pipeline file instead")
+        found = of_archive(given.file, options.installed())
+    else:
+        found = of_pipeline(given.pipeline(), options.installed(), pixels, None, options.progress(as_json))
+    tell(as_json, found.document(), print_emva)
+    sys.exit(3 if any(channel.why for channel in found.channels) else 0)

@@ -8,7 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.cli import options
+from etendue.cli.saying import tell
 from etendue.present.terminal.terminal import _out, _print_whole, escape
+from etendue.result_files import finite
+from etendue_lab.information.study import information as measure
 
 KINDS = {"photons": "shot noise alone, no blur", "blur": "blurs", "noise": "adds noise"}
 
@@ -101,3 +105,20 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
 
 def _ratio(found: float, predicted: float) -> str:
     return f"{found / predicted:.3f}" if predicted else "-"
+
+
+def information_command(
+    given: options.Given,
+    reflectance: float,
+    contrast_ratio: float,
+    size: float,
+    object_contrast: float,
+    frames: int,
+    as_json: bool,
+) -> None:
+    progress = options.progress(as_json)
+    pipeline = given.pipeline()
+    found = measure(
+        pipeline, options.installed(), reflectance, contrast_ratio, size, object_contrast, frames, None, progress
+    )
+    tell(as_json, finite(found.document()), print_information)

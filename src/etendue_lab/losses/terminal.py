@@ -8,7 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.cli import options
+from etendue.cli.saying import tell
+from etendue.present.terminal.progress import trying
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.result_files import finite
+from etendue_lab.losses.study import losses as measure
 
 PAIRS = 3  # number of listed pairs with the strongest interactions
 
@@ -49,3 +54,10 @@ def print_losses(document: dict[str, Any]) -> None:
 
 def _error(row: dict[str, Any], orders: int) -> str:
     return "" if not orders or row["standard_error"] is None else f" +- {row['standard_error']:.1g}"
+
+
+def losses_command(given: options.Given, reflectance: float, runs: int, seed: int, as_json: bool) -> None:
+    pipeline = given.pipeline()
+    with trying(silent=as_json) as told:
+        found = measure(pipeline, options.installed(), reflectance, runs, seed, None, told)
+    tell(as_json, finite(found.document()), print_losses)

@@ -7,9 +7,18 @@ Out: a table each for edges, stars, noise and the chart.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
+from etendue.contract.units import UnitError, to_unit
+
+from etendue.cli import options
+from etendue.cli.saying import tell
+from etendue.errors import RequestError
+from etendue.present.plots.plot import check_suffix
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue_lab.measure import study
+from etendue_lab.measure.drawn import drawn
 
 FLAGS = {
     "above_nyquist": "above Nyquist",
@@ -154,3 +163,28 @@ def _text(value: float, digits: int = 3) -> str:
     if value is None or math.isnan(value):
         return ""
     return "inf" if math.isinf(value) else f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
+
+
+def measure_command(
+    picture: Path, pitch: str | None, as_json: bool, output: Path | None, shown: Path | None, **words: Any
+) -> None:
+    try:
+        length = None if pitch is None else to_unit(options.number(pitch), "um")
+    except UnitError as error:
+        raise RequestError(f"--pitch {error}") from None
+    if length is not None and not length > 0:
+        raise RequestError(f"--pitch {pitch}: must be a length greater than 0, such as 4um")
+    asked = study.Asked(**words, pitch=length)
+    if output is not None:
+        check_suffix(output)
+        if (asked.noise or asked.chart) and not (asked.edges or asked.stars):
+            raise RequestError("-o: only edges and stars have curves; give --edge or --star")
+    if shown is not None:
+        check_suffix(shown)
+    document = study.measure(picture, asked)
+    plot = None if output is None else study.curves(document)
+    if plot is not None and output is not None:
+        plot.save(output)
+    if shown is not None:
+        drawn(picture, document).save(shown)
+    tell(as_json, document, print_photograph)

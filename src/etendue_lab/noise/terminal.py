@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.cli import options
+from etendue.cli.saying import tell
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue_lab.noise.study import noise as measure
 
 
 def print_noise(document: dict[str, Any]) -> None:
@@ -80,3 +83,9 @@ def _found(row: dict[str, Any]) -> str:
 def _ratio(row: dict[str, Any]) -> str:
     """Return measured over predicted."""
     return f"{row['found'] / row['predicted']:.3f}" if row["predicted"] else ""
+
+
+def noise_command(given: options.Given, reflectance: float, frames: int, as_json: bool) -> None:
+    pipeline = given.pipeline()
+    found = measure(pipeline, options.installed(), reflectance, frames, None, options.progress(as_json))
+    tell(as_json, found.document(), print_noise)

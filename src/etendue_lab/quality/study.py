@@ -200,19 +200,6 @@ def write(result: IdealComparison, folder: Path) -> None:
             old.unlink()
 
 
-def pictures_of(name: str) -> Show:
-    """Return a function that draws camera, ideal camera and their difference."""
-
-    def show(number: int, at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
-        from etendue_lab.quality.terminal import side_by_side
-
-        where = ", ".join(f"{key} = {_cell(value)}" for key, value in at.items())
-        picture = side_by_side(shot.xyz(), ideal.xyz(), shown, shot.to_xyz.sum(axis=1), f"{name}  {where}".strip())
-        return f"quality_{number:03d}.png", picture
-
-    return show
-
-
 # -- running ------------------------------------------------------------------------------------------------------
 
 

@@ -7,7 +7,10 @@ Out: a table; a PNG.
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Mapping
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +18,14 @@ from etendue.contract.drawn import Drawn
 from rich.console import Console
 from rich.table import Table
 
+from etendue.cli import options
+from etendue.cli.saying import tell
 from etendue.present.pictures.appearance import Appearance, rendered
 from etendue.present.terminal.terminal import _out, _table, escape, short_axes
 from etendue_camera.seen import of_channel
+from etendue_lab.quality.figures import Shot
+from etendue_lab.quality.study import Show, _cell, write
+from etendue_lab.quality.study import quality as measure
 
 COLUMNS = (
     ("psnr_linear", "PSNR linear", ".2f"),
@@ -171,3 +179,43 @@ def _known(value: Any) -> bool:
 
 def _axis(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def pictures_of(name: str) -> Show:
+    """Return a function that draws camera, ideal camera and their difference."""
+
+    def show(number: int, at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
+        where = ", ".join(f"{key} = {_cell(value)}" for key, value in at.items())
+        picture = side_by_side(shot.xyz(), ideal.xyz(), shown, shot.to_xyz.sum(axis=1), f"{name}  {where}".strip())
+        return f"quality_{number:03d}.png", picture
+
+    return show
+
+
+def quality_command(
+    given: options.Given,
+    way: options.Way,
+    samples_per_degree: float,
+    without: tuple[str, ...],
+    keep: tuple[str, ...],
+    pictures: int,
+    output: Path | None,
+) -> None:
+    pipeline, leave_out = given.pipeline(), not given.nothing_left_out
+    found = measure(
+        pipeline,
+        options.installed(),
+        samples_per_degree,
+        without,
+        keep,
+        leave_out,
+        way.options(),
+        options.progress(way.silent),
+        pictures_of(pipeline.name) if output else None,
+        output,
+        pictures,
+    )
+    if output:
+        write(found, output)
+    tell(way.as_json, found.document(), print_quality)
+    sys.exit(3 if found.failed else 0)

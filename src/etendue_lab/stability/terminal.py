@@ -6,6 +6,7 @@ Out: a table; a line for each failure; the counts.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -13,7 +14,10 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from etendue.cli.saying import say, show
 from etendue.present.terminal.terminal import _out, _table, escape
+from etendue_lab.stability.rows import counts, document, groups, single
+from etendue_lab.stability.study import stability as check
 
 COLUMNS = (
     ("stage, law and worst case", "left"),
@@ -85,3 +89,13 @@ def trying() -> Iterator[Callable[[int, int, str], None]]:
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("starting", total=None)
         yield lambda done, total, name: progress.update(task, completed=done, total=total, description=name[:24])
+
+
+def stability_command(stages: tuple[str, ...], every: bool, workers: int | None, as_json: bool) -> None:
+    with trying() as told:
+        rows = check(stages, workers or 0, told)
+    if as_json:
+        say(document(rows))
+    else:
+        show(print_stability, single(rows) if every else groups(rows), every, counts(rows))
+    sys.exit(1 if any(row.ok is False for row in rows) else 0)

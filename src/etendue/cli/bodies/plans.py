@@ -1,0 +1,55 @@
+"""``plan``, and the plan of what the command line says."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from etendue.cli.options import Given, installed
+from etendue.cli.saying import say, show
+from etendue.plan.planner import make_plan, summary, without_collecting
+from etendue.run.machine import check_machine
+from etendue.run.peak_memory import peak_memory, workers_of
+from etendue.run.schedulers import check_scheduler
+
+
+def pipeline_of(given: Given) -> Any:
+    """What is asked for: the file, and what the command line says of it."""
+    pipeline = given.pipeline()
+    if (
+        given.want and pipeline.keep is not None and pipeline.wanted is not None
+    ):  # what is requested now is kept, whatever the file keeps
+        pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
+    if not given.nothing_left_out:
+        return pipeline
+    from etendue.accuracy.reference import reference_of
+
+    return reference_of(pipeline, installed()).pipeline
+
+
+def planned(given: Given, quiet: bool, pipeline: Any = None) -> Any:
+    """Its plan; on a terminal the planning is seen, if it takes long."""
+    pipeline = pipeline or pipeline_of(given)
+    if quiet or not sys.stderr.isatty():
+        return make_plan(pipeline, installed(), not given.nothing_left_out)
+    from etendue.present.terminal.progress import planning
+
+    with planning() as told:
+        return make_plan(pipeline, installed(), not given.nothing_left_out, told)
+
+
+def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> None:
+    here = Path.cwd()  # a plugin may change it
+    count = workers_of(check_scheduler(scheduler), workers or 0)
+    with without_collecting():  # until the end: collecting the garbage of a discarded plan takes as long as printing it
+        made = planned(given, as_json)
+        document = summary(made, peak_memory(made, count).bytes)
+        if as_json:
+            say(document)
+        else:
+            from etendue.present.terminal.terminal import print_plan
+
+            show(print_plan, document)
+        check_machine(made, here / made.pipeline.name, count)

@@ -1,0 +1,70 @@
+"""``run`` and ``rerun``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from etendue.archive import places
+from etendue.archive.records.rerun import recorded
+from etendue.cli.bodies.plans import pipeline_of, planned
+from etendue.cli.options import Given, Way, from_here, progress
+from etendue.cli.saying import say, show, tell
+from etendue.present.terminal.terminal import outcome_document, print_outcome
+from etendue.run.schedulers import far
+from etendue.session import check_timeout, execute
+from etendue.telling import printable
+
+
+def run(given: Given, way: Way, archive: Path | str | None, measure: bool, hold: float | None, **how: Any) -> None:
+    here = Path.cwd()  # a plugin may change it
+    if hold is not None and (given.tolerance is not None or given.nothing_left_out):
+        raise click.UsageError("--hold finds the tolerance: omit --tolerance and --nothing-left-out")
+    options, watched = way.options(**how), progress(way.quiet)
+    check_timeout(options)
+    pipeline = pipeline_of(given)
+    place = from_here(here, archive or Path(pipeline.name))
+    if measure or hold is not None:
+        from etendue.cli.bodies import measured as errors
+    with places.writing(place, far(way.scheduler)) as folder:
+        held = errors.held(pipeline, hold, folder, options, watched) if hold is not None else None
+        made = planned(given, way.silent, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
+        _warn(made, way)
+        measurement = errors.measurement(made, options, watched) if measure and not held else None
+        outcome = execute(made, folder, options, watched(made) if watched else None)
+        measured = errors.measured(measurement, folder, made) if measurement and not held else None
+        if held:
+            measured = errors.kept(held, folder, made)
+    outcome = places.placed(outcome, folder, place)
+    if way.as_json:
+        say({**outcome_document(outcome), **(measured or {})})
+    else:
+        show(print_outcome, outcome)
+        if measured:
+            from etendue.present.terminal.global_error import print_global_error
+
+            show(print_global_error, measured)
+    sys.exit(3 if outcome.failed else 0)
+
+
+def rerun(place: Path | str, way: Way, **how: Any) -> None:
+    place = from_here(Path.cwd(), place)  # a plugin may change it
+    options, watched = way.options(**how), progress(way.quiet)
+    check_timeout(options)
+    with places.writing(place, far(way.scheduler)) as folder:
+        made = planned(Given(folder), way.silent, recorded(folder).pipeline(options.most_cells))
+        _warn(made, way)
+        outcome = execute(made, folder, options, watched(made) if watched else None)
+    outcome = places.placed(outcome, folder, place)
+    tell(way.as_json, outcome_document(outcome), lambda _: print_outcome(outcome))
+    sys.exit(3 if outcome.failed else 0)
+
+
+def _warn(made: Any, way: Way) -> None:
+    if not way.as_json:
+        for text in made.warnings:
+            click.echo(f"note: {printable(text)}", err=True)
