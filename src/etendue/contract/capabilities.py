@@ -75,7 +75,7 @@ class Summed(Transfer):
         """(channel, band)."""
 
     def segment_error(
-        self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str
+        self, before: tuple[Transfer, ...], facts: Any, grid: Mapping[str, Grid], precision: str
     ) -> tuple[float | None, str]:
         """Its error behind the stages that are joined before it."""
         return self.error(facts, grid, precision)

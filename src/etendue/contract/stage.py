@@ -16,7 +16,7 @@ import stat
 import typing
 from collections.abc import Callable, Mapping
 from functools import cache, lru_cache
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from etendue.contract.dims import UNDECLARED, dim
 from etendue.contract.facts import UNKNOWN, Facts
@@ -26,6 +26,9 @@ from etendue.contract.parameter import Parameter
 from etendue.contract.variables import Declaration, parse_declaration
 from etendue.plugins import discovery
 from etendue.plugins.discovery import table_file
+
+if TYPE_CHECKING:
+    from etendue.arrays import Array
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -96,29 +99,29 @@ class Stage:
         """Whether random numbers are the same whatever the parameter values are."""
         return False
 
-    def grid(self, inputs: Any) -> Mapping[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
         """{variable: Grid} where the grid changes, from {port: Grid}."""
         return {}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         """Tables and matrices, once per (parameters, coordinates)."""
         return None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """What is known of what it writes, from {port: Facts} and {port: Grid}."""
         return UNKNOWN
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+    def error(self, facts: Any, grid: Mapping[str, Grid], precision: str) -> tuple[float | None, str]:
         """A bound relative to full scale, and how it is known: proved, fitted, measured. Literals:
         ``error = proved(2e-7, 4e-16)``.
         """
         return None, "unknown"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         """What a user should know about these values."""
         return []
 
-    def warn_among(self, others: Any) -> list[str]:
+    def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
         """The same about the stages of the pipeline: classes by the name of their use."""
         return []
 

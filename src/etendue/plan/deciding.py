@@ -105,7 +105,7 @@ class Decider:
             self.chosen[whole if seen.looked else place] = known
         return known
 
-    def error(self, draft: Draft, stage: Stage, facts: Any) -> tuple[float | None, str]:
+    def error(self, draft: Draft, stage: Stage, facts: Mapping[str, Facts]) -> tuple[float | None, str]:
         """What a stage states of its error, in the place of the draft's own."""
         node, grids = draft.node, draft.form.input_grids
         if not node.segment or not isinstance(stage, Summed):

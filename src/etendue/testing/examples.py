@@ -6,10 +6,12 @@ Out: the example of each, where nobody says one a plain one of its own.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract import dims
 from etendue.contract.capabilities import Sheet, Summed, Transfer
 from etendue.contract.grid import Coordinate, Labels, Line
@@ -32,7 +34,7 @@ class BlurAndSum(Summed):
     def transfer(self, fy: Any, fx: Any, band: Any, prepared: Any) -> Any:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return np.stack([np.linspace(low, 1.0, coordinates[dims.banded(coordinates)].size) for low in (0.1, 0.5, 0.9)])
 
     def weights(self, prepared: Any) -> Any:

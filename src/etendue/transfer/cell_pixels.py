@@ -11,11 +11,10 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from etendue.arrays import Array, FloatArray
 from etendue.transfer.cells import (
     BLOCK,
-    Array,
     Axis,
-    FloatArray,
     Reach,
     Transfer,
     factors_of,

@@ -11,9 +11,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from etendue.arrays import FloatArray
+
 FEW = 64  # outputs for each row of a transform, up to which two matrix products are cheaper than an inverse transform
 
-FloatArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
 
 

@@ -6,13 +6,15 @@ Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; a variable's nam
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, XYZ, Grid, Haloed, Labels, measured, param
+from etendue.api import RGB, XYZ, Facts, Grid, Haloed, Labels, measured, param
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.colour import matrices
 from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -93,10 +95,10 @@ class Display(Displaying, Haloed):
     def to_xyz(self) -> Any:
         return primaries_to_xyz(self.display)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_linear": inputs["xyz_scene"].replace(channel=RGB)}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         if self.display not in MEASURED:
             return np.linalg.inv(space_to_xyz(self.display))
         # The cones are no exact mixture of the colour-matching functions: rows are scaled so that white stays white.
@@ -127,7 +129,7 @@ class _Cones(Haloed):
     def assumes(self) -> dict[str, Any]:
         return {"the display": self.display}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return primaries_to_cones(self.display)
 
 
@@ -140,7 +142,7 @@ class ToCones(_Cones):
     writes: ClassVar = {"lms": "channel y x [1]"}
     creates: ClassVar = {"channel": LMS}
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"lms": inputs["rgb_linear"].replace(channel=LMS)}
 
     def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
@@ -159,7 +161,7 @@ class FromCones(_Cones, Displaying):
     def to_xyz(self) -> Any:
         return primaries_to_xyz(self.display)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_linear": inputs["lms"].replace(channel=RGB)}
 
     def run(self, lms: Any, prepared: Any) -> dict[str, Any]:
@@ -193,10 +195,10 @@ class ToXyz(Haloed):
     def assumes(self) -> dict[str, Any]:
         return {"the display": "ebu" if self.matrix in PRINTED else self.matrix}
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"xyz_display": inputs["rgb_linear"].replace(channel=XYZ)}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return PRINTED[self.matrix] if self.matrix in PRINTED else primaries_to_xyz(self.matrix)
 
     def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
@@ -259,6 +261,6 @@ class Decode(_Encoding):
             return {"rgb_linear": transfer.gamma_signed(rgb_display, 1 / self.exponent)}
         return {"rgb_linear": (transfer.srgb_decode if self.encoding == "sRGB" else transfer.bt709_decode)(rgb_display)}
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         steep = max(1.0, 1 / self.exponent) if self.encoding == "power" else 2.4
         return steep * (1e-6 if precision == "float32" else 2e-15), "measured"

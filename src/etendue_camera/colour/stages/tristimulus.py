@@ -6,6 +6,7 @@ Out: ``xyz_scene``; what becomes of it on a display is in ``display.py``.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -15,6 +16,7 @@ import numpy as np
 from etendue import require
 from etendue.api import XYZ, Grid, Haloed, Labels, Viewed, fitted, measured, param, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.colour import matrices
 from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
 from etendue_camera.mosaic import white_balance
@@ -77,7 +79,7 @@ class ColourFit(Collecting):
                 "peak above 0, or leave colour_fit out"
             )
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         if self.reflectances != "ColorChecker":
             spectra.require_shares("reflectances", self.reflectances)
         edges, channels = inputs["white_radiance"].bands().edges, len(self.channels)
@@ -91,7 +93,7 @@ class ColourFit(Collecting):
             )
         return {"colour_matrix": Grid.of({"component": XYZ, "channel": Labels(self.channels)})}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         centres = coordinates["wavelength"] * np.diff(coordinates["wavelength_edges"])
         response = quantum_efficiency(self, edges) * centres
@@ -138,7 +140,7 @@ class ColourFit(Collecting):
             "directions_floored": np.array(float(fit.undetermined)),
         }
 
-    def warn(self, facts: Any, grids: Any) -> list[str]:
+    def warn(self, facts: Any, grids: Mapping[str, Grid]) -> list[str]:
         few = {1: "pictures are luminance in the colour of the white", 2: "colours between its two are guessed"}
         count, edges = len(self.channels), grids["white_radiance"].bands().edges
         said: list[str] = []
@@ -178,7 +180,7 @@ class CameraToXyz(Haloed):
     brightness: str = quantity("brightness")
     highlights: str = param("neutral", choices=("neutral", "keep"), doc="what becomes of clipped channels")
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         found = {port: tuple(inputs[port]["channel"].values()) for port in ("rgb_camera", "white", "colour_matrix")}
         if len(set(found.values())) > 1:
             text = ", ".join(f"{port} {' '.join(map(str, names))}" for port, names in found.items())
@@ -236,7 +238,7 @@ class Balance(Viewed, Haloed):
         if self.target not in MEASURED and self.target not in spectra.rgb_space_names():
             spectra.check_illuminant(self.target, TABLE_EDGES[0], TABLE_EDGES[-1])
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return white_of(self.target)
 
     def assumes(self) -> dict[str, Any]:

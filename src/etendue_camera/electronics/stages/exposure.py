@@ -7,6 +7,7 @@ Out: ``expected_charge`` and ``charge``, electron, (y, x).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -97,7 +98,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
             "expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)
         }
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float | None, str]:
         """Of rounding. Without the pattern of the dark current, of which the mean is kept: the share of the variance of
         any pixel that it would bring, since every pixel has at least the shot noise of its dark charge."""
         rounding = 2e-7 if precision == "float32" else 1e-15
@@ -107,7 +108,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         odds = variance * float(self.dark_charge(ends(self.integration_time)[1])) / mean
         return rounding + (odds / (1 + odds) if math.isfinite(odds) else 1.0), "proved"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Between the darkest and the brightest light, each by a pattern of six sigma: one pixel in 1e9 lies beyond."""
         light = facts["photocurrent"]
         if light.low is None or light.high is None:
@@ -180,11 +181,11 @@ class ShotNoise(Sampled, Noisy, Haloed):
     def mean(self, expected_charge: Any) -> dict[str, Any]:
         return {"charge": expected_charge}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """The expected value stays as it is."""
         return facts["expected_charge"]
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Total variation from Poisson, not an error of the mean: largest where the form begins; at the seam of
         common draws too.
         """
@@ -222,7 +223,7 @@ class FullWell(Well, Bounded, Datasheet):
         away = (self.well() - facts.high) / sigma
         return sigma * math.exp(-0.5 * away**2) / self.well(), "the light stays below the full well"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         known, capacity = facts["charge"], self.well()
         return Facts(
             uniform=known.uniform,

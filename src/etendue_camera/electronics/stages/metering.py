@@ -6,6 +6,7 @@ Out: ``integration_time``, s, of one exposure or of each frame. Stages behind ta
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -68,7 +69,7 @@ class Meter(GainChain):
         level = metering.metered_level(photocurrent, self.metering, self.quantile)
         return metering.metered_time(level, share * self.saturation(), self.ev_bias, self.shortest, self.longest)
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """The ends between which it finds a time."""
         if self.metering != "exposure_value":
             return Facts(low=self.shortest, high=self.longest)
@@ -101,10 +102,10 @@ class Bracket(Stage):
     def __post_init__(self) -> None:
         require.that(self.brackets, "brackets = [] leaves no exposure; [0] is the integration time itself")
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"integration_time": Grid.of({"frame": Labels(tuple(range(len(self.brackets) * self.repeats)))})}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         low, high = ends(self.integration_time)
         return Facts(low=low * 2.0 ** min(self.brackets), high=high * 2.0 ** max(self.brackets))
 

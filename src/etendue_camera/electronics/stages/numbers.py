@@ -7,6 +7,7 @@ Out: scalars, each at the axes that reach it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from etendue.api import measured, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.constants import LUMINOUS_EFFICACY
 from etendue_camera.electronics import amplifier, dynamic_range, metering
 from etendue_camera.electronics.stages.gain_chain import GainChain, analogue_gain
@@ -174,7 +176,7 @@ class ExposureNumbers(NoiseFloor, Collecting):
     f_number: float = quantity("f_number")
     integration_time: float = quantity("integration_time")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         lumens = LUMINOUS_EFFICACY * spectra.luminous_efficiency(edges) * np.diff(edges)
         return electrons_per_irradiance(self, edges), lumens, edges

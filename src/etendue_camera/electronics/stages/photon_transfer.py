@@ -6,6 +6,7 @@ Out: signal and variance by channel and level, the line through them, figures wi
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -78,7 +79,7 @@ class PhotonTransfer(Stage):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         frames = inputs["raw"]["frame"].size
         if frames < self.repeats:
             raise ValueError(

@@ -7,6 +7,7 @@ Out: ``raw``, DN, and ``mosaic_linear``, 1 where pixels saturate.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -68,7 +69,7 @@ class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
         quiet = self.read_noise == 0 and self.read_noise_after == 0 and self.dsnu == 0
         return (0.0, "there is no read noise and no offset pattern") if quiet else None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["charge"]
 
 
@@ -139,7 +140,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
         quiet = self.row_pattern == self.column_pattern == self.row_noise == self.column_noise == 0
         return (0.0, "there is no pattern of rows or columns") if quiet else None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """The expected value stays as it is, but for the fixed patterns, which no bound holds."""
         return facts["charge"] if self.row_pattern == self.column_pattern == 0 else Facts()
 
@@ -179,7 +180,7 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
     def mean(self, charge: Any) -> dict[str, Any]:
         return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
-    def warn(self, facts: Facts, grid: Any) -> list[str]:
+    def warn(self, facts: Facts, grid: Mapping[str, Grid]) -> list[str]:
         sigma = self.read_sigma()
         wide = sigma * self.dn_per_electron()
         if self.black_level >= 4 * wide:
@@ -192,7 +193,7 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
             f"{math.ceil(4 * wide)} DN hold it"
         ]
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Half a step, of the range from black to white."""
         return 0.5 / (2**self.bits - 1 - self.black_level), "proved"
 

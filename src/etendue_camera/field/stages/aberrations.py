@@ -7,12 +7,14 @@ Out: ``irradiance``, blurred. It holds diffraction already: in a pipeline it tak
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, cast
 
 import numpy as np
 
 from etendue.api import Banded, Facts, Grid, param
+from etendue_camera.arrays import Array
 from etendue_camera.field import blur, node_grids
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.stages.illumination import farthest, nearest
@@ -146,7 +148,7 @@ class Aberrations(Blur, Aberrated, Banded):
                 )
         return PsfBank(np.asarray(heights), np.asarray(wavelengths), pictures, spacing, "Seidel wavefront")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         y, x, bands = (
             coordinates["y_um"],
             coordinates["x_um"],
@@ -175,7 +177,7 @@ class Aberrations(Blur, Aberrated, Banded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared.take(bands)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
             raise ValueError(
@@ -202,11 +204,11 @@ class Aberrations(Blur, Aberrated, Banded):
     def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:
         return {"irradiance": blur.apply(irradiance, prepared)}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         own = facts["irradiance"]
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """The accuracy asked for, what the bank leaves out between its heights and wavelengths, and the cells of the
         pupil.
         """
@@ -230,5 +232,5 @@ class Aberrations(Blur, Aberrated, Banded):
             1.0, self.accuracy + coarse + between + colours + cells + (1e-6 if precision == "float32" else 0.0)
         ), "fitted"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())

@@ -7,12 +7,14 @@ Out: ``irradiance``, each place with the factor of its angle or of a table.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, measured, param
+from etendue_camera.arrays import Array
 from etendue_camera.field.stages.illumination import Dimming, by_curves, farthest, nearest
 from etendue_camera.field.stages.tables import FieldTable, field_table
 from etendue_camera.light import radiometry
@@ -89,7 +91,7 @@ class Falloff(Dimming, Banded, Bounded):
             return {"the fall-off": ("that of", self.table)}
         return {"the fall-off": (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return self.rows().curves(coordinates["wavelength"]) if self.model == "table" else np.ones((1, 1))
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
@@ -106,10 +108,10 @@ class Falloff(Dimming, Banded, Bounded):
         low, high = self.bounds(grid)
         return max(1.0 - low, high - 1.0), "the field is so small that fall-off stays below this at the corner"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=self.model != "table")
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if self.model != "table":
             return []
         corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()

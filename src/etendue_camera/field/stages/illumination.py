@@ -7,12 +7,14 @@ Out: ``irradiance``, weaker away from the axis.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, Line, measured, param
+from etendue_camera.arrays import Array
 from etendue_camera.field import illumination
 from etendue_camera.field.stages.tables import FieldTable, field_table
 from etendue_camera.optics.stages.conjugates import Conjugates
@@ -99,11 +101,11 @@ class Vignetting(Dimming, Banded, Bounded):
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
         return 1.0 - float(self.relative(farthest(grid))), "the rim takes no more than this from the beam of the corner"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         lowest = float(self.relative(farthest(grid["irradiance"])))
         return facts["irradiance"].scaled(lowest, 1.0)
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if float(self.relative(farthest(grids["irradiance"]))) > 0:
             return []
         return [
@@ -179,7 +181,7 @@ class AngularResponse(Dimming, Banded, Bounded):
     def does_nothing(self) -> bool:
         return not self.table and self.power == 0
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return self.rows().curves(coordinates["wavelength"]) if self.table else np.ones((1, 1))
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
@@ -197,14 +199,14 @@ class AngularResponse(Dimming, Banded, Bounded):
         low, high = self.bounds(grid)
         return max(1.0 - low, high - 1.0), "the response stays this close to that on the axis"
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return (
             facts["irradiance"]
             if self.does_nothing()
             else facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.table)
         )
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if not self.table:
             return []
         radii = np.linspace(0.0, farthest(grids["irradiance"]), 257)

@@ -6,10 +6,11 @@ Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Grid, Haloed, Labels, Stage, measured, param, quantity
+from etendue.api import RGB, Facts, Grid, Haloed, Labels, Stage, measured, param, quantity
 from etendue_camera.mosaic import any_mask, bilinear, directional
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import bayer_order, first_pixel, mask_of
@@ -101,7 +102,7 @@ class DemosaicDirectional(_Demosaic, Haloed):
         doc="mean differences below it, 1 at clipping, say nothing about direction",
     )
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Roundings add to what the floor hides: where two greens on flat ground differ by a tenth of full scale,
         say.
         """
@@ -135,7 +136,7 @@ class DemosaicAny(Haloed):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_camera": inputs["mosaic_linear"].replace(channel=Labels(mask_of(self.pattern).channels))}
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:

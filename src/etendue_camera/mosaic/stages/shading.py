@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Haloed, measured, param, quantity
+from etendue.api import Bounded, Facts, Grid, Haloed, Stage, measured, param, quantity
 from etendue.contract.stage import file_state
 from etendue_camera.field import illumination
 from etendue_camera.field.stages.falloff import Falloff
@@ -174,7 +174,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         fall_off = (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))
         return {"the fall-off": fall_off, "the response by angle": ("power", self.power)}
 
-    def warn_among(self, others: Any) -> list[str]:
+    def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
         rims = [name for name, kind in others.items() if kind.role == Vignetting.role]
         if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and rims:
             return [
@@ -183,7 +183,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             ]
         return []
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if self.strength == 0:
             return []
         notes, grid = [], grids["mosaic_linear"]

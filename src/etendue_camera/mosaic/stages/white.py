@@ -9,6 +9,7 @@ Out: ``white`` (channel), the camera's linear signal that is shown as display wh
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from etendue import require
 from etendue.api import Grid, Haloed, Labels, measured, param, proved, quantity
+from etendue_camera.arrays import Array
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.mosaic import white_balance
@@ -46,10 +48,10 @@ class White(GainChain, Collecting):
     render_exposure: float = quantity("render_exposure")
     integration_time: float = quantity("integration_time")
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"white": Grid.of({"channel": Labels(self.channels)})}
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         return electrons_per_irradiance(self, edges), edges
 
@@ -118,7 +120,7 @@ class WhiteEstimate(KnownNoise):
             f"{', '.join(channels)}",
         )
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"white": _same_channels(inputs["true_white"], self.pattern, "white")}
 
     def run(self, mosaic_linear: Any, true_white: Any, y: Any, x: Any) -> dict[str, Any]:
@@ -185,7 +187,7 @@ class BalanceMosaic(Haloed):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         channels = _same_channels(inputs["white"], self.pattern, "white")
         return {"white": channels, "balance_gains": channels}
 

@@ -7,6 +7,7 @@ Out: ``irradiance``, every point of it split into four, or two.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from etendue.api import Facts, Grid, Transfer, measured, param
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.optics import filters
 from etendue_camera.optics.stages.lens import Blur
 
@@ -44,7 +46,7 @@ class Birefringent(Blur, Transfer):
         "wavelength",
     )
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         if not self.dispersion:
             return np.ones(1), np.ones(1)
         edges = tuple(coordinates["wavelength_edges"])
@@ -63,7 +65,7 @@ class Birefringent(Blur, Transfer):
             return 0.0, "nothing is split"
         return (0.0, "the scene is uniform: splitting changes nothing") if facts.uniform else None
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         if self.dispersion:
             spectra.require_rows(self.dispersion, grids["irradiance"].bands().edges)
         return []

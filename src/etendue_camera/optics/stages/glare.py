@@ -6,6 +6,7 @@ Out: ``irradiance``: the same light, some of it elsewhere.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -47,7 +48,7 @@ class Glare(Blur, Transfer):
             return 0.0, "the scene is uniform: scatter changes nothing"
         return (1 + self.gain) * (self.fraction + self.veil), "no more of the light than this is moved"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         grid = grids["irradiance"]
         line = min((grid.line(dim) for dim in ("y", "x")), key=lambda one: one.size * one.step)
         outside = self.fraction * float(1 - glare.tail_within(0.5 * line.size * line.step, self.radius, self.power))

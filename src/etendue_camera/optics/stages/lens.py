@@ -7,6 +7,7 @@ Out: ``irradiance``, blurred.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -16,6 +17,7 @@ import numpy as np
 from etendue.api import Bounded, Facts, Grid, Transfer, measured, param
 from etendue.contract.stage import file_state
 from etendue.transfer.sampling import on_unique_rows
+from etendue_camera.arrays import Array
 from etendue_camera.optics import annulus, lens
 from etendue_camera.optics.stages.conjugates import Cone
 from etendue_camera.optics.undershoot import undershoot
@@ -46,7 +48,7 @@ class Blur(Bounded):
             return 0.0, "the scene is uniform: blur changes nothing"
         return None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """A uniform plane stays as it is. Another may leave its range a little where the grid cuts the transfer
         function off.
         """
@@ -79,7 +81,7 @@ class Diffraction(Blur, Cone, Transfer):
             lambda rows: annulus.annular_otf(np.hypot(rows, fx), wavelength, number, self.obstruction), fy
         )
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())
 
 
@@ -134,7 +136,7 @@ class LensPsf(Blur, Transfer):
         doc="radial frequencies at which the transform is evaluated; linear between them",
     )
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return _radial_table(self.file, file_state(self.file))
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
@@ -142,7 +144,7 @@ class LensPsf(Blur, Transfer):
         nodes = np.linspace(0.0, float(radial.max()), self.nodes)
         return np.interp(radial, nodes, lens.radial_psf_otf(nodes, *prepared))
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Of straight lines between nodes: an eighth of their distance squared times the second derivative of the
         transfer function.
 

@@ -7,6 +7,7 @@ Out: scalars, each at the axes that reach it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from etendue.api import Stage, param, proved, quantity
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.constants import LUMINOUS_EFFICACY
 from etendue_camera.light import radiometry
 from etendue_camera.optics import diffraction, focus
@@ -121,7 +123,7 @@ class Illuminance(Stage):
 
     grey: float = param(0.18, above=0, at_most=1, doc="reflectance of the grey diffuser")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         return LUMINOUS_EFFICACY * spectra.luminous_efficiency(edges) * np.diff(edges)
 

@@ -7,7 +7,7 @@ Out: ``irradiance``, blurred. It holds diffraction already: in a pipeline it tak
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, cast
@@ -16,6 +16,7 @@ import numpy as np
 
 from etendue.api import Facts, Grid, Transfer, param, quantity
 from etendue.transfer.sampling import on_unique_rows
+from etendue_camera.arrays import Array
 from etendue_camera.optics import annulus, focus, imaging, pupil, wavefront
 from etendue_camera.optics.stages.conjugates import Cone
 from etendue_camera.optics.stages.lens import Blur, too_coarse
@@ -204,7 +205,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         """Whether a round wavefront is so smooth that Gauss's rule is cheaper than cells, and exact."""
         return self.round and self.steepness <= ROUND_WAVES[self.obstruction > 0] * shortest
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         """Tables by wavelength: (wavelengths um, nodes or None, values), or nothing where they would be too large."""
         bands = np.asarray(coordinates["wavelength"], dtype=float) * 1e-3
         if self.flat:
@@ -284,7 +285,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         place = outline.place(fy + 0.0 * fx, fx + 0.0 * fy)
         return lambda nu: outline.at(2.0 * nu, place)
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Of the transform pair, and rms over scenes by how the transfer function is found (points and edges:
         `benchmarks/pupil.py`).
         """
@@ -301,7 +302,7 @@ class Wavefront(Blur, Aberrated, Transfer):
             1.0, own + slope * max(1.0, self.steepness / shortest) * (128 / self.samples(shortest)) ** 2
         ), "fitted"
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         grid: Grid = grids["irradiance"]
         notes = too_coarse(facts, grid, self.cone_f_number() / self.shape().reach())
         if not self.flat and not facts.uniform:

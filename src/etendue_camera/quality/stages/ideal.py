@@ -11,6 +11,7 @@ mosaic is given one plane after the other, each as the mosaic of a sensor with o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -49,7 +50,7 @@ class NoMask(_HandedOn):
     def run(self, photon_rate: Any) -> dict[str, Any]:
         return {"photocurrent": photon_rate.copy()}
 
-    def warn_among(self, others: Any) -> list[str]:
+    def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
         if self.crosstalk != "through_filter":
             return []
         mixing = [kind for kind in others.values() if kind.role == CROSSTALK]
@@ -117,7 +118,7 @@ class CrosstalkPlanes(Crosstalk):
         kernel = channel_kernels(prepared[0] * white_irradiance, prepared[1], self.beyond)
         return {"photon_rate": diffuse_planes(photon_rate, kernel, mask_of(self.pattern))}
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         found, channels = tuple(inputs["photon_rate"]["channel"].values()), mask_of(self.pattern).channels
         if found != channels:
             raise ValueError(
@@ -126,5 +127,5 @@ class CrosstalkPlanes(Crosstalk):
             )
         return {}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["photon_rate"] if self.crosstalk == "per_plane" else Facts()

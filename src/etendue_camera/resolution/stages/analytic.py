@@ -14,7 +14,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from etendue.api import ChannelTransfer, Labels, Probe, param, quantity
+from etendue.api import ChannelTransfer, Facts, Grid, Labels, Probe, param, quantity
 from etendue.contract.capabilities import ends_in_sum
 from etendue_camera.resolution import contrast as resolution
 from etendue_camera.resolution import two_points
@@ -314,7 +314,7 @@ class Resolution(Probe):
         """Nodes of the splines."""
         return self.nodes if self.solved else 2 * self.nodes
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Largest of all figures, relative of frequencies and separations: by splines, crossings of them, and the
         integral of a point.
 

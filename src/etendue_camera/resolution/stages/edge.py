@@ -8,13 +8,13 @@ Out: measured MTF50 with its interval, the analytic one along the same normal, t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Labels, param
+from etendue.api import Facts, Grid, Labels, param
 from etendue_camera.resolution import contrast
 from etendue_camera.resolution.stages import curves
 from etendue_camera.resolution.stages.analytic import (
@@ -312,7 +312,7 @@ class EdgeProbe(PictureProbe):
         gain = gains(pixel, half, 0.5 / self.pixel_pitch, self.highest)
         return gain, half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Of a noise-free edge before the mosaic; with noise the interval says more. Of what the transfer functions
         say, by the nodes.
         """

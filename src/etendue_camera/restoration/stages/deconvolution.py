@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, param
+from etendue.api import Facts, Grid, Stage, param
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.restoration import deconvolution
 from etendue_camera.restoration.stages.figures import (
@@ -130,7 +130,7 @@ class Wiener(Inverse):
         gain = self.response(system, *deconvolution.frequencies(*picture.shape[-2:]))
         return deconvolution.apply(picture, gain), gain
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         return (5e-7 if precision == "float32" else 1e-15) * self.largest_gain + self.table_error(), "measured"
 
 
@@ -196,7 +196,7 @@ class RichardsonLucy(Inverse):
         )
         return estimate, transfer, done
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Rounding grows with each iteration, more so about the edges that total variation makes; where the end
         falls hangs on all.
         """

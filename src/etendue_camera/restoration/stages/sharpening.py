@@ -6,6 +6,7 @@ Out: the same variable. What knows the camera's transfer function is in ``deconv
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -27,7 +28,7 @@ class Laplacian(Stage):
 
     strength: float = param(0.15, at_least=0, at_most=4, doc="k of identity + k L; the paper's picture has 1")
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 3e-15) * (1 + 16 * self.strength), "proved"
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -122,7 +123,7 @@ class Unsharp(Bounded, Haloed):
     def halo(self) -> int:
         return sharpening.gaussian_taps(self.radius).size // 2
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         return (4e-7 if precision == "float32" else 2e-15) * (1 + 2 * self.amount), "measured"
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:

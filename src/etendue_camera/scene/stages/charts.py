@@ -7,6 +7,7 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
 from etendue.contract.bounds import MOST_BANDS, MOST_POINTS, beyond
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_camera.scene import charts, composite
 
@@ -144,7 +146,7 @@ class Scene(Source, Banded):
         """With what the ideal chart is drawn: rms width of a Gaussian and side of the cells, um."""
         return self.softness_um(getattr(self, "softness", 0.0)), self.cell
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         said = []
         if self.white_luminance > 0:
             said += spectra.luminance_notes(self.illuminant, self.wavelength_from, self.wavelength_to)
@@ -152,11 +154,11 @@ class Scene(Source, Banded):
             said.append("without softness nothing limits the band of its edges; give it some, or light = 'cells'")
         return said
 
-    def error(self, facts: Facts, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Facts, grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Tables are interpolated to 1 nm: 1.2e-4 in the chromaticity of D65 at 10 nm bins."""
         return 1.2e-4 * self.bin_width / 10, "measured"
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])
         if self.radiance > 0:
             return spectra.light_of_radiance(self.illuminant, edges, self.radiance)
@@ -318,14 +320,14 @@ class _Coloured(Scene):
 
     working: ClassVar = 1.1
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.colorchecker(edges)[1]
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[0][bands], prepared[1][:, bands]
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         return [
             *super().warn(facts, grids),
             *spectra.held_in_the_infrared("ColorChecker", self.wavelength_from, self.wavelength_to),

@@ -8,13 +8,15 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, param
+from etendue.api import Facts, Grid, param
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.scene import composite
 from etendue_camera.scene.stages.charts import Scene, softness_knob
 
@@ -62,14 +64,14 @@ class PatchChart(Scene):
         columns = self.across or _squarest(count, self.width / self.height)
         return -(-count // columns), min(columns, count)
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         rows = spectra.csv_rows(self.reflectances)[1]
         return [
             *super().warn(facts, grids),
             *spectra.held_note(self.reflectances, rows, self.wavelength_from, self.wavelength_to),
         ]
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
 

@@ -6,6 +6,7 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -66,7 +67,7 @@ class DeadLeaves(Scene):
         self.chart()
         return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else float("inf"))
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         said = super().warn(facts, grids)
         if self.smallest < self.spacing:
             said.append(
@@ -75,7 +76,7 @@ class DeadLeaves(Scene):
             )
         return said
 
-    def error(self, facts: Facts, grid: Grid, precision: str) -> tuple[float, str]:
+    def error(self, facts: Facts, grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """Largest error of a sample against 32-fold painting, and that of the tables."""
         worst = SOFT_ERROR if self.softness >= 1 else HARD_ERROR
         crowded = max(1.0, FEW_SAMPLES * self.spacing / self.smallest)

@@ -7,6 +7,7 @@ Out: ``photocurrent``; the transfer functions between channels.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -14,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Bounded, ChannelTransfer, Facts, Grid, param
+from etendue_camera.arrays import Array
 from etendue_camera.sensor import crosstalk, crosstalk_planes, silicon
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 from etendue_camera.sensor.stages.sensitivity import Collecting, electrons_per_irradiance
@@ -52,7 +54,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         "where that is all",
     )
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         edges = tuple(float(e) for e in coordinates["wavelength_edges"])
         return electrons_per_irradiance(self, edges), tables_of(self, edges)
 
@@ -81,10 +83,10 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
             return 0.0, "the light is uniform and the sensor has one channel"
         return None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         return facts["photocurrent"] if self.crosstalk == "per_plane" else Facts()
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         """What goes farther than the largest kernel, counted where it lacks and where it is put; the transforms'
         rounding.
         """

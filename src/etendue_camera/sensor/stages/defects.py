@@ -6,12 +6,14 @@ Out: the same with its defects, and the map of them, which nothing in a camera k
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Sampled, measured, param, proved, quantity
+from etendue_camera.arrays import Array
 from etendue_camera.electronics import amplifier
 from etendue_camera.sensor import defects
 
@@ -46,7 +48,7 @@ class Defects(Sampled):
     )
     file: str = param("", file=True, doc="CSV list of defective pixels: row,column,kind")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         entries = defects.read_list(self.file) if self.file else ()
         return defects.listed_map(entries, coordinates["y"], coordinates["x"])
 
@@ -95,7 +97,7 @@ class StuckPixels(Sampled):
     )
     file: str = param("", file=True, doc="CSV list of defective pixels: row,column,kind")
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         entries = defects.read_list(self.file) if self.file else ()
         return defects.listed_map(entries, coordinates["y"], coordinates["x"])
 

@@ -6,6 +6,7 @@ Out: ``photocurrent`` (y, x), electron/s.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -33,7 +34,7 @@ class Mosaic(Haloed):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         planes, channels = inputs["photon_rate"], mask_of(self.pattern).channels
         found = tuple(planes["channel"].values())
         if found != channels:
@@ -43,7 +44,7 @@ class Mosaic(Haloed):
             )
         return {"photocurrent": planes.take(("y", "x"))}
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Values of one plane or another: in the range of them all."""
         return Facts(low=facts["photon_rate"].low, high=facts["photon_rate"].high)
 

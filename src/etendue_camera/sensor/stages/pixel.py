@@ -7,16 +7,18 @@ Out: ``photon_rate`` (channel, y, x), electron/s, on the pixel grid.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from etendue import require
-from etendue.api import Bounded, Facts, Grid, Labels, Line, Summed, Transfer, measured, param, quantity
+from etendue.api import Bounded, Facts, Grid, Labels, Line, Stage, Summed, Transfer, measured, param, quantity
 from etendue.contract.stage import state_of
 from etendue.transfer.sampling import on_unique_rows
 from etendue_camera import spectra
+from etendue_camera.arrays import Array
 from etendue_camera.roles import CROSSTALK, InSilicon
 from etendue_camera.sensor import photodiode, silicon
 from etendue_camera.sensor.stages import missing
@@ -83,11 +85,11 @@ class Diffusion(Transfer, Bounded, InSilicon):
             )
         return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """As for every blur: only a uniform plane is sure to stay in its range."""
         return facts["irradiance"] if facts["irradiance"].uniform else Facts(uniform=facts["irradiance"].uniform)
 
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def error(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str) -> tuple[float, str]:
         table = 1e-12 * (4096 / self.nodes) ** 4 if self.nodes else 0.0
         return table + (1e-6 if precision == "float32" else 2e-14), "fitted" if table else "measured"
 
@@ -164,7 +166,7 @@ class Pixel(Collecting, Summed):
             f"as many or more, or 0",
         )
 
-    def grid(self, inputs: Any) -> dict[str, Grid]:
+    def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         light = inputs["irradiance"]
         down = _Extent(self.rows, self.sensor_height, self.first_row, self.window_rows, "rows", "sensor_height")
         across = _Extent(
@@ -208,7 +210,7 @@ class Pixel(Collecting, Summed):
             )
         return Line(size, float(first), 1.0, "1", (start, self.pixel_pitch))
 
-    def prepare(self, coordinates: Any) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return electrons_per_irradiance(self, tuple(coordinates["wavelength_edges"]))
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
@@ -224,7 +226,9 @@ class Pixel(Collecting, Summed):
     def weights(self, prepared: Any) -> Any:
         return prepared
 
-    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def segment_error(
+        self, before: tuple[Transfer, ...], facts: Mapping[str, Facts], grid: Mapping[str, Grid], precision: str
+    ) -> tuple[float, str]:
         """With what an expansion and the frequencies left out take from the light: of what the scene holds, where that
         is known; else of light equally strong in every band, at the frequency where that is most."""
         bound, how = self.error(facts, grid, precision)
@@ -255,7 +259,7 @@ class Pixel(Collecting, Summed):
     def kept(self) -> float:
         return self.kept_frequencies
 
-    def carry(self, facts: Any, grid: Any) -> Facts:
+    def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
         """Charge between that of the darkest and of the brightest light, in any channel."""
         light = facts["irradiance"]
         if light.content is None or light.low is None or light.high is None:
@@ -265,7 +269,7 @@ class Pixel(Collecting, Summed):
         below, above = weights @ np.array(low), weights @ np.array(high)
         return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()))
 
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         edges = grids["irradiance"].bands().edges
         return [
             *unused_notes(self),
@@ -275,7 +279,7 @@ class Pixel(Collecting, Summed):
             *self._charge_under_other_filters(facts, grids),
         ]
 
-    def warn_among(self, others: Any) -> list[str]:
+    def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
         if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in others.values()):
             return []
         return [
