@@ -11,3 +11,5 @@ from typing import Any
 Document = dict[str, Any]  # texts, numbers, truth, nothing, and lists and documents of them
 DocumentView = Mapping[str, Any]  # the same, to be read
 Scalar = str | float | bool | None  # of a document
+AxisValue = Scalar | tuple[Scalar, ...]
+Place = Mapping[str, AxisValue]  # a value for each of some axes

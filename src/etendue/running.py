@@ -23,6 +23,7 @@ from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
 
 if TYPE_CHECKING:
+    from etendue.arrays import Array
     from etendue.session import Options
 
 Cut = Callable[[Mapping[CellRef, Job], float], list[Batch]]  # jobs into batches of about so many seconds
@@ -43,8 +44,8 @@ class Running:
         self.work, self.plan, self.shown, self.keeper, self.progress = work, work.plan, shown, keeper, progress
         self.looks = thumbnails.looks(self.plan, shown.values()) if keeper.draws else {}
         self.reports = Reports(self.plan)
-        self.arrays: dict[CellRef, dict[str, Any]] = {}
-        self.small: dict[CellRef, dict[str, Any]] = {}
+        self.arrays: dict[CellRef, dict[str, Array]] = {}
+        self.small: dict[CellRef, dict[str, Array]] = {}
         self.earlier: list[CellRef] = []
 
     def compute(self, options: Options, cut: Cut) -> None:
@@ -131,7 +132,7 @@ class Running:
         lost = [ref for ref, state in states.items() if state in ("failed", "skipped")]
         return small_maps.all_drawn(chosen, figures, lost)
 
-    def standing(self) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self) -> Mapping[CellRef, dict[str, Array]]:
         """The arrays of all that was computed, where they stand; of shown cells of earlier runs their figures."""
         self.arrays.update(self.keeper.stored(self.there, figures_only=True))
         return self.keeper.standing(self.arrays)

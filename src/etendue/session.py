@@ -19,6 +19,7 @@ from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import CellReport, Keeper, Progress
 from etendue.contract.registry import installed_stages
 from etendue.contract.tables import SHARED
+from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.file import (
     Pipeline,
@@ -44,6 +45,7 @@ from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, run_batches
 
 if TYPE_CHECKING:
+    from etendue.arrays import Array
     from etendue.running import Running
 
 
@@ -86,7 +88,7 @@ class Outcome:
     archive: Path | str | None = None
     tree: Any = None
     pictures: list[Path] = field(default_factory=list)
-    arrays: Mapping[CellRef, dict[str, Any]] = field(default_factory=dict)
+    arrays: Mapping[CellRef, dict[str, Array]] = field(default_factory=dict)
     shown_at: str = ""  # axis values of the cells in the pictures and headlines
     removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
     pruned: int = 0  # finished cells removed because it was asked for
@@ -118,7 +120,7 @@ class Outcome:
 class Collected:
     """Arrays of the cells that were asked for, and what became of all that were computed."""
 
-    arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
+    arrays: dict[CellRef, dict[str, Array]] = field(default_factory=dict)
     reports: dict[CellRef, CellReport] = field(default_factory=dict)
 
 
@@ -134,7 +136,7 @@ class _Silent:
     def end(self) -> None: ...
 
 
-def load(source: str | Path | Mapping[str, Any] | Source, overrides: Mapping[str, Any] | None = None) -> Pipeline:
+def load(source: str | Path | DocumentView | Source, overrides: DocumentView | None = None) -> Pipeline:
     """A pipeline from a file, TOML text or mapping, or one that was read or written in Python."""
     if isinstance(source, Source):
         return overridden(source.written(), overrides) if overrides else source.written()
@@ -283,7 +285,7 @@ def check_timeout(options: Options) -> None:
 
 @called
 def simulate(
-    pipeline: str | Path | Mapping[str, Any] | Source,
+    pipeline: str | Path | DocumentView | Source,
     *,
     archive: str | Path | None = None,
     want: str | Iterable[str] | None = None,
@@ -317,7 +319,7 @@ def simulate(
     >>> float(tree["exposure_report"]["clipped_fraction"].max()) < 1
     True
     """
-    overrides: dict[str, Any] = {}
+    overrides: Document = {}
     for name, value in parameters.items():
         key = name.replace("__", ".")
         if hasattr(value, "tolist"):

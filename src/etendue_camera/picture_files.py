@@ -21,6 +21,7 @@ import numpy as np
 from etendue import plain_files, require
 from etendue.contract.bounds import beyond
 from etendue.process import unwarned
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour_notes import colour_note, exif_note, png_note
 
 MOST_DIRECTORIES = 10_000  # of a TIFF file
@@ -220,7 +221,7 @@ def _plain(path: str) -> FilePicture:
     return FilePicture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note, table)
 
 
-def _steps(tables: Any, turn: int) -> Any:
+def _steps(tables: Any, turn: int) -> FloatArray | None:
     """The first quantisation table of a JPEG, as the picture stands when it is upright."""
     if not tables or len(tables.get(0, ())) != 64:
         return None
@@ -346,7 +347,7 @@ def _check_kind(path: str, page: Any, colours: str) -> None:
     )
 
 
-def _opaque(path: str, values: Any, full: float) -> Any:
+def _opaque(path: str, values: Array, full: float) -> Array:
     """(rows, columns, 1 or 3): samples without a channel that says where they are transparent, as none may be."""
     values = values[..., None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
@@ -359,7 +360,7 @@ def _opaque(path: str, values: Any, full: float) -> Any:
     return values
 
 
-def _by_pillow(path: str) -> Any:
+def _by_pillow(path: str) -> Array:
     """8-bit values of a TIFF file whose coding only Pillow knows; it turns them upright itself."""
     from PIL import Image
 

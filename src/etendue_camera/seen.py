@@ -11,20 +11,21 @@ import numpy as np
 
 from etendue.contract.drawn import Drawn
 from etendue_camera import spectra
+from etendue_camera.arrays import FloatArray
 from etendue_camera.colour import matrices
 from etendue_camera.sensor import cfa
 
 TO_RGB = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
 
 
-def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
+def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> FloatArray:
     """(3, wavelength): bands as an eye sees them, whose edges are in nm; numbers as their mean."""
     return (
         TO_RGB @ (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T if drawn.linear else _mean(len(edges) - 1)
     )
 
 
-def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
+def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> FloatArray | None:
     """(3, channel): tristimulus values as a viewer sees them who is adapted to their white; red, green and blue as
     they are.
     """
@@ -49,5 +50,5 @@ def of_pattern(text: str) -> tuple[tuple[str, ...], dict[str, tuple[float, float
     return mask.rows, {channel: cfa.tint(channel) for channel in mask.channels}
 
 
-def _mean(planes: int) -> Any:
+def _mean(planes: int) -> FloatArray:
     return np.full((3, planes), 1 / planes)

@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.optimize import brentq
 
+from etendue.documents import Document
+
 ROUNDING = 3e-15  # errors below are those of 64 bits
 LARGEST = 0.1  # errors above do not converge yet
 PLATEAU = 0.9  # errors that fall by less have ended falling
@@ -121,7 +123,7 @@ def front(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]],
     return chosen
 
 
-def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most: int) -> list[dict[str, Any]]:
+def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most: int) -> list[Document]:
     """Combinations of settings worth a trial, from the finest to the cheapest, none twice.
 
     For every price of error each knob takes by itself the setting with the least seconds + price x error: where errors
@@ -133,7 +135,7 @@ def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most
     choices : by knob: (setting, error, seconds)
     most : combinations
     """
-    found: dict[tuple[tuple[str, int], ...], dict[str, Any]] = {}
+    found: dict[tuple[tuple[str, int], ...], Document] = {}
     for exponent in np.linspace(16, -4, 201):
         price = 10.0**exponent
         best = {}
@@ -150,7 +152,7 @@ def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most
             best[knob] = min(within, key=lambda i: own[i][2])
         found.setdefault(tuple(sorted(best.items())), {knob: choices[knob][i][0] for knob, i in best.items()})
 
-    def error_of(settings: dict[str, Any]) -> float:
+    def error_of(settings: Document) -> float:
         return sum(
             next(error for setting, error, _ in choices[knob] if setting == own) for knob, own in settings.items()
         )

@@ -16,6 +16,7 @@ from etendue.accuracy.measuring import Measured, Measurement, from_document
 from etendue.accuracy.pilot import MOST
 from etendue.archive.remembered import recall, remember
 from etendue.contract.registry import Registry
+from etendue.documents import Document, DocumentView, Place
 from etendue.pipeline.file import Pipeline
 from etendue.plan.keys import digest
 from etendue.plan.model import Plan
@@ -42,13 +43,13 @@ class Held:
     seconds: float = 0.0
     remembered: bool = False
     key: str = ""
-    places: tuple[Mapping[str, Any], ...] = ()
+    places: tuple[Place, ...] = ()
 
     @property
     def held(self) -> bool:
         return not self.missed
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         return {
             "asked": self.asked,
             "tolerance": self.tolerance,
@@ -132,7 +133,7 @@ def _equal(one: Plan, other: Plan) -> bool:
     return one.precision == other.precision and all(cell.key == other.cells[ref].key for ref, cell in one.cells.items())
 
 
-def _remembered(document: Mapping[str, Any] | None, asked: float, norm: str) -> Held | None:
+def _remembered(document: DocumentView | None, asked: float, norm: str) -> Held | None:
     """What an earlier run has found; None where it is no such thing."""
     try:
         if document is None:

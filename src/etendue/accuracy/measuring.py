@@ -24,6 +24,7 @@ from etendue.contract.capabilities import has_no_mean
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.contract.variables import variable as known
+from etendue.documents import Document, DocumentView, Place
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.ancestry import behind
@@ -52,7 +53,7 @@ class GlobalError:
     max: float | None
     scale: float | None
     how: str
-    at: Mapping[str, Any] = field(default_factory=dict)
+    at: Place = field(default_factory=dict)
     linear: tuple[float | None, float | None] | None = None
     why: str = ""
     below: float = 0.0  # so much the reference itself may be wrong by
@@ -74,7 +75,7 @@ class Measured:
     seconds: float  # thread time of the runs
     remembered: bool = False  # from an earlier run
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """As it is remembered."""
         errors = {name: {**asdict(error), "at": dict(error.at)} for name, error in self.errors.items()}
         return {"errors": errors, "cells": self.cells, "seconds": self.seconds}
@@ -85,7 +86,7 @@ class Measured:
         return max((e.rms for e in self.errors.values() if e.rms is not None), default=None)
 
 
-def from_document(document: Mapping[str, Any]) -> Measured | None:
+def from_document(document: DocumentView) -> Measured | None:
     """What was remembered; None where it has another form."""
     try:
         errors = {
@@ -224,10 +225,10 @@ class Measurement:
                     asked.setdefault(linear[0], set()).add(linear[1])
         return asked
 
-    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, Mapping[str, Any]]]:
+    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, Place]]:
         """The cells of a stage at the places, each once, and their axis values."""
         axes = [plan.axis(dim) for dim in plan.node(stage).axes]
-        found: dict[CellRef, Mapping[str, Any]] = {}
+        found: dict[CellRef, DocumentView] = {}
         for place in self.places:
             ref = (stage, tuple(axis.values.index(place[axis.dim]) for axis in axes))
             found.setdefault(ref, {axis.key: place[axis.dim] for axis in axes})
@@ -277,7 +278,7 @@ class Measurement:
         self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any
     ) -> GlobalError:
         """The worst cell of one variable."""
-        worst: tuple[Difference, CellRef, Mapping[str, Any]] | None = None
+        worst: tuple[Difference, CellRef, Place] | None = None
         doubt = self.own_error_behind(stage)
         for ref, at in self.cells_of(plan, stage):
             own = _difference(plan, found, self.exact, truth, ref, name)

@@ -11,8 +11,8 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
+from etendue.documents import AxisValue
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Axis
 
@@ -64,14 +64,14 @@ def _halton(number: int, base: int) -> float:
     return found
 
 
-def chosen_places(axes: Sequence[Axis], most: int = MOST) -> tuple[dict[str, Any], ...]:
+def chosen_places(axes: Sequence[Axis], most: int = MOST) -> tuple[dict[str, AxisValue], ...]:
     """The axis values at each place, by dim."""
     categorical = [any(isinstance(value, str | bool) for value in axis.values) for axis in axes]
     found = places([len(a.values) for a in axes], categorical, most)
     return tuple({axis.dim: axis.values[i] for axis, i in zip(axes, place, strict=True)} for place in found)
 
 
-def narrowed(pipeline: Pipeline, axes: Sequence[Axis], chosen: Sequence[dict[str, Any]]) -> Pipeline:
+def narrowed(pipeline: Pipeline, axes: Sequence[Axis], chosen: Sequence[dict[str, AxisValue]]) -> Pipeline:
     """The pipeline with a sweep over the values at some places alone, in the order of the file."""
     sweep = {key: written for key, written in pipeline.sweep.items() if key in {axis.key for axis in axes}}
     for axis in axes:

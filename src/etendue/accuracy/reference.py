@@ -17,6 +17,7 @@ from typing import Any
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
+from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError
 from etendue.pipeline.derived import each, given
 from etendue.pipeline.file import Pipeline, StageEntry
@@ -120,7 +121,7 @@ def reference_of(pipeline: Pipeline, registry: Registry, knobs: Iterable[Knob] |
 def with_settings(pipeline: Pipeline, settings: Mapping[tuple[str, str, str], Any]) -> Pipeline:
     """The pipeline with values for (stage, use, parameter) written in, in its sweep too where it swaps stages."""
 
-    def own(stage: str, use: Any, but: Collection[str] = ()) -> dict[str, Any]:
+    def own(stage: str, use: Any, but: Collection[str] = ()) -> Document:
         return {name: v for (at, of, name), v in settings.items() if (at, of) == (stage, use) and name not in but}
 
     def alternative(stage: str, one: Any) -> Any:
@@ -136,13 +137,13 @@ def with_settings(pipeline: Pipeline, settings: Mapping[tuple[str, str, str], An
     return replace(each(pipeline, lambda entry: given(entry, own(entry.name, entry.use))), sweep=sweep)
 
 
-def _uses(pipeline: Pipeline, entry: StageEntry) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _uses(pipeline: Pipeline, entry: StageEntry) -> Iterator[tuple[str, DocumentView]]:
     """What may stand at an entry, each once, and the values written for it."""
     swapped = pipeline.sweep.get(f"{entry.name}.use")
     if not isinstance(swapped, list | tuple):
         yield entry.use, entry.values
         return
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Document] = {}
     for one in swapped:
         table = {"use": one} if isinstance(one, str) else one
         if isinstance(table, dict) and isinstance(table.get("use"), str):

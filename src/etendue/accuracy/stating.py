@@ -7,16 +7,16 @@ Out: for every wanted variable a number that the worst of its cells hardly excee
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from etendue.accuracy.measuring import Measured
+from etendue.documents import Place
 from etendue.plan.model import CellRef, Plan
 
 MARGIN = 3.0  # times the worst that was measured: a few cells stand for many
 
 
-def stated_elsewhere(plan: Plan, measured: Measured, places: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+def stated_elsewhere(plan: Plan, measured: Measured, places: Sequence[Place]) -> dict[str, float | None]:
     """By variable, rms relative to full scale; None where it is not known, or where every cell was measured.
 
     The bounds of all decisions on the way to a cell are added up; a cell that may be wrong by more than those that were

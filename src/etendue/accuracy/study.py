@@ -19,6 +19,7 @@ from etendue.accuracy.reference import Knob, knobs_of
 from etendue.accuracy.trials import PRECISION, Curve, Effort, Told, Trial, Trials
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
+from etendue.documents import DocumentView, Place
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.file import Pipeline
 from etendue.plan.parameters import Unfit, resolve
@@ -32,7 +33,7 @@ class Accuracy:
     """What came of it."""
 
     pipeline: str
-    at: Mapping[str, Any]  # axis values of the cells
+    at: Place  # axis values of the cells
     curves: list[Curve]
     trials: list[Trial]  # all, the reference first
     frontier: list[Trial]
@@ -44,7 +45,7 @@ class Accuracy:
     verified: list[tuple[float, float | None, str]] = field(
         default_factory=list
     )  # error of the cheapest settings elsewhere
-    verified_at: Mapping[str, Any] = field(default_factory=dict)
+    verified_at: Place = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
@@ -57,7 +58,7 @@ def accuracy(
     most: int = 24,
     told: Told = lambda text: None,
     elsewhere: Pipeline | None = None,
-    verify: Mapping[str, Any] = {},
+    verify: DocumentView = {},
 ) -> Accuracy:
     """Try every knob alone, then combinations.
 

@@ -18,6 +18,7 @@ from etendue.compute.tables import TABLES
 from etendue.contract.dims import banded
 from etendue.contract.registry import Registry
 from etendue.contract.variables import variable as known_variable
+from etendue.documents import DocumentView
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.ancestry import behind
@@ -34,7 +35,7 @@ Told = Callable[[str], None]
 class Trial:
     """One combination of settings, by knob; those that are not named stand at their reference."""
 
-    settings: Mapping[str, Any]
+    settings: DocumentView
     error: float | None  # rms of the wanted variable that is furthest from the reference, relative to full scale
     variable: str  # which that is
     stage_errors: Mapping[str, float | None]  # by knob: at the first picture or figures behind its stage
@@ -101,7 +102,7 @@ class Trials:
         self.notes: list[str] = []
         self.floor = 0.0
 
-    def trial(self, settings: Mapping[str, Any]) -> Trial:
+    def trial(self, settings: DocumentView) -> Trial:
         """A combination, run once or remembered."""
         moved = {k.key: settings[k.key] for k in self.knobs if k.key in settings and settings[k.key] != k.reference}
         name = tuple(sorted(moved.items()))
@@ -127,7 +128,7 @@ class Trials:
         values = {k.key: k.value for k in self.knobs}
         return self.run(own, values)
 
-    def run(self, pipeline: Pipeline, settings: Mapping[str, Any]) -> Trial:
+    def run(self, pipeline: Pipeline, settings: DocumentView) -> Trial:
         try:
             plan = self.measurement.plan(pipeline)
         except RequestError as error:

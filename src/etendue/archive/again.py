@@ -7,16 +7,16 @@ Out: the record of its last run, its pipeline, the digests that its inputs must 
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from etendue.archive import disk
 from etendue.archive.inputs import digest_now
 from etendue.archive.manifest import DATA, digest_of, read_manifest
 from etendue.archive.provenance import is_record, record_paths
 from etendue.contract.bounds import MOST_CELLS, more_values
+from etendue.documents import DocumentView
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import Pipeline, parse_pipeline
 
@@ -28,7 +28,7 @@ class Recorded:
     """One run of an archive: its record and the pipeline it was asked for."""
 
     path: Path
-    record: Mapping[str, Any]
+    record: DocumentView
 
     @property
     def text(self) -> str:

@@ -34,6 +34,7 @@ from etendue.archive.reading import Form, StoredArchive, StoredCell, StoredChunk
 from etendue.archive.shards import Place, Shard, holds, index_bytes, index_size, read_bytes, read_index
 from etendue.archive.tree import ROOT, Tree
 from etendue.contract.ports import Written
+from etendue.documents import Document
 from etendue.errors import ArchiveError
 
 WASTE = 8  # a shard is written anew when more than the eighth of its chunks is nothing
@@ -317,7 +318,7 @@ class Anew:
             journal.set_arrays(before.arrays)
             for path, text in before.records.items():
                 journal.record(path, text)
-            blocks: dict[str, dict[str, dict[str, Any]]] = {}
+            blocks: dict[str, dict[str, Document]] = {}
             for (group, name), form in self.forms.items():
                 words = {"block": list(form.block), "codec": form.codec, "pieces": form.pieces}
                 words |= {"chunk": list(form.chunk)} if form.pieces > 1 else {}

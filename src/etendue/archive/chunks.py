@@ -23,6 +23,7 @@ from etendue.archive.parts import PARTS
 from etendue.archive.pieces import Cutter, Window, joined
 from etendue.archive.shards import Place, fits, part_path, read_bytes, read_index
 from etendue.archive.unfolding import refuse_other_size
+from etendue.arrays import Array
 from etendue.contract.ports import Written
 from etendue.errors import ArchiveError
 
@@ -31,7 +32,7 @@ CODEC, LEVEL = "lz4", 5
 RAW = "raw"  # the kinds of a chunk: CODEC, or as it is in memory
 
 
-def pieces_of(array: Any, codec: str = CODEC) -> tuple[Any, bytes]:
+def pieces_of(array: Array, codec: str = CODEC) -> tuple[Any, bytes]:
     """The body of a chunk (little-endian bytes, blosc with bitshuffle unless raw) and the crc32c behind it."""
     array = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).reshape(-1)
     body: Any = (
@@ -44,13 +45,13 @@ def pieces_of(array: Any, codec: str = CODEC) -> tuple[Any, bytes]:
     return body, int(google_crc32c.value(body)).to_bytes(4, "little")
 
 
-def encode(array: Any, codec: str = CODEC) -> bytes:
+def encode(array: Array, codec: str = CODEC) -> bytes:
     """One chunk."""
     body, checksum = pieces_of(array, codec)
     return bytes(body) + checksum
 
 
-def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) -> Any:
+def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) -> Array:
     """The array of one chunk; raises ``ArchiveError`` where the checksum or the size does not fit."""
     body, checksum = data[:-4], data[-4:]
     if len(data) < 4 or int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
@@ -95,7 +96,7 @@ class CellFiles:
         default_factory=dict
     )  # by shard and slot; None: in its part
 
-    def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
+    def write(self, arrays: Mapping[str, Array]) -> tuple[Written, ...]:
         """Append every chunk to this process's part of its shard."""
         written = list(self.held)
         there = {(file.path, file.slot) for file in self.held}
@@ -122,7 +123,7 @@ class CellFiles:
         """What the cells of a batch have written stands in its files."""
         PARTS.settle(self.root, self.run_id)
 
-    def read(self, variable: str) -> Any:
+    def read(self, variable: str) -> Array:
         """The array of one variable, checked against its checksum."""
         own = [chunk for chunk in self.chunks if chunk.variable == variable]
         if len(own) == 1 and own[0].window is None:
@@ -134,7 +135,7 @@ class CellFiles:
         own = [c for c in self.chunks if c.variable == variable and c.window and c.window[0] == (band, band + 1)]
         return joined(((chunk.window, self._read(chunk)) for chunk in own), [chunk.window for chunk in own])[0]
 
-    def _read(self, chunk: Chunk) -> Any:
+    def _read(self, chunk: Chunk) -> Array:
         found = self.places.get((chunk.path, chunk.slot))
         if found is None:
             raise ArchiveError(f"{chunk.path}: it holds no chunk {chunk.slot}")

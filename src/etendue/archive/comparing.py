@@ -17,6 +17,7 @@ from etendue.archive.differing import Difference, between, together
 from etendue.archive.naming import cell_name
 from etendue.archive.pieces import Cutter
 from etendue.archive.stored import Stored, StoredArrays
+from etendue.arrays import Array
 from etendue.contract.ports import CellReport, Passing, Sheet, Written
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
@@ -43,7 +44,7 @@ class Comparing:
 
     cell: StoredArrays
 
-    def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
+    def write(self, arrays: Mapping[str, Array]) -> tuple[Written, ...]:
         """Hold arrays against the stored ones."""
         found = []
         for variable in self.cell.variables:
@@ -111,12 +112,12 @@ class ComparingKeeper(Passing):
     def place(self, ref: CellRef, variable: str) -> None: ...
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Array]]
+    ) -> Mapping[CellRef, dict[str, Array]]:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
         return {ref: {v: one for v, one in own.items() if (ref[0], v) in self.drawn} for ref, own in arrays.items()}
 
-    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:

@@ -21,6 +21,7 @@ from typing import Any
 from etendue.archive import disk
 from etendue.archive.again import Recorded, every_record
 from etendue.archive.manifest import DATA, Manifest
+from etendue.documents import DocumentView
 from etendue.pipeline.about import About
 from etendue.plan.keys import version_of
 from etendue.plan.model import Node, Plan
@@ -217,9 +218,7 @@ def _run(
         yield from _stage(node, stages, used, run.record["nodes"].get(node.name, {}), about)
 
 
-def _stage(
-    node: Node, stages: list[Node], used: list[str], record: Mapping[str, Any], about: About
-) -> Iterator[Entity]:
+def _stage(node: Node, stages: list[Node], used: list[str], record: DocumentView, about: About) -> Iterator[Entity]:
     one = node.alternatives[0]
     names = " or ".join(dict.fromkeys(a.use for a in node.alternatives))
     kept = {own.name for own in stages}

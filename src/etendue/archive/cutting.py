@@ -23,6 +23,7 @@ from etendue.archive.layout import Layout, VariableLayout
 from etendue.archive.manifest import DATA
 from etendue.archive.pieces import chunk_of, known_chunk, pieces_of, room_of, windows_of
 from etendue.archive.shards import EXTRA, LARGEST, block_of, shards_of
+from etendue.documents import Document, DocumentView
 from etendue.plan.model import Plan
 
 SMALL = 4096  # bytes of a chunk below which compressing takes longer than all else, and saves next to nothing
@@ -36,11 +37,11 @@ def bytes_of(variable: VariableLayout) -> int:
 
 def cut(
     plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]], known: Blocks
-) -> dict[str, dict[str, dict[str, Any]]]:
+) -> dict[str, dict[str, Document]]:
     """Block and codec of every variable; those that are known stay, unless the variable is another one now."""
     noisy = _noisy(plan)
     sizes = {path: tuple(len(values) for values in axes[path].values()) for path in layout.groups}
-    found: dict[str, dict[str, dict[str, Any]]] = {path: {} for path in layout.groups}
+    found: dict[str, dict[str, Document]] = {path: {} for path in layout.groups}
     fresh: list[tuple[str, VariableLayout]] = []
     for path, group in layout.groups.items():
         for variable in group.variables.values():
@@ -101,7 +102,7 @@ def chunk_shapes(
 class Whereabouts:
     """Where the chunks of one variable of a group lie: files and slots by the place of a cell."""
 
-    def __init__(self, path: str, variable: VariableLayout, known: Mapping[str, Any]) -> None:
+    def __init__(self, path: str, variable: VariableLayout, known: DocumentView) -> None:
         self.variable, self.block, self.codec = variable, tuple(known["block"]), known["codec"]
         chunk = known_chunk(variable.shape, known)
         self.windows = windows_of(variable.shape, chunk)

@@ -8,7 +8,6 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from etendue.archive import disk
 from etendue.archive.compact import left_by_compact
@@ -18,6 +17,7 @@ from etendue.archive.manifest import NAME, damaged, read_manifest
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.stored import Stored
+from etendue.documents import Document
 from etendue.errors import ArchiveError
 
 
@@ -38,7 +38,7 @@ def refuse_changed(folder: Path, running: bool) -> None:
         raise damaged(folder, changed)
 
 
-def describe_archive(folder: Path) -> dict[str, Any]:
+def describe_archive(folder: Path) -> Document:
     """Stages with their variables and cells, axes, size, how much of what was asked for is done, and whether a run is
     going on.
 
@@ -81,7 +81,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     }
 
 
-def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[str]) -> list[dict[str, Any]]:
+def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[str]) -> list[Document]:
     """Every stage: its variables, what became of its cells, and how far the last run is with them."""
     counts: dict[str, dict[str, int]] = {}
     for (stage, status), count in journal.said.counts(journal.outdated).items():
@@ -98,7 +98,7 @@ def _stages(folder: Path, listing: disk.Listing, journal: Read, order: Iterable[
     ]
 
 
-def order_of(root: Path, record: dict[str, Any]) -> list[str]:
+def order_of(root: Path, record: Document) -> list[str]:
     """The stages in the order of the pipeline: of two that write the same variable the later one counts."""
     attributes = (disk.read_document(root / "zarr.json") or {}).get("attributes", {})
     own = attributes.get("etendue") if isinstance(attributes, dict) else None
@@ -108,7 +108,7 @@ def order_of(root: Path, record: dict[str, Any]) -> list[str]:
     return list(record["nodes"])
 
 
-def progress(journal: Read, began: str = "") -> dict[str, Any]:
+def progress(journal: Read, began: str = "") -> Document:
     """Of the last run: cells asked for, cells there, and, of one that is going on since ``began``, cells a second
     and seconds left.
     """
@@ -120,7 +120,7 @@ def _ended(journal: Read) -> Mapping[str, int]:
     return Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
 
 
-def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> dict[str, Any]:
+def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> Document:
     """Of the last run: how many cells it was asked for, and how many of them are there or have come to an end."""
     if journal.run is None:
         return {"planned": None, "finished": None}
@@ -160,7 +160,7 @@ def _instant(text: str) -> float:
         return math.inf
 
 
-def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str, Any]]:
+def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[Document]:
     """The arrays of a stage, coordinates aside."""
     found = []
     top = f"data.zarr/{stage}"

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue import plain_files
+from etendue.documents import Document
 from etendue.errors import ArchiveError
 
 PARTIAL = ".partial"
@@ -357,7 +358,7 @@ class Listing:
             yield from self.below(f"{path}/{name}")
 
 
-def read_document(path: Path) -> dict[str, Any] | None:
+def read_document(path: Path) -> Document | None:
     """A JSON object from a file; None where there is none, or it is damaged."""
     try:
         found = json.loads(plain_files.content(path, links=False))

@@ -35,6 +35,7 @@ from etendue.archive.reading import StoredArchive
 from etendue.archive.shards import Shard, index_bytes, index_size
 from etendue.archive.standins import STORE
 from etendue.contract.ports import Written
+from etendue.documents import Document, DocumentView
 
 TABLE = "objects.json"  # which objects belong to an archive: the tag of each as it was put
 PACK = "documents.zip"  # the small ones of these objects once more, for whoever would fetch them all
@@ -264,7 +265,7 @@ def _backed(data: bytes, found: Mapping[str, Found]) -> bytes:
         if one.get("event") == "shard" and one.get("path") in found:
             last[one["path"]] = Shard(one["size"], tuple(tuple(run) for run in one["kept"]))
 
-    def there(one: Mapping[str, Any]) -> bool:
+    def there(one: DocumentView) -> bool:
         if one.get("event") == "shard":
             return one.get("path") in found
         if one.get("event") != "done":
@@ -275,7 +276,7 @@ def _backed(data: bytes, found: Mapping[str, Found]) -> bytes:
     return b"".join(line + b"\n" for line, one in zip(lines, decoded, strict=True) if there(one))
 
 
-def _document(line: bytes) -> dict[str, Any]:
+def _document(line: bytes) -> Document:
     try:
         found = msgspec.json.decode(line)
     except UNFIT:

@@ -11,11 +11,11 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from etendue.archive import disk
 from etendue.archive.manifest import DATA, Manifest
 from etendue.archive.tree import ROOT, Tree
+from etendue.documents import Document, DocumentView
 
 FRAMES = "frames"
 
@@ -43,7 +43,7 @@ def whole(files: Mapping[str, bytes]) -> bool:
     return own.held.items() <= files.items() and attrs.get("digest") == digest(files)
 
 
-def sealed(files: Mapping[str, bytes], attrs: Mapping[str, Any]) -> dict[str, bytes]:
+def sealed(files: Mapping[str, bytes], attrs: DocumentView) -> dict[str, bytes]:
     """The group of some pictures with their digest in it."""
     own = Tree()
     own.put_group(FRAMES, attrs)
@@ -51,7 +51,7 @@ def sealed(files: Mapping[str, bytes], attrs: Mapping[str, Any]) -> dict[str, by
     return own.held
 
 
-def attributes(files: Mapping[str, bytes]) -> dict[str, Any]:
+def attributes(files: Mapping[str, bytes]) -> Document:
     """The attributes of the pictures."""
     try:
         found = json.loads(files.get(f"{FRAMES}/{ROOT}", b"{}"))["attributes"]

@@ -18,6 +18,7 @@ from typing import Any
 
 from etendue.archive.manifest import DATA
 from etendue.contract.grid import Coordinate, Line
+from etendue.documents import DocumentView
 from etendue.plan.keys import digest
 from etendue.plan.model import Cell, CellRef, Node
 
@@ -29,7 +30,7 @@ class Before:
     """
 
     groups: Collection[str] = ()
-    blocks: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
+    blocks: Mapping[str, Mapping[str, DocumentView]] = field(default_factory=dict)
     shard: Callable[[CellRef], str] = lambda ref: ""
 
     def of(self, cells: Sequence[Cell], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:

@@ -21,6 +21,7 @@ from etendue.archive import disk
 from etendue.contract.parameter import Parameter
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import file_behind, file_state, parameters_of
+from etendue.documents import Document, DocumentView
 from etendue.errors import ArchiveError
 from etendue.pipeline import toml
 from etendue.pipeline.file import Pipeline
@@ -75,10 +76,10 @@ class _Resolver:
         self.written[value] = f"../inputs/{name}"
         return self.written[value]
 
-    def table(self, values: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    def table(self, values: DocumentView, own: Mapping[str, Any]) -> Document:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
 
-    def preset(self, table: Mapping[str, Any]) -> dict[str, Any]:
+    def preset(self, table: DocumentView) -> Document:
         """A preset of an axis, with what its name stands for written out: another version may say otherwise."""
         whose = self.pipeline.table
         named = preset(table[whose.preset], whose).values() if whose.preset in table else {}
@@ -107,7 +108,7 @@ def resolve_pipeline(plan: Plan) -> Resolved:
     """The pipeline of a plan with all overrides applied, to be run from ``runs/`` in its archive."""
     pipeline = plan.pipeline
     found = _Resolver(pipeline)
-    document: dict[str, Any] = {"name": pipeline.name}
+    document: Document = {"name": pipeline.name}
     if pipeline.description:
         document["description"] = pipeline.description
     if pipeline.variant:
@@ -216,7 +217,7 @@ def _parts(folder: Path) -> list[str]:
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 
 
-def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+def sweep_of(record: DocumentView, folder: Path) -> DocumentView:
     """The sweep of an earlier run, from its record; nothing where it cannot be read. Files are the copies in the
     archive.
     """

@@ -40,6 +40,7 @@ from etendue.archive.line_forms import (
     of_kind,
 )
 from etendue.archive.shards import Shard
+from etendue.documents import Document, DocumentView
 
 LONGEST_LINE = 32 << 20  # bytes; the longest, that of a record, has some megabytes where axes have 100,000 values
 # Of a damaged line; older versions of msgspec have errors of decoding that are no ``ValueError``.
@@ -66,7 +67,7 @@ class Read:
     axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
     # by group and variable: how it is cut and encoded
-    blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
+    blocks: dict[str, dict[str, Document]] = field(default_factory=dict)
     shards: dict[str, Shard] = field(
         default_factory=dict
     )  # by path below the archive, as they were put in their places
@@ -116,7 +117,7 @@ class Journal:
         if whole != len(data):
             os.ftruncate(self.handle, whole)
 
-    def _append(self, lines: Iterable[dict[str, Any]]) -> None:
+    def _append(self, lines: Iterable[Document]) -> None:
         data = b"".join(summed(self.encoder.encode(line)) + b"\n" for line in lines)
         if data:
             assert self.handle is not None
@@ -203,7 +204,7 @@ class Journal:
         self._append({"event": "arrays", "group": group, "names": sorted(names)} for group, names in fresh.items())
         self.arrays.update(fresh)
 
-    def set_blocks(self, blocks: Mapping[str, Mapping[str, dict[str, Any]]]) -> None:
+    def set_blocks(self, blocks: Mapping[str, Mapping[str, Document]]) -> None:
         """Say how the variables of each group are cut into shards, before any is made: it stays so when axes grow."""
         changed = {
             group: {name: dict(one) for name, one in own.items()}
@@ -314,7 +315,7 @@ def _says_something(line: bytes) -> bool:
     return True
 
 
-def _checked(line: bytes) -> dict[str, Any]:
+def _checked(line: bytes) -> Document:
     """A line as a document.
 
     Raises
@@ -333,7 +334,7 @@ def _checked(line: bytes) -> dict[str, Any]:
     return value
 
 
-def _take(found: Read, value: Mapping[str, Any]) -> None:
+def _take(found: Read, value: DocumentView) -> None:
     """One line; ``ValueError`` or ``TypeError`` where it has not the form of its event."""
     event = value["event"]
     if not set(value) <= FIELDS[event]:
@@ -367,7 +368,7 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
         _take_of_a_cell(found, value)
 
 
-def _take_of_a_cell(found: Read, value: Mapping[str, Any]) -> None:
+def _take_of_a_cell(found: Read, value: DocumentView) -> None:
     """A line that says something of a cell, in whatever form an earlier version has written it."""
     files, a_cell = files_of(value.get("files", ()))
     event, status = value["event"], value.get("status", "done")

@@ -18,11 +18,13 @@ from etendue.archive.accepting import former_of
 from etendue.archive.chunks import CellFiles
 from etendue.archive.store import Archive
 from etendue.contract.ports import CellReport, Sheet
+from etendue.documents import DocumentView
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
 
 if TYPE_CHECKING:
+    from etendue.arrays import Array
     from etendue.session import Options
 
 
@@ -97,7 +99,7 @@ class ArchiveKeeper:
             found.setdefault(name, f"{cells} missing or damaged on disk")
         return found
 
-    def _is_elsewhere(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> bool:
+    def _is_elsewhere(self, old: DocumentView | None, now: DocumentView) -> bool:
         """Whether the archive was begun on another platform, which is refused where it may mix bits."""
         folder, mixed = self.store.folder, not (self.accept_platform or self.recompute)
         way_out = "Go on with its finished cells: --accept-platform; compute all again: --recompute"
@@ -124,8 +126,8 @@ class ArchiveKeeper:
             self.store.starting(refs)
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Array]]
+    ) -> Mapping[CellRef, dict[str, Array]]:
         with self.lock:
             self.store.reported(reports)
         return arrays
@@ -150,7 +152,7 @@ class ArchiveKeeper:
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
-    ) -> dict[CellRef, dict[str, Any]]:
+    ) -> dict[CellRef, dict[str, Array]]:
         """Arrays of finished cells; all that are kept, or plain figures only, or of these those that are named."""
         found, plan = {}, self.store.plan
         for ref in refs:
@@ -161,7 +163,7 @@ class ArchiveKeeper:
             found[ref] = {v: target.read(v) for v in chosen if named is None or v in named}
         return found
 
-    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
@@ -172,7 +174,7 @@ class ArchiveKeeper:
     def _keys(self, refs: Iterable[CellRef]) -> list[str]:
         return [self.store.plan.cells[ref].key for ref in refs]
 
-    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None:
+    def interrupted(self, tables: DocumentView, abandoned: bool) -> None:
         """What is finished can be looked at, and the next run goes on from it."""
         if abandoned:
             self.store.abandon()

@@ -22,6 +22,7 @@ from etendue.archive.naming import Names
 from etendue.archive.pieces import known_chunk
 from etendue.archive.reading import Form
 from etendue.archive.tree import Tree
+from etendue.documents import Document
 from etendue.plan.model import Cell, CellRef, Plan
 
 Slot = tuple[str, int, int]
@@ -72,7 +73,7 @@ class Laid:
         """
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         tree = Tree()
-        attrs: dict[str, Any] = {
+        attrs: Document = {
             "etendue": {"format": 2, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}
         }
         if self.plan.pipeline.variant:

@@ -17,6 +17,7 @@ from etendue.contract import quantities
 from etendue.contract.dims import dim as declared
 from etendue.contract.grid import Bands, Coordinate, Labels, Line
 from etendue.contract.variables import NOT_IN_IT, variable
+from etendue.documents import Document
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Cell, CellRef, Node, Plan
 
@@ -36,7 +37,7 @@ class CoordinateLayout:
 
     dims: tuple[str, ...]
     values: Any
-    attrs: dict[str, Any]
+    attrs: Document
 
 
 @dataclass
@@ -48,7 +49,7 @@ class VariableLayout:
     dims: tuple[str, ...]
     shape: tuple[int, ...]  # of one cell
     dtype: str
-    attrs: dict[str, Any]
+    attrs: Document
     beside: str = ""  # the dim with which it is a coordinate of others
 
 
@@ -62,7 +63,7 @@ class GroupLayout:
     variables: dict[str, VariableLayout]
     coordinates: dict[str, CoordinateLayout]
     cells: Mapping[CellRef, tuple[int, ...]] = field(default_factory=dict)
-    attrs: dict[str, Any] = field(default_factory=dict)
+    attrs: Document = field(default_factory=dict)
 
 
 @dataclass
@@ -70,7 +71,7 @@ class Layout:
     """All groups of a plan, and the group of every cell; ``moves``: what stored groups have to become."""
 
     groups: dict[str, GroupLayout]
-    parents: dict[str, dict[str, Any]]
+    parents: dict[str, Document]
     home: Mapping[CellRef, str]
     moves: dict[str, str] = field(default_factory=dict)
 
@@ -78,7 +79,7 @@ class Layout:
 def layout_of(plan: Plan, before: Before | None = None) -> Layout:
     """The layout of all kept variables of a plan; ``before``: what the archive holds that it goes into."""
     groups: dict[str, GroupLayout] = {}
-    parents: dict[str, dict[str, Any]] = {}
+    parents: dict[str, Document] = {}
     homes: dict[str, str | dict[CellRef, str]] = {}
     moves: dict[str, str] = {}
     for node in plan.nodes:
@@ -153,7 +154,7 @@ def _fill(
                 _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
 
 
-def _flags(name: str, cell: Cell) -> dict[str, Any]:
+def _flags(name: str, cell: Cell) -> Document:
     """Attributes that name the values of a variable, in the words of the CF conventions; a NaN among them stands for
     none.
     """
@@ -239,7 +240,7 @@ def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef,
     group.coordinates[name] = CoordinateLayout((*moving, dim), nested(moving, ()), attrs)
 
 
-def _node_attributes(plan: Plan, node: Node) -> dict[str, Any]:
+def _node_attributes(plan: Plan, node: Node) -> Document:
     one = node.alternatives[0]
     return {
         "stage": [a.use for a in node.alternatives] if len(node.alternatives) > 1 else one.use,

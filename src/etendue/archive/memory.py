@@ -14,7 +14,9 @@ import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
+from etendue.arrays import Array
 from etendue.contract.ports import CellReport, Passing, Sheet
+from etendue.documents import Document
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
 
@@ -24,10 +26,10 @@ class Standing(Mapping[CellRef, dict[str, Any]]):
     is kept.
     """
 
-    def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Any]]) -> None:
+    def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Array]]) -> None:
         self.keeper, self.others = keeper, others
 
-    def __getitem__(self, ref: CellRef) -> dict[str, Any]:
+    def __getitem__(self, ref: CellRef) -> dict[str, Array]:
         if ref in self.others:
             return self.others[ref]
         if ref not in self:
@@ -73,13 +75,13 @@ class MemoryKeeper(Passing):
         return None if path is None or whole is None else whole[self.layout.groups[path].cells[ref]]
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Array]]
+    ) -> Mapping[CellRef, dict[str, Array]]:
         for report in reports:
             self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
         return {ref: self._put(ref, found) for ref, found in arrays.items()}
 
-    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         return Standing(self, others)
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
@@ -88,7 +90,7 @@ class MemoryKeeper(Passing):
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []
 
-    def placed(self, ref: CellRef) -> dict[str, Any]:
+    def placed(self, ref: CellRef) -> dict[str, Array]:
         """The arrays of a cell as they stand in their places."""
         path = self.layout.home.get(ref)
         if path is None:
@@ -97,7 +99,7 @@ class MemoryKeeper(Passing):
         index = group.cells[ref]
         return {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
 
-    def _put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    def _put(self, ref: CellRef, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they
         came).
         """
@@ -117,7 +119,7 @@ class MemoryKeeper(Passing):
 
     def _dataset(self, path: str, layout: GroupLayout) -> xarray.Dataset:
         sizes = tuple(len(values) for values in layout.axes.values())
-        data: dict[str, Any] = {}
+        data: Document = {}
         for variable in layout.variables.values():
             whole, missing = self.whole[path, variable.name], self.missing[path, variable.name]
             if missing.any():

@@ -7,8 +7,8 @@ Out: the name of a cell in the journal; which group it is of, and where it stand
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
+from etendue.documents import Place
 from etendue.plan.model import Cell, CellRef, Plan
 
 Index = tuple[int, ...]
@@ -19,12 +19,12 @@ def cell_name(plan: Plan, ref: CellRef) -> str:
     return cell_label(ref[0], plan.labels(ref))
 
 
-def cell_label(stage: str, labels: Mapping[str, Any]) -> str:
+def cell_label(stage: str, labels: Place) -> str:
     """The name of a cell in the journal."""
     return stage + "".join([_piece(dim, value) for dim, value in labels.items()])
 
 
-def _piece(dim: str, value: Any) -> str:
+def _piece(dim: str, value: float | str) -> str:
     return f" {dim}={value!r}" if isinstance(value, str) else f" {dim}={value}"
 
 

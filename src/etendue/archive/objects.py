@@ -21,6 +21,7 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+from etendue.documents import Document
 from etendue.errors import ArchiveError, RequestError, StoreLost, shortened
 
 SCHEMES = ("s3", "file", "memory")
@@ -34,7 +35,7 @@ ROLES = (
     "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
     "AWS_CONTAINER_CREDENTIALS_FULL_URI",
 )
-_memory: dict[str, Any] = {}  # stores in memory, by URL
+_memory: Document = {}  # stores in memory, by URL
 
 
 class Conflict(Exception):

@@ -10,7 +10,7 @@ fill values, as Zarr has it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from math import ceil, prod
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.dims import is_light
+from etendue.documents import DocumentView
 from etendue.plan import cost
 
 LARGEST_CHUNK = 64 << 20  # bytes; a cell above it is cut in row bands
@@ -42,7 +43,7 @@ def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
     return (*whole[:-2], even, whole[-1])
 
 
-def known_chunk(shape: Shape, block: Mapping[str, Any]) -> Shape:
+def known_chunk(shape: Shape, block: DocumentView) -> Shape:
     """The shape of the chunks of one cell, as the journal says; earlier versions knew whole cells and bands."""
     whole = tuple(max(n, 1) for n in shape)
     return tuple(block["chunk"]) if "chunk" in block else whole if block["pieces"] == 1 else (1, *whole[1:])

@@ -13,7 +13,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from etendue.archive import disk
 from etendue.archive.inputs import Resolved, as_recorded
 from etendue.archive.manifest import Manifest, digest_of
 from etendue.contract.found import Found
+from etendue.documents import Document, DocumentView
 from etendue.plan.code import code_of
 from etendue.plan.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Node, Plan
@@ -30,7 +31,7 @@ OTHER_CODE = "its code has changed"
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
 
 
-def platform_record() -> dict[str, Any]:
+def platform_record() -> Document:
     """What bits depend on: processor features and the versions of the numerical libraries."""
     import numpy
 
@@ -46,14 +47,14 @@ def platform_record() -> dict[str, Any]:
     }
 
 
-def in_words(record: Mapping[str, Any]) -> str:
+def in_words(record: DocumentView) -> str:
     """The platform of a record: ``numpy 2.4.1, scipy 1.17.0, x86_64, Python 3.11``."""
     own = record["platform"]
     libraries = [f"{name} {own.get(name)}" for name in ("numpy", "scipy")]
     return ", ".join([*libraries, str(own.get("machine")), f"Python {own.get('python')}"])
 
 
-def node_records(plan: Plan) -> dict[str, Any]:
+def node_records(plan: Plan) -> Document:
     """For each stage what its keys are made of, axis values aside: compared to say why a cell is computed again."""
     records = {}
     for node in plan.nodes:
@@ -88,7 +89,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, Any] | None:
+def latest_record(folder: Path, manifest: Manifest | None = None) -> Document | None:
     """The record of the newest run of an archive that can be read, and is as it was written."""
     for path in reversed(record_paths(folder)):
         record = disk.read_document(path)
@@ -98,7 +99,7 @@ def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, A
     return None
 
 
-def records(folder: Path) -> list[dict[str, Any]]:
+def records(folder: Path) -> list[Document]:
     """The records of all runs that can be read, the newest first."""
     found = [disk.read_document(path) for path in reversed(record_paths(folder))]
     return [record for record in found if record is not None and is_record(record)]
@@ -120,7 +121,7 @@ _WORDS = {
 }
 
 
-def is_record(record: Mapping[str, Any]) -> bool:
+def is_record(record: DocumentView) -> bool:
     """Whether a document has the form of a record."""
     if not all(isinstance(record.get(name), kind) for name, kind in _WORDS.items()):
         return False
@@ -133,7 +134,7 @@ def is_record(record: Mapping[str, Any]) -> bool:
 
 
 def write_record(
-    folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False
+    folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView, durable: bool = False
 ) -> str:
     """Record a run before it starts: ``runs/<number>.json``, and its pipeline as ``runs/<number>.toml``; gives the path
     of the record.
@@ -147,7 +148,7 @@ def write_record(
     return f"runs/{number:04d}.json"
 
 
-def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any]) -> dict[str, Any]:
+def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: DocumentView) -> Document:
     """What is recorded of a run: compared with what is computed again (``studies.checked``), a field more by default
     too.
     """
@@ -175,7 +176,7 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str,
     }
 
 
-def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
+def reasons(old: DocumentView | None, plan: Plan) -> dict[str, str]:
     """Why each stage would be computed again: the field that changed, old and new."""
     if not old:
         return {}
@@ -196,7 +197,7 @@ def sources_of(nodes: Iterable[Node]) -> dict[str, str]:
     return dict(sorted(pair for one in every for pair in one.items()))
 
 
-def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
+def node_changes(old: DocumentView, new: DocumentView) -> dict[str, str]:
     """By stage what differs of what its keys are made of, old and new; of the first stages, and of those that read
     from them.
     """

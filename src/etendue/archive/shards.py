@@ -17,12 +17,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, prod
 from pathlib import Path
-from typing import Any
 
 import google_crc32c
 import numpy as np
 
 from etendue.archive import disk, standins
+from etendue.arrays import Array
 from etendue.contract.ports import Written
 
 LARGEST = 64 << 20  # bytes of a shard; beyond it there are more shards
@@ -68,7 +68,7 @@ def index_bytes(slots: int, places: Mapping[int, tuple[int, int]]) -> bytes:
 class Index(Mapping[int, tuple[int, int]]):
     """(offset, length) by slot, as the index of a shard has them: an array of 16 bytes a slot."""
 
-    def __init__(self, index: Any) -> None:
+    def __init__(self, index: Array) -> None:
         self.index, self.there = index, (index != NOTHING).any(axis=1)
 
     @classmethod

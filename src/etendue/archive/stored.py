@@ -27,6 +27,7 @@ from etendue.archive.pieces import Window, joined
 from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
 from etendue.archive.shards import Place, fits, read_bytes
 from etendue.archive.unfolding import check_array
+from etendue.arrays import Array
 from etendue.errors import ArchiveError
 
 LEDGER = "ledger"
@@ -45,7 +46,7 @@ class StoredArrays:
     def variables(self) -> list[str]:
         return list(dict.fromkeys(chunk.variable for chunk, _ in self.chunks))
 
-    def read(self, variable: str) -> Any:
+    def read(self, variable: str) -> Array:
         """The array of a variable, held against the journal.
 
         Raises
@@ -85,7 +86,7 @@ class StoredArrays:
         except OSError:
             return None
 
-    def _array(self, chunk: StoredChunk, place: Place | None) -> Any:
+    def _array(self, chunk: StoredChunk, place: Place | None) -> Array:
         path = chunk.written.path
         data = self._bytes(place)
         if (data is None or place is None or (self.digested and not fits(data, place))) and is_running(Path(self.root)):

@@ -11,7 +11,7 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record
 from etendue.archive.tree import ROOT
 from etendue.contract.names import TABLES
+from etendue.documents import Document, DocumentView
 from etendue.errors import ArchiveError, ArchiveInUse
 
 
@@ -56,12 +57,12 @@ def check_ours(folder: Path) -> None:
         raise ArchiveError(f"{folder} exists and is not an archive; name another with --archive DIR")
 
 
-def _root_attributes(folder: Path) -> dict[str, Any]:
+def _root_attributes(folder: Path) -> Document:
     found = (disk.read_document(folder / DATA / ROOT) or {}).get("attributes")
     return found if isinstance(found, dict) else {}
 
 
-def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any] | None) -> dict[str, Any] | None:
+def known_axes(folder: Path, manifest: Manifest | None, record: DocumentView | None) -> Document | None:
     """The stages and the names of their axes, as the archive was created: from what is undamaged."""
     root: Any = _root_attributes(folder).get("etendue")
     axes = root.get("axes") if isinstance(root, dict) else None
@@ -75,10 +76,10 @@ def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any
 
 def other_stages(
     folder: Path,
-    old: Mapping[str, Any],
-    new: Mapping[str, Any],
+    old: DocumentView,
+    new: DocumentView,
     wanted: Iterable[str] | None,
-    record: Mapping[str, Any] | None,
+    record: DocumentView | None,
 ) -> str:
     """Why a run of other stages or axes cannot go on here, and what to type instead. ``wanted``: what alone it asks
     for.
@@ -99,7 +100,7 @@ def other_stages(
 
 
 def _unlike(
-    old: Mapping[str, Any], new: Mapping[str, Any], lacking: Sequence[str], over: Sequence[str], axes: Sequence[str]
+    old: DocumentView, new: DocumentView, lacking: Sequence[str], over: Sequence[str], axes: Sequence[str]
 ) -> str:
     """What tells the stages of an archive from those of a run; ``axes``: stages that both have, along other axes."""
     there, here = ({dim for dims in own.values() for dim in dims} for own in (old, new))
@@ -113,7 +114,7 @@ def _unlike(
     return "; ".join(f"{what}: {_some(names)}" for what, names in parts.items() if names)
 
 
-def _wanted_before(record: Mapping[str, Any] | None) -> list[str]:
+def _wanted_before(record: DocumentView | None) -> list[str]:
     """What alone the last run has asked for, as its record has it; nothing where that says something else."""
     try:
         before = json.loads((record or {}).get("overrides", {}).get("wanted", "[]"))

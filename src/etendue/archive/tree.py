@@ -17,6 +17,7 @@ from etendue.archive.chunks import CODEC, encode
 from etendue.archive.cutting import chunk_shapes
 from etendue.archive.metadata import TEXT, array_node, consolidated, document, text_chunk
 from etendue.archive.reading import Form
+from etendue.documents import DocumentView
 from etendue.process import unwarned
 
 ROOT = "zarr.json"
@@ -27,7 +28,7 @@ class Tree:
 
     def __init__(self) -> None:
         self.held: dict[str, bytes] = {}
-        self.nodes: dict[str, Mapping[str, Any]] = {}  # of ``held`` what is metadata, and was made here
+        self.nodes: dict[str, DocumentView] = {}  # of ``held`` what is metadata, and was made here
 
     def files(self, below: str = "") -> dict[str, bytes]:
         """Every file by path; of one group only, where it is named."""
@@ -39,14 +40,14 @@ class Tree:
         for path in files:
             self.nodes.pop(path, None)
 
-    def put_group(self, path: str, attrs: Mapping[str, Any]) -> None:
+    def put_group(self, path: str, attrs: DocumentView) -> None:
         self._put(path, {"attributes": dict(attrs), "zarr_format": 3, "node_type": "group"})
 
-    def _put(self, path: str, node: Mapping[str, Any]) -> None:
+    def _put(self, path: str, node: DocumentView) -> None:
         file = f"{path}/{ROOT}" if path else ROOT
         self.held[file], self.nodes[file] = document(node), node
 
-    def put_array(self, group: str, name: str, values: Any, dims: tuple[str, ...], attrs: Mapping[str, Any]) -> None:
+    def put_array(self, group: str, name: str, values: Any, dims: tuple[str, ...], attrs: DocumentView) -> None:
         """One whole small array (a coordinate, a status, a column of a table)."""
         values, path = np.asarray(values), f"{group}/{name}"
         text = values.dtype.kind in "UO"
@@ -59,7 +60,7 @@ class Tree:
             self.held["/".join([path, "c", *["0"] * values.ndim])] = data
 
     def put_cells(
-        self, path: str, shape: tuple[int, ...], form: Form, dims: tuple[str, ...], attrs: Mapping[str, Any]
+        self, path: str, shape: tuple[int, ...], form: Form, dims: tuple[str, ...], attrs: DocumentView
     ) -> None:
         """A variable whose chunks are cells, in shards: its metadata alone. Shards have flat names: a folder an axis
         costs 0.2 ms.
@@ -98,7 +99,7 @@ def _consolidated(files: Mapping[str, bytes]) -> bytes:
     return whole
 
 
-def incompatible(old: Mapping[str, Any] | None, new: Mapping[str, Any]) -> bool:
+def incompatible(old: DocumentView | None, new: DocumentView) -> bool:
     """Whether chunks written for the old metadata of an array cannot be read by the new: of unknown metadata they
     may not be.
     """

@@ -6,12 +6,11 @@ Out: nothing, or an ``ArchiveError``: it unfolds beyond all measure, or by a cod
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from etendue import plain_files
 from etendue.archive import disk
+from etendue.documents import DocumentView
 from etendue.errors import ArchiveError
 
 MOST = 32 << 20  # bytes of a coordinate or a table that may be as small in its file as one likes
@@ -60,7 +59,7 @@ def refuse_other_size(body: bytes, size: int) -> None:
         )
 
 
-def refuse_codecs(node: Mapping[str, Any]) -> None:
+def refuse_codecs(node: DocumentView) -> None:
     """Refuse an array that is to be read by a codec that no run uses."""
     found = node.get("codecs", [])
     for one in found if isinstance(found, list) else [found]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import time
 from pathlib import Path
-from typing import Any
 
 from etendue import plain_files
 from etendue.archive import disk
@@ -20,6 +19,7 @@ from etendue.archive.looking import Damage, Look, Told, Verified
 from etendue.archive.manifest import DATA
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.owner import is_running, is_written, owner_of
+from etendue.documents import Document
 from etendue.errors import ArchiveError, ArchiveInUse
 
 STRAYS = "strays"  # where a repair puts what does not belong to an archive
@@ -82,7 +82,7 @@ def sha256_of(folder: Path) -> str:
     return found.hexdigest()
 
 
-def document(found: Verified) -> dict[str, Any]:
+def document(found: Verified) -> Document:
     """As ``--json`` says it."""
     return {
         "archive": str(found.folder),

@@ -37,7 +37,9 @@ from etendue.archive.reading import StoredArchive, StoredCell, StoredChunk
 from etendue.archive.shards import fits, index_bytes, index_size, read_bytes
 from etendue.archive.tree import ROOT, Tree
 from etendue.archive.unfolding import refuse_codecs, refuse_unfolding
+from etendue.arrays import Array
 from etendue.contract.names import TABLES
+from etendue.documents import DocumentView
 from etendue.errors import ArchiveError
 
 LOOKS = 4  # at a chunk of a run that goes on: its part may become a shard while it is looked for
@@ -276,7 +278,7 @@ class VouchedStore(WrapperStore[LocalStore]):
             tree.put_array(group, name, self._grown(f"{group}/{name}", document, shape), dims, attrs)
         return tree.files()
 
-    def _grown(self, node: str, document: Mapping[str, Any], shape: tuple[int, ...]) -> Any:
+    def _grown(self, node: str, document: DocumentView, shape: tuple[int, ...]) -> Any:
         """A coordinate along axes that have grown: as it is on disk, what is not there yet missing."""
         dtype, old = np.dtype(document["data_type"]), tuple(document["shape"])
         data = disk.content_of((self.folder / DATA / node).joinpath("c", *("0" for _ in shape))) or b""
@@ -288,7 +290,7 @@ class VouchedStore(WrapperStore[LocalStore]):
                 whole[tuple(slice(size) for size in old)] = decode(data, dtype.str, old)
             return whole
 
-    def _status(self, group: str, axes: Mapping[str, list[Any]]) -> Any:
+    def _status(self, group: str, axes: Mapping[str, list[Any]]) -> Array:
         """What became of the cells of a group, as the journal has it."""
         flags = np.full(tuple(map(len, axes.values())), STATUS.index("not_computed"), np.uint8)
         for cell, position in self._positions.get(group, ()):

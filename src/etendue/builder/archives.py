@@ -13,6 +13,7 @@ from etendue.archive import places
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.builder.methods import Extended
 from etendue.calls import called_methods
+from etendue.documents import Document
 from etendue.present.plots import glance_page
 from etendue.present.plots.accessor import TreeAccessor
 from etendue.present.plots.glance import Glance, glance, glance_at
@@ -83,27 +84,27 @@ class Archive(Extended):
             to = Path(output) if output is not None else Path(f"{folder.resolve().name}-report.html")
             return report(folder, to, shares_at() if blame else None).path
 
-    def verify(self) -> dict[str, Any]:
+    def verify(self) -> Document:
         """Whether every byte is as it was written, and what is not: what ``etendue verify --json`` prints."""
         from etendue.archive.verify import document, verify
 
         with places.reading(self.place, exact=True) as folder:
-            found: dict[str, Any] = places.named(document(verify(folder)), folder, self.place)
+            found: Document = places.named(document(verify(folder)), folder, self.place)
         return found
 
-    def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
+    def reproduce(self, scheduler: str = "threads", workers: int = 0) -> Document:
         """Compute every cell again from the archive alone and compare, with all else: what
         ``etendue reproduce --json`` prints.
         """
         from etendue.trust.reproducing import document, reproduce
 
         with places.reading(self.place, exact=True) as folder:
-            found: dict[str, Any] = places.named(
+            found: Document = places.named(
                 document(reproduce(folder, Options(check_scheduler(scheduler), workers))), folder, self.place
             )
         return found
 
-    def diff(self, other: Archive | str | Path) -> dict[str, Any]:
+    def diff(self, other: Archive | str | Path) -> Document:
         """Which cells differ from those of another archive, by how much, and why: what ``etendue diff --json``
         prints.
         """
@@ -111,9 +112,7 @@ class Archive(Extended):
 
         place = other.place if isinstance(other, Archive) else other
         with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:
-            found: dict[str, Any] = places.named(
-                places.named(document(a, b, differences(a, b)), a, self.place), b, place
-            )
+            found: Document = places.named(places.named(document(a, b, differences(a, b)), a, self.place), b, place)
         return found
 
     def view(self, height: int = 900) -> Any:

@@ -22,6 +22,7 @@ from etendue.contract import quantities as shared_quantities
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
 from etendue.contract.tables import SHARED, preset_keys, tables
+from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline import toml
 from etendue.pipeline.file import Pipeline as Written
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 APART = {"stages", "sweep", "about"}  # of the words of a pipeline file: those with methods of their own
 
 
-def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> dict[str, Any]:
+def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> Document:
     """Values of an axis from one to another: ``span("1 um", "3 um", 5)``; ``spacing``: ``linear`` or ``log``.
 
     Examples
@@ -61,7 +62,7 @@ class Planned:
     def cells(self) -> int:
         return len(self.plan.cells)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """What ``etendue plan --json`` prints."""
         return summary(self.plan, peak_memory(self.plan, workers_of("threads", 0)).bytes)
 
@@ -99,10 +100,10 @@ class Pipeline(Extended, Source):
     """
 
     stages: tuple[Placed, ...]
-    words: Mapping[str, Any] = field(default_factory=dict)
-    quantities: Mapping[str, Any] = field(default_factory=dict)
-    axes: Mapping[str, Any] = field(default_factory=dict)
-    told: Mapping[str, Any] = field(default_factory=dict)
+    words: DocumentView = field(default_factory=dict)
+    quantities: DocumentView = field(default_factory=dict)
+    axes: DocumentView = field(default_factory=dict)
+    told: DocumentView = field(default_factory=dict)
     table: str = SHARED  # the name of the table of shared quantities
     folder: Path = Path(".")
 
@@ -243,7 +244,7 @@ class Pipeline(Extended, Source):
 
     # -- given on -----------------------------------------------------------------------------------------------------
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """What a pipeline file holds."""
         parts = {self.table: self.quantities, "sweep": self.axes, "about": self.told}
         own = {name: dict(table) for name, table in parts.items() if table}
@@ -343,7 +344,7 @@ def replaced(pipeline: Pipeline, stages: tuple[Any, ...]) -> Pipeline:
     return pipeline._with(stages=stages)
 
 
-def _placed(table: Mapping[str, Any]) -> Placed:
+def _placed(table: DocumentView) -> Placed:
     own = {key: value for key, value in table.items() if key not in ("use", "name", "from")}
     return Placed(table["use"], own, table.get("name", table["use"]), table.get("from", {}))
 

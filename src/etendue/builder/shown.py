@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
+from etendue.documents import Document
 from etendue.present.terminal.html_tables import rows_of
 from etendue.present.terminal.terminal import human_seconds
 from etendue.telling import human_bytes
@@ -21,7 +22,7 @@ def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], 
     return f"<div><b>{escape(title)}</b>{rows_of(heads, rows)}{below}</div>"
 
 
-def plan_page(document: dict[str, Any]) -> str:
+def plan_page(document: Document) -> str:
     """What ``etendue plan`` prints."""
     rows = [
         (

@@ -20,6 +20,7 @@ from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
 from etendue.contract.tables import tables
 from etendue.contract.units import as_written
+from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
 
 
@@ -30,13 +31,13 @@ class Placed:
     """
 
     use: str
-    values: Mapping[str, Any]
+    values: DocumentView
     name: str
     reads_from: Mapping[str, str]
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Document:
         """What stands under ``[[stages]]`` in a pipeline file."""
-        own: dict[str, Any] = {"use": self.use}
+        own: Document = {"use": self.use}
         if self.name != self.use:
             own["name"] = self.name
         if self.reads_from:
@@ -187,7 +188,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _unknown(name: str, own: Mapping[str, Any], every: Mapping[str, Any]) -> str:
+def _unknown(name: str, own: DocumentView, every: DocumentView) -> str:
     if name in every:
         return f"{name} is shared by stages: set it by Pipeline.{next(iter(tables()))}({name}=...)"
     return f"there is no such parameter{nearest(name, own) or '; it has none'}"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from etendue.cli.options import FOLDER, JSON, PLACE
 from etendue.cli.saying import command, tell
+from etendue.documents import Document
 
 SHOWN = 6  # groups of which the name is said
 
@@ -36,7 +36,7 @@ def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
 
         with places.reading(place) as folder:
             done = write_anew(folder, new)
-    document: dict[str, Any] = {
+    document: Document = {
         "archive": str(done.folder),
         "cells": done.cells,
         "shards": done.shards,
@@ -48,7 +48,7 @@ def compact(place: Path | str, new: Path | None, as_json: bool) -> None:
     tell(as_json, document, _print)
 
 
-def _print(document: dict[str, Any]) -> None:
+def _print(document: Document) -> None:
     from etendue.telling import printable
 
     click.echo(f"{document['cells']} cells in {document['shards']} shards, {document['bytes']} bytes")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from etendue.documents import Document
 from etendue.run.schedulers import NAMES
 
 if TYPE_CHECKING:
@@ -216,7 +217,7 @@ def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
     return found
 
 
-def overrides(given: Given) -> dict[str, Any]:
+def overrides(given: Given) -> Document:
     """What stands in place of values of the file.
 
     Raises
@@ -226,7 +227,7 @@ def overrides(given: Given) -> dict[str, Any]:
     """
     from etendue.errors import Fault, RequestError
 
-    found: dict[str, Any] = {}
+    found: Document = {}
     faults = []
     for option, texts in (("--set", given.settings), ("--sweep", given.sweeps)):
         for text in texts:

@@ -12,6 +12,7 @@ import click
 from etendue import streams
 from etendue.cli.options import JSON, PLACE
 from etendue.cli.saying import blaming, command, say, show
+from etendue.documents import Document
 
 
 @command("plot")
@@ -110,7 +111,7 @@ def _parts(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
-def _begun_at(folder: Path) -> dict[str, Any]:
+def _begun_at(folder: Path) -> Document:
     """The axis values of the cell where the report of an archive begins, which is that of its contact sheet."""
     from etendue.present.page.document import start_of
     from etendue.present.page.opened import Opened

@@ -25,6 +25,7 @@ from etendue.cli.options import (
     progress,
 )
 from etendue.cli.saying import command, say, show, tell
+from etendue.documents import Document
 
 
 def _pipeline(given: Given) -> Any:
@@ -231,7 +232,7 @@ def _measurement(made: Any, options: Any, watched: Any) -> Any:
     return Measurement(pipeline, installed(), options=options, progress=watched)
 
 
-def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:
+def _measured(measurement: Any, folder: Path, made: Any) -> Document:
     """The global errors of a run, as in ``--json``."""
     from etendue.accuracy.stating import stated_elsewhere
     from etendue.present.terminal.global_error import global_error_document

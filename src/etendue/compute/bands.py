@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import FloatArray
 from etendue.compute.job import Job
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed
 from etendue.compute.tables import prepared_of
@@ -52,7 +53,7 @@ class Banded(ABC):
     def __getitem__(self, band: int) -> Any:
         """One band, (y, x)."""
 
-    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+    def __array__(self, dtype: Any = None, copy: Any = None) -> FloatArray:
         whole = np.empty(self.shape, dtype=dtype or self.dtype)
         for band in range(self.shape[0]):
             whole[band] = self[band]
@@ -205,7 +206,7 @@ class _Elsewhere(threading.local):
 elsewhere = _Elsewhere()
 
 
-def in_order(light: Any) -> Iterator[Any]:
+def in_order(light: FloatArray) -> Iterator[Any]:
     """Every band, the next one being made while this one is used."""
 
     def made(band: int) -> tuple[Any, float]:

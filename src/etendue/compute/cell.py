@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
 from etendue.compute.form import Output, form_of
 from etendue.compute.found import with_found
@@ -30,7 +31,7 @@ from etendue.plugins import guests
 from etendue.telling import plain, told
 
 
-def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:
+def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Array | Banded]:
     """What a stage gave back, held against its declaration, or against some of it; floats are brought to the plan's
     precision.
     """
@@ -74,7 +75,7 @@ def smallest(array: Any) -> float:
     return low if np.isfinite(low) and np.isfinite(high) else float("nan")
 
 
-def finite(array: Any) -> bool:
+def finite(array: Array) -> bool:
     """Whether no value is NaN or infinite: one pass of the sum of squares, looked at closely only where that
     overflows.
     """
@@ -84,7 +85,7 @@ def finite(array: Any) -> bool:
     return math.isfinite(flat.dot(flat)) or bool(np.isfinite(flat).all())
 
 
-def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
+def undefined(job: Job, arrays: Mapping[str, Array]) -> dict[str, float]:
     """NaN for each float array that holds undefined values; refuses those that were not declared."""
     found = {}
     for variable, array in arrays.items():

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.job import Job
 from etendue.compute.tables import Key, key_of_prepared
 from etendue.contract.capabilities import is_transfer
@@ -92,7 +93,7 @@ class Form:
         return tuple(name for name in patterns_of(self.kind) if name in self.beside)
 
     @cached_property
-    def coordinates(self) -> Mapping[str, Any]:
+    def coordinates(self) -> Mapping[str, Array]:
         return {**coordinates_of(self.grids), **coordinates_of(self.input_grids), **coordinates_of(self.grids, "out_")}
 
     def key_of_prepared(self, stage: Stage) -> Key:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.bands import Banded
 from etendue.compute.form import form_of
 from etendue.compute.job import Job, Looking
@@ -63,7 +64,7 @@ def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: 
     return array
 
 
-def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: Any, clipped: Clipped) -> Any:
+def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: Array, clipped: Clipped) -> Array:
     """An array of a port, or a slice of it, without negative values where the stage has them clipped."""
     if job.stage.negative != "clip":
         return array

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array, FloatArray
 from etendue.compute.found import seed_found, stage_found, with_found
 from etendue.compute.given import Clipped, beside, looked_through, not_negative
 from etendue.compute.job import Job
@@ -28,7 +29,7 @@ Results = Mapping[CellRef, Result]
 Check = Callable[[Job, Any], dict[str, Any]]
 
 
-def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> dict[str, Any]:
+def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> dict[str, Array]:
     """Every variable of every slice, the mapped dims in front; ``check`` holds what comes back against the
     declaration.
     """
@@ -60,7 +61,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     return arrays
 
 
-def _put(arrays: dict[str, Any], found: Any, slices: _Slices, at: tuple[int, ...]) -> None:
+def _put(arrays: dict[str, Array], found: Any, slices: _Slices, at: tuple[int, ...]) -> None:
     """One more slice into its place: of the form that the first one had."""
     name = type(slices.core.stage).__name__
     if not isinstance(found, dict) or found.keys() != arrays.keys():
@@ -112,7 +113,7 @@ class _Slices:
             replace(stage, **{name: self.labels[i][at[i]] for name, i in self.along.items()}) if self.along else stage
         )
 
-    def arrays_at(self, at: tuple[int, ...]) -> dict[str, Any]:
+    def arrays_at(self, at: tuple[int, ...]) -> dict[str, Array]:
         """What a slice reads; of arrays that nobody can write to."""
         found = {
             port: array[tuple([at[i] for i in lead])] if lead else for_reading(array)
@@ -140,7 +141,7 @@ class _Slices:
             for name in every[0]
         }
 
-    def at_once(self, names: tuple[str, ...], check: Check) -> dict[str, Any]:
+    def at_once(self, names: tuple[str, ...], check: Check) -> dict[str, Array]:
         """All slices in one call, of a stage to whom it makes no difference; what has no place is the same for all."""
         given = {port: for_reading(array) for port, array, _ in self.given} | beside(self.core, self.results)
         for port in self.negative:
@@ -156,7 +157,7 @@ class _Slices:
     def words(self, at: tuple[int, ...]) -> bytes:
         return "".join(f"|{dim}={own[i]}" for dim, own, i in zip(self.dims, self.labels, at, strict=True)).encode()
 
-    def whole(self, name: str, first: Any) -> Any:
+    def whole(self, name: str, first: FloatArray) -> FloatArray:
         """Room for all slices, the first in its place."""
         if name not in self.led:
             return first

@@ -18,6 +18,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.job import Job
 from etendue.errors import PluginError
 from etendue.plugins import guests
@@ -28,7 +29,7 @@ _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 
 
-def for_reading(array: Any) -> Any:
+def for_reading(array: Array) -> Array:
     """A view that cannot be made writeable, of an array that is read-only; anything else as it is."""
     return array.view() if type(array) is np.ndarray and not array.flags.writeable else array
 
@@ -48,16 +49,16 @@ def _apart(value: Any) -> Any:
     return value.apart() if hasattr(value, "apart") else value
 
 
-def frozen(array: Any) -> Any:
+def frozen(array: Array) -> Array:
     """Forbid writing into an array and what it is a view of."""
-    at = array
+    at: Array | None = array
     while isinstance(at, np.ndarray):
         at.flags.writeable = False
         at = at.base
     return array
 
 
-def taken(arrays: dict[str, Any], variable: str) -> Any:
+def taken(arrays: dict[str, Array], variable: str) -> Array:
     """Take an array out of what a stage gave back: contiguous, frozen, and its own where anybody else could change
     it.
     """
@@ -67,7 +68,7 @@ def taken(arrays: dict[str, Any], variable: str) -> Any:
     return frozen(array if _alone(array) else array.copy(order="C"))
 
 
-def _alone(array: Any) -> bool:
+def _alone(array: Array) -> bool:
     """Whether nobody but the caller's variable refers to an array, nor to what it is a view of."""
     if sys.getrefcount(array) > _HELD:
         return False
@@ -82,14 +83,14 @@ def _calibrate() -> tuple[int, int]:
     """Reference counts of an array that nobody else holds, as ``_alone`` sees them when ``taken`` asks."""
     seen = []
 
-    def alone(array: Any) -> bool:
+    def alone(array: Array) -> bool:
         seen.append(sys.getrefcount(array))
         while array.base is not None:
             array = array.base
             seen.append(sys.getrefcount(array))
         return True
 
-    def taken_like(arrays: dict[str, Any], variable: str) -> Any:
+    def taken_like(arrays: dict[str, Array], variable: str) -> Array:
         array = arrays.pop(variable)
         return frozen(array if alone(array) else np.empty(0))
 
@@ -100,7 +101,7 @@ def _calibrate() -> tuple[int, int]:
 _HELD, _BASE = _calibrate()
 
 
-def as_array(name: str, variable: str, value: Any) -> Any:
+def as_array(name: str, variable: str, value: Any) -> Array:
     """What a stage gave back as a plain array of numbers."""
     if isinstance(value, np.ma.MaskedArray):
         raise PluginError(

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from etendue.arrays import FloatArray
 from etendue.compute.random import tiled_normal, tiled_uniform
 from etendue.contract.capabilities import bands_of
 from etendue.contract.coordinates import coordinates_of
@@ -54,6 +55,9 @@ class _Entry:
     run: int  # the last that asked for it
 
 
+Made = TypeVar("Made")
+
+
 class Cache:
     """Values by key, least recently used dropped first: bounded in bytes, and in runs of the process that have not
     asked for them.
@@ -63,22 +67,24 @@ class Cache:
 
     def __init__(self, largest: int) -> None:
         self.largest, self.held, self.runs = largest, 0, 0
-        self.entries: OrderedDict[Any, _Entry] = OrderedDict()
+        self.entries: OrderedDict[Hashable, _Entry] = OrderedDict()
         self.lock = threading.Lock()
-        self.making: dict[Any, threading.Lock] = {}
+        self.making: dict[Hashable, threading.Lock] = {}
 
-    def get(self, key: Any, make: Callable[[], Any]) -> Any:
+    def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
         with self.lock:
             found = self.entries.get(key)
             if found is not None:
                 self.entries.move_to_end(key)
                 found.run = self.runs
-                return found.value
+                held: Made = found.value
+                return held
             making = self.making.setdefault(key, threading.Lock())
         with making:
             with self.lock:
                 if key in self.entries:
-                    return self.entries[key].value
+                    held = self.entries[key].value
+                    return held
             try:
                 value = make()
                 size = _size(value)
@@ -104,7 +110,7 @@ class Cache:
                 while self.entries and self.entries[oldest := next(iter(self.entries))].run < self.runs - LASTING:
                     self._drop(oldest)
 
-    def _drop(self, key: Any) -> None:
+    def _drop(self, key: Hashable) -> None:
         entry = self.entries.pop(key, None)
         self.held -= entry.size if entry is not None else 0
 
@@ -150,16 +156,16 @@ class PatternRandom:
         self.own = True
         return self
 
-    def normal(self, pattern: str) -> Any:
+    def normal(self, pattern: str) -> FloatArray:
         """(y, x) standard normals of the pattern of this name, such as ``"grain"``."""
         return self._normals("normal", pattern, self.pixels)
 
-    def spread(self, pattern: str, rms: float) -> Any:
+    def spread(self, pattern: str, rms: float) -> FloatArray:
         """(y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of this
         name. Made once.
         """
 
-        def make() -> Any:
+        def make() -> FloatArray:
             if self.pixels[2] * self.pixels[3] <= LARGEST_SHARED:
                 known = self.normal(pattern)
                 factor = known * known.dtype.type(rms)
@@ -171,22 +177,22 @@ class PatternRandom:
 
         return self._kept(("spread", pattern, rms), self.pixels, self.precision, make)
 
-    def uniform(self, pattern: str) -> Any:
+    def uniform(self, pattern: str) -> FloatArray:
         """(y, x) uniforms, 0 <= u < 1, float64 in every run: a share of 1e-8 is no other in single precision."""
         words = self._words("uniform", pattern)
         return self._kept(
             ("uniform", pattern), self.pixels, np.dtype(np.float64), lambda: tiled_uniform(words, *self.pixels)
         )
 
-    def row_normal(self, pattern: str) -> Any:
+    def row_normal(self, pattern: str) -> FloatArray:
         """(y, 1) standard normals: one for each row, whichever columns the window holds."""
         return self._normals("row", pattern, self.rows)
 
-    def column_normal(self, pattern: str) -> Any:
+    def column_normal(self, pattern: str) -> FloatArray:
         """(1, x) standard normals: one for each column."""
         return self._normals("column", pattern, self.columns)
 
-    def _normals(self, how: str, pattern: str, window: Window) -> Any:
+    def _normals(self, how: str, pattern: str, window: Window) -> FloatArray:
         words = self._words(how, pattern)
         return self._kept((how, pattern), window, self.precision, lambda: tiled_normal(words, *window, self.precision))
 
@@ -194,10 +200,12 @@ class PatternRandom:
         """A serial holds no line break: no two patterns have the same words."""
         return b"\n".join((self.serial, how.encode(), pattern.encode()))
 
-    def _kept(self, what: tuple[Any, ...], window: Window, dtype: Any, make: Callable[[], Any]) -> Any:
+    def _kept(
+        self, what: tuple[Any, ...], window: Window, dtype: np.dtype[Any], make: Callable[[], FloatArray]
+    ) -> FloatArray:
         """What is made, for reading; made anew for strips of a frame so large that none would be found again."""
 
-        def read_only() -> Any:
+        def read_only() -> FloatArray:
             array = make()
             array.flags.writeable = False
             return array
@@ -225,7 +233,7 @@ def prepared_of(
     """``stage.prepare``, once per (parameters, coordinates) and process; ``key``: where it is known already."""
     if type(stage).prepare is Stage.prepare:
         return None
-    own: Any = stage
+    own: Stage = stage
 
     def make() -> Any:
         with foreign(f"{type(stage).__name__}.prepare"):

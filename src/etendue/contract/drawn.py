@@ -8,12 +8,13 @@ Out: ``Drawn``, and the attributes that say the same to a program without a plan
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from etendue.contract.seen import flat_dims
 from etendue.contract.variables import Variable, variable
+from etendue.documents import Document, DocumentView, Place
 
 BY = "drawn_by"  # attributes of some places on the axes alone, as JSON: [[{dim: value}, {attribute: value}], ...]
 
@@ -54,7 +55,7 @@ class Drawn:
         """Whether what is shown as white is chosen for the eye."""
         return self.linear and self.white is None
 
-    def attributes(self) -> dict[str, Any]:
+    def attributes(self) -> Document:
         """As they stand in an archive: what is not as usual."""
         found = {
             "drawn_white": self.white,
@@ -68,7 +69,7 @@ class Drawn:
         return {"drawn_as": self.shown} | {name: value for name, value in found.items() if value}
 
 
-def read(name: str, attrs: Mapping[str, Any], at: Mapping[str, Any]) -> Drawn:
+def read(name: str, attrs: DocumentView, at: Place) -> Drawn:
     """What the attributes of an array say of it at a place on the axes; without any, what is known of its name."""
     if "drawn_as" not in attrs:
         return Drawn.of(variable(name))

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
+from etendue.documents import Document, DocumentView
+
 if TYPE_CHECKING:
+    from etendue.arrays import Array
     from etendue.plan.model import Cell, CellRef, Plan
     from etendue.plan.resume import Work
 
@@ -31,7 +34,7 @@ class Written:
 class Target(Protocol):
     """Where the variables of one cell are kept. Picklable: it travels with the work."""
 
-    def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]: ...
+    def write(self, arrays: Mapping[str, Array]) -> tuple[Written, ...]: ...
 
     def read(self, variable: str) -> Any: ...
 
@@ -76,7 +79,7 @@ class Sheet:
     into one PNG.
     """
 
-    table: dict[str, Any]
+    table: Document
     draw: Callable[[Path], None]
     shown: tuple[CellRef, ...]
     at: str  # their axis values
@@ -115,26 +118,26 @@ class Keeper(Protocol):
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
-    ) -> Mapping[CellRef, dict[str, Any]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Array]]
+    ) -> Mapping[CellRef, dict[str, Array]]:
         """Take what became of cells, in any thread; gives their arrays where they stand from now on."""
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]: ...
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
-    ) -> dict[CellRef, dict[str, Any]]: ...
+    ) -> dict[CellRef, dict[str, Array]]: ...
 
-    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+    def standing(self, others: Mapping[CellRef, dict[str, Array]]) -> Mapping[CellRef, dict[str, Array]]:
         """At the end: the arrays of all cells that it has taken, and ``others``, that it was given and does not
         keep.
         """
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 
-    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
+    def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...
 
-    def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
+    def close(self, tables: Document, sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         """End a run in order: the tree of its results where it is in memory, and the files of pictures."""
 
 
@@ -156,7 +159,7 @@ class Passing:
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
-    ) -> dict[CellRef, dict[str, Any]]:
+    ) -> dict[CellRef, dict[str, Array]]:
         return {}
 
-    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
+    def interrupted(self, tables: DocumentView, abandoned: bool) -> None: ...

@@ -6,11 +6,10 @@ Out: ``Table``. ``[shared]`` is one that every file may have; a domain may give 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
+from etendue.documents import DocumentView
 from etendue.plugins import discovery
 
 SHARED = "shared"
@@ -43,7 +42,7 @@ def tables() -> dict[str, Table]:
     return {**{name: replace(table, name=name) for name, table in own.items()}, SHARED: Table()}
 
 
-def table_in(document: Mapping[str, Any]) -> Table:
+def table_in(document: DocumentView) -> Table:
     """The table that a document has; of one that has none the first that there is."""
     every = tables()
     return next((table for name, table in every.items() if name in document), next(iter(every.values())))

@@ -10,11 +10,12 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from etendue.documents import DocumentView
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.pipeline.presets import preset
 
 
-def given(entry: StageEntry, values: Mapping[str, Any], but: Collection[str] = ()) -> StageEntry:
+def given(entry: StageEntry, values: DocumentView, but: Collection[str] = ()) -> StageEntry:
     """A stage with these values beside its own, of which those named in ``but`` are left out."""
     own = {name: value for name, value in entry.values.items() if name not in but}
     return replace(entry, values={**own, **values})
@@ -25,7 +26,7 @@ def each(pipeline: Pipeline, change: Callable[[StageEntry], StageEntry]) -> Pipe
     return replace(pipeline, stages=tuple(map(change, pipeline.stages)))
 
 
-def with_values(pipeline: Pipeline, stage: str, values: Mapping[str, Any], but: Collection[str] = ()) -> Pipeline:
+def with_values(pipeline: Pipeline, stage: str, values: DocumentView, but: Collection[str] = ()) -> Pipeline:
     """The stage of a name with these values, as ``given``."""
     return each(pipeline, lambda entry: given(entry, values, but) if entry.name == stage else entry)
 

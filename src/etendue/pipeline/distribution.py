@@ -20,6 +20,7 @@ from etendue.contract.dims import dim
 from etendue.contract.names import unfit_stage
 from etendue.contract.registry import OWN, Registry
 from etendue.contract.stage import identity_of, parameters_of, reads_of, writes_of
+from etendue.documents import DocumentView
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plugins import discovery
 
@@ -238,7 +239,7 @@ def _free(kind: Any) -> str:
     )
 
 
-def _listed(word: str, ports: Mapping[str, Any]) -> str:
+def _listed(word: str, ports: DocumentView) -> str:
     told = [f"``{port}``: {str(declared).removeprefix(f'{port}: ')}" for port, declared in ports.items()]
     return f"{word} {'; '.join(told) or 'nothing'}."
 

@@ -22,6 +22,7 @@ from etendue.contract.bounds import LARGEST_FILE, MOST_CELLS, MOST_LISTED, docum
 from etendue.contract.names import unfit_stage
 from etendue.contract.tables import Table, table_in, tables
 from etendue.contract.units import as_written
+from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.about import About, read_about
 from etendue.pipeline.form import Words
@@ -37,7 +38,7 @@ class StageEntry:
 
     name: str
     use: str
-    values: Mapping[str, Any]
+    values: DocumentView
     origin: Mapping[str, str]  # from = { port = "stage" }
     place: str
 
@@ -56,11 +57,11 @@ class Pipeline(Source):
 
     name: str
     stages: tuple[StageEntry, ...]
-    shared: Mapping[str, Any] = field(default_factory=dict)  # quantities that stages share
+    shared: DocumentView = field(default_factory=dict)  # quantities that stages share
     table: Table = field(default_factory=Table)  # where they stand in the file
     preset_name: str = ""
-    preset: Mapping[str, Any] = field(default_factory=dict)  # what that name stands for, where ``shared`` says nothing
-    sweep: Mapping[str, Any] = field(default_factory=dict)
+    preset: DocumentView = field(default_factory=dict)  # what that name stands for, where ``shared`` says nothing
+    sweep: DocumentView = field(default_factory=dict)
     wanted: tuple[str, ...] | None = None
     keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS among them: what people look at
     seed: int = 0
@@ -89,7 +90,7 @@ class Pipeline(Source):
         """Whether presets stand on an axis."""
         return bool(self.table.preset) and self.table.preset in self.sweep
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """What a file would say that is read as this pipeline."""
         lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "about")
         words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
@@ -120,7 +121,7 @@ class Pipeline(Source):
         return self.lines.get(place, 0) or None
 
 
-def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pipeline:
+def read_pipeline(path: Path, overrides: DocumentView | None = None) -> Pipeline:
     """Read a file and apply ``{"TABLE.NAME": "4", "sweep.NAME": [...]}`` on top of it.
 
     Raises
@@ -159,7 +160,7 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
 
 
 def parse_pipeline(
-    text: str, file: str = "", folder: Path = Path("."), overrides: Mapping[str, Any] | None = None
+    text: str, file: str = "", folder: Path = Path("."), overrides: DocumentView | None = None
 ) -> Pipeline:
     """The pipeline in a TOML text; ``file`` and ``folder`` serve messages and relative paths.
 
@@ -183,7 +184,7 @@ def parse_pipeline(
     return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=tuple(given.items()))
 
 
-def overridden(pipeline: Pipeline, overrides: Mapping[str, Any]) -> Pipeline:
+def overridden(pipeline: Pipeline, overrides: DocumentView) -> Pipeline:
     """A pipeline that was read, with other values: as if they had been there when it was."""
     document = pipeline.document()
     given = by_one_name(overrides, document)
@@ -200,7 +201,7 @@ def overridden(pipeline: Pipeline, overrides: Mapping[str, Any]) -> Pipeline:
     )
 
 
-def refuse_large(document: Mapping[str, Any], file: str = "", lines: Mapping[str, int] = {}) -> None:
+def refuse_large(document: DocumentView, file: str = "", lines: Mapping[str, int] = {}) -> None:
     """Refuse a document without bounds: too many keys, nested too deeply, a number of too many digits."""
     fault = document_fault(document)
     if fault:
@@ -256,7 +257,7 @@ def _lines(text: str) -> dict[str, int]:
     return {**axes, **found}
 
 
-def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
+def from_document(document: DocumentView, file: str = "") -> Pipeline:
     """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is
     refused.
     """
@@ -316,7 +317,7 @@ def _meant(key: str, table: Table) -> str:
     return nearest(key, [*TOP, *tables()])
 
 
-def _preset(table: Table, shared: Mapping[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
+def _preset(table: Table, shared: DocumentView, faults: list[Fault]) -> tuple[str, Document]:
     """The preset that a table names, and the values it stands for; the name itself is no quantity."""
     name, place = shared.get(table.preset, "") if table.preset else "", table.place(table.preset)
     if not isinstance(name, str):

@@ -7,11 +7,9 @@ Out: the document changed; overrides and axes by one name each: ``TABLE.NAME`` f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from etendue.contract import quantities
 from etendue.contract.tables import table_in, tables
+from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
 
 TOP = (
@@ -33,7 +31,7 @@ TOP = (
 )
 
 
-def axis_name(key: str, document: Mapping[str, Any]) -> str:
+def axis_name(key: str, document: DocumentView) -> str:
     """The name of an axis: a quantity's own, also where it is written ``TABLE.NAME``; a stage may be called as a
     table is.
     """
@@ -43,11 +41,11 @@ def axis_name(key: str, document: Mapping[str, Any]) -> str:
     return name
 
 
-def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
+def by_one_name(overrides: DocumentView, document: DocumentView) -> Document:
     """The same overrides by the names under which an archive records them; of two that mean one thing the last
     counts.
     """
-    found: dict[str, Any] = {}
+    found: Document = {}
     for key, value in overrides.items():
         if key.startswith("sweep."):
             key = f"sweep.{axis_name(key.removeprefix('sweep.'), document)}"
@@ -60,9 +58,9 @@ def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> di
     return found
 
 
-def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
+def flat(sweep: DocumentView) -> Document:
     """``STAGE.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     for key, value in sweep.items():
         if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
             found.update({f"{key}.{name}": one for name, one in value.items()})
@@ -71,9 +69,9 @@ def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+def axes_of(document: DocumentView, faults: list[Fault]) -> Document:
     """The sweep of a document, each axis by its name; a fault where one stands twice."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     for key, values in flat(document["sweep"]).items() if isinstance(document.get("sweep"), dict) else ():
         name = axis_name(key, document)
         if name in found:
@@ -88,7 +86,7 @@ def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
     return found
 
 
-def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file: str = "") -> list[str]:
+def apply_overrides(document: Document, overrides: DocumentView, file: str = "") -> list[str]:
     """Put ``TABLE.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key into the document.
 
     Returns the places that now hold something else than the file.
@@ -127,7 +125,7 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
     return places
 
 
-def _meant(document: Mapping[str, Any], head: str, tail: str) -> str:
+def _meant(document: DocumentView, head: str, tail: str) -> str:
     """What may have been meant by a name that a document has not."""
     if not tail:
         return nearest(head, [*TOP, *_quantities(document)])
@@ -138,14 +136,14 @@ def _meant(document: Mapping[str, Any], head: str, tail: str) -> str:
     return nearest(head, [*named, *tables(), "sweep"])
 
 
-def _quantities(document: Mapping[str, Any]) -> tuple[str, ...]:
+def _quantities(document: DocumentView) -> tuple[str, ...]:
     """What may stand in the table of shared quantities: what distributions declare, and what the document gives."""
     table = table_in(document)
     given = document.get(table.name)
     return (*([table.preset] if table.preset else []), *quantities.names(), *(given if isinstance(given, dict) else ()))
 
 
-def _stages(document: Mapping[str, Any]) -> dict[str, tuple[int, dict[str, Any]]]:
+def _stages(document: DocumentView) -> dict[str, tuple[int, Document]]:
     """The stage tables by name, with their numbers."""
     stages = document.get("stages")
     entries = [(n, s) for n, s in enumerate(stages, 1) if isinstance(s, dict)] if isinstance(stages, list) else []

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.contract.tables import Table, tables
+from etendue.documents import Document
 from etendue.errors import RequestError, nearest
 from etendue.plugins import discovery
 from etendue.telling import plain
@@ -46,7 +47,7 @@ class Preset:
     distribution: str
     version: str
 
-    def values(self) -> dict[str, Any]:
+    def values(self) -> Document:
         """As in the table."""
         return {name: sourced.value for name, sourced in self.shared.items()}
 

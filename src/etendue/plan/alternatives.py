@@ -7,13 +7,13 @@ Out: classes with resolved values, and the axis that chooses among them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from etendue.contract import quantities
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import Stage, parameters_of, writes_of
 from etendue.contract.units import as_written
+from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError, nearest
 from etendue.pipeline.file import StageEntry
 from etendue.plan.code import code_digest
@@ -64,14 +64,14 @@ def meaning(parameter: Parameter) -> str:
 
 
 def _alternative(
-    request: Request, stage: str, use: str, label: str, written: Mapping[str, Any], place: str
+    request: Request, stage: str, use: str, label: str, written: DocumentView, place: str
 ) -> Alternative | None:
     kind = _load(request, use, place)
     if kind is None:
         return None
     declared = parameters_of(kind)
     own = [name for name, (parameter, _, _) in declared.items() if not parameter.shared]
-    values: dict[str, Any] = {}
+    values: Document = {}
     for name, value in written.items():
         if name not in own:
             request.fault(f"{place}.{name}", _no_parameter(request, use, name, name in declared, own))

@@ -8,13 +8,16 @@ choose.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.contract.parameter import Parameter
 from etendue.contract.stage import Stage, parameters_of
 from etendue.errors import PluginError
 from etendue.plan.asking import made
 from etendue.plan.model import Approximated
+
+if TYPE_CHECKING:
+    pass
 
 
 class Seen(dict[str, Any]):
@@ -118,7 +121,7 @@ def _finest(stage: Stage, knobs: tuple[str, ...]) -> Stage | None:
     return found
 
 
-def _allowed(parameter: Parameter, default: Any) -> tuple[Any, ...]:
+def _allowed(parameter: Parameter, default: bool | float) -> tuple[Any, ...]:
     """The settings that a plan may choose: of a dear knob none finer than the default."""
     found = parameter.settings
     return found[: found.index(default) + 1] if parameter.dear and default in found else found

@@ -18,6 +18,7 @@ from etendue.contract.facts import UNKNOWN, Facts
 from etendue.contract.found import NotKnown
 from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, writes_of
+from etendue.documents import DocumentView
 from etendue.errors import PluginError
 from etendue.telling import foreign, plain
 
@@ -44,7 +45,7 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
+def made(kind: type[Stage], values: DocumentView) -> Stage:
     """An instance of a stage. ``ValueError`` and ``TypeError`` are how it refuses its values."""
     with foreign(f"{kind.__name__}.__post_init__"):
         try:
@@ -64,7 +65,7 @@ def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
     return stage
 
 
-def unchecked(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
+def unchecked(kind: type[Stage], values: DocumentView) -> Stage:
     """An instance whose values have not been looked at."""
     stage = object.__new__(kind)
     for field in dataclasses.fields(kind):
@@ -84,7 +85,7 @@ def _grids(stage: Stage, method: str, found: Any) -> Mapping[str, Grid]:
     return found
 
 
-def _facts(stage: Stage, method: str, found: Any) -> Facts:
+def _facts(stage: Stage, method: str, found: Facts) -> Facts:
     fine = isinstance(found, Facts) and all(
         value is None or _is_number(value) for value in (found.low, found.high, found.contrast, found.band_limit)
     )

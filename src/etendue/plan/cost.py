@@ -79,7 +79,7 @@ def knobs_cost(stage: Stage) -> float:
     return found
 
 
-def _cost(parameter: Parameter, value: Any) -> float:
+def _cost(parameter: Parameter, value: bool | float) -> float:
     """Of a setting, or of the next finer one where a file writes a value between two of them."""
     if value in parameter.settings:
         return parameter.costs[parameter.settings.index(value)]

@@ -6,15 +6,14 @@ Out: nodes in order, axes, shared quantities, wanted and kept variables; or one 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from etendue.contract import variables
 from etendue.contract.dims import is_light
 from etendue.contract.names import LOOKS, OWN, beside
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, quantities_of, writes_of
+from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.pipeline.file import Pipeline
 from etendue.plan import asking
@@ -36,7 +35,7 @@ class Graph:
 
     nodes: tuple[Node, ...]
     axes: tuple[Axis, ...]
-    shared: dict[str, Any]
+    shared: Document
     wanted: tuple[tuple[str, str], ...]
     keep: tuple[str, ...] | None
     warnings: tuple[str, ...]
@@ -157,7 +156,7 @@ def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
             request.warnings.append(f"{request.pipeline.table.place(name)} is not used: {finder!r} finds it")
 
 
-def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: Mapping[str, Any]) -> None:
+def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: DocumentView) -> None:
     """What a stage itself refuses about its values, for every stage at once; swept ones at their first value."""
     first = {axis.dim: axis for axis in axes if axis.values}
     for node in nodes:

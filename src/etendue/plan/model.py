@@ -29,6 +29,7 @@ from etendue.contract.facts import Facts
 from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
 from etendue.contract.variables import Declaration
+from etendue.documents import AxisValue, DocumentView
 from etendue.pipeline.file import Pipeline
 
 CellRef = tuple[str, tuple[int, ...]]
@@ -58,7 +59,7 @@ class Alternative:
     use: str
     label: str
     kind: type[Stage]
-    values: Mapping[str, Any]
+    values: DocumentView
     distribution: str
     version: str
     digest: str
@@ -301,7 +302,7 @@ class Plan:
     wanted: tuple[tuple[str, str], ...]  # (node, variable)
     kept: frozenset[tuple[str, str]]
     precision: str
-    shared: Mapping[str, Any]
+    shared: DocumentView
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out or approximated
     looked: float = 0.0  # seconds of looking at scenes that were never planned before
@@ -341,7 +342,7 @@ class Plan:
         one = next(a for a in self.node(ref[0]).alternatives if a.kind is type(cell.stage) and a.use == cell.use)
         return f"{one.use} of {one.distribution} {one.version}"
 
-    def labels(self, ref: CellRef) -> dict[str, Any]:
+    def labels(self, ref: CellRef) -> dict[str, AxisValue]:
         """Axis values of a cell by dim."""
         node = self.node(ref[0])
         return {dim: self.axis(dim).values[i] for dim, i in zip(node.axes, ref[1], strict=True)}

@@ -12,13 +12,14 @@ from dataclasses import replace
 from typing import Any
 
 from etendue.contract.stage import parameters_of
+from etendue.documents import Document
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import Approximated, Cell, Node
 
 LEAST_TOLD = 1e-3  # seconds that are worth a word
 
 
-def left_out(node: Node, cells: Sequence[Cell], precision: str) -> dict[str, Any] | None:
+def left_out(node: Node, cells: Sequence[Cell], precision: str) -> Document | None:
     """Of a stage that some cells go without."""
     out = [(cell, cell.left_out) for cell in cells if cell.left_out]
     if not out:
@@ -32,7 +33,7 @@ def left_out(node: Node, cells: Sequence[Cell], precision: str) -> dict[str, Any
     }
 
 
-def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[dict[str, Any]] | None:
+def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[Document] | None:
     """Of a stage whose knobs a plan has set: every knob and setting, in how many cells, and what that saves beside
     the reference's.
     """
@@ -85,11 +86,11 @@ def _saving(seconds: float | None) -> str:
     return f"; saves about {seconds:.2g} s" if seconds is not None and seconds >= LEAST_TOLD else ""
 
 
-def _shown(value: Any) -> Any:
+def _shown(value: Any) -> float | str:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
 
 
-def told(name: str, left: dict[str, Any] | None, knobs: list[dict[str, Any]] | None) -> list[str]:
+def told(name: str, left: Document | None, knobs: list[Document] | None) -> list[str]:
     """The same in sentences."""
     said = []
     if left:
@@ -98,7 +99,7 @@ def told(name: str, left: dict[str, Any] | None, knobs: list[dict[str, Any]] | N
             f"left out  {name} in {left['cells']} of {left['of']} cells, {wrong}: "
             f"{left['why']}{_saving(left['seconds_saved'])}"
         )
-    by_knob: dict[str, list[dict[str, Any]]] = {}
+    by_knob: dict[str, list[Document]] = {}
     for one in knobs or ():
         by_knob.setdefault(one["knob"], []).append(one)
     for knob, own in by_knob.items():

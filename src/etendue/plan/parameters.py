@@ -18,6 +18,7 @@ from typing import Any, get_args, get_origin
 from etendue import plain_files
 from etendue.contract.parameter import Parameter
 from etendue.contract.units import UnitError, as_written, to_unit
+from etendue.documents import Document
 from etendue.errors import nearest, unprintable
 from etendue.plugins.discovery import is_table_file
 
@@ -200,7 +201,7 @@ def axis_values(entry: Any, parameter: Parameter, kind: Any, folder: Path) -> tu
     return tuple(values)
 
 
-def _spaced(entry: dict[str, Any], parameter: Parameter, folder: Path) -> list[Decimal]:
+def _spaced(entry: Document, parameter: Parameter, folder: Path) -> list[Decimal]:
     """The values of ``{ from, to, steps, spacing }``, to 12 significant digits."""
     known = ("from", "to", "steps", "spacing")
     for name in entry:

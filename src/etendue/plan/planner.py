@@ -16,6 +16,7 @@ from typing import Any
 from etendue.contract.names import LOOKS
 from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of
+from etendue.documents import Document
 from etendue.errors import Fault, PluginError, RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan import asking, cost, omissions
@@ -167,7 +168,7 @@ def _rewritten_in_vain(nodes: Sequence[Node]) -> list[str]:
     return notes
 
 
-def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
+def summary(plan: Plan, peak_memory: int | None = None) -> Document:
     """The plan as JSON: ``etendue plan --json``; ``peak_memory``: bytes that a run of it holds at most."""
     stages = [_stage(plan, node) for node in plan.nodes]
     written = {(s["name"], v): one["bytes"] for s in stages for v, one in s["variables"].items()}
@@ -192,7 +193,7 @@ def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
     }
 
 
-def _stage(plan: Plan, node: Node) -> dict[str, Any]:
+def _stage(plan: Plan, node: Node) -> Document:
     """One stage of it."""
     cells, precision = plan.of(node.name), plan.precision
     counted = cost.alike(cells)

@@ -14,6 +14,7 @@ from etendue.contract import quantities
 from etendue.contract.parameter import MISSING
 from etendue.contract.tables import Table
 from etendue.contract.units import as_written
+from etendue.documents import DocumentView
 from etendue.errors import RequestError, nearest
 from etendue.pipeline.presets import preset, preset_names
 from etendue.plan.model import Axis
@@ -56,7 +57,7 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
     return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
 
 
-def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, Any]]:
+def _tables(request: Request, written: Iterable[Any]) -> dict[str, DocumentView]:
     """The table of each value of the axis, by its label."""
     word = request.pipeline.table.preset
     place, tables = f"sweep.{word}", dict[str, Mapping[str, Any]]()
@@ -75,7 +76,7 @@ def _tables(request: Request, written: Iterable[Any]) -> dict[str, Mapping[str, 
     return tables
 
 
-def _stated(name: str, whose: Table) -> Mapping[str, Any]:
+def _stated(name: str, whose: Table) -> DocumentView:
     """What an installed preset gives; nothing where it cannot be read: whoever names it is told."""
     try:
         return preset(name, whose).values()
@@ -83,7 +84,7 @@ def _stated(name: str, whose: Table) -> Mapping[str, Any]:
         return {}
 
 
-def _column(request: Request, name: str, one: Declared, tables: Mapping[str, Mapping[str, Any]]) -> tuple[Any, ...]:
+def _column(request: Request, name: str, one: Declared, tables: Mapping[str, DocumentView]) -> tuple[Any, ...]:
     """A quantity of all values of the axis, in order."""
     whose = request.pipeline.table
     word, place = whose.preset, f"sweep.{whose.preset}"

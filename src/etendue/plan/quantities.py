@@ -16,6 +16,7 @@ from etendue.contract.found import Found
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.contract.units import as_written
+from etendue.documents import Document
 from etendue.errors import nearest
 from etendue.plan.alternatives import Entries, meaning
 from etendue.plan.model import Axis
@@ -38,7 +39,7 @@ class Quantities:
     """All that the stages of a pipeline share."""
 
     declared: Mapping[str, Declared]
-    values: dict[str, Any]  # None where a required one is lacking, or swept
+    values: Document  # None where a required one is lacking, or swept
     written: frozenset[str]  # those that a stage of the pipeline writes
     presets: Axis | None = None  # where the preset is swept
 
@@ -80,9 +81,9 @@ def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
 
 def _values_of(
     request: Request, declared: Mapping[str, Declared], written: frozenset[str], by_preset: set[str]
-) -> dict[str, Any]:
+) -> Document:
     pipeline = request.pipeline
-    values: dict[str, Any] = {}
+    values: Document = {}
     given = {**({} if pipeline.preset_swept else pipeline.preset), **pipeline.shared}
     place, named = pipeline.table.place, pipeline.table.preset
     swept = {*pipeline.sweep, *by_preset}

@@ -12,6 +12,7 @@ from typing import Any
 
 from etendue.contract.capabilities import Sampled, draws_anew, is_random
 from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of
+from etendue.documents import Document
 from etendue.plan import asking, words
 from etendue.plan.code import code_digest, libraries_of
 from etendue.plan.cost import too_large
@@ -90,7 +91,7 @@ class Recipes:
         averaged = self.expected and isinstance(stage, Sampled)
         bound = is_random(type(stage)) or node.segment or asked
         versions = self.versions_of(libraries.union(libraries_of(type(stage)), ("numpy", "scipy") if bound else ()))
-        fields: dict[str, Any] = {
+        fields: Document = {
             "stage": one.use,
             "code": one.digest,
             "parameters": self.parameters(stage),

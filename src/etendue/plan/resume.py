@@ -13,6 +13,7 @@ from typing import Any
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import looks_at_stages
 from etendue.contract.tables import preset_keys
+from etendue.documents import DocumentView
 from etendue.errors import RequestError
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
@@ -50,7 +51,7 @@ PLANNED = 5_000
 
 
 def with_stored_values(
-    plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()
+    plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[DocumentView] = ()
 ) -> Plan:
     """The plan over the axis values of an archive's earlier runs as well: what is still right there stays.
 
@@ -116,7 +117,7 @@ def is_of_names(key: str) -> bool:
     return key.endswith(".use") or key in preset_keys()
 
 
-def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
+def _table(key: str, label: Any, sweeps: Sequence[DocumentView]) -> Any:
     """What stood for a label of a swapped stage in the newest sweep that had it."""
     for sweep in sweeps:
         values = sweep.get(key)

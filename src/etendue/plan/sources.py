@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from etendue import cache as kept
+from etendue.documents import Document
 from etendue.plan.keys import digest
 
 PACKAGE = Path(__file__).parent.parent
@@ -143,7 +143,7 @@ def _name_of(node: ast.AST) -> str:
 
 
 @cache
-def _kept() -> dict[str, Any]:
+def _kept() -> Document:
     """State and content by path of what earlier runs have read; empty where that is not whole."""
     data = kept.read("code", _place()) or b""
     try:
@@ -163,7 +163,7 @@ def known(path: Path) -> Source:
     state = [found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino]
     entry = _kept().get(name)
     if entry is not None and entry["state"] == state:
-        words: dict[str, Any] = {
+        words: Document = {
             word: tuple(value) if isinstance(value, list) else value for word, value in entry["source"].items()
         }
         return Source(**words)

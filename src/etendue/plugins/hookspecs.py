@@ -11,9 +11,10 @@ that uses it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import pluggy
+
+from etendue.documents import DocumentView
 
 PROJECT = "etendue"
 GROUP = "etendue"
@@ -31,7 +32,7 @@ def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_variables() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Variables that stages write: meaning, unit, and how a contact sheet shows them (``spec.variables.Variable``).
 
     {"halo": {"long_name": "light scattered by the film's base", "shown": "linear"}}
@@ -39,7 +40,7 @@ def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 
 @hookspec
-def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_quantities() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Quantities that stages share, under one table of a pipeline file: the words of ``param()``, and a default unless
     it must be given.
 
@@ -56,7 +57,7 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_vocabularies() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Further hooks, which a domain has for itself and whoever builds upon it: each gives a mapping by name
     (``discovery.Vocabulary``).
 
@@ -65,7 +66,7 @@ def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[e
 
 
 @hookspec
-def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_dims() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Dims that are cut into bands, or have a unit and a name of their own (``contract.dims.Dim``). Stages may ask for
     the coordinates of a dim by its name, and for the edges of its bands as ``NAME_edges``.
 
@@ -91,7 +92,7 @@ def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_commands() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_commands() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Commands of the program ``etendue``: where the click command stands, how it is typed, what it does
     (``cli.commands.Command``).
 
@@ -127,7 +128,7 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_tables() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """The name of the table under which shared quantities stand, and how sets of values are named in it
     (``contract.tables.Table``).
 
@@ -137,7 +138,7 @@ def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-b
 
 
 @hookspec
-def etendue_templates() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_templates() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Commented pipelines to begin with, for ``etendue new`` (``pipeline.beginning.Template``).
 
     {"film": {"path": Path(__file__).parent / "film.toml", "keep": {"all": "everything"}}}
@@ -153,7 +154,7 @@ def etendue_beginnings() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_elsewhere() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Stages that other distributions bring: named where a pipeline uses them and they are not installed.
 
     {"my-film-scanner": {"stages": ["scanner_glare"]}}
@@ -161,7 +162,7 @@ def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 
 @hookspec
-def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_plots() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Kinds of plots: where ``function(holdings, asked)`` stands, how many variables it takes, what it goes by
     (``plots.kinds.Kind``).
 
@@ -175,7 +176,7 @@ def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-bo
 
 
 @hookspec
-def etendue_sections() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_sections() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """Sections of a page: where ``function(tree)`` stands, and the title. It is given what ``etendue.open_archive``
     gives, and gives a list of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and
     ``{"picture": bytes of a PNG, "alt": text}``; an empty one where it has nothing to say.
@@ -211,7 +212,7 @@ def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_subjects() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """What figures are about, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of
     them.
 
@@ -220,7 +221,7 @@ def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty
 
 
 @hookspec
-def etendue_examples() -> Mapping[str, Any]:  # type: ignore[empty-body]
+def etendue_examples() -> DocumentView:  # type: ignore[empty-body]
     """What stages are tried with that look at others: under ``datasheet`` a role and figures.
 
     {"datasheet": {"role": "gauge", "figures": {"offset": 0.1}}}
@@ -228,7 +229,7 @@ def etendue_examples() -> Mapping[str, Any]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_scales() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+def etendue_scales() -> Mapping[str, DocumentView]:  # type: ignore[empty-body]
     """What is said of units beyond their size (``contract.wording.Unit``).
 
     {"hPa": {"full": 1013.0}}

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 from etendue.compute.tables import LARGEST_CACHE
+from etendue.documents import AxisValue
 from etendue.errors import MachineError
 from etendue.plan import machine
 from etendue.plan.cost import alike, cell_bytes
@@ -75,7 +75,7 @@ def _check_memory(plan: Plan, archive: Path | None, workers: int, pictures: bool
 
 def _cell(plan: Plan, ref: CellRef) -> str:
     """A stage and its axis values."""
-    labels: dict[str, Any] = plan.labels(ref)
+    labels: dict[str, AxisValue] = plan.labels(ref)
     at = ", ".join(f"{plan.axis(dim).key} = {value}" for dim, value in labels.items())
     return f"{ref[0]!r}{f' at {at}' if at else ''}"
 

@@ -20,9 +20,12 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.process import Shared
+
+if TYPE_CHECKING:
+    import xarray
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 LARGEST_BLOCK = 32 << 20  # the largest glibc accepts; larger arrays are mapped as before
@@ -56,7 +59,7 @@ class Trees:
         self.old: list[tuple[weakref.ref[Any], int]] = []
         self.allowed = 0  # of the old; what is held by somebody would be looked through in vain
 
-    def hand_out(self, tree: Any, size: int) -> None:
+    def hand_out(self, tree: xarray.DataTree, size: int) -> None:
         """Remember a tree and the bytes of its arrays."""
         with self.lock:
             self.young.append((weakref.ref(tree), size))

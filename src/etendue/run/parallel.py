@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 from uuid import uuid4
 
+from etendue.documents import Document
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
 from etendue.run.schedulers import How
@@ -21,9 +22,9 @@ After = Callable[[Batch, BatchResult], None]
 Runner = Callable[..., BatchResult]  # of jobs, exports, imports, deliver and the results of the batches before
 
 
-def graph_of(batches: list[Batch], deliver: Set[CellRef], runner: Runner = run_batch, run: str = "") -> dict[str, Any]:
+def graph_of(batches: list[Batch], deliver: Set[CellRef], runner: Runner = run_batch, run: str = "") -> Document:
     """The raw Dask graph: ``batch-7`` of a run depends on the batches it imports from."""
-    graph: dict[str, Any] = {}
+    graph: Document = {}
     for batch in batches:
         inputs = sorted(batch.imports)
         imports = tuple(tuple(batch.imports[n]) for n in inputs)

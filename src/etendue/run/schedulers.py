@@ -6,11 +6,12 @@ Out: a ``Scheduler``. One more is a row here, and the module that its ``place`` 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from etendue.documents import DocumentView
 from etendue.errors import RequestError, nearest
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ class How:
     workers: int
     stop: Stop
     cell_timeout: float | None = None
-    platform: Callable[[], Mapping[str, Any]] = dict
+    platform: Callable[[], DocumentView] = dict
     mark: Any = None
 
 

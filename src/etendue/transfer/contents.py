@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import FloatArray
 from etendue.contract.bounds import MOST_VALUES
 from etendue.contract.capabilities import Banded, Source, is_random
 from etendue.contract.coordinates import coordinates_of
@@ -69,7 +70,7 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     return _content(rows, edges, grid.bands().size)
 
 
-def _content(rows: list[Any], edges: Any, bands: int) -> Content:
+def _content(rows: list[Any], edges: FloatArray, bands: int) -> Content:
     """Of all bands, from what was found in those that were looked at: (low, mean, high, power, amplitude) of each."""
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
@@ -97,7 +98,7 @@ def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterato
     with foreign(f"{type(source).__name__}.prepare"):
         prepared = None if type(source).prepare is Stage.prepare else own.prepare(given)
 
-    def made(part: Any) -> Any:
+    def made(part: Any) -> FloatArray:
         asked = {"asked": frozenset[str]()} | given | ({"prepared": part} if part is not None else {})
         with foreign(f"{type(source).__name__}.run"):
             return own.run(**{name: asked[name] for name in arguments_of(type(source))}).get(variable)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import FloatArray
 from etendue.contract.capabilities import Transfer
 from etendue.contract.facts import Content
 from etendue.contract.stage import state_of
@@ -44,7 +45,7 @@ def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Conte
     return content.filtered(tuple(tuple(map(float, row)) for row in passed))
 
 
-def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
+def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: FloatArray) -> FloatArray:
     """(direction, band, n): the product of transfer functions along rays; one direction where all of them are
     radial.
     """
@@ -56,7 +57,7 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
 
 
 @lru_cache(48)
-def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Any:
+def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> FloatArray:
     """Of one stage, asked once: the same stage stands in front of many others."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:

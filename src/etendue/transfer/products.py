@@ -7,7 +7,7 @@ Out: their product at separable frequencies, for all bands or some of them; of c
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.arrays import Array
 from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer, bands_of
 from etendue.contract.coordinates import coordinates_of
 from etendue.contract.dims import dim
@@ -57,21 +58,21 @@ class Product:
         """Whether every stage depends on the size of the frequency alone."""
         return all(stage.radial for stage in self.stages)
 
-    def at(self, fy: NDArray[Any], fx: NDArray[Any], bands: slice = EVERY) -> Any:
+    def at(self, fy: Array, fx: Array, bands: slice = EVERY) -> Array:
         """(band or 1, m, n) at frequencies fy (m, 1), fx (1, n), cycles/um; 1 where there is no stage."""
         middles = self.middles[bands]
-        product: Any = np.ones((1, 1, 1))
+        product: Array = np.ones((1, 1, 1))
         for stage, prepared in zip(self.stages, self._prepared, strict=True):
             product = product * asked(stage, fy, fx, middles, prepared)
         return product
 
-    def along(self, frequency: NDArray[Any]) -> Any:
+    def along(self, frequency: Array) -> Array:
         """(band, n) along x."""
         found = self.at(np.zeros((1, 1)), frequency[None, :])[:, 0]
         return np.broadcast_to(found, (self.middles.size, frequency.size))
 
 
-def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any:
+def asked(stage: Transfer, fy: Array, fx: Array, middles: Array, prepared: Any) -> Array:
     """``stage.transfer`` as (band or 1, m, n) finite numbers that fit the frequencies, or an error that names the
     stage.
     """
@@ -87,7 +88,7 @@ def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any
     return found.reshape((1,) * (3 - found.ndim) + found.shape)
 
 
-def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+def between(stage: ChannelTransfer, fy: Array, fx: Array, light: Array, prepared: Any) -> Array:
     """``stage.channel_transfer`` as (channel, channel, m, n) finite numbers that fit the frequencies (m,), (n,), or an
     error that names the stage."""
     name = f"{type(stage).__name__}.channel_transfer"
@@ -106,7 +107,7 @@ def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any)
     return found
 
 
-def behind_filters(bands: Any, shares: Any, moved: Any = (), still: Any = ()) -> Any:
+def behind_filters(bands: Array, shares: Array, moved: Sequence[Array] = (), still: Sequence[Array] = ()) -> Array:
     """Transfer functions of grey detail by channel: means over bands, and what charge that moves between channels makes
     of them.
 
@@ -133,7 +134,7 @@ def behind_filters(bands: Any, shares: Any, moved: Any = (), still: Any = ()) ->
     return found / scale.reshape(-1, *[1] * (found.ndim - 1))
 
 
-def weights(stage: Summed, prepared: Any) -> Any:
+def weights(stage: Summed, prepared: Any) -> Array:
     """``stage.weights``: (channel, band), read-only."""
     name = f"{type(stage).__name__}.weights"
     with foreign(name):

@@ -18,6 +18,7 @@ from etendue.archive.manifest import DATA
 from etendue.archive.provenance import record_paths
 from etendue.archive.stored import LEDGER, Stored
 from etendue.contract.names import TABLES
+from etendue.documents import Document, DocumentView
 from etendue.errors import ArchiveError, RequestError
 from etendue.trust import sayings
 from etendue.trust.comparing import ELSEWHERE, differences, of_array, shown, skipped
@@ -258,7 +259,7 @@ def _of_record(
         known.setdefault(key, set()).update(there)
 
 
-def _with_the_code_of_then(says: Mapping[str, Any], made: Mapping[str, Any]) -> tuple[Mapping[str, Any], bool]:
+def _with_the_code_of_then(says: DocumentView, made: DocumentView) -> tuple[DocumentView, bool]:
     """What is made now, with what a record says of its code where that is another; whether it is."""
     nodes, other = dict(made["nodes"]), False
     for name, then in says["nodes"].items():
@@ -299,9 +300,9 @@ def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Differenc
     yield from differences(crate.NAME, rest[0], rest[1], 0.0)
 
 
-def _entities(document: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
+def _entities(document: DocumentView | None) -> dict[str, Document]:
     graph = (document or {}).get("@graph")
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Document] = {}
     for number, one in enumerate(graph if isinstance(graph, list) else ()):
         name = str(one.get("@id")) if isinstance(one, dict) else str(number)
         found[name if name not in found else f"{name} again"] = dict(one) if isinstance(one, dict) else {"": one}

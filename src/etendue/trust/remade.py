@@ -36,6 +36,7 @@ from etendue.archive.stored import LEDGER, Stored
 from etendue.archive.tree import ROOT, Tree
 from etendue.contract.ports import CellReport, Sheet
 from etendue.contract.registry import installed_stages
+from etendue.documents import Document
 from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import from_document
 from etendue.pipeline.overrides import apply_overrides
@@ -173,7 +174,7 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
 
 def record_again(
     run: Recorded, earlier: Sequence[Recorded] = (), most_cells: int | None = None
-) -> tuple[dict[str, Any], dict[str, set[Any]]]:
+) -> tuple[Document, dict[str, set[Any]]]:
     """The record of a run made anew from its resolved pipeline and its axis values; by axis the values that it asked
     for itself.
 
@@ -228,7 +229,7 @@ def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) 
         return None
 
 
-def _words(text: str) -> dict[str, Any]:
+def _words(text: str) -> Document:
     """A text as a document, in whatever order its keys stand; a name that stands in the file's own is no difference."""
     return {**tomllib.loads(text, parse_float=Decimal), "name": ""}
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.again import recorded
 from etendue.archive.looking import Told, Verified
@@ -18,6 +17,7 @@ from etendue.archive.verify import document as of_verified
 from etendue.archive.verify import verify
 from etendue.contract.ports import Progress
 from etendue.contract.registry import installed_stages
+from etendue.documents import Document
 from etendue.errors import ArchiveError
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
@@ -72,7 +72,7 @@ def repair(
     return Repaired(found, verify(folder, told), done, outcome.computed + outcome.restored, len(outcome.failed))
 
 
-def document(found: Repaired) -> dict[str, Any]:
+def document(found: Repaired) -> Document:
     """As ``--json`` says it: the archive as it is now, and what was done."""
     return {
         **of_verified(found.after),

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from etendue.archive import disk, frames
 from etendue.archive.accepting import former_of
@@ -31,6 +30,7 @@ from etendue.archive.stored import Stored
 from etendue.archive.verify import verify
 from etendue.contract.ports import CellReport, Progress, Sheet
 from etendue.contract.registry import installed_stages
+from etendue.documents import Document
 from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError
 from etendue.plan.keys import version_of
 from etendue.plan.model import CellRef, Plan
@@ -277,7 +277,7 @@ def _refuse_missing(run: Recorded) -> None:
         raise RequestError(faults)
 
 
-def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
+def software(run: Recorded, plan: Plan) -> list[Document]:
     """What of the stages differs from those the archive was computed with."""
     rows = []
     now = node_records(plan)
@@ -291,7 +291,7 @@ def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
     return rows
 
 
-def document(found: Reproduction) -> dict[str, Any]:
+def document(found: Reproduction) -> Document:
     """As ``--json`` says it."""
     return {
         "archive": str(found.folder),
@@ -316,7 +316,7 @@ def document(found: Reproduction) -> dict[str, Any]:
     }
 
 
-def _stage(name: str, own: list[CellResult]) -> dict[str, Any]:
+def _stage(name: str, own: list[CellResult]) -> Document:
     counts = {
         kind: sum(cell.found == kind for cell in own)
         for kind in ("same", "within", "beyond", "unknown", "damaged", "failed")

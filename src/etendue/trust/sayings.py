@@ -16,6 +16,7 @@ from etendue.archive import crate, disk, frames
 from etendue.archive.manifest import DATA
 from etendue.archive.provenance import record_paths
 from etendue.archive.stored import LEDGER, Stored
+from etendue.documents import Document
 from etendue.trust.remade import Again
 
 JOURNAL, MANIFEST = "journal.jsonl", "manifest.json"
@@ -104,7 +105,7 @@ def named_twice(data: bytes | None) -> str | None:
     """
     found: list[str] = []
 
-    def looked_at(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    def looked_at(pairs: list[tuple[str, Any]]) -> Document:
         whole = dict(pairs)
         if len(whole) < len(pairs):
             names = [name for name, _ in pairs]

@@ -9,7 +9,7 @@ front of it state: their sum, relative to full scale, rms.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 from etendue.archive.comparing import Compared
 from etendue.archive.looking import Damage
 from etendue.contract.ports import CellReport
+from etendue.documents import Document, DocumentView
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.trust.comparing import NotChecked
@@ -51,9 +52,9 @@ class Reproduction:
     """
 
     folder: Path
-    record: Mapping[str, Any]
+    record: DocumentView
     platform: dict[str, tuple[Any, Any]]
-    software: list[dict[str, Any]]
+    software: list[Document]
     order: list[str]
     cells: list[CellResult] = field(default_factory=list)
     differences: list[Difference] = field(default_factory=list)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Any
 
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.pipeline.presets import Sourced, preset, preset_names
 from etendue.plugins.discovery import OWN
 from etendue.present.terminal.terminal import _out, _table, escape
 
 
-def sensor_document(name: str) -> dict[str, Any]:
+def sensor_document(name: str) -> Document:
     """One sensor as JSON holds it."""
     try:
         found = preset(name)
@@ -35,7 +36,7 @@ def sensor_document(name: str) -> dict[str, Any]:
     }
 
 
-def _sourced(one: Sourced) -> dict[str, Any]:
+def _sourced(one: Sourced) -> Document:
     return {"value": _plain(one.value), "source": one.source, "note": one.note}
 
 
@@ -45,7 +46,7 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, Decimal) else value
 
 
-def print_sensors(documents: list[dict[str, Any]]) -> None:
+def print_sensors(documents: list[Document]) -> None:
     """Every sensor in a line."""
     columns = (("sensor", "left"), ("pitch", "right"), ("full well", "right"), ("what it is", "left"))
     table = _table("sensors", *columns, wrap=("what it is",))
@@ -64,7 +65,7 @@ def print_sensors(documents: list[dict[str, Any]]) -> None:
     console.print('in a pipeline: \\[camera] sensor = "NAME"\nvalues and sources: etendue sensors NAME')
 
 
-def print_sensor(document: dict[str, Any]) -> None:
+def print_sensor(document: Document) -> None:
     """Every value of a sensor with its source; addresses stand below, whole."""
     console = _out()
     if "broken" in document:

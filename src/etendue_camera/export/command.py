@@ -12,9 +12,9 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from etendue.contract.registry import installed_stages
+from etendue.documents import Document
 from etendue.errors import Fault, RequestError
 from etendue.present.plots.places import is_called, read_at
 from etendue_camera.electronics import amplifier
@@ -271,7 +271,7 @@ def _writer(shelf: Shelf, kind: str, frame: ArchivedFrame) -> Callable[[Path], N
 
 
 def _is_srgb(shelf: Shelf, frame: ArchivedFrame) -> bool:
-    shown: dict[str, Any] = {
+    shown: Document = {
         k: v for node in shelf.record["nodes"].values() for k, v in node["shown"].items() if k == "display"
     }
     return str(shelf.parameter(frame, "encoding")) == "sRGB" and shown.get("display", "sRGB") == "sRGB"

@@ -24,11 +24,13 @@ from etendue.archive.provenance import latest_record
 from etendue.archive.reading import metadata_of
 from etendue.archive.stored import Stored
 from etendue.archive.vouched import VouchedStore
+from etendue.documents import Document, DocumentView, Place
 from etendue.errors import ArchiveError, Fault, RequestError, nearest
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import is_called, is_value
 from etendue.present.plots.strip import white_of
+from etendue_camera.arrays import FloatArray
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")
@@ -59,11 +61,11 @@ class ArchivedFrame:
 
     group: StageGroup
     variable: str
-    labels: Mapping[str, Any]  # axis values, and the position along leading dims such as ``frame``
+    labels: Place  # axis values, and the position along leading dims such as ``frame``
     status: str
     stored: Stored
 
-    def picture(self) -> Any:
+    def picture(self) -> FloatArray:
         """The array: (y, x) or (channel, y, x).
 
         Raises
@@ -77,7 +79,7 @@ class ArchivedFrame:
         return ", ".join(f"{dim}={plain(value)}" for dim, value in self.labels.items())
 
 
-def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Mapping[str, Any]) -> Any:
+def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Place) -> FloatArray:
     """A variable of one cell as the journal vouches for it, at the labels of its other dims."""
     axes = _cell_axes(data)
     name = cell_label(stage, {dim: labels[dim] for dim in axes})
@@ -97,7 +99,7 @@ def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str
     return inner.isel(rest).to_numpy()
 
 
-def plain(value: Any) -> str:
+def plain(value: float) -> str:
     """A value of an axis as short text."""
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
@@ -110,7 +112,7 @@ class Shelf:
         described = describe_archive(self.folder)
         record = latest_record(self.folder)
         assert record is not None  # describe_archive has refused such a folder
-        self.record: dict[str, Any] = record
+        self.record: Document = record
         self.stages: list[str] = [stage["name"] for stage in described["stages"]]
         self.variables: dict[str, list[tuple[str, str]]] = {}
         for stage in described["stages"]:
@@ -248,7 +250,7 @@ def _cell_axes(data: xarray.Dataset) -> list[str]:
     return [str(dim) for dim in data["status"].dims] if "status" in data else []
 
 
-def _finished_cell(data: xarray.Dataset, known: Mapping[str, Any]) -> dict[str, Any] | None:
+def _finished_cell(data: xarray.Dataset, known: DocumentView) -> Document | None:
     """The labels of the one cell at known labels; None where there are several, none, or an unfinished one."""
     axes = _cell_axes(data)
     labels = {dim: known[dim] for dim in axes if dim in known}
@@ -260,7 +262,7 @@ def _finished_cell(data: xarray.Dataset, known: Mapping[str, Any]) -> dict[str, 
     return whole if STATUS[int(cell["status"])] in FINISHED else None
 
 
-def _values(data: Any, dim: str) -> list[Any]:
+def _values(data: xarray.Dataset | xarray.DataArray, dim: str) -> list[Any]:
     if dim not in data.coords:
         return list(range(data.sizes[dim]))
     return [value.item() if hasattr(value, "item") else value for value in data[dim].to_numpy()]

@@ -147,7 +147,7 @@ def prepare(
     bank: PsfBank,
     y_um: FloatArray,
     x_um: FloatArray,
-    wavelengths_um: Any,
+    wavelengths_um: FloatArray,
     method: Method = "auto",
     tolerance: float = 1e-3,
     count: int = 0,

@@ -21,12 +21,14 @@ from typing import Any
 
 import numpy as np
 
+from etendue_camera.arrays import FloatArray
+
 WIDEST = 20.0  # nm; rows farther apart are corners of a drawn curve, which ends where it ends
 CONSEQUENCE = 1e-4  # share of a signal below which nothing is said
 SEEN = 780.0  # nm; up to here an eye still sees what would hang on a held reflectance
 
 
-def reach_of(rows: Any) -> tuple[float, float]:
+def reach_of(rows: FloatArray) -> tuple[float, float]:
     """Lowest and highest wavelength (nm) for which the rows (n >= 2, ascending) of a table stand."""
     before, behind = (0.5 * float(step) if step <= WIDEST else 0.0 for step in (rows[1] - rows[0], rows[-1] - rows[-2]))
     return float(rows[0]) - before, float(rows[-1]) + behind

@@ -16,6 +16,7 @@ from etendue.contract import quantities as camera
 from etendue.contract.capabilities import Probe
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
+from etendue.documents import AxisValue, Document
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.pipeline.derived import at_value, wanting
 from etendue.pipeline.file import Pipeline
@@ -32,7 +33,7 @@ class Asked:
     """``values`` None: whatever is installed."""
 
     key: str
-    values: tuple[Any, ...] | dict[str, Any] | None
+    values: tuple[Any, ...] | Document | None
 
     @property
     def stage(self) -> str:
@@ -182,7 +183,7 @@ def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
     Where the file gives a value beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) it
     holds; where it gives none, the first value of the sweep does.
     """
-    at: dict[str, Any] = {}
+    at: dict[str, AxisValue] = {}
     for key in sorted(pipeline.sweep, key=lambda key: key != SENSOR):  # a sensor gives values to the others
         own = own_value(pipeline, key)
         value = _first(pipeline.sweep[key]) if own is None else own

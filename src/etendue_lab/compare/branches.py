@@ -19,6 +19,7 @@ from typing import Any
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, quantities_of, reads_of
+from etendue.documents import Document, DocumentView
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.derived import each, free_name
 from etendue.pipeline.file import Pipeline, StageEntry
@@ -60,7 +61,7 @@ class Branched:
     )
     notes: tuple[str, ...]
 
-    def axes(self, key: str, values: Any) -> dict[str, Any]:
+    def axes(self, key: str, values: Any) -> Document:
         """The lines of a sweep that give an axis to both branches. Nothing depends on more than one of them."""
         name = key.rpartition(".")[2]
         return {key: values} | ({f"{self.counterpart}.{name}": values} if self.counterpart else {})
@@ -165,7 +166,7 @@ class Reference:
         values = {k: v for k, v in self.entries[node.name].values.items() if k in own}
         return self.put(f"reference_{node.name}", use, origin, values)
 
-    def put(self, name: str, use: str, origin: Mapping[str, str], values: Mapping[str, Any]) -> str:
+    def put(self, name: str, use: str, origin: Mapping[str, str], values: DocumentView) -> str:
         name = free_name(name, {*self.entries, *(entry.name for entry in self.added)})
         self.added.append(StageEntry(name, use, dict(values), dict(origin), f"the reference's {name}"))
         return name

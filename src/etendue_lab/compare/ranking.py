@@ -18,6 +18,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from etendue.documents import Document
 from etendue.present.pictures.crops import Strip, strip
 from etendue.present.terminal.terminal import escape
 from etendue.present.terminal.work_precision import Point, work_precision
@@ -51,7 +52,7 @@ UNITS = {
 DISPENSABLE = ("zipper", "false colour")
 
 
-def document(found: Comparison) -> dict[str, Any]:
+def document(found: Comparison) -> Document:
     """The comparison as JSON: what is not known is null."""
     return {
         "pipeline": found.pipeline,
@@ -74,7 +75,7 @@ def document(found: Comparison) -> dict[str, Any]:
     }
 
 
-def row_document(found: Comparison, number: int, row: Row) -> dict[str, Any]:
+def row_document(found: Comparison, number: int, row: Row) -> Document:
     return {
         found.key: _plain(row.value),
         "label": row.label,

@@ -23,6 +23,7 @@ from etendue.compute.jobs import make_jobs
 from etendue.compute.joined.segments import Result
 from etendue.contract.capabilities import Viewed, is_source, is_transfer
 from etendue.contract.registry import Registry, installed_stages
+from etendue.documents import AxisValue
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import CellRef
@@ -56,7 +57,7 @@ class Comparison:
     without: str
     noise: str  # 1 frame, or expected values
     size: tuple[int, int]  # pixels along y and x, of the best
-    at: dict[str, Any]  # what the file's own sweep would have changed: the values that hold
+    at: dict[str, AxisValue]  # what the file's own sweep would have changed: the values that hold
     notes: list[str]
     first: tuple[str, ...] = ()  # those of ``at`` that are the sweep's first, as the file gives no other
     units: str = ""  # of the axis

@@ -15,6 +15,7 @@ import numpy as np
 
 from etendue.contract.capabilities import Datasheet
 from etendue.contract.stage import Stage
+from etendue.documents import AxisValue
 from etendue.errors import RequestError
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import Cell, CellRef, Node, Plan
@@ -88,7 +89,7 @@ def _by_camera(
 
 def _measured(
     plan: Plan,
-    at: dict[str, Any],
+    at: dict[str, AxisValue],
     bright: list[Cell],
     dark: list[Cell],
     times: Mapping[CellRef, Any],

@@ -29,6 +29,7 @@ from etendue.contract.capabilities import is_source
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, writes_of
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.pipeline.derived import free_name, stage_in_front, wanting, with_values, without_stages
 from etendue.pipeline.file import Pipeline, StageEntry
@@ -173,7 +174,7 @@ def _asking(
     values = {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}
     series = StageEntry(name, use, values, {}, "the series of exposures")
     scene = next(name for name, kind in kinds.items() if is_source(kind))
-    sweep: dict[str, Any] = {f"{scene}.reflectance": list(reflectances)} if reflectances else {}
+    sweep: Document = {f"{scene}.reflectance": list(reflectances)} if reflectances else {}
     return replace(stage_in_front(pipeline, exposure, series), sweep=sweep, wanted=(RAW,), keep=None)
 
 

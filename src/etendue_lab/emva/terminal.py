@@ -7,10 +7,10 @@ Out: a table for each channel: figure, measured, interval, expected.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from rich.table import Table
 
+from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape
 
 NAMES = {
@@ -31,7 +31,7 @@ SENSORS = 900  # docs/emva.md
 PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
 
 
-def print_emva(document: dict[str, Any]) -> None:
+def print_emva(document: Document) -> None:
     """Measured beside expected."""
     console = _out()
     console.print(
@@ -64,7 +64,7 @@ def print_emva(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _figures(title: str, rows: list[dict[str, Any]]) -> Table:
+def _figures(title: str, rows: list[Document]) -> Table:
     columns = (
         ("figure", "left"),
         ("measured", "right"),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.registry import Registry
+from etendue.documents import Document
 from etendue.pipeline.derived import wanting
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
@@ -36,7 +37,7 @@ def edge_contrast(
     frequency: Any,
     registry: Registry,
     options: Options | None = None,
-) -> dict[Place, dict[str, Any]]:
+) -> dict[Place, Document]:
     """By picture and channel: contrast at the frequencies along the normal of the edge, `ANGLE` degrees from x.
 
     ``white``: what a white surface becomes at most, 1 where pixels saturate; the edge stays below.
@@ -56,7 +57,7 @@ def edge_contrast(
     if failed is not None:
         raise ValueError(f"the stage {failed.stage!r} broke off in front of an edge: {failed.message.splitlines()[-1]}")
     own = np.exp(-2 * (math.pi * sigma / detail.pitch * frequency) ** 2)
-    found: dict[Place, dict[str, Any]] = {}
+    found: dict[Place, Document] = {}
     for place in places:
         edge, field = (np.asarray(arrays.arrays[refs[place[0], i]][place[1]], np.float64) for i in (0, 1))
         if not (np.isfinite(field).all() and (field > 0).all()):

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.cell import compute
 from etendue.compute.found import with_found
 from etendue.compute.jobs import make_jobs
@@ -44,7 +45,9 @@ Place = tuple[str, str]  # stage and variable
 class FineDetail(FlatField):
     """A camera in front of a grey card, from its own figures."""
 
-    def __init__(self, plan: Plan, arrays: dict[CellRef, dict[str, Any]], pipeline: Pipeline, notes: list[str]) -> None:
+    def __init__(
+        self, plan: Plan, arrays: dict[CellRef, dict[str, Array]], pipeline: Pipeline, notes: list[str]
+    ) -> None:
         first = next(n for n in plan.nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
         super().__init__(plan, first, [arrays], notes)
         self.pipeline = pipeline

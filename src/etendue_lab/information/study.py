@@ -20,6 +20,7 @@ import numpy as np
 
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
+from etendue.documents import Document
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import Plan
@@ -193,7 +194,7 @@ class _Found:
 
     # -- noise ------------------------------------------------------------------------------------------------------
 
-    def _mosaic(self, frames: Any, contrast: dict[str, Any]) -> list[Curve]:
+    def _mosaic(self, frames: Any, contrast: Document) -> list[Curve]:
         """By channel: each place of the cell by itself, on its own lattice, whose power repeats beyond its Nyquist
         frequency.
         """
@@ -223,7 +224,7 @@ class _Found:
             curves.append(self._curve(place, channel, expected, total, periodograms))
         return curves
 
-    def _picture(self, place: Place, frames: Any, contrast: dict[str, Any]) -> list[Curve]:
+    def _picture(self, place: Place, frames: Any, contrast: Document) -> list[Curve]:
         detail = self.detail
         power, count = noise_power.periodograms(frames, BLOCK)
         expected_power = detail.periodogram_of(place, BLOCK)

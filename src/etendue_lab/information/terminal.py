@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _print_whole, escape
 
 KINDS = {"photons": "shot noise alone, no blur", "blur": "blurs", "noise": "adds noise"}
 
 
-def print_information(document: dict[str, Any]) -> None:
+def print_information(document: Document) -> None:
     """Where bits are lost, and how far what was found lies from what was predicted."""
     console = _out()
     electrons = ", ".join(f"{channel} {value:.0f}" for channel, value in document["electrons"].items())
@@ -68,7 +69,7 @@ def print_information(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
+def _print_curves(console: Any, curves: list[Document]) -> None:
     frequency = curves[0]["cycles_per_pixel"]
     shown = [min(range(len(frequency)), key=[abs(f - at) for f in frequency].__getitem__) for at in (0.125, 0.25, 0.5)]
     columns = (

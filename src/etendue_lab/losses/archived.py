@@ -6,15 +6,15 @@ Out: the document of ``studies.losses`` for the camera that stands there, from t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 from etendue.archive.again import recorded
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of
+from etendue.documents import Document, Place
 from etendue.errors import EtendueError
 from etendue.pipeline.derived import at_value
 from etendue.pipeline.file import Pipeline
@@ -31,25 +31,21 @@ ABOUT = (
 )
 
 
-def losses_at(
-    folder: Path, at: Mapping[str, Any], told: Callable[[str], None] = lambda text: None, runs: int = RUNS
-) -> dict[str, Any]:
+def losses_at(folder: Path, at: Place, told: Callable[[str], None] = lambda text: None, runs: int = RUNS) -> Document:
     """Shapley values of the camera at some values of its axes, ``{dim: value}``; ``why`` in their place where there are
     none.
 
     Only cameras of a grey card and, for colour, at most ``runs`` of the scene are computed; nothing of the archive is.
     """
     try:
-        found: dict[str, Any] = finite(
-            losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document()
-        )
+        found: Document = finite(losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document())
     except EtendueError as error:
         return {"losses": [], "notes": [], "why": str(error).strip().split("\n")[-1]}
     shown = [{**loss, "value": loss["camera"]} for loss in found["losses"]]  # the word that whoever shows it knows
     return {**found, "losses": shown, "about": ABOUT, "why": ""}
 
 
-def camera_at(folder: Path, at: Mapping[str, Any]) -> Pipeline:
+def camera_at(folder: Path, at: Place) -> Pipeline:
     """The pipeline of an archive's last run without its sweep: every axis at one of its values.
 
     Raises

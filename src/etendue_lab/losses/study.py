@@ -21,6 +21,7 @@ import numpy as np
 
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
+from etendue.documents import Document
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline import derived
 from etendue.pipeline.file import Pipeline
@@ -50,7 +51,7 @@ class LossReport:
     games: list[Game] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """As JSON holds it."""
         return {
             "pipeline": self.pipeline,
@@ -263,7 +264,7 @@ class _Cameras:
 # -- JSON ---------------------------------------------------------------------------------------------------------
 
 
-def _document(game: Game) -> dict[str, Any]:
+def _document(game: Game) -> Document:
     found = game.shares
     stages = [
         {

@@ -7,14 +7,14 @@ Out: a table for each loss, and how well pairs are predicted.
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape
 
 PAIRS = 3  # with the strongest interactions, that are named
 
 
-def print_losses(document: dict[str, Any]) -> None:
+def print_losses(document: Document) -> None:
     """Shares of contrast, signal-to-noise ratio and colour."""
     console = _out()
     console.print(

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue_camera import spectra
 from etendue_camera.colour.difference import lab
@@ -54,7 +55,7 @@ def to_lab(space: str) -> Callable[[Any], Any]:
     return lambda rgb: lab(np.tensordot(adapted, rgb, 1), white)
 
 
-def measured_chart(photograph: Photograph, text: str, space: str, confidence: float) -> dict[str, Any]:
+def measured_chart(photograph: Photograph, text: str, space: str, confidence: float) -> Document:
     """The 24 patches.
 
     Raises
@@ -167,7 +168,7 @@ def _between(name: str, value: float, reach: float) -> dict[str, float]:
     return {name: float(value), f"{name}_low": max(float(value - reach), 0.0), f"{name}_high": float(value + reach)}
 
 
-def _summary(found: ColourErrors, names: tuple[str, ...]) -> dict[str, Any]:
+def _summary(found: ColourErrors, names: tuple[str, ...]) -> Document:
     worst = int(found.delta_e.argmax())
     return {
         **_between("mean", found.mean, found.mean_reach),

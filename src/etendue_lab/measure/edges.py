@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue_camera.electronics.rounding import both, lasting_error
 from etendue_camera.resolution.edge_interval import CLIPPED, EdgeResolution, edge_resolution
@@ -66,7 +67,7 @@ REGIONS = (
 )
 
 
-def measured_edge(photograph: Photograph, text: str, channel: str, confidence: float) -> dict[str, Any]:
+def measured_edge(photograph: Photograph, text: str, channel: str, confidence: float) -> Document:
     """One edge.
 
     Raises
@@ -103,12 +104,12 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
     raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself: {_why(refusals, why)}; {REGIONS}")
 
 
-def _measured_in(photograph: Photograph, region: Window, channel: str, confidence: float) -> dict[str, Any]:
+def _measured_in(photograph: Photograph, region: Window, channel: str, confidence: float) -> Document:
     """The one edge of a region; where something else stands in a corner of it, that of the strip whose box the
     region is.
     """
     refusal: RequestError | None = None
-    whole: dict[str, Any] = {}
+    whole: Document = {}
     try:
         whole = _measured(photograph, region, channel, confidence)
     except RequestError as error:
@@ -143,9 +144,7 @@ def _why(refusals: list[str], why: list[str]) -> str:
     return f"what it has of edges is {'; or '.join(kinds)}{f' ({help})' if help else ''}"
 
 
-def _measured(
-    photograph: Photograph, place: Window, channel: str, confidence: float, strip: Any = None
-) -> dict[str, Any]:
+def _measured(photograph: Photograph, place: Window, channel: str, confidence: float, strip: Any = None) -> Document:
     """The edge in a rectangle, or that of the pixels of a strip in it."""
     what = f"--edge {place}"
     if strip is not None:
@@ -208,9 +207,7 @@ def _untried(photograph: Photograph, channel: str, found: EdgeResolution, step: 
     return [name for name, outside in seen.items() if outside]
 
 
-def _intervals(
-    photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float
-) -> dict[str, Any]:
+def _intervals(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> Document:
     """Intervals of noise with what a file adds to them, all parts in squares, and those parts, of MTF50."""
     doubt, lost = _rounding(photograph, levels, found, confidence), _lost(photograph, levels, found)
     z = float(scipy.special.ndtri(0.5 + 0.5 * confidence))

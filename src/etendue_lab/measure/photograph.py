@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from etendue import plain_files
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.picture_files import check_directories, read_picture
@@ -44,13 +45,13 @@ RAW = frozenset(
 )
 MOST_PIXELS = 160_000_000  # Pillow opens no more than 179 million
 INSTALL = "pip install 'etendue[raw]'"
-LINEARISED: dict[str, Any] = {
+LINEARISED: Document = {
     "sRGB": transfer.srgb_decode,
     "BT.709": transfer.bt709_decode,
     "linear": lambda values: values,
 }
 
-ENCODED: dict[str, Any] = {
+ENCODED: Document = {
     "sRGB": transfer.srgb_encode,
     "BT.709": transfer.bt709_encode,
     "linear": lambda values: values,

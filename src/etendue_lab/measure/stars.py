@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, star_resolution
 from etendue_lab.measure.photograph import Photograph
@@ -19,9 +20,7 @@ from etendue_lab.measure.regions import Circle, circle
 ROOM = 2  # pixels about the star
 
 
-def measured_star(
-    photograph: Photograph, text: str, channel: str, cycles: int | None, confidence: float
-) -> dict[str, Any]:
+def measured_star(photograph: Photograph, text: str, channel: str, cycles: int | None, confidence: float) -> Document:
     """One star.
 
     Raises

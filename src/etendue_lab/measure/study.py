@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.present.plots.plot import Plot, new_figure
 from etendue_camera import spectra
@@ -40,7 +41,7 @@ class Asked:
     pitch: float | None = None  # um
 
 
-def measure(path: Path, asked: Asked) -> dict[str, Any]:
+def measure(path: Path, asked: Asked) -> Document:
     """Measure a photograph.
 
     Raises
@@ -86,7 +87,7 @@ def measure(path: Path, asked: Asked) -> dict[str, Any]:
     return {**document, "notes": [*notes, *(chart.pop("notes") if chart else [])]}
 
 
-def _beside(row: dict[str, Any], pitch: float | None, rows: int) -> dict[str, Any]:
+def _beside(row: Document, pitch: float | None, rows: int) -> Document:
     """MTF50 in line widths a picture height, and in cycles/mm where the pitch of pixels (um) is known."""
     found = {**row, "mtf50_lw_ph": 2 * rows * row["mtf50"]}
     if pitch is not None:
@@ -94,7 +95,7 @@ def _beside(row: dict[str, Any], pitch: float | None, rows: int) -> dict[str, An
     return found
 
 
-def curves(document: dict[str, Any]) -> Plot:
+def curves(document: Document) -> Plot:
     """The responses of edges and stars as a plot and as rows."""
     measured = [("edge", one, one["region"]) for one in document["edges"]] + [
         ("star", one, one["star"]) for one in document["stars"]

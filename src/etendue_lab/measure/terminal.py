@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape
 
 FLAGS = {
@@ -34,7 +35,7 @@ UNTRIED = {
 }
 
 
-def print_photograph(document: dict[str, Any]) -> None:
+def print_photograph(document: Document) -> None:
     """Every figure with its interval."""
     console = _out()
     console.print(
@@ -53,7 +54,7 @@ def print_photograph(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, Any]], pitch: float | None) -> None:
+def _print_responses(console: Any, title: str, where: str, rows: list[Document], pitch: float | None) -> None:
     edges = where == "region"
     columns = [
         (where, "left"),
@@ -92,7 +93,7 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
             )
 
 
-def _print_noise(console: Any, patch: dict[str, Any]) -> None:
+def _print_noise(console: Any, patch: Document) -> None:
     columns = (
         ("channel", "left"),
         ("mean", "right"),
@@ -125,7 +126,7 @@ def _print_noise(console: Any, patch: dict[str, Any]) -> None:
         console.print(f"{patch['region']}: not covered: noise that JPEG has taken off is not known")
 
 
-def _print_chart(console: Any, chart: dict[str, Any]) -> None:
+def _print_chart(console: Any, chart: Document) -> None:
     columns = (
         ("patch", "left"),
         ("as it stands", "right"),
@@ -142,11 +143,11 @@ def _print_chart(console: Any, chart: dict[str, Any]) -> None:
     console.print(f"exposed: times {chart['gain']:.4g}, with which the greys are as bright as they should be")
 
 
-def _apart(row: dict[str, Any], name: str) -> str:
+def _apart(row: Document, name: str) -> str:
     return f"{row[f'{name}_low']:.2f} to {row[f'{name}_high']:.2f}"
 
 
-def _range(estimate: dict[str, Any], scale: float = 1.0) -> str:
+def _range(estimate: Document, scale: float = 1.0) -> str:
     return f"{_text(scale * estimate['low'], 4)} to {_text(scale * estimate['high'], 4)}"
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.cell import compute
 from etendue.compute.found import with_found
 from etendue.compute.jobs import make_jobs
@@ -118,7 +119,9 @@ def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
 class FlatField:
     """The linear mosaic of a grey card, and the stages behind it."""
 
-    def __init__(self, plan: Plan, first: Node, arrays: list[dict[CellRef, dict[str, Any]]], notes: list[str]) -> None:
+    def __init__(
+        self, plan: Plan, first: Node, arrays: list[dict[CellRef, dict[str, Array]]], notes: list[str]
+    ) -> None:
         self.plan, self.first, self.arrays, self.notes = plan, first, arrays, notes
         self.ref: CellRef = (first.name, ())
         if why := several(plan, first, MOSAIC):

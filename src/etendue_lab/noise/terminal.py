@@ -6,12 +6,11 @@ Out: two tables: the mosaic, and every picture made of it.
 
 from __future__ import annotations
 
-from typing import Any
-
+from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape
 
 
-def print_noise(document: dict[str, Any]) -> None:
+def print_noise(document: Document) -> None:
     """Predicted and found, side by side."""
     console = _out()
     frames = "1 frame" if document["frames"] == 1 else f"{document['frames']} frames"
@@ -71,10 +70,10 @@ def print_noise(document: dict[str, Any]) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _found(row: dict[str, Any]) -> str:
+def _found(row: Document) -> str:
     return f"{row['found']:.3e} +- {row['standard_error']:.0e}"
 
 
-def _ratio(row: dict[str, Any]) -> str:
+def _ratio(row: Document) -> str:
     """Found over predicted."""
     return f"{row['found'] / row['predicted']:.3f}" if row["predicted"] else ""

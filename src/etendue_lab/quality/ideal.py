@@ -20,6 +20,7 @@ from typing import Any
 from etendue.contract.capabilities import ends_in_sum, is_transfer
 from etendue.contract.registry import Registry
 from etendue.contract.stage import Stage, parameters_of, reads_of, writes_of
+from etendue.documents import Document, DocumentView
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.derived import origin_without, wanting, without_stages
 from etendue.pipeline.file import Pipeline, StageEntry
@@ -188,13 +189,13 @@ def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: boo
 # -- what stays as it was written ---------------------------------------------------------------------------------
 
 
-def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mapping[str, str]) -> dict[str, Any]:
+def _still_there(sweep: DocumentView, out: Collection[str], replaced: Mapping[str, str]) -> Document:
     return {
         key: value for key, value in sweep.items() if key.partition(".")[0] not in {*out, *replaced} or "." not in key
     }
 
 
-def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: Registry) -> dict[str, Any]:
+def _asked_for(values: DocumentView, entries: list[StageEntry], registry: Registry) -> Document:
     """Of camera quantities those that a stage takes; keys of stages as they are."""
     kinds = [_kind(entry, registry) for entry in entries]
     taken = {

@@ -18,6 +18,7 @@ import numpy as np
 
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
+from etendue.documents import Document, Place
 from etendue.errors import RequestError
 from etendue.pipeline.derived import wanting
 from etendue.pipeline.file import Pipeline
@@ -55,7 +56,7 @@ class Comparison:
     ideal: Ideal
     samples_per_degree: float
     axes: dict[str, str]  # key -> unit
-    rows: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[Document] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     pictures: dict[str, bytes] = field(default_factory=dict)  # PNG by name of a file
@@ -64,7 +65,7 @@ class Comparison:
     def failed(self) -> int:
         return sum(row["status"] != "done" for row in self.rows)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """As JSON holds it. Unknown figures are NaN here and null there."""
         return {
             "pipeline": self.pipeline,
@@ -160,13 +161,13 @@ def quality(
     return result
 
 
-def _unmeasured(plan: Plan, place: Mapping[str, int]) -> dict[str, Any]:
+def _unmeasured(plan: Plan, place: Mapping[str, int]) -> Document:
     """What a row says before anything is measured."""
     at = {axis.key: axis.values[place[axis.dim]] for axis in plan.axes}
     return {**at, "status": "done", "reason": "", **dict.fromkeys((*UNITS, *SCALARS), math.nan), "flat": None}
 
 
-def _measured(row: dict[str, Any], shot: Shot, reference: Shot, samples_per_degree: float) -> Any:
+def _measured(row: Document, shot: Shot, reference: Shot, samples_per_degree: float) -> Any:
     """Figures into a row, or why there are none; the map of differences, if any."""
     try:
         found, shown, flat = figures(shot, reference, samples_per_degree)
@@ -203,7 +204,7 @@ def write(result: Comparison, folder: Path) -> None:
 def pictures_of(name: str) -> Show:
     """Draws camera, ideal camera and their difference."""
 
-    def show(number: int, at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
+    def show(number: int, at: Place, shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
         from etendue_lab.quality.terminal import side_by_side
 
         where = ", ".join(f"{key} = {_cell(value)}" for key, value in at.items())

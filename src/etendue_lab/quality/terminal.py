@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape, short_axes
 from etendue_camera.colour import matrices
 from etendue_camera.colour.encoding import srgb_encode
@@ -47,7 +48,7 @@ LONGEST, GAP = 512, 12  # screen pixels: of the longer side of a picture, about;
 LEAST_SCALE = 5.0  # CIEDE2000 at the top of the colour bar, at least
 
 
-def print_quality(document: dict[str, Any]) -> None:
+def print_quality(document: Document) -> None:
     """One line for each cell, and what was compared with what."""
     console = _out()
     known = [c for c in COLUMNS if any(_known(row[c[0]]) for row in document["rows"])]
@@ -66,7 +67,7 @@ def print_quality(document: dict[str, Any]) -> None:
 
 
 def _print_remarks(
-    console: Console, document: dict[str, Any], axes: list[tuple[str, str]], more: list[tuple[str, str, str]]
+    console: Console, document: Document, axes: list[tuple[str, str]], more: list[tuple[str, str, str]]
 ) -> None:
     """What stands below the table."""
     ideal = document["ideal"]
@@ -97,7 +98,7 @@ def _print_remarks(
 
 
 def _fitting(
-    console: Console, rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]
+    console: Console, rows: list[Document], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]
 ) -> tuple[Table, list[tuple[str, str, str]]]:
     """The table with as many columns as the terminal holds, and the others."""
     table, more = _rows(rows, axes, known), []
@@ -110,7 +111,7 @@ def _fitting(
     return table, more
 
 
-def _rows(rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]) -> Table:
+def _rows(rows: list[Document], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]) -> Table:
     heads = [name for _, name in axes] + [name.replace(" ", "\n", 1) for _, name, _ in known]
     table = _table("", *((name, "right") for name in heads))
     for row in rows:

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from etendue.arrays import Array, FloatArray
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.testing import measured
@@ -140,7 +141,7 @@ class Fault(Exception):
         super().__init__(text)
 
 
-def array(tree: Any, stage: str, variable: str) -> Any:
+def array(tree: Any, stage: str, variable: str) -> Array:
     """An array of a tree whose stages have one shape."""
     return np.asarray(tree[stage][variable].values)
 
@@ -240,7 +241,7 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     yield from white(display, clipped, largest)
 
 
-def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterator[Broken]:
+def monotone(found: FloatArray, place: str, what: str, allowed: float = 0.0) -> Iterator[Broken]:
     """Along the first axis nothing falls by more than rounding."""
     falls = -np.diff(found.astype(np.float64), axis=0)
     scale = max(1.0, float(np.abs(found).max())) if found.size else 1.0
@@ -256,7 +257,7 @@ def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterato
         )
 
 
-def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
+def white(display: FloatArray, clipped: Array, largest: float) -> Iterator[Broken]:
     """(time, channel, y, x) where (time, y, x) says that all of the support is clipped, behind a colour matrix with
     this element.
     """
@@ -272,7 +273,7 @@ def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
         )
 
 
-def rounding(display: Any, largest: float) -> float:
+def rounding(display: FloatArray, largest: float) -> float:
     """What a colour matrix with this element makes of the picture's own precision: 1e-3, a quarter of an 8-bit code,
     at most.
     """

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+
+from etendue.documents import Document
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def groups(rows: Iterable[Row]) -> list[Group]:
     return found
 
 
-def document(rows: Iterable[Row]) -> dict[str, Any]:
+def document(rows: Iterable[Row]) -> Document:
     """``etendue stability --json``."""
     return {
         "cases": [

@@ -7,17 +7,18 @@ Out: its arrays; what is large comes as bands to be made.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.bands import Banded, in_order
 from etendue.compute.job import Job
 from etendue.compute.ownership import frozen
-from etendue.compute.tables import TABLES, prepared_of, prepared_on
+from etendue.compute.tables import TABLES, Made, prepared_of, prepared_on
 from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.grid import Grid
 from etendue.contract.stage import state_of
@@ -45,11 +46,11 @@ class GridTransfer:
         return Product(self.stages, self.grid.bands().edges, lambda stage, _: prepared_on(stage, self.grid))
 
     @cached_property
-    def _rows(self) -> Any:
+    def _rows(self) -> Array:
         return sampling.frequencies(self.grid.line("y").size, self.grid.line("y").step, half=False, share=self.kept)
 
     @cached_property
-    def _columns(self) -> Any:
+    def _columns(self) -> Array:
         return sampling.frequencies(self.grid.line("x").size, self.grid.line("x").step, half=True, share=self.kept)
 
     @property
@@ -57,12 +58,12 @@ class GridTransfer:
         """Rows and columns of the half transform that there is."""
         return self._rows.size, self._columns.size
 
-    def band(self, number: int) -> Any:
+    def band(self, number: int) -> Array:
         """(rows, columns)."""
         return self.product.at(self._rows[:, None], self._columns[None, :], slice(number, number + 1))[0]
 
     @cached_property
-    def plane(self) -> Any:
+    def plane(self) -> expansion.RadialPlane | None:
         """Radial look-up, where every stage depends on the radial frequency alone; else None."""
         if self.product.radial:
             y, x = self.grid.line("y"), self.grid.line("x")
@@ -71,11 +72,11 @@ class GridTransfer:
         return None
 
     @cached_property
-    def table(self) -> Any:
+    def table(self) -> Array:
         """(band, node): the product on the radial nodes."""
         return self.product.along(self.plane.nodes)
 
-    def apply(self, half_transform: Any, band: int) -> None:
+    def apply(self, half_transform: Array, band: int) -> None:
         """Multiply the transform of one band, in place."""
         if not self.stages:
             return
@@ -87,7 +88,7 @@ class GridTransfer:
                 np.result_type(half_transform.real if own.dtype.kind == "f" else half_transform), copy=False
             )
 
-    def gathered(self, weights: Any, basis: Any, half_transforms: Any) -> Any:
+    def gathered(self, weights: Array, basis: Array, half_transforms: Iterable[Array]) -> Any:
         """(channel, Ny, Nh): sum_k u_ck(f) S_k over the transforms of the gathered planes."""
         one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
         sums: Any = None
@@ -102,9 +103,9 @@ class GridTransfer:
                     own += transform * self._mixed(one_by_one[channel, number]).astype(transform.dtype)
         return sums
 
-    def _mixed(self, factors: Any) -> Any:
+    def _mixed(self, factors: Array) -> Array:
         """sum_l factors[l] T_l(f) on the frequencies of the transform."""
-        total: Any = np.zeros((1, 1))
+        total: Array = np.zeros((1, 1))
         for band, factor in enumerate(factors):
             total = total + factor * self.band(band)
         return total
@@ -114,14 +115,14 @@ class GridTransfer:
 class FilteredBands(Banded):
     """Light behind some transfer functions, one band at a time."""
 
-    light: Any
+    light: Array | Banded
     joined: GridTransfer
 
     def __post_init__(self) -> None:
         self.shape = self.light.shape
         self.dtype = self.light.dtype
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         half = sampling.transform(np.asarray(self.light[band]))
         self.joined.apply(half, band)
         return sampling.planes_of(half, *self.shape[1:])
@@ -137,7 +138,7 @@ def places(grid: Grid, out: Grid) -> list[tuple[float, float, int]]:
     return found
 
 
-def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
+def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Array | Banded]:
     """The arrays of a transfer stage, from the segment's input and every transfer function since."""
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]
@@ -181,7 +182,7 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     return {name: planes}
 
 
-def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int) -> Any:
+def _shared(job: Job, light: Array | Banded, joined: GridTransfer, shares: Array, terms: int) -> Array:
     """Half transforms of the channels in front of their pixels: the same for pixels of any size, and kept for the
     next of them.
     """
@@ -195,7 +196,7 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
         job.precision,
     )
 
-    def remembered(made: Any, planes: int, *more: Any) -> Any:
+    def remembered(made: Callable[[], Made], planes: int, *more: float) -> Made:
         size = planes * 2 * np.dtype(job.precision).itemsize * light.shape[1] * light.shape[2]
         whole = not own[1] or size > LARGEST_SHARED
         return made() if whole else TABLES.get((*own, *more), made)
@@ -204,14 +205,14 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
         return remembered(lambda: frozen(_exact(light, joined, shares)), shares.shape[0], joined.kept)
     live = shares.any(axis=1)
 
-    def fitted() -> Any:
+    def fitted() -> Array:
         highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
         frequency = np.linspace(0.0, highest, expansion.FITTED)
         return expansion.band_basis(
             shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency)
         )
 
-    def channels() -> Any:
+    def channels() -> Array:
         basis = fitted()
         transforms = remembered(
             lambda: tuple(frozen(sampling.transform(plane)) for plane in _gathered(light, basis)), terms
@@ -225,7 +226,7 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
     return remembered(channels, shares.shape[0], joined.kept)
 
 
-def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
+def _exact(light: Array | Banded, joined: GridTransfer, weights: Array) -> Any:
     """Every band its own transform and transfer function; the sum is taken in frequency."""
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
@@ -239,10 +240,10 @@ def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
     return sums
 
 
-def _gathered(light: Any, basis: Any) -> Any:
+def _gathered(light: Array | Banded, basis: Array) -> Array:
     """Few planes, each a sum over bands: every channel is a mixture of them."""
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
-    group: list[Any] = []
+    group: list[Array] = []
     for band, plane in enumerate(in_order(light)):
         group.append(np.asarray(plane))
         if len(group) == TOGETHER or band + 1 == light.shape[0]:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.bands import Banded, in_order
 from etendue.compute.job import Job
 from etendue.compute.tables import TABLES, prepared_of, prepared_on
@@ -65,10 +66,10 @@ class CellTransfer:
         found: cells.Reach = TABLES.get(("cells reach", *self._key, band), lambda: cells.reach_of(self.otf(band), step))
         return found
 
-    def table(self, band: int, what: Any, along_y: cells.Rule, along_x: cells.Rule) -> Any:
+    def table(self, band: int, what: Any, along_y: cells.Rule, along_x: cells.Rule) -> Array:
         """What multiplies the transform of one band, in the precision of the run; ``what`` names the rules."""
 
-        def make() -> Any:
+        def make() -> Array:
             found = cells.folded(self.otf(band), self.reach(band), *self.axes, along_y, along_x)
             kind = (
                 np.result_type(np.dtype(self.precision), np.complex64)
@@ -84,14 +85,14 @@ class CellTransfer:
 class BlurredCells(Banded):
     """Cell means behind some transfer functions, one band at a time."""
 
-    light: Any
+    light: Array | Banded
     joined: CellTransfer
 
     def __post_init__(self) -> None:
         self.shape = self.light.shape
         self.dtype = self.light.dtype
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         plane = np.asarray(self.light[band])
         y, x = self.joined.axes
         half = sampling.transform(plane) * self.joined.table(
@@ -100,7 +101,7 @@ class BlurredCells(Banded):
         return without_rounding(sampling.planes_of(half, *self.shape[1:]), plane)
 
 
-def without_rounding(found: Any, given: Any) -> Any:
+def without_rounding(found: Array, given: Array) -> Array:
     """Light that is negative by no more than rounding is none; ``given`` holds no negative light, or nothing is
     done.
     """
@@ -110,7 +111,7 @@ def without_rounding(found: Any, given: Any) -> Any:
     return found
 
 
-def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
+def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Array | Banded]:
     """The arrays of a transfer stage on cells, from the segment's input and every transfer function since."""
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]
@@ -138,12 +139,12 @@ class _Along:
     width: float
 
 
-def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
+def _pixels(job: Job, end: Summed, light: Array | Banded, grid: Grid, before: tuple[Transfer, ...]) -> Array:
     """Sums over bands at the pixels: by folding where the pitch is a whole number of cells, else by an extended
     transform.
     """
     prepared = prepared_of(end, job.input_grids, job.grids)
-    weights: Any = weights_of(end, prepared).astype(float)
+    weights: Array = weights_of(end, prepared).astype(float)
     (out,) = job.grids.values()
     lines = [(grid.line(dim), *out.line(dim).um(), out.line(dim).size) for dim in ("y", "x")]
     joined, windows = CellTransfer(before, grid, job.precision), None
@@ -180,14 +181,16 @@ def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfe
     return found
 
 
-def _noted(plane: Any, brightest: Any, band: int) -> Any:
+def _noted(plane: Array, brightest: Array, band: int) -> Array:
     """The plane, its smallest and largest value written down."""
     plane = np.asarray(plane)
     brightest[:, band] = plane.min(), plane.max()
     return plane
 
 
-def _folded_pixels(light: Any, joined: CellTransfer, weights: Any, along: Sequence[_Along], brightest: Any) -> Any:
+def _folded_pixels(
+    light: Array | Banded, joined: CellTransfer, weights: Array, along: Sequence[_Along], brightest: Array
+) -> Array:
     y, x = joined.axes
     nearest = [round(one.start) for one in along]
     far = [one.start - near for one, near in zip(along, nearest, strict=True)]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.bands import Banded
 from etendue.compute.job import Job
 from etendue.compute.joined.segment_bands import from_bands, places
@@ -48,7 +49,7 @@ class Result:
         return self
 
 
-def _on_grid(job: Job, stage: Transfer) -> Any:
+def _on_grid(job: Job, stage: Transfer) -> Array:
     """(band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid,
     remembered.
     """
@@ -56,7 +57,7 @@ def _on_grid(job: Job, stage: Transfer) -> Any:
     y, x = grid.line("y"), grid.line("x")
     edges = grid.bands().edges
 
-    def make() -> Any:
+    def make() -> Array:
         fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
         fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
         value = Product((stage,), edges, lambda own, _: prepared_of(own, job.input_grids, job.grids)).at(fy, fx)

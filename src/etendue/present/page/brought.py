@@ -14,6 +14,7 @@ from typing import Any
 
 from etendue.archive.vouched import open_archive
 from etendue.contract import dims, quantities, wording
+from etendue.documents import Document
 from etendue.errors import ArchiveError, PluginError
 from etendue.plugins import discovery
 from etendue.plugins.shares import shared_out
@@ -35,7 +36,7 @@ class Section:
     title: str
 
 
-def wordings(opened: Opened) -> dict[str, Any]:
+def wordings(opened: Opened) -> Document:
     """What things are called on a page, by the distributions whose stages an archive is of, and which go first."""
     stages = frozenset(
         str(one).partition(" ")[0] for node in opened.record["nodes"].values() for one in node.get("distributions", ())
@@ -52,14 +53,14 @@ def wordings(opened: Opened) -> dict[str, Any]:
     }
 
 
-def sections(opened: Opened) -> list[dict[str, Any]]:
+def sections(opened: Opened) -> list[Document]:
     """Every section that has something to say of an archive, in the order in which they are brought."""
     every, tree = discovery.installed(), None
-    found: list[dict[str, Any]] = []
+    found: list[Document] = []
     for name in every.names("sections"):
         brought = every.all("sections", name)[0]
         plain = "".join(c if c.isalnum() else "-" for c in name)
-        said: dict[str, Any] = {"name": plain, "title": name, "origin": brought.origin, "blocks": [], "why": ""}
+        said: Document = {"name": plain, "title": name, "origin": brought.origin, "blocks": [], "why": ""}
         try:
             one = discovery.made_of(Section, f"the section {name!r}", brought)
             said["title"] = str(one.title)
@@ -74,13 +75,13 @@ def sections(opened: Opened) -> list[dict[str, Any]]:
     return found
 
 
-def _blocks(given: Any, what: str) -> list[dict[str, Any]]:
+def _blocks(given: Any, what: str) -> list[Document]:
     if not isinstance(given, list | tuple):
         raise PluginError(f"{what} gives {type(given).__name__}; {FORM}")
     return [_block(one, f"{what}, block {number}") for number, one in enumerate(given, 1)]
 
 
-def _block(one: Any, what: str) -> dict[str, Any]:
+def _block(one: Any, what: str) -> Document:
     own = dict(one) if isinstance(one, Mapping) else {}
     if isinstance(own.get("paragraph"), str):
         return {"paragraph": own["paragraph"]}

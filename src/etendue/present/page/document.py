@@ -19,6 +19,7 @@ from etendue.contract import quantities
 from etendue.contract.tables import preset_keys, tables
 from etendue.contract.variables import variable, without
 from etendue.contract.wording import prefix_of
+from etendue.documents import Document, DocumentView
 from etendue.present.page.brought import wordings
 from etendue.present.page.columns import Columns
 from etendue.present.page.figures import Coordinate, Figure, figures
@@ -31,9 +32,7 @@ FORMAT = 1
 MOST_ROWS = 400_000  # cells whose rows are in the page; of more there are the sums
 
 
-def document(
-    opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
+def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: DocumentView | None = None) -> Document:
     """All that is shown. ``about``: what is said of installed stages, by name; ``pictures``: those that the page
     carries.
     """
@@ -143,14 +142,14 @@ def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
     return shlex.join(words)
 
 
-def _pipeline(opened: Opened) -> dict[str, Any]:
+def _pipeline(opened: Opened) -> Document:
     try:
         return tomllib.loads(str(opened.record.get("text", "")))
     except (tomllib.TOMLDecodeError, RecursionError):
         return {}
 
 
-def _shared(opened: Opened) -> list[dict[str, Any]]:
+def _shared(opened: Opened) -> list[Document]:
     """The shared quantities that some stage has used, with units; which of them are swept."""
     used = {name for node in opened.record["nodes"].values() for name in node.get("shown", {})}
     swept = {axis.key for axis in opened.axes}
@@ -176,7 +175,7 @@ def _said(opened: Opened, stage: str, variable: str) -> dict[str, str]:
     return {"label": str(attrs.get("long_name", variable)) + without(attrs), "units": "" if units == "1" else units}
 
 
-def _figure(one: Figure, columns: Columns) -> dict[str, Any]:
+def _figure(one: Figure, columns: Columns) -> Document:
     dims = [
         {
             "name": dim,
@@ -199,14 +198,14 @@ def _figure(one: Figure, columns: Columns) -> dict[str, Any]:
     }
 
 
-def _coordinate(one: Coordinate, columns: Columns) -> dict[str, Any]:
+def _coordinate(one: Coordinate, columns: Columns) -> Document:
     said = {"name": one.name, "label": one.label, "units": one.units, "axes": list(one.axes)}
     if one.values.dtype.kind in "fiu":
         return {**said, "data": columns.put(one.values, "f8")}
     return {**said, "labels": [str(v) for v in one.values.ravel().tolist()]}
 
 
-def _cells(opened: Opened, table: Ledger, columns: Columns) -> dict[str, Any]:
+def _cells(opened: Opened, table: Ledger, columns: Columns) -> Document:
     """The ledger, a column each; of a very large archive nothing but its size."""
     rows = len(table["stage"])
     if rows > MOST_ROWS:
@@ -221,7 +220,7 @@ def _cells(opened: Opened, table: Ledger, columns: Columns) -> dict[str, Any]:
     return {"rows": rows, "columns": packed, "at": at}
 
 
-def _provenance(opened: Opened) -> dict[str, Any]:
+def _provenance(opened: Opened) -> Document:
     record = opened.record
     last = sorted((opened.folder / "runs").glob("*.toml"))
     return {

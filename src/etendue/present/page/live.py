@@ -21,6 +21,7 @@ from etendue.archive.journal import NAME as JOURNAL
 from etendue.contract.dims import banded
 from etendue.contract.seen import flat_dims
 from etendue.contract.wording import Unit, units
+from etendue.documents import Document
 from etendue.errors import ArchiveError
 from etendue.present.page.brought import sections
 from etendue.present.page.document import document, plain
@@ -59,7 +60,7 @@ class Live:
         self.about = about_stages(self.opened)
         self.serial = 1
         self._lock = threading.RLock()
-        self._drawn: tuple[int, dict[str, Any]] | None = None
+        self._drawn: tuple[int, Document] | None = None
         self._pictures: OrderedDict[tuple[Any, ...], Picture] = OrderedDict()
         self._seen, self._state, self._cost = time.monotonic(), self._stat(), 0.5
         self._made()
@@ -105,7 +106,7 @@ class Live:
 
     # -- answers --------------------------------------------------------------------------------------
 
-    def shown(self, through: str) -> dict[str, Any]:
+    def shown(self, through: str) -> Document:
         """The document as it is now; ``through``: how its page asks, ``server`` or ``frame``."""
         made = self._made()
         return {**made, "live": {**made["live"], "through": through}}
@@ -113,7 +114,7 @@ class Live:
     def _page(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
         return "text/html; charset=utf-8", page(self.shown("server"), live=True).encode(), {}
 
-    def _made(self) -> dict[str, Any]:
+    def _made(self) -> Document:
         with self._lock:
             if self._drawn is None or self._drawn[0] != self.serial:
                 made = document(self.opened, self.about)
@@ -169,7 +170,7 @@ class Live:
         at, on_plane = self._at(words), words.get("plane") == "1"
         rows = []
         for stage, variable in pictured(self.opened):
-            row: dict[str, Any] = {"stage": stage, "variable": variable}
+            row: Document = {"stage": stage, "variable": variable}
             try:
                 one = self._shown(stage, variable, at)
             except ArchiveError as error:

@@ -26,6 +26,7 @@ from etendue.archive.provenance import latest_record, records
 from etendue.archive.reading import metadata_of
 from etendue.archive.stored import Stored
 from etendue.archive.unfolding import check_group
+from etendue.documents import Document
 from etendue.errors import ArchiveError
 
 PLANE = ("y", "x")
@@ -100,7 +101,7 @@ class Opened:
                 else "no readable record of a run; see etendue verify"
             )
             raise ArchiveError(f"{folder}: {why}")
-        self.record: dict[str, Any] = record
+        self.record: Document = record
         self.ended = self.stored.manifest is not None and not self.running
         if self.stored.manifest is not None and not self.running and (changed := self.stored.manifest.changed(folder)):
             raise ArchiveError(
@@ -118,11 +119,11 @@ class Opened:
         return order_of(self.folder / DATA, self.record)
 
     @cached_property
-    def runs(self) -> list[dict[str, Any]]:
+    def runs(self) -> list[Document]:
         return records(self.folder)
 
     @cached_property
-    def progress(self) -> dict[str, Any]:
+    def progress(self) -> Document:
         """Cells that the last run was asked for, those that are there; of a run that is going on its rate and what
         is left.
         """

@@ -22,6 +22,7 @@ import numpy as np
 from etendue.contract.variables import Variable
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import Subject, subjects
+from etendue.documents import Document, Place
 from etendue.present.page.figures import Figure
 from etendue.present.page.opened import Axis
 from etendue.present.page.tables import Ledger
@@ -49,7 +50,7 @@ class Number:
         return self.known.subject or OTHER
 
     @property
-    def said(self) -> dict[str, Any]:
+    def said(self) -> Document:
         return {"stage": self.figure.stage, "variable": self.figure.variable, "inner": self.inner}
 
     @property
@@ -75,7 +76,7 @@ class Number:
         return values if self.known.better == "higher" else -values
 
 
-def opening(figures: Sequence[Figure], axes: Sequence[Axis], start: Mapping[str, int], table: Ledger) -> dict[str, Any]:
+def opening(figures: Sequence[Figure], axes: Sequence[Axis], start: Mapping[str, int], table: Ledger) -> Document:
     """How the page opens. ``start``: where it does when there is nothing to choose."""
     numbers = [one for figure in figures if (one := _number(figure)) is not None]
     chosen = _front(numbers, axes)
@@ -113,7 +114,7 @@ def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
     return sorted(last.values(), key=lambda one: one.known.rank)
 
 
-def _open(numbers: Sequence[Number], chosen: Mapping[str, Any] | None) -> list[Number]:
+def _open(numbers: Sequence[Number], chosen: Place | None) -> list[Number]:
     """One figure of each subject, those of the front first; where no subject is known, the first that there are."""
     found = []
     for subject in _opens():
@@ -128,7 +129,7 @@ def _same(one: Number, other: Number) -> bool:
     return one.figure.axes == other.figure.axes and np.array_equal(one.values, other.values, equal_nan=True)
 
 
-def _subjects(figures: Sequence[Figure]) -> list[dict[str, Any]]:
+def _subjects(figures: Sequence[Figure]) -> list[Document]:
     """Every figure by what it is about, as (stage, variable)."""
     found: dict[str, list[list[str]]] = {}
     for one in figures:
@@ -145,7 +146,7 @@ def _subjects(figures: Sequence[Figure]) -> list[dict[str, Any]]:
 # ------------------------------------------------------------------------------------------------------------
 
 
-def _front(numbers: Sequence[Number], axes: Sequence[Axis]) -> dict[str, Any] | None:
+def _front(numbers: Sequence[Number], axes: Sequence[Axis]) -> Document | None:
     """Two figures that a sweep trades for each other, and what lies on their front; None where it moves no two."""
     if not axes or math.prod(len(axis.values) for axis in axes) > MOST_CELLS:
         return None
@@ -227,7 +228,7 @@ def _shares(worth: Any) -> Any:
     return found
 
 
-def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int], usable: Any) -> list[dict[str, Any]]:
+def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int], usable: Any) -> list[Document]:
     """What one step along each axis would change: the ratio of both figures, and whether it would burn."""
     found = []
     for axis in over:
@@ -248,7 +249,7 @@ def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int]
 # -----------------------------------------------------------------------------------------
 
 
-def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[str, Any]]:
+def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[Document]:
     """Which of the named factors is the limit at a place, and what it is worth where a figure beside says so.
 
     ``capped``: how many times as far it would go but for the factor that caps all others; beyond 1 nothing else counts
@@ -290,7 +291,7 @@ def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[st
     return found
 
 
-def _error(table: Ledger, axes: Sequence[Axis], place: Mapping[str, int]) -> dict[str, Any]:
+def _error(table: Ledger, axes: Sequence[Axis], place: Mapping[str, int]) -> Document:
     """The largest stated error of a stage in the cell at a place, and what leaving out may add there."""
     here = np.ones(len(table["stage"]), bool)
     for axis in axes:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.contract.registry import installed_stages
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.present.page.brought import sections
 from etendue.present.page.document import document
@@ -70,7 +71,7 @@ def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:
     return Written(output, len(text.encode()), made["cells"]["rows"], len(made["pictures"]["places"]), failed)
 
 
-def reported(opened: Opened) -> dict[str, Any]:
+def reported(opened: Opened) -> Document:
     """The document of a report: figures of all cells, pictures of a few."""
     made = document(opened, about_stages(opened))
     made = {**made, "pictures": shots(opened, made["start"])}

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.documents import Document
 from etendue.errors import ArchiveError
 from etendue.present.page.looks import Picture, drawn_of, picture, pictured
 from etendue.present.page.opened import Opened
@@ -57,7 +58,7 @@ def _along(size: int, count: int, middle: int) -> list[int]:
     return sorted(set(places))
 
 
-def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[str, Any]:
+def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> Document:
     """``strip``: every stage of the cell at ``start``; ``cells``: pictures of chosen cells, of the last stages
     first.
     """
@@ -67,7 +68,7 @@ def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[s
         dict(zip(dims, place, strict=True))
         for place in chosen([len(axis.values) for axis in opened.axes], list(start.values()))
     ]
-    shown: list[dict[str, Any]] = []
+    shown: list[Document] = []
     left_out: list[str] = []
     for stage, variable in _wanted(opened):
         made = _series(opened, stage, variable, places, budget - spent, lossless=not shown)
@@ -107,11 +108,9 @@ def _shown(opened: Opened) -> list[tuple[str, str]]:
     return [one for one in pictured(opened) if drawn_of(opened, *one).shown]
 
 
-def strip(
-    opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)
-) -> tuple[list[dict[str, Any]], int]:
+def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)) -> tuple[list[Document], int]:
     """Every stage's picture of one cell, and their bytes: without loss, as far as that fits, the largest first with."""
-    found: list[dict[str, Any]] = []
+    found: list[Document] = []
     exact: list[tuple[Any, bytes]] = []
     for stage, variable in _shown(opened):
         one = _picture(opened, stage, variable, start)
@@ -141,14 +140,14 @@ def strip(
 
 def _series(
     opened: Opened, stage: str, variable: str, places: list[dict[str, int]], budget: float, lossless: bool
-) -> dict[str, Any] | None:
+) -> Document | None:
     """One variable of all chosen cells, each cell once however many axes do not reach it; None where it does not
     fit.
     """
     axes = opened.reaching(stage)
     pictures: dict[str, str] = {}
     sizes: dict[str, list[int]] = {}
-    raw: dict[str, Any] = {}
+    raw: Document = {}
     for place in places:
         key = ",".join(str(place[dim]) for dim in axes)
         if key in raw:

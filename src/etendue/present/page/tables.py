@@ -17,6 +17,7 @@ import xarray
 from etendue.archive.manifest import DATA
 from etendue.archive.remembered import documents
 from etendue.archive.unfolding import check_group
+from etendue.documents import Document
 from etendue.present.page.opened import Opened
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed", "reused")
@@ -72,7 +73,7 @@ def _from_journal(opened: Opened) -> Ledger:
     return found
 
 
-def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, str]]) -> list[dict[str, Any]]:
+def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, str]]) -> list[Document]:
     """A row per stage: what it is, its axes, cells, seconds, errors."""
     rows, nodes = [], opened.record["nodes"]
     for number, stage in enumerate(opened.stages):
@@ -107,7 +108,7 @@ def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, s
     return rows
 
 
-def omissions(table: Ledger) -> list[dict[str, Any]]:
+def omissions(table: Ledger) -> list[Document]:
     """What was left out or made coarser, and why: a row per stage and reason."""
     rows = []
     for kind, column in (("left out", "why_left_out"), ("coarser", "approximated")):
@@ -126,7 +127,7 @@ def omissions(table: Ledger) -> list[dict[str, Any]]:
     return rows
 
 
-def failures(opened: Opened, table: Ledger) -> dict[str, Any]:
+def failures(opened: Opened, table: Ledger) -> Document:
     """Cells that failed by stage and message, and how many behind them were skipped."""
     rows = []
     for stage, message, own in _by(table, table["status"] == "failed", "message"):
@@ -138,9 +139,9 @@ def failures(opened: Opened, table: Ledger) -> dict[str, Any]:
     return {"rows": rows, "skipped": int((table["status"] == "skipped").sum())}
 
 
-def measured(opened: Opened) -> list[dict[str, Any]]:
+def measured(opened: Opened) -> list[Document]:
     """Errors of what was wanted against the reference settings, as ``run --measure`` has found them last."""
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Document] = {}
     for document in documents(opened.folder).values():
         errors = document.get("errors")
         for name, one in errors.items() if isinstance(errors, dict) else ():

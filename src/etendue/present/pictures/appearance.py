@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract import seen as kinds
 from etendue.contract.drawn import Drawn, Pictured, lit_by
 from etendue.present.pictures.fitting import LARGEST, coloured, fitted, tinted
@@ -39,14 +40,14 @@ class Appearance:
     tints: Any = None
     grey: bool = False
 
-    def rgb(self, array: Any, row: int = 0) -> Any:
+    def rgb(self, array: Array, row: int = 0) -> Array:
         """(3, y, x) float32, not yet scaled where it is linear, of all rows or of some from ``row`` on."""
         array = np.asarray(array)
         if self.tints is not None:
             return coloured(self.values(array), self.tints, row)
         return self.mixed(self.share(array, self.ends(array)) if self.grey else self.values(array))
 
-    def small(self, array: Any) -> Any:
+    def small(self, array: Array) -> Array:
         """The same, averaged over areas until it fits."""
         array = np.asarray(array)
         if self.tints is not None:
@@ -54,12 +55,12 @@ class Appearance:
         ends = self.ends(array) if self.grey else None
         return self.mixed(fitted(array, self.values if ends is None else lambda rows: self.share(rows, ends)))
 
-    def values(self, rows: Any) -> Any:
+    def values(self, rows: Array) -> Array:
         """Numbers above black."""
         rows = rows.astype(np.float32, copy=False)
         return np.maximum(rows - np.float32(self.drawn.black), 0) if self.drawn.black else rows
 
-    def mixed(self, planes: Any) -> Any:
+    def mixed(self, planes: Array) -> Array:
         """Planes in their colours, at any size."""
         if self.matrix is None:
             planes = planes[None] if planes.ndim == 2 else planes
@@ -122,7 +123,7 @@ def appearance(
     return Appearance(drawn, tints=np.array(period, dtype=np.float32))
 
 
-def brightness(small: Any) -> float:
+def brightness(small: Array) -> float:
     """The linear value that is shown as white where it is chosen for the eye: of a picture that has been made small.
 
     A thousandth of the brightest at least: beside a point all else may be next to nothing.
@@ -142,7 +143,7 @@ def whites_of(pictures: Sequence[tuple[Pictured, Any]]) -> list[float]:
     return [found[lit_by(order, n)] if one.drawn.scaled else one.drawn.white or 1.0 for n, one in enumerate(order)]
 
 
-def seen(drawn: Drawn, found: Any, bright: float) -> Any:
+def seen(drawn: Drawn, found: Array, bright: float) -> Array:
     """(3, y, x) in 0 to 1 as a display has it, of what `Appearance` gives; ``bright`` is shown as white where that
     is linear.
     """
@@ -161,12 +162,12 @@ def striped(shape: tuple[int, ...]) -> Any:
     return np.moveaxis(stripes, -1, 0)
 
 
-def as_bytes(seen: Any) -> Any:
+def as_bytes(seen: Array) -> Array:
     """(3, y, x) uint8."""
     return np.rint(255 * seen).astype(np.uint8)
 
 
-def encoded(linear: Any) -> Any:
+def encoded(linear: Array) -> Array:
     """The curve of a screen: (...) of linear values in 0 to 1, IEC 61966-2-1, in the dtype of what is given."""
     linear = np.asarray(linear)
     curve = np.maximum(linear, linear.dtype.type(0.0031308)) ** linear.dtype.type(1 / 2.4)

@@ -14,12 +14,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.variables import variable as known
 from etendue.present.pictures.details import SIDE
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 BOX, LABEL, GAP, HEAD = (
     256,
@@ -98,7 +102,7 @@ def with_maps(path: Path, sheet: Path, maps: Sequence[Any]) -> None:
     _save(pictures, maps, path)
 
 
-def _save(pictures: Any, maps: Sequence[Any], path: Path) -> None:
+def _save(pictures: Image.Image, maps: Sequence[Any], path: Path) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -161,7 +165,7 @@ def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
     return tiles
 
 
-def _enlarged(picture: Any, target: int) -> Any:
+def _enlarged(picture: Array, target: int) -> Array:
     """(y, x, 3) with a longer side of ``target``: samples as squares where that is a whole number of times, else
     resampled.
     """
@@ -176,7 +180,7 @@ def _enlarged(picture: Any, target: int) -> Any:
     return np.asarray(Image.fromarray(np.ascontiguousarray(picture)).resize(size, how))
 
 
-def _frame(pixels: Any, top: int, left: int, place: Sequence[float], size: tuple[int, int]) -> None:
+def _frame(pixels: Array, top: int, left: int, place: Sequence[float], size: tuple[int, int]) -> None:
     """Where the part lies in its picture."""
     y, x = round(place[0] * size[0]), round(place[1] * size[1])
     high, wide = max(3, round(place[2] * size[0])), max(3, round(place[3] * size[1]))
@@ -184,7 +188,7 @@ def _frame(pixels: Any, top: int, left: int, place: Sequence[float], size: tuple
     _edge(pixels, top + min(y, size[0] - high), left + min(x, size[1] - wide), high, wide)
 
 
-def _edge(pixels: Any, top: int, left: int, high: int, wide: int) -> None:
+def _edge(pixels: Array, top: int, left: int, high: int, wide: int) -> None:
     """A line of one dot along the inside of a rectangle."""
     own = pixels[top : top + high, left : left + wide]
     own[[0, -1]] = MARK

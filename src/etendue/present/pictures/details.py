@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.grid import Grid, Line
 from etendue.transfer.resampling import area_weights
 
@@ -78,7 +78,7 @@ def side_of(shape: tuple[int, int]) -> int:
     return min(33 if largest >= 128 else 22 if largest >= 64 else 11, *shape)
 
 
-def part_of(picture: Any, side: int) -> tuple[int, int]:
+def part_of(picture: Array, side: int) -> tuple[int, int]:
     """Where (y, x) in a picture (y, x, 3) or (3, y, x), in 0 to 1, a window has a strong edge and flat places beside
     it.
 
@@ -101,14 +101,14 @@ def part_of(picture: Any, side: int) -> tuple[int, int]:
     return int(top), int(left)
 
 
-def _means(values: Any, side: int) -> Any:
+def _means(values: Array, side: int) -> Array:
     """Means over every window of a size."""
     total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
     total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
     return (total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]) / side**2
 
 
-def limited(part: Any) -> Any:
+def limited(part: Array) -> Array:
     """(3, y, x) area-averaged where it has more samples than dots."""
     y, x = part.shape[-2:]
     if max(y, x) <= SIDE:

@@ -13,17 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.transfer.resampling import area_weights
 
 LARGEST = 256  # samples on either side
 Decode = Callable[[Any], Any]
 
 
-def as_float(rows: Any) -> Any:
+def as_float(rows: Array) -> Array:
     return rows.astype(np.float32, copy=False)
 
 
-def fitted(picture: Any, decode: Decode = as_float) -> Any:
+def fitted(picture: Array, decode: Decode = as_float) -> Array:
     """Area-averaged until it fits; smaller pictures stay as they are.
 
     Parameters
@@ -45,7 +46,7 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
     return gathered.made()
 
 
-def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
+def tinted(plane: Array, tints: Array, decode: Decode) -> Array:
     """`fitted` of a plane in the colours of its pattern, (3, y', x'): each pixel is added to the colours that it
     has.
     """
@@ -56,7 +57,7 @@ def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
     return gathered.made()
 
 
-def coloured(plane: Any, tints: Any, row: int = 0) -> Any:
+def coloured(plane: Array, tints: Array, row: int = 0) -> Array:
     """(3, y, x): a plane each of whose pixels has the colour of its pattern; the plane begins at a row of the whole."""
     (y, x), (height, width) = plane.shape, tints.shape[:2]
     tiled = tints[np.ix_((row + np.arange(y)) % height, np.arange(x) % width)]
@@ -72,7 +73,7 @@ class Rows(ABC):
         self.decode, self.next = decode, 0
         self.start, self.left = 0, np.empty((*shape[:-2], 0, x), np.float32)  # rows that are needed again
 
-    def take(self, start: int, rows: Any) -> None:
+    def take(self, start: int, rows: Array) -> None:
         """The rows from ``start`` on, which follow those taken before."""
         if self.left.size:
             start, rows = self.start, np.concatenate((self.left, rows), axis=-2)
@@ -97,30 +98,30 @@ class Fitted(Rows):
         super().__init__(shape, decode)
         self.rows = np.empty((*shape[:-2], len(self.down), shape[-1]), np.float32)
 
-    def put(self, row: int, first: int, weights: Any, light: Any) -> None:
+    def put(self, row: int, first: int, weights: Array, light: Array) -> None:
         self.rows[..., row, :] = weights @ light
 
-    def made(self) -> Any:
+    def made(self) -> Array:
         return _across(self.rows, self.across)
 
 
 class Tinted(Rows):
     """Each pixel is added to the colours that it has."""
 
-    def __init__(self, shape: tuple[int, ...], tints: Any, decode: Decode) -> None:
+    def __init__(self, shape: tuple[int, ...], tints: Array, decode: Decode) -> None:
         super().__init__(shape, decode)
         self.tints = tints
         self.rows = np.zeros(
             (len(tints), len(self.down), shape[-1]), np.float32
         )  # by the row of the period in which a pixel stands
 
-    def put(self, row: int, first: int, weights: Any, light: Any) -> None:
+    def put(self, row: int, first: int, weights: Array, light: Array) -> None:
         height = len(self.tints)
         for phase in range(height):
             own = slice((phase - first) % height, None, height)
             self.rows[phase, row] = weights[own] @ light[own]
 
-    def made(self) -> Any:
+    def made(self) -> Array:
         height, width = self.tints.shape[:2]
         coloured = np.zeros((3, *self.rows.shape[1:]), np.float32)
         for phase in range(height):
@@ -145,7 +146,7 @@ def _down(before: int, after: int) -> tuple[tuple[int, Any], ...]:
     return tuple((first, whole[row, first:last].copy()) for row, (first, last) in enumerate(spans))
 
 
-def _across(rows: Any, down: tuple[tuple[int, Any], ...]) -> Any:
+def _across(rows: Array, down: tuple[tuple[int, Any], ...]) -> Array:
     """Columns averaged as rows were: (..., y', x) to (..., y', x')."""
     turned = np.ascontiguousarray(np.swapaxes(rows, -1, -2))
     found = np.empty((*turned.shape[:-2], len(down), turned.shape[-1]), np.float32)

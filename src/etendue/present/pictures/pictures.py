@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.drawn import Drawn, Pictured
 from etendue.contract.ports import Sheet
 from etendue.contract.quantities import declared
@@ -147,7 +148,7 @@ def _shared(plan: Plan) -> str:
     return f"{',' if plan.axes else ' at'} {', '.join(texts)}" if texts else ""
 
 
-def _encoded(frame: Frame, part: Any) -> Any:
+def _encoded(frame: Frame, part: Array) -> Array:
     """Some of the exact picture as it is shown, 0 to 1."""
     return seen(frame.drawn, part, frame.bright)
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import first
 from etendue.plan.marks import not_in_it
@@ -96,7 +97,7 @@ def _some(axis: Axis) -> list[int]:
     ]
 
 
-def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> Any:
+def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> Array:
     """(y, x) float64: the last of several stages; NaN where a cell is not there."""
     found = [
         float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan
@@ -105,7 +106,7 @@ def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> An
     return np.array(found).reshape(-1, len(one.sides[0][1]))
 
 
-def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
+def drawn(one: SmallMap, values: Array, failed: Array) -> Array:
     """(dots, dots, 3) uint8: the map under its title, x to the right, y upwards, both growing."""
     from PIL import Image, ImageDraw
 
@@ -159,7 +160,7 @@ def _draw_names(pen: Any, names: Sequence[str], base: int) -> None:
         place += 26 + round(letters.getlength(text))
 
 
-def _colours(values: Any, named: bool) -> Any:
+def _colours(values: Array, named: bool) -> Array:
     """(y, x, 3): by share of the range, in equal ratios where numbers differ by more than thirty times; or by index."""
     if named:
         return NAMED[np.nan_to_num(values).astype(int) % len(NAMED)]
@@ -189,7 +190,7 @@ def _along(one: SmallMap) -> str:
     return f"{names[0]} →" + (f"   {names[1]} ↑" if len(names) > 1 else "")
 
 
-def _text(value: Any) -> str:
+def _text(value: float | str) -> str:
     return str(value) if isinstance(value, str | bool) else f"{float(value):.4g}"
 
 

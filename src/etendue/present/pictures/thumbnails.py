@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.dims import banded
 from etendue.contract.seen import flat_dims
 from etendue.contract.variables import variable as known
@@ -47,7 +48,7 @@ class _View:
     light: bool = False  # many planes, perhaps stored one by one
     rows: tuple[int, int] = (0, 0)  # that are kept as they are where the picture is larger than a thumbnail
 
-    def of(self, array: Any) -> Thumbnail | None:
+    def of(self, array: Array) -> Thumbnail | None:
         if getattr(array, "on_demand", False):  # a large variable that is not stored would be made again
             return None
         for _ in range(self.middles):  # of several frames the one in the middle; planes are a picture
@@ -59,16 +60,16 @@ class _View:
             picture, band = self.seen.small(array), self.band(array) if max(size) > LARGEST else None
         return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, band, self.rows[0])
 
-    def band(self, array: Any) -> Any:
+    def band(self, array: Array) -> Array | None:
         """Some rows of a large picture as they are, in the colours of the whole."""
         first, last = self.rows
         return None if last <= first or self.seen.grey else self.banded(np.asarray(array[..., first:last, :]))
 
-    def banded(self, rows: Any) -> Any:
+    def banded(self, rows: Array) -> Array:
         """The same of rows that begin where the band begins; what comes row by row has it from here."""
         return np.array(self.seen.rgb(rows, self.rows[0]), dtype=np.float32)
 
-    def _large_light(self, array: Any) -> tuple[Any, Any]:
+    def _large_light(self, array: Array) -> tuple[Any, Any]:
         """Made small, and some rows of it: perhaps stored by band, as it is too large to be held."""
         small, band = [], _Mixing(self.seen)
         for number in range(array.shape[0]):
@@ -100,7 +101,7 @@ class Look:
     figures: frozenset[str]
     kept: frozenset[str] = frozenset()  # what is handed on as it is
 
-    def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    def __call__(self, arrays: Mapping[str, Array]) -> dict[str, Any]:
         """Thumbnails and figures by variable; a thumbnail stays as it is."""
         found = {v: arrays[v] for v in self.figures | self.kept if v in arrays}
         for variable, view in self.views.items():
@@ -131,7 +132,7 @@ class _Mixing:
         self.seen, self.apart = seen, list[Any]()
         self.sum: Any = None
 
-    def add(self, number: int, plane: Any) -> None:
+    def add(self, number: int, plane: Array) -> None:
         if self.seen.matrix is None:
             self.apart.append(plane)
             return
@@ -141,7 +142,7 @@ class _Mixing:
         for own, weight in zip(self.sum, weights, strict=True):
             own += weight * plane
 
-    def made(self) -> Any:
+    def made(self) -> Array:
         return self.seen.mixed(np.stack(self.apart)) if self.sum is None else self.sum
 
 

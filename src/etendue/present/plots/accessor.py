@@ -15,6 +15,7 @@ from typing import Any
 import xarray
 
 from etendue.calls import called, called_methods
+from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue.present.plots import glance_page
 from etendue.present.plots.asked import Asked
@@ -81,7 +82,7 @@ class TreeAccessor:
         """One picture of one cell, upright: ``tree.etendue.show("picture", gain=2.8)``."""
         return Plots(self._tree)("show", *([variable] if variable else []), **at)
 
-    def list(self) -> dict[str, Any]:
+    def list(self) -> Document:
         """Which kinds of plots, variables and axes there are."""
         return listed(Holdings(self._tree))
 

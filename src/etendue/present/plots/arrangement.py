@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etendue.contract.wording import first, prefix
+from etendue.documents import Place
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.holdings import Held
 from etendue.present.plots.labels import name_text, value_text
@@ -31,7 +32,7 @@ class Dim:
     def title(self) -> str:
         return name_text(self.name, self.units)
 
-    def text(self, value: Any) -> str:
+    def text(self, value: float | str) -> str:
         """A value with its unit; with the name of the dim where the unit does not tell it."""
         text = value_text(value, self.units, self.name)
         bare = not isinstance(value, str) and self.units in ("", "1") and not prefix(self.name)
@@ -57,7 +58,7 @@ class Arrangement:
     x: Dim | None
     y: Dim | None
     panels: tuple[Dim, ...] = ()
-    fixed: Mapping[str, Any] = field(default_factory=dict)
+    fixed: Place = field(default_factory=dict)
     said: tuple[str, ...] = ()  # texts of what is fixed
 
     @property
@@ -86,9 +87,9 @@ def arranged(
     sides: int,
     along: Sequence[str] = (),
     panels: Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
+    at: Place | None = None,
     most: int = MOST_PANELS,
-    middle: Mapping[str, Any] | None = None,
+    middle: Place | None = None,
 ) -> Arrangement:
     """Place dims: two along the sides (``sides`` of them), the others over panels, as many as fit, the rest at one
     value.
@@ -115,7 +116,7 @@ def arranged(
     return Arrangement(free.get(x), free.get(y), tuple(chosen), at, tuple(said))
 
 
-def _check(asked: Sequence[str], free: Mapping[str, Dim], at: Mapping[str, Any]) -> None:
+def _check(asked: Sequence[str], free: Mapping[str, Dim], at: Place) -> None:
     for name in asked:
         if name not in free:
             why = "it is fixed" if name in at else f"it is no dim of what is drawn{nearest(name, free)}"
@@ -148,7 +149,7 @@ def _over_panels(chosen: list[Dim], rest: Sequence[Dim], most: int) -> tuple[lis
     return chosen, left
 
 
-def _value(dim: Dim, middle: Mapping[str, Any]) -> Any:
+def _value(dim: Dim, middle: Place) -> Any:
     """Where a dim is fixed that does not fit: as ``middle`` says, if it has that value, else in its middle."""
     value = middle.get(dim.name)
     return value if value in dim.values else dim.values[len(dim.values) // 2]

@@ -6,10 +6,9 @@ Out: a ``Plot``. Kinds that distributions bring are functions of the same two.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
+from etendue.documents import Document, DocumentView, Place
 from etendue.present.plots.budget import budget
 from etendue.present.plots.curves import curves
 from etendue.present.plots.holdings import Held, Holdings
@@ -31,12 +30,12 @@ class Asked:
     lines: str = ""
     panels: tuple[str, ...] = ()
     better: tuple[str, ...] = ()
-    at: Mapping[str, Any] = field(default_factory=dict)
-    blame: Mapping[str, Any] | None = None  # of a budget: the document of who shares losses out
-    blamed_at: Mapping[str, Any] | None = (
+    at: Place = field(default_factory=dict)
+    blame: DocumentView | None = None  # of a budget: the document of who shares losses out
+    blamed_at: Place | None = (
         None  # the axis values of the cell that it is of; None: of the one whose pictures there are
     )
-    middle: Mapping[str, Any] = field(default_factory=dict)  # where what is not asked for and does not fit is fixed
+    middle: Place = field(default_factory=dict)  # where what is not asked for and does not fit is fixed
 
     @property
     def first(self) -> str:
@@ -46,7 +45,7 @@ class Asked:
     def second(self) -> str:
         return self.figures[1] if len(self.figures) > 1 else ""
 
-    def cell(self, held: Held) -> dict[str, Any]:
+    def cell(self, held: Held) -> Document:
         """One value of every axis that reaches a variable: as it was asked for, else where a run's pictures are,
         else in the middle.
         """

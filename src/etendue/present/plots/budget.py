@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.wording import words as called
+from etendue.documents import DocumentView
 from etendue.errors import RequestError
 from etendue.plugins.shares import shared_out
 from etendue.present.plots.holdings import Holdings
@@ -21,7 +22,7 @@ from etendue.present.plots.plot import Plot, new_figure
 COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "seconds_saved", "error", "how", "bound")
 
 
-def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: str = "") -> Plot:
+def budget(holdings: Holdings, blame: DocumentView | None = None, place: str = "") -> Plot:
     """Thread time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also what
     each is owed of losses at a ``place`` of the sweep.
 
@@ -154,7 +155,7 @@ def _draw_cells(axes: Any, at: Mapping[str, list[Any]]) -> None:
     axes.set_title("share of the cells, %", fontsize=9)
 
 
-def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:
+def _draw_loss(axes: Any, loss: DocumentView) -> None:
     """Bars of what each stage is owed; what wins back to the left."""
     names, shares = [one["stage"] for one in loss["stages"]], np.array([_known(one["share"]) for one in loss["stages"]])
     place = np.arange(len(names))
@@ -181,7 +182,7 @@ def _known(share: Any) -> float:
     return np.nan if share is None else float(share)
 
 
-def _with_shares(rows: list[list[Any]], losses: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+def _with_shares(rows: list[list[Any]], losses: Sequence[DocumentView]) -> list[list[Any]]:
     """A share of each loss behind what is known of a stage; stages that are one in a loss, a row of their own."""
     shares = [{one["stage"]: one["share"] for one in loss["stages"]} for loss in losses]
     names = [row[0] for row in rows]

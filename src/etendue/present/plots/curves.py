@@ -8,14 +8,15 @@ variable with an ``end`` says in the same unit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import first
+from etendue.documents import Document, Place
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.arrangement import Arrangement, Dim, arranged, dims_of
 from etendue.present.plots.holdings import Held, Holdings
@@ -24,6 +25,10 @@ from etendue.present.plots.maps import preferred
 from etendue.present.plots.panels import wrapped
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_LINES, MOST_PANELS = 12, 9
 NYQUIST = "Nyquist"
@@ -36,8 +41,8 @@ def curves(
     x: str = "",
     lines: str = "",
     panels: Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
-    middle: Mapping[str, Any] | None = None,
+    at: Place | None = None,
+    middle: Place | None = None,
 ) -> Plot:
     """Lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: what lines tell
     apart.
@@ -104,7 +109,7 @@ def _draw_panels(
 
 
 def _draw_lines(
-    axes: Any, holdings: Holdings, held: Held, x: tuple[str, str], hue: Dim | None, at: Mapping[str, Any]
+    axes: Axes, holdings: Holdings, held: Held, x: tuple[str, str], hue: Dim | None, at: Place
 ) -> tuple[list[list[Any]], str, str]:
     """The lines of a panel and where x ends: their numbers, the title of x, and what the last end is called."""
     rows: list[list[Any]] = []
@@ -115,7 +120,7 @@ def _draw_lines(
         values = values.sel({d: v for d, v in full.items() if d in values.dims})
         xs, units, title = _x_of(held, *x, full)
         ys = np.asarray(values.values, float)
-        dots: dict[str, Any] = {"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}
+        dots: Document = {"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}
         axes.plot(xs, ys, color=colour, label=hue.text(value) if hue else None, linewidth=1.4, **dots)
         rows += [[*full.values(), float(a), float(b)] for a, b in zip(xs, ys, strict=True)]
         end = _end(holdings, held, full, units)
@@ -161,7 +166,7 @@ def _along(held: Held, x: str, free: Sequence[str], dims: Sequence[Dim]) -> tupl
     )
 
 
-def _told_apart(lines: str, rest: Sequence[Dim], chosen: Mapping[str, Any]) -> str:
+def _told_apart(lines: str, rest: Sequence[Dim], chosen: Place) -> str:
     """What lines tell apart: as it was asked for, else names first (stages, factors), then the axis with the most
     values that lines can show.
     """
@@ -175,7 +180,7 @@ def _told_apart(lines: str, rest: Sequence[Dim], chosen: Mapping[str, Any]) -> s
     return (named or open_)[0].name if open_ else ""
 
 
-def _x_of(held: Held, along: str, beside: str, at: Mapping[str, Any]) -> tuple[Any, str, str]:
+def _x_of(held: Held, along: str, beside: str, at: Place) -> tuple[Any, str, str]:
     """Where the samples of a line stand, the unit, and the title of the axis."""
     if not beside:
         units = held.units_of(along)
@@ -194,7 +199,7 @@ def _x_of(held: Held, along: str, beside: str, at: Mapping[str, Any]) -> tuple[A
     raise RequestError(f"{beside} is not known at these values")
 
 
-def _end(holdings: Holdings, held: Held, at: Mapping[str, Any], units: str) -> tuple[float, str] | None:
+def _end(holdings: Holdings, held: Held, at: Place, units: str) -> tuple[float, str] | None:
     """Where x ends for a line in its unit, and what that is called; None where it goes on, or nobody says."""
     if units in PER_PIXEL:
         return 0.5, NYQUIST
@@ -222,7 +227,7 @@ def _figure(panels: Sequence[Dim]) -> tuple[Any, list[Any]]:
     ]
 
 
-def _colours(hue: Dim | None) -> Any:
+def _colours(hue: Dim | None) -> Sequence[Any]:
     from matplotlib import colormaps
 
     if hue is None:
@@ -240,7 +245,7 @@ def _plain_ticks(axes: Any, values: Sequence[float]) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _legend(figure: Any, axes: Any, ended: str) -> None:
+def _legend(figure: Figure, axes: Axes, ended: str) -> None:
     from matplotlib.lines import Line2D
 
     handles, _ = axes.get_legend_handles_labels()

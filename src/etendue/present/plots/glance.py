@@ -29,6 +29,7 @@ from etendue.archive.provenance import latest_record
 from etendue.archive.vouched import open_archive
 from etendue.contract.drawn import Pictured
 from etendue.contract.wording import first
+from etendue.documents import Document, Place
 from etendue.errors import ArchiveError, EtendueError
 from etendue.present.plots import pictures
 from etendue.present.plots.glance_cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
@@ -221,7 +222,7 @@ def _damage(folder: Path) -> str:
 # -------------------------------------------------------------------------------------------------------------
 
 
-def _cell(holdings: Holdings) -> dict[str, Any]:
+def _cell(holdings: Holdings) -> Document:
     """The cell that is looked at: that of the pictures of a run; else, of those that have come furthest, the one in
     the middle.
     """
@@ -242,7 +243,7 @@ def _cell(holdings: Holdings) -> dict[str, Any]:
     return middle
 
 
-def _finished(one: Held) -> list[dict[str, Any]]:
+def _finished(one: Held) -> list[Document]:
     """Where a stage is finished, by its status alone: none of its arrays is read."""
     found = []
     for group in one.groups:
@@ -254,7 +255,7 @@ def _finished(one: Held) -> list[dict[str, Any]]:
     return found
 
 
-def _is_finished(one: Held, at: Mapping[str, Any]) -> bool:
+def _is_finished(one: Held, at: Place) -> bool:
     """Whether the cell at some values of the sweep is there; what no axis reaches is."""
     place = {dim: at[dim] for dim in one.axes}
     for group in one.groups:
@@ -264,7 +265,7 @@ def _is_finished(one: Held, at: Mapping[str, Any]) -> bool:
     return not one.axes
 
 
-def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Figure]:
+def _figures(holdings: Holdings, at: Place) -> list[Figure]:
     """What goes first; then what else is one number a cell."""
     able: dict[str, Held] = {}
     for one in holdings.of_kind("figure"):
@@ -279,7 +280,7 @@ def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Figure]:
     return list(itertools.islice(found, MOST_FIGURES))
 
 
-def _figure(one: Held, at: Mapping[str, Any]) -> Figure | None:
+def _figure(one: Held, at: Place) -> Figure | None:
     """A figure of one cell and its range over the sweep; None where neither is known."""
     cells = math.prod(len(one.values_of(dim)) for dim in one.axes)
     ranged = cells <= RANGED
@@ -298,7 +299,7 @@ def _figure(one: Held, at: Mapping[str, Any]) -> Figure | None:
     return Figure(one.variable, f"{name}{behind}{without}{rest}", one.units, own, least, most)
 
 
-def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:
+def _pictures(holdings: Holdings, at: Place) -> list[Tile]:
     """Every stage of one cell, small."""
     frames = holdings.table("frames")
     if frames is not None:
@@ -347,13 +348,13 @@ def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, st
     ]
 
 
-def _places(one: Held, at: Mapping[str, Any]) -> str:
+def _places(one: Held, at: Place) -> str:
     """The values of what is swept, as words of a call."""
     axes = {dim: one.values_of(dim) for dim in one.axes if dim.isidentifier()}
     return "".join(f", {dim}={at.get(dim, values[0])!r}" for dim, values in axes.items() if len(values) > 1)
 
 
-def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _commands(holdings: Holdings, place: str, at: Place) -> list[tuple[str, str]]:
     """In Python for any tree; as commands for what is stored."""
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
     names = [one.variable for one in varying]

@@ -22,6 +22,7 @@ from etendue.archive.journal import read
 from etendue.archive.layout import STATUS
 from etendue.archive.manifest import read_manifest
 from etendue.archive.owner import is_running
+from etendue.documents import DocumentView
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.terminal.terminal import human_rate, human_seconds
@@ -29,7 +30,7 @@ from etendue.present.terminal.terminal import human_rate, human_seconds
 UNKNOWN = "unknown"  # of a cell whose row of the ledger is lost: a fill value
 
 
-def state_of(folder: Path | None, record: Mapping[str, Any], counts: Mapping[str, int]) -> str:
+def state_of(folder: Path | None, record: DocumentView, counts: Mapping[str, int]) -> str:
     lost = counts.get("failed", 0)
     ended = f"{lost} {'cell' if lost == 1 else 'cells'} failed" if lost else "complete"
     if unknown := counts.get(UNKNOWN, 0):

@@ -18,6 +18,7 @@ from etendue.archive.layout import BOUNDS
 from etendue.contract.names import TABLES
 from etendue.contract.variables import Variable, without
 from etendue.contract.variables import variable as known
+from etendue.documents import Document, DocumentView, Place
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.present.plots.labels import title_text
 
@@ -57,7 +58,7 @@ class Held:
         return tuple(str(dim) for dim in self.groups[0][self.variable].dims if dim not in self.axes)
 
     @property
-    def attrs(self) -> Mapping[str, Any]:
+    def attrs(self) -> DocumentView:
         return self.groups[0][self.variable].attrs
 
     @property
@@ -116,7 +117,7 @@ class Held:
         group = self.groups[0]
         return str(group[dim].attrs.get("parameter", dim)) if dim in group.coords else dim
 
-    def values(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+    def values(self, at: Place | None = None) -> xarray.DataArray:
         """All of it, or what stands at some values: float64, unknown (NaN) where a cell is not there; axes in order.
 
         Raises
@@ -126,24 +127,22 @@ class Held:
         """
         return self._joined(self.variable, at or {})[0]
 
-    def failed(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+    def failed(self, at: Place | None = None) -> xarray.DataArray:
         """Over the axes: whether a cell has failed, or was skipped behind one that has."""
         return self._joined(self.variable, at or {})[1]
 
-    def there(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+    def there(self, at: Place | None = None) -> xarray.DataArray:
         """Over the axes: whether a cell is finished."""
         return self._joined(self.variable, at or {})[2]
 
-    def _joined(
-        self, variable: str, at: Mapping[str, Any]
-    ) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
+    def _joined(self, variable: str, at: Place) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
         axes = [dim for dim in self.axes if dim not in at]
         labels = {dim: self.values_of(dim) for dim in axes}
         whole: Any = None
         failed = np.zeros([len(own) for own in labels.values()], bool)
         finished = failed.copy()
         dims: tuple[str, ...] = ()
-        coords: dict[str, Any] = {}
+        coords: Document = {}
         for group in self.groups_at(at):
             array, flags = self._cells(group, variable, at, axes)
             dims = tuple(str(dim) for dim in array.dims if dim not in axes)
@@ -169,7 +168,7 @@ class Held:
         values = xarray.DataArray(whole, {**over, **coords}, (*axes, *dims), variable, dict(first[variable].attrs))
         return values, xarray.DataArray(failed, over, tuple(axes)), xarray.DataArray(finished, over, tuple(axes))
 
-    def groups_at(self, at: Mapping[str, Any]) -> list[xarray.Dataset]:
+    def groups_at(self, at: Place) -> list[xarray.Dataset]:
         """The groups that have cells at some values of the axes."""
         own = {dim: value for dim, value in at.items() if dim in self.axes}
         return [
@@ -177,7 +176,7 @@ class Held:
         ]
 
     def _cells(
-        self, group: xarray.Dataset, variable: str, at: Mapping[str, Any], axes: Sequence[str]
+        self, group: xarray.Dataset, variable: str, at: Place, axes: Sequence[str]
     ) -> tuple[xarray.DataArray, Any]:
         """A variable of a group at some values, and over the axes what became of each cell."""
         chosen = group[[variable, *(["status"] if "status" in group else [])]].sel(

@@ -13,6 +13,7 @@ from functools import cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
+from etendue.documents import Document
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.plugins import discovery
 from etendue.present.plots.asked import Asked
@@ -165,14 +166,14 @@ def _of_variable(holdings: Holdings, variable: str, others: int) -> str:
     return "curves" if "curve" in {one.kind for one in named} else "show"
 
 
-def shown_at(holdings: Holdings) -> dict[str, Any]:
+def shown_at(holdings: Holdings) -> Document:
     """The axis values of the cell whose pictures and figures a run shows; {} where nothing says."""
     frames = holdings.table("frames")
     found = frames.attrs.get("cell", {}) if frames is not None else {}
     return dict(found) if isinstance(found, Mapping) else {}
 
 
-def listed(holdings: Holdings) -> dict[str, Any]:
+def listed(holdings: Holdings) -> Document:
     """What there is to be drawn."""
     units = {dim: one.units_of(dim) for one in holdings for dim in one.axes}
     return {
@@ -182,7 +183,7 @@ def listed(holdings: Holdings) -> dict[str, Any]:
     }
 
 
-def _said(one: Held) -> dict[str, Any]:
+def _said(one: Held) -> Document:
     better = str(one.attrs.get("better", "")) or one.known.better
     dims = {"axes": list(one.axes), "dims": list(one.dims)}
     return {

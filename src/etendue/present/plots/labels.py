@@ -13,6 +13,7 @@ from typing import Any
 
 from etendue.contract import wording
 from etendue.contract.quantities import long_name
+from etendue.documents import AxisValue
 
 SAID = {
     "1": "",
@@ -40,7 +41,7 @@ def unit_text(units: str) -> str:
     return re.sub(r"(?<=[A-Za-zµ])-?\d+", lambda found: found.group().translate(RAISED), text)
 
 
-def value_text(value: Any, units: str = "", dim: str = "") -> str:
+def value_text(value: float | str, units: str = "", dim: str = "") -> str:
     """A value of an axis with its unit or what its quantity has in front, seconds with a prefix."""
     if isinstance(value, str) or value is None or not _is_number(value):
         return str(value)
@@ -54,7 +55,7 @@ def value_text(value: Any, units: str = "", dim: str = "") -> str:
     return f"{number:.4g}{'' if unit in ('', '°') else ' '}{unit}"
 
 
-def bare_text(value: Any, units: str = "", dim: str = "") -> str:
+def bare_text(value: float | str, units: str = "", dim: str = "") -> str:
     """The same without a unit, for ticks beside an axis whose title has it; seconds keep their prefix."""
     if isinstance(value, str) or not _is_number(value):
         return str(value)
@@ -86,7 +87,7 @@ def number_text(value: float, digits: int = 3) -> str:
     return text.replace("0.", ".", 1) if text.startswith(("0.", "-0.")) else text
 
 
-def places_text(places: dict[str, Any], units: dict[str, str]) -> str:
+def places_text(places: dict[str, AxisValue], units: dict[str, str]) -> str:
     """``5.4 µm, 8 ms``: axis values as a name."""
     texts = []
     for dim, value in places.items():

@@ -6,14 +6,16 @@ Out: a ``Plot``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.variables import without
 from etendue.contract.wording import first
+from etendue.documents import Place
 from etendue.errors import RequestError
 from etendue.present.plots.arrangement import Arrangement, Dim, arranged, dims_of
 from etendue.present.plots.holdings import Held, Holdings
@@ -22,6 +24,9 @@ from etendue.present.plots.panels import Sides, map_of_figures, map_of_names
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
 
+if TYPE_CHECKING:
+    import xarray
+
 
 def figure_map(
     holdings: Holdings,
@@ -29,8 +34,8 @@ def figure_map(
     x: str = "",
     y: str = "",
     panels: Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
-    middle: Mapping[str, Any] | None = None,
+    at: Place | None = None,
+    middle: Place | None = None,
 ) -> Plot:
     """A map of a figure; of an index by name. Without ``figure`` a sensible one.
 
@@ -56,8 +61,8 @@ def factor_map(
     x: str = "",
     y: str = "",
     panels: Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
-    middle: Mapping[str, Any] | None = None,
+    at: Place | None = None,
+    middle: Place | None = None,
 ) -> Plot:
     """What limits where: the name that an index over two axes stands for.
 
@@ -122,7 +127,7 @@ def laid_out(held: Held, place: Arrangement) -> tuple[Any, Any, Any]:
     return found[0], found[1], found[2]
 
 
-def _over(flags: Any, order: Sequence[str], values: Any) -> Any:
+def _over(flags: xarray.DataArray, order: Sequence[str], values: xarray.DataArray) -> Array:
     """Flags over the axes as they stand beside values over all dims."""
     whole = flags.expand_dims({dim: values.sizes[dim] for dim in order if dim not in flags.dims})
     return whole.transpose(*order).values
@@ -156,7 +161,7 @@ def _title(what: str, holdings: Holdings, place: Arrangement) -> str:
     return f"{text}, at {place.at}" if place.at else text
 
 
-def _table(held: Held, place: Arrangement, values: Any) -> tuple[list[str], list[list[Any]]]:
+def _table(held: Held, place: Arrangement, values: Array) -> tuple[list[str], list[list[Any]]]:
     """A row for each number."""
     dims = [*place.panels, *(side for side in (place.y, place.x) if side)]
     fixed = [name for name in place.fixed if name in (*held.axes, *held.dims)]

@@ -9,12 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_COLUMNS = 4
 WIDEST = 16.0  # inches of a figure
@@ -37,8 +42,14 @@ class Sides:
 
 
 def map_of_figures(
-    values: Any, sides: Sides, title: str, unit: str = "", digits: int = 3, failed: Any = None, there: Any = None
-) -> Any:
+    values: Any,
+    sides: Sides,
+    title: str,
+    unit: str = "",
+    digits: int = 3,
+    failed: Array | None = None,
+    there: Array | None = None,
+) -> Figure | None:
     """Numbers by colour on one scale, each also written in its cell.
 
     Parameters
@@ -104,14 +115,14 @@ def map_of_figures(
 
 
 def map_of_names(
-    indices: Any,
+    indices: Array,
     names: Sequence[str],
     sides: Sides,
     title: str,
     failed: Any = None,
     said: str = "no value",
     tints: Mapping[str, str] | None = None,
-) -> Any:
+) -> Figure:
     """Names by colour with a legend; ``indices`` (panel, y, x) point into ``names``, and what is unknown (NaN) stays
     white.
 
@@ -160,7 +171,7 @@ def map_of_names(
     return figure
 
 
-def scale_of(values: Any) -> Any:
+def scale_of(values: Array) -> Any:
     """How numbers become colours: in equal ratios where all are above 0 and they differ much, else in equal steps."""
     from matplotlib.colors import LogNorm, Normalize
 
@@ -172,11 +183,11 @@ def scale_of(values: Any) -> Any:
     return Normalize(low, high)
 
 
-def _mark(panel: Any, row: int, column: int, text: str, colour: str, room: float) -> None:
+def _mark(panel: Axes, row: int, column: int, text: str, colour: str, room: float) -> None:
     panel.text(column, row, text, ha="center", va="center", fontsize=room or 5, color=colour)
 
 
-def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
+def _explain(figure: Figure, failed: Array | None, values: Array, there: Array | None) -> None:
     """Below the panels: what marks mean that stand in them."""
     words = [f"{FAILED} the cell failed"] if failed is not None and np.any(failed) else []
     lost = ~np.isfinite(values) & (np.zeros_like(values, bool) if failed is None else ~np.asarray(failed))
@@ -188,7 +199,7 @@ def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
         figure.supxlabel("     ".join(words), fontsize=8, color="0.35")
 
 
-def _checked(values: Any, sides: Sides) -> Any:
+def _checked(values: Any, sides: Sides) -> Array:
     values = np.asarray(values, dtype=float)
     wanted = (len(sides.panels), len(sides.y), len(sides.x))
     if values.shape != wanted:

@@ -14,6 +14,7 @@ import numpy as np
 import xarray
 
 from etendue.contract.wording import first as goes_first
+from etendue.documents import AxisValue, Place
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.arrangement import Dim, dims_of
 from etendue.present.plots.holdings import Held, Holdings
@@ -67,7 +68,7 @@ def pareto(
     first: str = "",
     second: str = "",
     better: Mapping[str, str] | Sequence[str] = (),
-    at: Mapping[str, Any] | None = None,
+    at: Place | None = None,
 ) -> Plot:
     """Two figures against each other, every cell a point; the front is drawn through and named.
 
@@ -107,7 +108,7 @@ def pareto(
     return Plot(figure, columns, rows, [f"{lost} of {len(values)} cells have no such values"] if lost else [])
 
 
-def _behind(held: Sequence[Held], place: dict[str, Any]) -> list[str]:
+def _behind(held: Sequence[Held], place: dict[str, AxisValue]) -> list[str]:
     """The last entry of a dim of names, such as the last of the stages that blur, into the place; and what says so."""
     said = []
     for one in held:
@@ -156,7 +157,7 @@ def _better(held: Held, place: int, asked: Mapping[str, str] | Sequence[str]) ->
     return SAID[word]
 
 
-def _at(held: Held, place: Mapping[str, Any]) -> xarray.DataArray:
+def _at(held: Held, place: Place) -> xarray.DataArray:
     own = {dim: value for dim, value in place.items() if dim in (*held.axes, *held.dims)}
     values = held.values(own)
     return values.sel({dim: value for dim, value in own.items() if dim in values.dims}).reset_coords(drop=True)

@@ -9,12 +9,12 @@ Out: (y, x, 3) bytes, encoded sRGB, the first row of the array on top.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS
+from etendue.arrays import Array
 from etendue.contract.dims import banded
 from etendue.contract.drawn import Drawn, Pictured, lit_by, read
 from etendue.contract.seen import flat_dims
@@ -85,7 +85,7 @@ def bright_among(order: Sequence[Pictured], number: int, bright_of: Callable[[in
     return order[number].drawn.white or 1.0
 
 
-def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = False) -> Any:
+def drawn(array: xarray.DataArray, bright: float | None = None, failed: bool = False) -> Array:
     """(y, x, 3) uint8 as it looks; striped where values are not there, or all of it where the cell has ``failed``."""
     array = upright(array)
     own = appearance_of(array)
@@ -102,7 +102,7 @@ def upright(array: xarray.DataArray) -> xarray.DataArray:
     return array.transpose(*front, "y", "x") if {"y", "x"} <= set(array.dims) else array
 
 
-def _edges(array: xarray.DataArray, band: str) -> Any:
+def _edges(array: xarray.DataArray, band: str) -> Array:
     """Edges of bins: as they stand beside the light, else by their middles, which halve them."""
     if set(ENDS) <= set(array.coords):
         first, last = (array[name].values for name in ENDS)

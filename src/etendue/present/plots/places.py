@@ -7,12 +7,13 @@ Out: the value that is meant, or what there is instead.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
 from etendue.contract.tables import tables
 from etendue.contract.units import UnitError, to_unit
+from etendue.documents import Document, Place
 from etendue.errors import Fault, RequestError, nearest
 from etendue.present.plots.holdings import Held
 from etendue.present.plots.labels import value_text
@@ -71,7 +72,7 @@ def _number(text: str) -> Decimal | str:
         return text
 
 
-def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
+def resolved(held: Sequence[Held], at: Place) -> Document:
     """What is asked for as values of dims: names of dims or of the parameters that axes set; numbers, texts with units.
 
     Raises
@@ -79,7 +80,7 @@ def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
     RequestError
         No such dim, or no such value along it.
     """
-    found: dict[str, Any] = {}
+    found: Document = {}
     faults = []
     for name, asked in at.items():
         dim, owner = dim_of(held, name)
@@ -109,9 +110,9 @@ def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
+def resolved_in(array: Any, at: Place) -> Document:
     """The same for the dims of one array of xarray."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     faults = []
     keys = {
         str(dim): str(array[dim].attrs.get("parameter", dim)) if dim in array.coords else str(dim) for dim in array.dims

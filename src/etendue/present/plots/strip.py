@@ -8,15 +8,17 @@ Out: a ``Plot``: a sample is a whole number of dots where it can be, the first r
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray
 
+from etendue.arrays import Array
 from etendue.contract.drawn import Drawn, Pictured, read
 from etendue.contract.wording import first
+from etendue.documents import Place
 from etendue.errors import RequestError, nearest
 from etendue.present.pictures.details import part_of, side_of
 from etendue.present.plots import pictures
@@ -25,6 +27,10 @@ from etendue.present.plots.holdings import Held, Holdings
 from etendue.present.plots.labels import places_text, value_text
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 DPI = 100
 BOX, INSET, GAP, LABEL, HEAD = (
@@ -52,7 +58,7 @@ class Tile:
     )
 
 
-def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Mapping[str, Any] | None = None) -> Plot:
+def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Place | None = None) -> Plot:
     """All stages of one cell, or one ``variable`` at all values of the one axis that ``at`` leaves open.
 
     Raises
@@ -68,7 +74,7 @@ def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Mapping[s
     return Plot(figure, ("stage", "variable", "height", "width"), rows, [], DPI)
 
 
-def _of_stages(holdings: Holdings, variable: str, stage: str, at: Mapping[str, Any]) -> tuple[list[Tile], str]:
+def _of_stages(holdings: Holdings, variable: str, stage: str, at: Place) -> tuple[list[Tile], str]:
     frames = holdings.table("frames")
     kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown]
     if not at and frames is not None:
@@ -85,7 +91,7 @@ def _of_stages(holdings: Holdings, variable: str, stage: str, at: Mapping[str, A
     return _with_parts(found), places_text(cell, units)
 
 
-def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str, Any]) -> tuple[list[Tile], str]:
+def _of_variable(holdings: Holdings, variable: str, stage: str, at: Place) -> tuple[list[Tile], str]:
     held = holdings.find(f"{stage}.{variable}" if stage else variable, "picture")
     asked = resolved([held], at)
     swept = [dim for dim in held.axes if len(held.values_of(dim)) > 1]
@@ -114,7 +120,7 @@ def _one_open(held: Held, open_: list[str]) -> list[str]:
     return open_
 
 
-def picture_of(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool]:
+def picture_of(held: Held, at: Place) -> tuple[xarray.DataArray, bool]:
     """The array of one cell and whether the cell has failed.
 
     Raises
@@ -161,7 +167,7 @@ def _words_at(held: Held, dims: Sequence[str]) -> str:
     return " ".join(f"--at {dim}={shlex.quote(text)}" for dim, text in typed.items())
 
 
-def _picture(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool] | None:
+def _picture(held: Held, at: Place) -> tuple[xarray.DataArray, bool] | None:
     """One cell of a variable, in the shape that has it; None where no shape does."""
     values = {dim: value for dim, value in at.items() if dim in held.axes}
     inner = {dim: value for dim, value in at.items() if dim in held.dims}
@@ -183,7 +189,7 @@ def drawn_of(held: Held) -> Drawn:
     return read(held.variable, held.groups[0].variables[held.variable].attrs, {})
 
 
-def white_of(holdings: Holdings, held: Held, at: Mapping[str, Any]) -> float:
+def white_of(holdings: Holdings, held: Held, at: Place) -> float:
     """The linear value that is shown as white in the picture of a cell: the same for all stages of its kind, as far
     as they are there.
     """
@@ -248,7 +254,7 @@ def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool, float]]) -> 
     return tiles
 
 
-def _draw(tiles: list[Tile], title: str) -> Any:
+def _draw(tiles: list[Tile], title: str) -> Figure:
     largest = max(max(one.picture.shape[:2]) for one in tiles)
     box = max(BOX, largest) if largest <= 512 and len(tiles) <= 12 else BOX
     across = min(COLUMNS if len(tiles) > 8 else 4, len(tiles))
@@ -297,7 +303,7 @@ def _fitted(shape: tuple[int, int], box: int) -> tuple[int, int]:
     return max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
 
 
-def _placed(figure: Any, picture: Any, left: int, top: int, size: tuple[int, int], edge: str = "") -> Any:
+def _placed(figure: Figure, picture: Array, left: int, top: int, size: tuple[int, int], edge: str = "") -> Axes:
     """A picture at its place in dots, upright, samples as squares."""
     width, height = (round(DPI * length) for length in figure.get_size_inches())
     axes = figure.add_axes((left / width, 1 - (top + size[0]) / height, size[1] / width, size[0] / height))
@@ -312,7 +318,7 @@ def _placed(figure: Any, picture: Any, left: int, top: int, size: tuple[int, int
     return axes
 
 
-def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, Any] | None = None) -> Plot:
+def show(holdings: Holdings, variable: str, stage: str = "", at: Place | None = None) -> Plot:
     """One picture of one cell, upright, with its true aspect and colours.
 
     Raises

@@ -10,11 +10,11 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from etendue.contract.wording import words as called
+from etendue.documents import Document, DocumentView
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.present.terminal.work_precision import Series, diagrams
 
@@ -22,12 +22,12 @@ UNBOUNDED = 132  # columns where nobody's terminal ends
 TABLE, DOCUMENT, DIAGRAM = "accuracy.csv", "accuracy.json", "accuracy.png"
 
 
-def document(found: Any) -> dict[str, Any]:
+def document(found: Any) -> Document:
     """All curves, trials and choices; errors are rms relative to full scale, seconds those of one thread."""
     knobs = {curve.knob.key: curve.knob for curve in found.curves}
     elsewhere = {tolerance: error for tolerance, error, _ in found.verified}
 
-    def point(trial: Any) -> dict[str, Any]:
+    def point(trial: Any) -> Document:
         settings = {key: trial.setting(knob) for key, knob in knobs.items()}
         return {"settings": settings, "error": trial.error, "variable": trial.variable, "seconds": trial.whole}
 
@@ -54,7 +54,7 @@ def document(found: Any) -> dict[str, Any]:
     }
 
 
-def _curve(curve: Any) -> dict[str, Any]:
+def _curve(curve: Any) -> Document:
     knob = curve.knob
     return {
         "stage": knob.stage or None,
@@ -80,7 +80,7 @@ def _curve(curve: Any) -> dict[str, Any]:
     }
 
 
-def csv_text(document: Mapping[str, Any]) -> str:
+def csv_text(document: DocumentView) -> str:
     """A row for each setting of each knob alone, and for each combination of the front."""
     text = io.StringIO()
     rows = csv.writer(text)
@@ -107,7 +107,7 @@ def csv_text(document: Mapping[str, Any]) -> str:
     return text.getvalue()
 
 
-def files_of(document: Mapping[str, Any]) -> dict[str, bytes]:
+def files_of(document: DocumentView) -> dict[str, bytes]:
     """Of a document without NaN and infinity."""
     return {
         TABLE: csv_text(document).encode(),
@@ -116,7 +116,7 @@ def files_of(document: Mapping[str, Any]) -> dict[str, bytes]:
     }
 
 
-def diagram(document: Mapping[str, Any]) -> bytes:
+def diagram(document: DocumentView) -> bytes:
     """Left: each knob alone, error of its stage against the time of the stages it affects. Right: all of it."""
     floor = document["reference_floor"]
     alone = []
@@ -146,7 +146,7 @@ def diagram(document: Mapping[str, Any]) -> bytes:
     )
 
 
-def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
+def print_accuracy(document: Document, files: list[Path]) -> None:
     """Every knob alone, the front, the cheapest setting for each tolerance, and what there is to say about it."""
     console = _out()
     if not console.is_terminal:
@@ -204,11 +204,11 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
         console.print(f"file        {escape(str(path))}", soft_wrap=True)
 
 
-def _key(curve: Mapping[str, Any]) -> str:
+def _key(curve: DocumentView) -> str:
     return f"{curve['stage']}.{curve['knob']}" if curve["stage"] else curve["knob"]
 
 
-def _law(curve: Mapping[str, Any]) -> str:
+def _law(curve: DocumentView) -> str:
     """', order 4.0' or ', a factor 3.1 a step' of what was observed."""
     if curve["order"] is None:
         return ""
@@ -223,7 +223,7 @@ def _value(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _settings(settings: Mapping[str, Any], reference: Mapping[str, Any] = {}) -> str:
+def _settings(settings: DocumentView, reference: DocumentView = {}) -> str:
     """Settings in words; those that stand at their reference go without saying."""
     moved = {key: value for key, value in settings.items() if key not in reference or value != reference[key]}
     return ", ".join(f"{key} = {_value(value)}" for key, value in moved.items()) or "the reference"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from inspect import cleandoc
-from typing import Any
 
 from rich.console import Console
 from rich.padding import Padding
@@ -19,15 +18,16 @@ from etendue.contract.parameter import MISSING
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, reads_of, writes_of
 from etendue.contract.tables import tables
+from etendue.documents import Document
 from etendue.errors import PluginError
 from etendue.plugins import discovery
 from etendue.present.terminal.terminal import _out, _table, escape
 
 
-def stage_document(registry: Registry, name: str) -> dict[str, Any]:
+def stage_document(registry: Registry, name: str) -> Document:
     """One stage as JSON; a broken plugin says why it is broken."""
     installed = registry.installed(name)
-    document: dict[str, Any] = {"name": name, "distribution": installed.distribution, "version": installed.version}
+    document: Document = {"name": name, "distribution": installed.distribution, "version": installed.version}
     try:
         kind = registry.load(name)
     except PluginError as error:
@@ -60,7 +60,7 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
     }
 
 
-def print_stages(documents: list[dict[str, Any]]) -> None:
+def print_stages(documents: list[Document]) -> None:
     """Every stage in a line below its role, in the order in which roles are declared; what is declared nowhere, and
     what is broken.
     """
@@ -85,7 +85,7 @@ def print_stages(documents: list[dict[str, Any]]) -> None:
     console.print("one of them in full: etendue stages NAME; what several of them share: etendue quantities")
 
 
-def _origin(document: dict[str, Any]) -> str:
+def _origin(document: Document) -> str:
     """' (from NAME VERSION)' of what is not built in."""
     return (
         "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']} {document['version']})"
@@ -98,7 +98,7 @@ def first_sentence(doc: str) -> str:
     return re.split(r"(?<=[.!?])(?<!\beq\.)(?<!\beqs\.)(?<!\bFig\.)\s", paragraph, maxsplit=1)[0]
 
 
-def print_stage(document: dict[str, Any]) -> None:
+def print_stage(document: Document) -> None:
     """One stage in full: what it is, reads, writes, and a paragraph for every parameter."""
     console = _out()
     role = f", {document['role']}" if document["role"] else ""
@@ -114,7 +114,7 @@ def print_stage(document: dict[str, Any]) -> None:
         _print_parameter(console, key, p)
 
 
-def _print_parameter(console: Console, key: str, p: dict[str, Any]) -> None:
+def _print_parameter(console: Console, key: str, p: Document) -> None:
     units = f" {p['units']}" if p["units"] not in ("1", "") else ""
     value = f" in{units}" if units else ""
     if not p["required"]:
@@ -139,10 +139,10 @@ def _print_parameter(console: Console, key: str, p: dict[str, Any]) -> None:
             console.print(Padding(escape(text), (0, 0, 0, 4)))
 
 
-def quantity_document(name: str, registry: Registry | None = None) -> dict[str, Any]:
+def quantity_document(name: str, registry: Registry | None = None) -> Document:
     """One shared quantity as JSON; with a registry, also the stages that take it. One that cannot be read says why."""
     brought = discovery.installed().all("quantities", name)
-    found: dict[str, Any] = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
+    found: Document = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
     try:
         if clash := discovery.installed().clash("quantities", name):
             raise PluginError(clash)
@@ -171,7 +171,7 @@ def _takes(registry: Registry, stage: str, name: str) -> bool:
     return declared is not None and declared[0].shared
 
 
-def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
+def _plain(parameter: quantities.Quantity) -> Document:
     value = None if parameter.default is MISSING else parameter.default
     if isinstance(value, float) and not math.isfinite(value):
         value = "inf"
@@ -185,7 +185,7 @@ def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
     }
 
 
-def print_quantities(documents: list[dict[str, Any]]) -> None:
+def print_quantities(documents: list[Document]) -> None:
     """Every shared quantity in a line."""
     columns = (("quantity", "left"), ("default", "right"), ("what it is", "left"))
     table = _table(
@@ -199,12 +199,12 @@ def print_quantities(documents: list[dict[str, Any]]) -> None:
     console.print("one of them with its range and the stages that take it: etendue quantities NAME")
 
 
-def _valued(document: dict[str, Any]) -> str:
+def _valued(document: Document) -> str:
     units = "" if document["units"] in ("1", "") else f" {document['units']}"
     return "''" if document["default"] == "" else f"{document['default']}{units}"
 
 
-def print_quantity(document: dict[str, Any]) -> None:
+def print_quantity(document: Document) -> None:
     console = _out()
     console.print(escape(f"{document['name']}: {document['doc']}{_origin(document)}"))
     if "broken" in document:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
+from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds, short_axes
 
 SHOWN = 10  # rows; what is smaller is told in one line
@@ -19,7 +20,7 @@ SHOWN = 10  # rows; what is smaller is told in one line
 
 def global_error_document(
     found: Any, tolerance: float, norm: str = "rms", stated: Mapping[str, float | None] | None = None
-) -> dict[str, Any]:
+) -> Document:
     """``global_error`` by variable, and how it was measured; ``stated`` for cells that were not."""
     errors = {}
     for name, error in found.errors.items():
@@ -40,7 +41,7 @@ def global_error_document(
     return {"global_error": errors, "measured": told}
 
 
-def held_document(held: Any, stated: Mapping[str, float | None]) -> dict[str, Any]:
+def held_document(held: Any, stated: Mapping[str, float | None]) -> Document:
     """What ``--hold`` found beside the errors that it measured."""
     document = global_error_document(held.measured, held.asked, held.norm, stated)
     document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
@@ -54,7 +55,7 @@ def say_held(held: Any) -> list[str]:
     return said + _not_held(held.document(), held.measured.errors)
 
 
-def _not_held(hold: dict[str, Any], errors: Any) -> list[str]:
+def _not_held(hold: Document, errors: Any) -> list[str]:
     """Which variables are not held, by how much, and what is to blame."""
     said = []
     for name in hold["missed"][:SHOWN]:
@@ -72,7 +73,7 @@ def _not_held(hold: dict[str, Any], errors: Any) -> list[str]:
     return said
 
 
-def print_global_error(document: dict[str, Any]) -> None:
+def print_global_error(document: Document) -> None:
     """The worst variables, those that could not be measured, and what it cost."""
     out, told = _out(), document["measured"]
     errors = sorted(
@@ -112,7 +113,7 @@ def print_global_error(document: dict[str, Any]) -> None:
     _print_held(out, document, errors)
 
 
-def _print_held(out: Console, document: dict[str, Any], errors: list[tuple[str, dict[str, Any]]]) -> None:
+def _print_held(out: Console, document: Document, errors: list[tuple[str, Document]]) -> None:
     """Whether what is wanted is within its tolerance, and where that was measured."""
     told = document["measured"]
     if len(errors) > SHOWN:

@@ -10,6 +10,7 @@ import os
 import shlex
 from typing import Any
 
+from etendue.documents import Document
 from etendue.present.pictures.small_maps import small_maps
 from etendue.telling import printable
 
@@ -26,7 +27,7 @@ def next_commands(outcome: Any) -> list[str]:
     return [f"look at it     etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; what there is: --list)"]
 
 
-def plots_text(document: dict[str, Any]) -> list[str]:
+def plots_text(document: Document) -> list[str]:
     """What can be drawn of an archive, line by line."""
     lines = []
     for name, what in document["kinds"].items():

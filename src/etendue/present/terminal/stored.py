@@ -11,6 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
+from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _product, escape, human_rate, human_seconds, short_axes
 from etendue.telling import human_bytes
 
@@ -26,7 +27,7 @@ def short(text: object, most: int = 200) -> str:
     return said if len(said) <= most else f"{said[:most]}... ({len(said)} characters)"
 
 
-def print_archive(document: dict[str, Any]) -> None:
+def print_archive(document: Document) -> None:
     console = _out()
     runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
     state = "a run is going on" if document["running"] else f"{runs}, the last began {document['began']}"
@@ -54,7 +55,7 @@ def print_archive(document: dict[str, Any]) -> None:
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)
 
 
-def _print_stage(console: Console, document: dict[str, Any], stage: dict[str, Any], axes: dict[str, str]) -> None:
+def _print_stage(console: Console, document: Document, stage: Document, axes: dict[str, str]) -> None:
     """Its cells, and each of its variables once: cells of several sizes have one group for each."""
     cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not begun"
     if document["running"] and stage["planned"]:

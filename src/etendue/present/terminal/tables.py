@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.variables import variable
 from etendue.contract.wording import first
+from etendue.documents import Document
 from etendue.plan import omissions
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, Cell, CellRef, Plan
@@ -30,7 +32,7 @@ class Column:
     def __init__(self, make: Callable[[], list[Any]], dtype: Any) -> None:
         self.make, self.dtype = make, dtype
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.make(), dtype=dtype or self.dtype)
 
 
@@ -129,7 +131,7 @@ def _at(plan: Plan, axis: Axis) -> Column:
     )
 
 
-def stage_rows(plan: Plan, reports: Reports) -> list[dict[str, Any]]:
+def stage_rows(plan: Plan, reports: Reports) -> list[Document]:
     """One row per stage: cells computed, reused, left out and failed, seconds, share, worst error."""
     rows = []
     took = {node.name: reports.seconds_of(node.name) for node in plan.nodes}
@@ -201,7 +203,9 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
     return texts
 
 
-def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[tuple[str, float, str, tuple[str, ...]]]:
+def headlines(
+    plan: Plan, arrays: Mapping[CellRef, Mapping[str, Array]]
+) -> list[tuple[str, float, str, tuple[str, ...]]]:
     """Up to three figures of the shown cells: what goes first, then any other scalar; with their name, value and
     unit the stages that are not in them."""
     preferred = first("headline")

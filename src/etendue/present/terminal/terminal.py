@@ -16,6 +16,7 @@ from rich.markup import escape as without_markup
 from rich.table import Table
 
 from etendue.contract.stage import parameters_of
+from etendue.documents import Document
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
 from etendue.present.terminal.looking import next_commands
@@ -103,7 +104,7 @@ def _product(names: Iterable[str]) -> str:
     return text if len(text) <= 24 else " * ".join(names)
 
 
-def _axis(axis: dict[str, Any], short: str) -> str:
+def _axis(axis: Document, short: str) -> str:
     """'spacing = grid_spacing: 2.8 .. 5.4 um (2)'."""
     values = [f"{v:g}" if isinstance(v, float) else str(v) for v in axis["values"]]
     units = f" {axis['units']}" if axis["units"] not in (None, "1") else ""
@@ -111,7 +112,7 @@ def _axis(axis: dict[str, Any], short: str) -> str:
     return f"{'' if short == axis['name'] else short + ' = '}{axis['name']}: {shown}{units} ({len(values)})"
 
 
-def _uses(stages: list[dict[str, Any]]) -> list[str]:
+def _uses(stages: list[Document]) -> list[str]:
     """'filter is filter_fast' for every stage that is named otherwise than what it uses."""
     texts = []
     for stage in stages:
@@ -121,7 +122,7 @@ def _uses(stages: list[dict[str, Any]]) -> list[str]:
     return texts
 
 
-def _bound(stages: list[dict[str, Any]]) -> list[str]:
+def _bound(stages: list[Document]) -> list[str]:
     """Which stages take a shared quantity from an earlier one, and which are run one by one over a dim."""
     found: dict[tuple[str, str], list[str]] = {}
     mapped: dict[str, list[str]] = {}
@@ -134,7 +135,7 @@ def _bound(stages: list[dict[str, Any]]) -> list[str]:
     return texts + [f"for each  {dims}: {', '.join(names)}" for dims, names in mapped.items()]
 
 
-def _stored(document: dict[str, Any]) -> list[str]:
+def _stored(document: Document) -> list[str]:
     """Bytes of what is stored by variable, most first; and what the words under `keep` would store."""
     sizes: dict[str, int] = {}
     for stage in document["stages"]:
@@ -149,7 +150,7 @@ def _stored(document: dict[str, Any]) -> list[str]:
     return [f"stored    {', '.join(said)}", f"keep      = {words}"]
 
 
-def print_plan(document: dict[str, Any]) -> None:
+def print_plan(document: Document) -> None:
     """The plan as a table, and what is left out and why."""
     console = _out()
     short = short_axes(axis["name"] for axis in document["axes"])
@@ -195,7 +196,7 @@ def print_plan(document: dict[str, Any]) -> None:
         notes.print(f"note: {escape(text)}")
 
 
-def outcome_document(outcome: Any) -> dict[str, Any]:
+def outcome_document(outcome: Any) -> Document:
     """``etendue run --json``."""
     stages = stage_rows(outcome.plan, outcome.reports)
     return {

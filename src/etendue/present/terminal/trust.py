@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
 
+from etendue.documents import Document
 from etendue.present.terminal.stored import short
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds
 from etendue.telling import human_bytes
@@ -21,7 +21,7 @@ def _figure(value: float | None) -> str:
     return "-" if value is None else f"{value:.2g}"
 
 
-def print_reproduction(document: dict[str, Any]) -> None:
+def print_reproduction(document: Document) -> None:
     """By stage how many cells came out again, and how far the others are; what differs of platform and software."""
     console = _out()
     table = _table(
@@ -52,7 +52,7 @@ def print_reproduction(document: dict[str, Any]) -> None:
     _print_reasons(console, document)
 
 
-def _print_reasons(console: Console, document: dict[str, Any]) -> None:
+def _print_reasons(console: Console, document: Document) -> None:
     """Why cells and files come out otherwise, and what was not looked at."""
     for name, pair in document["platform"]["differs"].items():
         console.print(escape(f"platform  {name}: {pair['then']} then, {pair['now']} now"), soft_wrap=True)
@@ -90,7 +90,7 @@ def _print_reasons(console: Console, document: dict[str, Any]) -> None:
         console.print("rms and stated are relative to full scale")
 
 
-def print_differences(document: dict[str, Any]) -> None:
+def print_differences(document: Document) -> None:
     """By stage which cells of two archives differ, by how much, and since what."""
     console = _out()
     state = "equal" if document["equal"] else "not equal"
@@ -117,7 +117,7 @@ def print_differences(document: dict[str, Any]) -> None:
     _print_where(console, document)
 
 
-def _print_where(console: Console, document: dict[str, Any]) -> None:
+def _print_where(console: Console, document: Document) -> None:
     """Since what cells differ, and which only one archive has."""
     if any(stage["differing"] for stage in document["stages"]):
         console.print(
@@ -174,7 +174,7 @@ def reading(silent: bool = False) -> Iterator[Callable[[int, int], None]]:
         bar.stop()
 
 
-def print_verified(document: dict[str, Any]) -> None:
+def print_verified(document: Document) -> None:
     """What is damaged, and how much was read."""
     console = _out()
     for damage in document["damages"][:MOST]:
@@ -209,13 +209,13 @@ def print_verified(document: dict[str, Any]) -> None:
         console.print(escape(f"repair it: etendue verify {document['archive']} --repair"), soft_wrap=True)
 
 
-def _damage(damage: dict[str, Any]) -> str:
+def _damage(damage: Document) -> str:
     where = f" ({damage['array']})" if damage["array"] and not damage["cell"] else ""
     cell = f", cell {damage['cell']} of {damage['array']}" if damage["cell"] else where
     return short(f"{damage['kind']}: {short(damage['path'], LONGEST)}{cell}: {damage['what']}", 3 * LONGEST)
 
 
-def print_repaired(document: dict[str, Any]) -> None:
+def print_repaired(document: Document) -> None:
     """What was damaged, what was done, what is left."""
     console = _out()
     for damage in document["repaired"][:MOST]:

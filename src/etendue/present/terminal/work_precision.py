@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
 
+from etendue.documents import Document
+
 AROUND = (  # where a label may stand, points beside its own
     (8, 6, "left"),
     (8, -13, "left"),
@@ -142,7 +144,7 @@ def _draw(axes: Any, series: Series, order: int) -> None:
     if not points:
         return
     x, y = zip(*points, strict=True)
-    how: dict[str, Any] = {
+    how: Document = {
         "line": {"marker": "o", "ms": 4, "lw": 1.3, "color": f"C{order}", "zorder": 3},
         "dots": {"marker": "o", "ms": 4, "lw": 0, "color": "#b5b5b5", "zorder": 2},
         "front": {"marker": "o", "ms": 5.5, "lw": 1.5, "color": "#3b6fb6", "zorder": 4},

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from etendue.contract.stage import Stage
+from etendue.documents import Document, DocumentView
 from etendue.errors import MachineError, shortened
 from etendue.plan.code import code_digest
 from etendue.plan.keys import version_of
@@ -31,7 +32,7 @@ class Common:
 
     run: str  # a name that no other run has
     platform: Platform
-    has: Mapping[str, Any]  # what ``platform`` gave the owner, and the version of etendue
+    has: DocumentView  # what ``platform`` gave the owner, and the version of etendue
     code: Mapping[
         tuple[str, str], tuple[str, str]
     ]  # of each stage, by module and class: the digest of its code, its distribution
@@ -69,7 +70,7 @@ def common_of(run: str, stages: Iterable[type[Stage]], platform: Platform, mark:
     return Common(run, platform, _has(platform), code, mark)
 
 
-def _has(platform: Platform) -> dict[str, Any]:
+def _has(platform: Platform) -> Document:
     return {**platform(), "etendue": version_of("etendue")}
 
 

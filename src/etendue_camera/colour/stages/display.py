@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue.api import RGB, XYZ, Facts, Grid, Haloed, Labels, measured, param
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.colour import matrices
 from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -26,7 +26,7 @@ PRINTED = {"eq16_corrected_3digit": matrices.EQ16_CORRECTED, "eq16_as_printed": 
 OWN = {"ebu": matrices.RGB_TO_XYZ_PAL, "sRGB": matrices.RGB_TO_XYZ_SRGB}
 
 
-def space_to_xyz(name: str) -> Any:
+def space_to_xyz(name: str) -> FloatArray:
     """Linear RGB of a named space to XYZ, full precision: from its primaries and its white."""
     if name in OWN:
         return OWN[name]
@@ -46,7 +46,7 @@ def primaries_to_xyz(display: str) -> Any:
     return found / found[1].sum()
 
 
-def primaries_to_cones(display: str) -> Any:
+def primaries_to_cones(display: str) -> FloatArray:
     """Linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals (section 3.2 of the
     paper).
 
@@ -98,7 +98,7 @@ class Display(Displaying, Haloed):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_linear": inputs["xyz_scene"].replace(channel=RGB)}
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         if self.display not in MEASURED:
             return np.linalg.inv(space_to_xyz(self.display))
         # The cones are no exact mixture of the colour-matching functions: rows are scaled so that white stays white.
@@ -106,7 +106,7 @@ class Display(Displaying, Haloed):
         fitted = fitted / (fitted @ white_of(self.display))[:, None]
         return np.linalg.solve(primaries_to_cones(self.display), fitted)
 
-    def run(self, xyz_scene: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, xyz_scene: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {"rgb_linear": matrices.apply_matrix(prepared, xyz_scene)}
 
 
@@ -145,7 +145,7 @@ class ToCones(_Cones):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"lms": inputs["rgb_linear"].replace(channel=LMS)}
 
-    def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, rgb_linear: FloatArray, prepared: Any) -> dict[str, Array]:
         return {"lms": matrices.apply_matrix(prepared, rgb_linear)}
 
 
@@ -164,7 +164,7 @@ class FromCones(_Cones, Displaying):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_linear": inputs["lms"].replace(channel=RGB)}
 
-    def run(self, lms: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, lms: FloatArray, prepared: Any) -> dict[str, Array]:
         return {"rgb_linear": matrices.apply_matrix(np.linalg.inv(prepared), lms)}
 
 
@@ -201,7 +201,7 @@ class ToXyz(Haloed):
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return PRINTED[self.matrix] if self.matrix in PRINTED else primaries_to_xyz(self.matrix)
 
-    def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, rgb_linear: FloatArray, prepared: Any) -> dict[str, Array]:
         return {"xyz_display": matrices.apply_matrix(prepared, rgb_linear)}
 
 
@@ -231,7 +231,7 @@ class Encode(_Encoding):
     writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
     keeps: ClassVar = ("order",)
 
-    def run(self, rgb_linear: Any) -> dict[str, Any]:
+    def run(self, rgb_linear: FloatArray) -> dict[str, Array]:
         kind = rgb_linear.dtype.type
         inside = np.clip(rgb_linear, kind(0), kind(1))
         outside = np.count_nonzero(np.abs(rgb_linear - inside) > BEYOND) / max(rgb_linear.size, 1)
@@ -241,7 +241,7 @@ class Encode(_Encoding):
             encoded = (transfer.srgb_encode if self.encoding == "sRGB" else transfer.bt709_encode)(inside)
         return {"rgb_display": encoded, "gamut_clipped": np.array(outside)}
 
-    def joined(self, parts: Any, sizes: Any) -> dict[str, Any]:
+    def joined(self, parts: Any, sizes: Any) -> dict[str, Array]:
         """The share of all values, from whole numbers of them."""
         clipped = sum(round(float(share) * size) for share, size in zip(parts["gamut_clipped"], sizes, strict=True))
         return {"gamut_clipped": np.array(clipped / max(sum(sizes), 1))}
@@ -256,7 +256,7 @@ class Decode(_Encoding):
     writes: ClassVar = {"rgb_linear": "channel y x [1]"}
     keeps: ClassVar = ("order",)
 
-    def run(self, rgb_display: Any) -> dict[str, Any]:
+    def run(self, rgb_display: FloatArray) -> dict[str, Array]:
         if self.encoding == "power":
             return {"rgb_linear": transfer.gamma_signed(rgb_display, 1 / self.exponent)}
         return {"rgb_linear": (transfer.srgb_decode if self.encoding == "sRGB" else transfer.bt709_decode)(rgb_display)}

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import require
-from etendue.api import XYZ, Grid, Haloed, Labels, Viewed, fitted, measured, param, quantity
+from etendue.api import XYZ, Facts, Grid, Haloed, Labels, Viewed, fitted, measured, param, quantity
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.colour import matrices
 from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
 from etendue_camera.mosaic import white_balance
@@ -99,13 +99,13 @@ class ColourFit(Collecting):
         response = quantum_efficiency(self, edges) * centres
         return response, spectra.colour_matching(edges), self.patches(edges), edges
 
-    def patches(self, edges: tuple[float, ...]) -> Any:
+    def patches(self, edges: tuple[float, ...]) -> FloatArray:
         """Reflectance of each patch, (patch, wavelength)."""
         if self.reflectances == "ColorChecker":
             return spectra.colorchecker(edges)[1]
         return spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
 
-    def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, white_radiance: FloatArray, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
         response, cmf, reflectance, edges = prepared
         light = np.asarray(white_irradiance, dtype=float)
         response = mixing_of(self, edges, response * light) @ response
@@ -140,7 +140,7 @@ class ColourFit(Collecting):
             "directions_floored": np.array(float(fit.undetermined)),
         }
 
-    def warn(self, facts: Any, grids: Mapping[str, Grid]) -> list[str]:
+    def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
         few = {1: "pictures are luminance in the colour of the white", 2: "colours between its two are guessed"}
         count, edges = len(self.channels), grids["white_radiance"].bands().edges
         said: list[str] = []
@@ -187,7 +187,9 @@ class CameraToXyz(Haloed):
             raise ValueError(f"channels differ: {text}; the demosaicer, white and colour_fit work on the same pattern")
         return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
 
-    def run(self, rgb_camera: Any, white: Any, clipping_level: Any, colour_matrix: Any) -> dict[str, Any]:
+    def run(
+        self, rgb_camera: FloatArray, white: FloatArray, clipping_level: FloatArray, colour_matrix: FloatArray
+    ) -> dict[str, Array]:
         require.that(
             np.all(white > 0), f"the white has a dead channel: {white}; look at the filter, the illuminant and peak_qe"
         )
@@ -238,20 +240,20 @@ class Balance(Viewed, Haloed):
         if self.target not in MEASURED and self.target not in spectra.rgb_space_names():
             spectra.check_illuminant(self.target, TABLE_EDGES[0], TABLE_EDGES[-1])
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return white_of(self.target)
 
     def assumes(self) -> dict[str, Any]:
         """The paper's diagonal ends in a white of its own."""
         return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
 
-    def viewing_white(self) -> Any:
+    def viewing_white(self) -> FloatArray | None:
         """XYZ of the white to which a viewer of the result is adapted, for pictures of it; None: that of the
         picture.
         """
         return white_of(self.target) if self.gains == "white" else None
 
-    def run(self, xyz_scene: Any, white_xyz: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, xyz_scene: FloatArray, white_xyz: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         cones = matrices.TRANSFORMS[SPACES[self.space]]
         if self.gains == "as_printed":
             matrix, floored = np.linalg.solve(cones, np.diag(PRINTED_GAINS) @ cones), 0

@@ -9,13 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, ends, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier, distributions, dynamic_range, noise
 from etendue_camera.electronics.stages.gain_chain import Well
+
+if TYPE_CHECKING:
+    from etendue.compute.tables import PatternRandom
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +56,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         doc="whether every pixel has the dark current that dark_nonuniformity draws; else all have its mean",
     )
 
-    def dark_charge(self, time: float) -> Any:
+    def dark_charge(self, time: float) -> FloatArray:
         """Mean dark charge after a time, electron."""
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
         return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
@@ -76,7 +80,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
             "dark_spread": math.sqrt(dark_variance * self.dark_pattern) * dark,
         }
 
-    def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
+    def run(self, photocurrent: FloatArray, rng_sensor: PatternRandom) -> dict[str, Array]:
         kind = photocurrent.dtype.type
         signal = photocurrent * kind(self.integration_time)
         if self.prnu > 0:
@@ -90,7 +94,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
         signal += dark
         return {"expected_charge": signal}
 
-    def mean(self, photocurrent: Any) -> dict[str, Any]:
+    def mean(self, photocurrent: FloatArray) -> dict[str, Array]:
         """Over many sensors."""
         kind = photocurrent.dtype.type
         dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_nonuniformity)
@@ -169,7 +173,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
         """
         return 0 if self.common_draws else None
 
-    def run(self, expected_charge: Any, rng: Any) -> dict[str, Any]:
+    def run(self, expected_charge: FloatArray, rng: np.random.Generator) -> dict[str, Array]:
         if self.common_draws:
             return {
                 "charge": noise.poisson_by_inversion(
@@ -178,7 +182,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
             }
         return {"charge": noise.poisson(expected_charge, rng, self.exact_below)}
 
-    def mean(self, expected_charge: Any) -> dict[str, Any]:
+    def mean(self, expected_charge: FloatArray) -> dict[str, Array]:
         return {"charge": expected_charge}
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:
@@ -212,7 +216,7 @@ class FullWell(Well, Bounded, Datasheet):
     def datasheet(self) -> dict[str, float]:
         return {"full_well": self.well()}
 
-    def run(self, charge: Any) -> dict[str, Any]:
+    def run(self, charge: FloatArray) -> dict[str, Array]:
         return {"charge": np.minimum(charge, charge.dtype.type(self.well()))}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:

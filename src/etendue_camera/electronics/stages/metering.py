@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue import require
 from etendue.api import Facts, Grid, Labels, Stage, ends, measured, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import metering
 from etendue_camera.electronics.stages.gain_chain import GainChain
 
@@ -61,7 +62,7 @@ class Meter(GainChain):
             not self.shortest > self.longest, f"shortest = {self.shortest:g} s is above longest = {self.longest:g} s"
         )
 
-    def time(self, photocurrent: Any) -> float:
+    def time(self, photocurrent: FloatArray | None) -> float:
         if self.metering == "exposure_value":
             wanted = self.f_number**2 / 2.0**self.exposure_value * 2.0**self.ev_bias
             return min(max(wanted, self.shortest), self.longest)
@@ -76,7 +77,7 @@ class Meter(GainChain):
         time = self.time(None)
         return Facts(low=time, high=time)
 
-    def run(self, photocurrent: Any) -> dict[str, Any]:
+    def run(self, photocurrent: FloatArray) -> dict[str, Array]:
         return {"integration_time": np.array(self.time(photocurrent))}
 
 
@@ -109,7 +110,7 @@ class Bracket(Stage):
         low, high = ends(self.integration_time)
         return Facts(low=low * 2.0 ** min(self.brackets), high=high * 2.0 ** max(self.brackets))
 
-    def run(self) -> dict[str, Any]:
+    def run(self) -> dict[str, Array]:
         return {
             "integration_time": self.integration_time
             * 2.0 ** np.repeat(np.array(self.brackets, dtype=float), self.repeats)

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Grid, Labels, Stage, measured, param, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import emva
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
@@ -97,7 +98,7 @@ class PhotonTransfer(Stage):
             **dict.fromkeys(FIGURES, figures),
         }
 
-    def run(self, raw: Any, integration_time: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, raw: FloatArray, integration_time: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         mask, levels = mask_of(self.pattern), len(raw) // self.repeats
         whole = levels * self.repeats
         stacks = raw[:whole].reshape(levels, self.repeats, *raw.shape[1:])

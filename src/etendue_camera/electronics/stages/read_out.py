@@ -9,15 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics import amplifier, converter
 from etendue_camera.electronics.stages.gain_chain import GainChain, ReadOut, analogue_gain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.roles import Scaled
+
+if TYPE_CHECKING:
+    from etendue.compute.tables import PatternRandom
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +54,7 @@ class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
     def datasheet(self) -> dict[str, float]:
         return {"read_noise": self.read_sigma(), "dsnu": self.dsnu}
 
-    def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
+    def run(self, charge: FloatArray, rng: np.random.Generator, rng_sensor: PatternRandom) -> dict[str, Array]:
         kind, sigma = charge.dtype.type, self.read_sigma()
         if sigma > 0:
             noise = rng.standard_normal(charge.shape, dtype=charge.dtype)
@@ -62,7 +66,7 @@ class ReadNoise(ReadOut, Bounded, Sampled, Noisy, Datasheet, Haloed):
             charge = charge + offset if offset.shape != charge.shape else np.add(charge, offset, out=offset)
         return {"charge": charge}
 
-    def mean(self, charge: Any) -> dict[str, Any]:
+    def mean(self, charge: FloatArray) -> dict[str, Array]:
         return {"charge": charge}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -119,7 +123,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
         """New offsets of columns are drawn once for all rows."""
         return None if self.column_noise > 0 else 0
 
-    def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
+    def run(self, charge: FloatArray, rng: np.random.Generator, rng_sensor: PatternRandom) -> dict[str, Array]:
         kind = charge.dtype.type
         *leading, rows, columns = charge.shape
         offset = np.zeros((1, 1), dtype=charge.dtype)
@@ -133,7 +137,7 @@ class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
             offset = offset + kind(self.column_noise) * rng.standard_normal((*leading, 1, columns), dtype=charge.dtype)
         return {"charge": charge + offset}
 
-    def mean(self, charge: Any) -> dict[str, Any]:
+    def mean(self, charge: FloatArray) -> dict[str, Array]:
         return {"charge": charge}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -174,10 +178,10 @@ class Adc(ReadOut, GainChain, Sampled, Noisy, Datasheet):
         gain = self.dn_per_electron()
         return {"gain": gain, "full_well": (2**self.bits - 1 - self.black_level) / gain}
 
-    def run(self, charge: Any) -> dict[str, Any]:
+    def run(self, charge: FloatArray) -> dict[str, Array]:
         return {"raw": converter.digitise(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
-    def mean(self, charge: Any) -> dict[str, Any]:
+    def mean(self, charge: FloatArray) -> dict[str, Array]:
         return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
     def warn(self, facts: Facts, grid: Mapping[str, Grid]) -> list[str]:
@@ -216,7 +220,7 @@ class Linearise(KnownNoise, Scaled):
     working: ClassVar = 2.0
     error: ClassVar = proved(6e-8, 2e-16)
 
-    def run(self, raw: Any) -> dict[str, Any]:
+    def run(self, raw: Array) -> dict[str, Array]:
         white = self.white()
         sigma = math.hypot(self.read_sigma(), self.dsnu)
         lowest = amplifier.lowest_clipped_code(self.well(), self.dn_per_electron(), self.black_level, self.bits, sigma)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from etendue.api import Banded, Facts, Grid, param
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.field import blur, node_grids
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.stages.illumination import farthest, nearest
@@ -101,7 +101,7 @@ class Aberrations(Blur, Aberrated, Banded):
     def aperture(self) -> pupil.Aperture:
         return pupil.Aperture("annular", self.obstruction) if self.obstruction else pupil.Aperture()
 
-    def path(self, y: Any, x: Any, height_um: float) -> Any:
+    def path(self, y: FloatArray, x: FloatArray, height_um: float) -> Any:
         """For an image point on the +y axis."""
         return self.path_at(y, x, height_um * 1e-3 / self.full_height, 0.0)
 
@@ -201,7 +201,7 @@ class Aberrations(Blur, Aberrated, Banded):
             )
         return {}
 
-    def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
         return {"irradiance": blur.apply(irradiance, prepared)}
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:

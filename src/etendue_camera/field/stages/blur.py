@@ -18,7 +18,7 @@ import numpy as np
 from etendue.api import Banded, Bounded, Facts, Grid, param
 from etendue.contract.stage import file_state
 from etendue.transfer import rings as scene_rings
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.field import blur, warp
 from etendue_camera.field.psf_bank import PsfBank
 from etendue_camera.field.stages.illumination import ends_of, farthest
@@ -30,7 +30,7 @@ def _bank(path: str, state: tuple[int, int]) -> PsfBank:
 
 
 @lru_cache(maxsize=8)
-def _table(path: str, state: tuple[int, int]) -> Any:
+def _table(path: str, state: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
     return warp.read_table(path)
 
 
@@ -101,7 +101,7 @@ class LensPsfField(Banded, Bounded):
             )
         return {}
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> blur.Prepared:
         return blur.prepare(
             self.bank(),
             coordinates["y_um"],
@@ -114,10 +114,10 @@ class LensPsfField(Banded, Bounded):
             centre=self.centre,  # type: ignore[arg-type]
         )
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: blur.Prepared, bands: slice) -> blur.Prepared:
         return prepared.take(bands)
 
-    def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, prepared: blur.Prepared) -> dict[str, Array]:
         return {"irradiance": blur.apply(irradiance, prepared)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
@@ -247,7 +247,7 @@ class Distortion(Banded, Bounded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
 
-    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: Any) -> dict[str, Array]:
         if self.does_nothing():
             return {"irradiance": irradiance}
         planes = np.empty_like(irradiance)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, measured, param
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray, Floats
 from etendue_camera.field.stages.illumination import Dimming, by_curves, farthest, nearest
 from etendue_camera.field.stages.tables import FieldTable, field_table
 from etendue_camera.light import radiometry
@@ -61,18 +61,18 @@ class Falloff(Dimming, Banded, Bounded):
     def rows(self) -> FieldTable:
         return field_table(self.table, ("height_mm", "angle_deg"))
 
-    def tangent(self, radius_um: Any, corner_um: float) -> Any:
+    def tangent(self, radius_um: Floats, corner_um: float) -> Floats:
         """Of the angle at which the light of the exit pupil's centre arrives."""
         if self.geometry == "paper":
             return radius_um * (math.tan(math.radians(0.5 * self.full_field)) / corner_um if corner_um > 0 else 0.0)
         return radius_um / (1e3 * self.pupil_distance())
 
-    def relative(self, tangent: Any) -> Any:
+    def relative(self, tangent: FloatArray) -> Floats:
         if self.model == "disc":
             return radiometry.disc_falloff(self.f_number, tangent, self.image_magnification(), self.pupil_magnification)
         return radiometry.cos4(tangent)
 
-    def place(self, radius_um: Any, corner_um: float) -> Any:
+    def place(self, radius_um: Floats, corner_um: float) -> FloatArray:
         """Where in the table a radius is: image height in mm, or field angle on the object's side in degrees."""
         if self.rows().axis == "height_mm":
             return np.asarray(radius_um) * 1e-3
@@ -91,13 +91,13 @@ class Falloff(Dimming, Banded, Bounded):
             return {"the fall-off": ("that of", self.table)}
         return {"the fall-off": (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))}
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return self.rows().curves(coordinates["wavelength"]) if self.model == "table" else np.ones((1, 1))
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared if len(prepared) == 1 else prepared[bands]
 
-    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         radius = np.hypot(y_um[:, None], x_um[None, :])
         corner = math.hypot(max(abs(y_um[0]), abs(y_um[-1])), max(abs(x_um[0]), abs(x_um[-1])))
         if self.model == "table":

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, Line, measured, param
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray, Floats
 from etendue_camera.field import illumination
 from etendue_camera.field.stages.tables import FieldTable, field_table
 from etendue_camera.optics.stages.conjugates import Conjugates
@@ -37,7 +37,7 @@ def nearest(grid: Grid) -> float:
     return math.hypot(*(0.0 if min(ends) <= 0 <= max(ends) else min(map(abs, ends)) for ends in sides))
 
 
-def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
+def by_curves(irradiance: FloatArray, where: FloatArray, nodes: FloatArray, curves: FloatArray) -> FloatArray:
     """Light times a curve over the field: (1 or wavelength, rows) values at nodes, looked up at (y, x) places."""
     if len(curves) == 1:
         return irradiance * illumination.table_at(where, nodes, curves[0]).astype(irradiance.dtype, copy=False)
@@ -80,7 +80,7 @@ class Vignetting(Dimming, Banded, Bounded):
         super().__post_init__()
         self.relative(0.0)
 
-    def relative(self, radius_um: Any) -> Any:
+    def relative(self, radius_um: Floats) -> FloatArray:
         """Share of the pupil that is open, by image height."""
         magnification = self.image_magnification()
         slower = 1.0 - magnification / self.pupil_magnification
@@ -93,7 +93,7 @@ class Vignetting(Dimming, Banded, Bounded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared
 
-    def run(self, irradiance: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray) -> dict[str, Array]:
         return {
             "irradiance": irradiance * self.relative(np.hypot(y_um[:, None], x_um[None, :])).astype(irradiance.dtype)
         }
@@ -154,7 +154,7 @@ class AngularResponse(Dimming, Banded, Bounded):
     def distance(self) -> float:
         return self.exit_pupil_distance or self.pupil_distance()
 
-    def angle(self, radius_um: Any) -> Any:
+    def angle(self, radius_um: FloatArray) -> FloatArray:
         """Of the chief ray against the direction for which the pixel there is made, degrees."""
         height = np.asarray(radius_um) * 1e-3
         return illumination.chief_ray_angle(height, self.distance()) - self.microlens_shift * height
@@ -162,7 +162,7 @@ class AngularResponse(Dimming, Banded, Bounded):
     def rows(self) -> FieldTable:
         return field_table(self.table, ("angle_deg",))
 
-    def folded(self, angle: Any) -> Any:
+    def folded(self, angle: FloatArray) -> Any:
         """A table that begins on the axis holds for either side."""
         return np.abs(angle) if self.rows().nodes[0] >= 0 else angle
 
@@ -181,13 +181,13 @@ class AngularResponse(Dimming, Banded, Bounded):
     def does_nothing(self) -> bool:
         return not self.table and self.power == 0
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return self.rows().curves(coordinates["wavelength"]) if self.table else np.ones((1, 1))
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: FloatArray, bands: slice) -> FloatArray:
         return prepared if len(prepared) == 1 else prepared[bands]
 
-    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, y_um: FloatArray, x_um: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         angle = self.angle(np.hypot(y_um[:, None], x_um[None, :]))
         if self.table:
             return {"irradiance": by_curves(irradiance, self.folded(angle), self.rows().nodes, prepared)}

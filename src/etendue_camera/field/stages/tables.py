@@ -16,6 +16,7 @@ import numpy as np
 
 from etendue import require
 from etendue.contract.stage import file_state
+from etendue_camera.arrays import FloatArray
 from etendue_camera.field.illumination import table_at
 
 
@@ -29,11 +30,11 @@ class FieldTable:
     values: Any  # (rows, columns)
     wavelengths: tuple[float, ...]
 
-    def centre(self) -> Any:
+    def centre(self) -> FloatArray:
         """Each column at 0."""
         return np.array([float(table_at(0.0, self.nodes, column)) for column in self.values.T])
 
-    def curves(self, wavelength_nm: Any) -> Any:
+    def curves(self, wavelength_nm: FloatArray) -> FloatArray:
         """(wavelength or 1, rows): each column over its value at 0, straight between columns, held beyond them."""
         relative = self.values / self.centre()
         return (

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.api import RGB, Facts, Grid, Haloed, Labels, Stage, measured, param, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.mosaic import any_mask, bilinear, directional
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import bayer_order, first_pixel, mask_of
@@ -35,7 +36,7 @@ class _Demosaic(Stage):
     def __post_init__(self) -> None:
         bayer_order(self.pattern, "this demosaicer")
 
-    def seen(self, y: Any, x: Any) -> str:
+    def seen(self, y: FloatArray, x: FloatArray) -> str:
         """The Bayer order as the window sees it, which may start on odd rows and columns."""
         return cfa.shifted_bayer(bayer_order(self.pattern, "this demosaicer"), *first_pixel(y, x))
 
@@ -48,7 +49,7 @@ class DemosaicNearest(_Demosaic, Haloed):
     nanoseconds: ClassVar = 2.0
     working: ClassVar = 0.4
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": bilinear.nearest(mosaic_linear, self.seen(y, x), *first_pixel(y, x))}
 
     def halo(self) -> int:
@@ -63,7 +64,7 @@ class DemosaicBilinear(_Demosaic, Haloed):
     nanoseconds: ClassVar = 5.0
     working: ClassVar = 0.4
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": bilinear.bilinear(mosaic_linear, self.seen(y, x))}
 
     def halo(self) -> int:
@@ -78,7 +79,7 @@ class DemosaicColourDifference(_Demosaic, Haloed):
     nanoseconds: ClassVar = 10.0
     working: ClassVar = 0.5
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": bilinear.colour_difference(mosaic_linear, self.seen(y, x))}
 
     def halo(self) -> int:
@@ -108,7 +109,7 @@ class DemosaicDirectional(_Demosaic, Haloed):
         """
         return (4e-7 + 5e-9 / self.floor if precision == "float32" else 1e-15 + 1e-17 / self.floor), "measured"
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": directional.directional(mosaic_linear, self.seen(y, x), self.floor)}
 
     def halo(self) -> int:
@@ -139,7 +140,7 @@ class DemosaicAny(Haloed):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_camera": inputs["mosaic_linear"].replace(channel=Labels(mask_of(self.pattern).channels))}
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": any_mask.linear(mosaic_linear, mask_of(self.pattern), *first_pixel(y, x))}
 
     def halo(self) -> int:

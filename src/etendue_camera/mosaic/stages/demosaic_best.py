@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.api import measured
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.mosaic import residual
 from etendue_camera.mosaic.stages.demosaic import _Demosaic
 
@@ -26,5 +27,5 @@ class DemosaicResidual(_Demosaic):
     # Of the arithmetic, beside isolated samples on flat ground; ten times less on photographs.
     error: ClassVar[Any] = measured(2e-5, 5e-14)
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": residual.residual(mosaic_linear, self.seen(y, x))}

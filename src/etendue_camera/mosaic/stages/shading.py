@@ -16,6 +16,7 @@ import numpy as np
 
 from etendue.api import Bounded, Facts, Grid, Haloed, Stage, measured, param, quantity
 from etendue.contract.stage import file_state
+from etendue_camera.arrays import FloatArray
 from etendue_camera.field import illumination
 from etendue_camera.field.stages.falloff import Falloff
 from etendue_camera.field.stages.illumination import AngularResponse, Vignetting, farthest
@@ -83,7 +84,7 @@ class LensShading(Conjugates, Bounded, Haloed):
         if self.map == "model":
             self.relative(np.zeros(1), 0.0)
 
-    def relative(self, radius_um: Any, corner_um: float) -> Any:
+    def relative(self, radius_um: FloatArray, corner_um: float) -> Any:
         """Relative illumination by image height, as the camera believes it."""
         shared: dict[str, Any] = {
             "f_number": self.f_number,
@@ -134,7 +135,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             )[0]
         )
 
-    def gains(self, y_um: Any, x_um: Any) -> Any:
+    def gains(self, y_um: FloatArray, x_um: FloatArray) -> FloatArray | None:
         """(1 or channel, y, x): what multiplies the light."""
         radius = np.hypot(y_um[:, None], x_um[None, :])
         if self.map == "model":
@@ -146,7 +147,15 @@ class LensShading(Conjugates, Bounded, Haloed):
             [self.weakened(np.interp(1e-3 * radius, table.heights_mm, table.gains[:, column])) for column in columns]
         )
 
-    def run(self, mosaic_linear: Any, clipping_level: Any, y: Any, x: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
+    def run(
+        self,
+        mosaic_linear: FloatArray,
+        clipping_level: FloatArray,
+        y: FloatArray,
+        x: FloatArray,
+        y_um: FloatArray,
+        x_um: FloatArray,
+    ) -> dict[str, Any]:
         gains = self.gains(y_um, x_um)
         own = gains[0] if len(gains) == 1 else cfa.pick(gains, mask_of(self.pattern), *first_pixel(y, x))
         own = own.astype(mosaic_linear.dtype, copy=False)

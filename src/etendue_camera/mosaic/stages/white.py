@@ -17,7 +17,7 @@ import numpy as np
 
 from etendue import require
 from etendue.api import Grid, Haloed, Labels, measured, param, proved, quantity
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.mosaic import white_balance
@@ -55,7 +55,7 @@ class White(GainChain, Collecting):
         edges = tuple(coordinates["wavelength_edges"])
         return electrons_per_irradiance(self, edges), edges
 
-    def run(self, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
         rates = prepared[0] * white_irradiance
         electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * self.integration_time
         diffuse = electrons * (self.dn_per_electron() / self.white())
@@ -123,7 +123,7 @@ class WhiteEstimate(KnownNoise):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"white": _same_channels(inputs["true_white"], self.pattern, "white")}
 
-    def run(self, mosaic_linear: Any, true_white: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray, true_white: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Any]:
         known = np.asarray(true_white, np.float64)
         found, used = known, 1.0
         if self.method == "preset":
@@ -139,7 +139,7 @@ class WhiteEstimate(KnownNoise):
             "channels_floored": np.array(float(floored)),
         }
 
-    def from_the_picture(self, mosaic: Any, first: tuple[int, int]) -> tuple[Any, float]:
+    def from_the_picture(self, mosaic: FloatArray, first: tuple[int, int]) -> tuple[Any, float]:
         """White by channel, and the share of the cells that it was found from."""
         lowest = DARK_SIGMAS * self.dark_sigma()
         means, cells = white_balance.cell_means(mosaic, mask_of(self.pattern), self.cell, CLIPPED, lowest, *first)
@@ -191,7 +191,15 @@ class BalanceMosaic(Haloed):
         channels = _same_channels(inputs["white"], self.pattern, "white")
         return {"white": channels, "balance_gains": channels}
 
-    def run(self, mosaic_linear: Any, white: Any, clipping_level: Any, y: Any, x: Any, channel: Any) -> dict[str, Any]:
+    def run(
+        self,
+        mosaic_linear: FloatArray,
+        white: FloatArray,
+        clipping_level: FloatArray,
+        y: FloatArray,
+        x: FloatArray,
+        channel: Array,
+    ) -> dict[str, Array]:
         gains, mask = white_balance.gains_of(white), mask_of(self.pattern)
         own = gains[[list(channel).index(name) for name in mask.channels]]  # of a plane alone, its own
         clipped = float(clipping_level)  # the smallest gain is 1

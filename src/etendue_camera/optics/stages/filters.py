@@ -15,7 +15,7 @@ import numpy as np
 
 from etendue.api import Facts, Grid, Transfer, measured, param
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.optics import filters
 from etendue_camera.optics.stages.lens import Blur
 
@@ -46,7 +46,7 @@ class Birefringent(Blur, Transfer):
         "wavelength",
     )
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
         if not self.dispersion:
             return np.ones(1), np.ones(1)
         edges = tuple(coordinates["wavelength_edges"])
@@ -55,7 +55,9 @@ class Birefringent(Blur, Transfer):
             raise ValueError(f"{self.dispersion} must give a scale above 0 from {edges[0]:g} to {edges[-1]:g} nm")
         return coordinates["wavelength"], scale
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+    def transfer(
+        self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: tuple[FloatArray, FloatArray]
+    ) -> FloatArray:
         scale = np.interp(wavelength * 1e3, *prepared) if self.dispersion else 1.0
         rotation = math.radians(self.rotation)
         return filters.four_spot_otf(fy, fx, self.separation_y * scale, self.separation_x * scale, rotation)

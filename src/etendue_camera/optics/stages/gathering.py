@@ -15,7 +15,7 @@ import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, Tinting, param, proved, quantity
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.light import radiometry
 from etendue_camera.optics import filters
 from etendue_camera.optics.stages.conjugates import Conjugates
@@ -68,7 +68,7 @@ class Irradiance(Conjugates, Banded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared
 
-    def run(self, radiance: Any, white_radiance: Any) -> dict[str, Any]:
+    def run(self, radiance: FloatArray, white_radiance: FloatArray) -> dict[str, Array]:
         factor = self.factor()
         return {"irradiance": radiance * radiance.dtype.type(factor), "white_irradiance": white_radiance * factor}
 
@@ -127,7 +127,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
 
-    def run(self, irradiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, irradiance: FloatArray, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
         return {
             "irradiance": irradiance * prepared[:, None, None].astype(irradiance.dtype),
             "white_irradiance": white_irradiance * prepared,

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Facts, Grid, Transfer, param
+from etendue_camera.arrays import FloatArray
 from etendue_camera.optics import glare
 from etendue_camera.optics.stages.lens import Blur
 
@@ -38,7 +39,7 @@ class Glare(Blur, Transfer):
                 f"most 1"
             )
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> Any:
         return glare.glare_otf(np.hypot(fy, fx), self.fraction, self.veil, self.radius, self.power)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:

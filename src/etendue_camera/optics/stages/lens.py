@@ -17,7 +17,7 @@ import numpy as np
 from etendue.api import Bounded, Facts, Grid, Transfer, measured, param
 from etendue.contract.stage import file_state
 from etendue.transfer.sampling import on_unique_rows
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.optics import annulus, lens
 from etendue_camera.optics.stages.conjugates import Cone
 from etendue_camera.optics.undershoot import undershoot
@@ -75,7 +75,7 @@ class Diffraction(Blur, Cone, Transfer):
         doc="diameter of a central dark disc over that of the aperture; 0: clear",
     )
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         number = self.cone_f_number()
         return on_unique_rows(
             lambda rows: annulus.annular_otf(np.hypot(rows, fx), wavelength, number, self.obstruction), fy
@@ -111,7 +111,7 @@ class LensGaussian(Blur, Transfer):
     def changes_nothing(self) -> bool:
         return self.sigma == 0
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         return lens.gaussian_otf(fy, fx, self.sigma)
 
 
@@ -139,7 +139,7 @@ class LensPsf(Blur, Transfer):
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
         return _radial_table(self.file, file_state(self.file))
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: Any) -> Any:
         radial = np.hypot(fy, fx)
         nodes = np.linspace(0.0, float(radial.max()), self.nodes)
         return np.interp(radial, nodes, lens.radial_psf_otf(nodes, *prepared))

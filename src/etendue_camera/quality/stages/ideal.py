@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Facts, Grid, Stage, param, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.gain_chain import GainChain
 from etendue_camera.roles import CROSSTALK
 from etendue_camera.sensor.crosstalk_planes import diffuse_planes
@@ -47,7 +48,7 @@ class NoMask(_HandedOn):
 
     crosstalk: str = quantity("crosstalk")
 
-    def run(self, photon_rate: Any) -> dict[str, Any]:
+    def run(self, photon_rate: FloatArray) -> dict[str, Array]:
         return {"photocurrent": photon_rate.copy()}
 
     def warn_among(self, others: Mapping[str, type[Stage]]) -> list[str]:
@@ -79,7 +80,7 @@ class IdealMosaic(GainChain):
     integration_time: float = quantity("integration_time")
     clip: bool = param(True, doc="whether pixels end where they saturate; false: nowhere, for pictures to compare with")
 
-    def run(self, photocurrent: Any) -> dict[str, Any]:
+    def run(self, photocurrent: FloatArray) -> dict[str, Array]:
         kind = photocurrent.dtype.type
         # photoelectrons per second: times the time and the gain of the converter, over black to white
         found = photocurrent * kind(self.integration_time * self.dn_per_electron() / self.white())
@@ -96,7 +97,7 @@ class NoDemosaicing(_HandedOn):
     reads: ClassVar = {"mosaic_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
 
-    def run(self, mosaic_linear: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray) -> dict[str, Array]:
         return {"rgb_camera": mosaic_linear.copy()}
 
 
@@ -112,7 +113,7 @@ class CrosstalkPlanes(Crosstalk):
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]", "white_irradiance": "wavelength [W m-2 nm-1]"}
     writes: ClassVar = {"photon_rate": "channel y x [electron/s]"}
 
-    def run(self, photon_rate: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:  # type: ignore[override]
+    def run(self, photon_rate: FloatArray, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:  # type: ignore[override]
         if self.crosstalk == "per_plane":
             return {"photon_rate": photon_rate}
         kernel = channel_kernels(prepared[0] * white_irradiance, prepared[1], self.beyond)

@@ -8,18 +8,22 @@ Out: MTF, MTF50, MTF10, cut-off, what lies beyond the Nyquist frequency, two-poi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
 from etendue.api import ChannelTransfer, Facts, Grid, Labels, Probe, param, quantity
 from etendue.contract.capabilities import ends_in_sum
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution import contrast as resolution
 from etendue_camera.resolution import two_points
 from etendue_camera.resolution.stages import curves
 from etendue_camera.roles import CROSSTALK, PROCESSING, InSilicon
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 NEARLY = 1e-6  # of a separation, by which its root may err where it is not solved for
 FACTORS = ("lens", "diffusion", "geometry", "sampling")
@@ -44,7 +48,7 @@ class Observed:
     channels: Any = None
     light: Any = None
 
-    def mean(self, otf: Any, fy: Any, fx: Any) -> Any:
+    def mean(self, otf: Otf, fy: FloatArray, fx: FloatArray) -> FloatArray:
         """(n,): over wavelength; behind a pixel with the charge that moves there from pixel to pixel."""
         if otf.behind:
             return one_channel(otf.channels_along(fy, fx, self.light, self.channels))
@@ -55,10 +59,10 @@ class Observed:
         return tuple(b"" if one is None else one.tobytes() for one in (self.weights, self.light))
 
 
-def signed(otf: Any, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+def signed(otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
     """The photon-weighted mean along a direction, with the rendering of the chart or without."""
 
-    def value(f: Any) -> Any:
+    def value(f: FloatArray) -> FloatArray:
         fy, fx = towards[0] * f, towards[1] * f
         found = observed.mean(otf, fy, fx)
         return found * otf.scene_along(fy, fx) if rendering else found
@@ -66,7 +70,7 @@ def signed(otf: Any, observed: Observed, towards: tuple[float, float], rendering
     return value
 
 
-def response(otf: Any, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+def response(otf: Otf, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
     """Its size: contrast."""
     own = signed(otf, observed, towards, rendering)
     return lambda f: np.abs(own(f))
@@ -80,7 +84,7 @@ def factor_of(stage: Any) -> str:
 
 
 def half_contrast(
-    otf: Any, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True
+    otf: Otf, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True
 ) -> float:
     """MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up to
     ``highest``.
@@ -90,7 +94,7 @@ def half_contrast(
     return resolution.ContrastCurve(grid, own(grid)).half((lambda f: np.abs(own(f))) if solved else None)
 
 
-def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> Any:
+def gains(otf: Otf, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> FloatArray:
     """(factor,): MTF50 without each factor over MTF50 with it; of sampling, MTF50 over the Nyquist frequency, where
     above it.
 
@@ -108,7 +112,7 @@ def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: floa
     return np.array([*found, max(1.0, whole / nyquist)])
 
 
-def factor_curves(otf: Any, observed: Observed, towards: tuple[float, float], pitch: float) -> Any:
+def factor_curves(otf: Otf, observed: Observed, towards: tuple[float, float], pitch: float) -> FloatArray:
     """(factor, frequency): contrast of the stages of each factor alone; 1 where there is none, NaN of sampling."""
     names = {name: factor_of(stage) for name, stage in otf.stages}
     alone = [otf.without([name for name, own in names.items() if own != factor]) for factor in FACTORS[:-1]]
@@ -116,7 +120,7 @@ def factor_curves(otf: Any, observed: Observed, towards: tuple[float, float], pi
     return np.array([*found, curves.undefined()])
 
 
-def first_largest(values: Any) -> float:
+def first_largest(values: FloatArray) -> float:
     """Index of the largest; NaN where nothing is known, or nothing limits."""
     return (
         float(np.argmax(values))
@@ -213,7 +217,7 @@ class Resolution(Probe):
         doc="frequencies at which a crossing is looked for, with splines between them",
     )
 
-    def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, transfers: Sequence[tuple[str, Otf]], prepared: Any) -> dict[str, Array]:
         observed = self.observed(transfers, prepared)
         towards, nyquist = direction(self.angle), 0.5 / self.pixel_pitch
         seen = [(otf, self.seen(otf, observed, towards)) for _, otf in transfers]
@@ -243,7 +247,7 @@ class Resolution(Probe):
             **curves.beside(self.pixel_pitch),
         }
 
-    def observed(self, transfers: Any, prepared: Any) -> Observed:
+    def observed(self, transfers: Sequence[tuple[str, Otf]], prepared: Any) -> Observed:
         if prepared is None:
             return Observed(None)
         light = next((np.array(otf.light) for _, otf in transfers if otf.light is not None), None)
@@ -252,7 +256,7 @@ class Resolution(Probe):
             return Observed(_shares(own), prepared)
         return Observed(_shares(own * light), prepared, light)
 
-    def curves(self, otfs: Any, observed: Observed, towards: tuple[float, float]) -> Any:
+    def curves(self, otfs: list[Otf], observed: Observed, towards: tuple[float, float]) -> FloatArray:
         """(stage, frequency): contrast up to each stage, on the curve itself whatever the settings; NaN where no
         product is all of the camera."""
         at = curves.PER_PIXEL / self.pixel_pitch
@@ -261,7 +265,7 @@ class Resolution(Probe):
         ]
         return np.array(found).reshape(-1, curves.SAMPLES)
 
-    def seen(self, otf: Any, observed: Observed, towards: tuple[float, float]) -> CurveFigures | None:
+    def seen(self, otf: Otf, observed: Observed, towards: tuple[float, float]) -> CurveFigures | None:
         """What does not depend on the pitch of the pixels behind, remembered for them; None where no product is all
         of the camera.
         """
@@ -282,7 +286,7 @@ class Resolution(Probe):
         how = (self.rendering, self.highest, self.nodes, self.solved, self.cut_off_contrast, self.point_nodes)
         return cast(CurveFigures, otf.once(("resolution", *observed.key, towards, how), make))
 
-    def half(self, otf: Any, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
+    def half(self, otf: Otf, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
         """MTF50 of a camera, remembered where it may come again."""
         if otf.stages in known:
             return known[otf.stages]
@@ -292,7 +296,7 @@ class Resolution(Probe):
         )
 
     def figures(
-        self, otf: Any, seen: CurveFigures | None, observed: Observed, towards: tuple[float, float], nyquist: float
+        self, otf: Otf, seen: CurveFigures | None, observed: Observed, towards: tuple[float, float], nyquist: float
     ) -> dict[str, float]:
         if seen is None:
             return dict.fromkeys(_FIGURES, math.nan)
@@ -338,13 +342,13 @@ class CurveFigures:
     sparrow: float
 
 
-def _shares(weights: Any) -> Any:
+def _shares(weights: FloatArray) -> FloatArray:
     """Of all photons, to 12 places: pixels of all pitches have the same to rounding, and so the same curves."""
     weights = np.asarray(weights, dtype=float)
     return np.round(weights / weights.sum(), 12)
 
 
-def one_channel(values: Any) -> Any:
+def one_channel(values: FloatArray) -> FloatArray:
     """The second of some channels: green, or the only one."""
     return values[min(1, len(values) - 1)]
 
@@ -352,7 +356,7 @@ def one_channel(values: Any) -> Any:
 _FIGURES = ("mtf50", "mtf10", "cut_off", "mtf_nyquist", "aliasing", "rayleigh", "sparrow")
 
 
-def picture_height(transfers: Any) -> float:
+def picture_height(transfers: Sequence[tuple[str, Otf]]) -> float:
     """Of the pixels that are read, um; NaN without a pixel stage."""
     for _, otf in transfers:
         if otf.weights is not None and otf.grid is not None:

@@ -8,13 +8,14 @@ Out: measured MTF50 with its interval, the analytic one along the same normal, t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Facts, Grid, Labels, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution import contrast
 from etendue_camera.resolution.stages import curves
 from etendue_camera.resolution.stages.analytic import (
@@ -41,6 +42,9 @@ from etendue_camera.resolution.stages.luminance import (
 )
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import mask_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 EVERY_FACTOR = (*FACTORS, "demosaic", "noise")
 NOISY = 0.1  # width of an interval from which on noise limits
@@ -143,19 +147,19 @@ class EdgeProbe(PictureProbe):
 
     def run(
         self,
-        transfers: Any,
-        lights: Any,
+        transfers: Sequence[tuple[str, Otf]],
+        lights: list[tuple[str, FloatArray, Grid]],
         matrices: Any,
         whites: Any,
-        irradiance: Any,
-        photon_rate: Any,
+        irradiance: list[tuple[str, FloatArray, Grid]],
+        photon_rate: list[tuple[str, FloatArray, Grid]],
         mosaic_linear: Any,
         rgb_camera: Any,
         xyz_scene: Any,
         rgb_linear: Any,
         rgb_display: Any,
-        stage: Any,
-    ) -> dict[str, Any]:
+        stage: Array,
+    ) -> dict[str, Array]:
         light = lights[-1][1].astype(float) if lights else None
         channels, green = channels_of(transfers), second_of(transfers)
         observed = Observed(
@@ -202,7 +206,7 @@ class EdgeProbe(PictureProbe):
             **curves.beside(self.pixel_pitch),
         }
 
-    def measured(self, variable: str, array: Any, taken: Callable[[Any], Any], grid: Any) -> Edge | None:
+    def measured(self, variable: str, array: FloatArray, taken: Callable[[Any], Any], grid: Grid) -> Edge | None:
         """The edge of a picture, None where there is none."""
         y, x = grid.line("y"), grid.line("x")
         sites = None
@@ -230,7 +234,7 @@ class EdgeProbe(PictureProbe):
         weighed = taken(np.eye(len(array), dtype=array.dtype)).tobytes()  # with what the bands are weighed
         return once_for(array, (window, self.tails, weighed), make)
 
-    def window(self, grid: Any) -> Window | None:
+    def window(self, grid: Grid) -> Window | None:
         """The region in a picture, as slices count; None where there is none."""
         if not self.region_height > 0:
             return None
@@ -240,7 +244,7 @@ class EdgeProbe(PictureProbe):
         left, right = _span(self.centre_x, self.region_width, start_x, step, x.size)
         return top, bottom, left, right
 
-    def clips(self, mosaic: Any, grid: Any) -> bool:
+    def clips(self, mosaic: FloatArray, grid: Grid) -> bool:
         """Whether pixels of any colour are clipped where the edge is looked for, in the exposure that is measured."""
         top, bottom, left, right = self.window(grid) or (0, grid.line("y").size, 0, grid.line("x").size)
         seen = first_exposure(mosaic, "mosaic_linear")[top:bottom, left:right]
@@ -248,7 +252,9 @@ class EdgeProbe(PictureProbe):
 
     # -- what the transfer functions say --------------------------------------------------------------------------
 
-    def analytic(self, transfers: Any, observed: Observed, found: Any) -> dict[str, tuple[float, Any]]:
+    def analytic(
+        self, transfers: Sequence[tuple[str, Otf]], observed: Observed, found: Any
+    ) -> dict[str, tuple[float, Any]]:
         """MTF50 and the curve along each picture's own normal, NaN where no product of transfer functions is what
         made the picture.
         """
@@ -274,7 +280,9 @@ class EdgeProbe(PictureProbe):
             values[name] = (contrast.falls_below(own, 0.5, grid, own(grid)), own(curves.PER_PIXEL / self.pixel_pitch))
         return values
 
-    def limits(self, transfers: Any, observed: Observed, found: Any, clipped: bool) -> tuple[Any, float]:
+    def limits(
+        self, transfers: Sequence[tuple[str, Otf]], observed: Observed, found: Any, clipped: bool
+    ) -> tuple[Any, float]:
         """(factor,) gains, and the index of what limits, NaN where that is not known."""
         gain = np.full(len(EVERY_FACTOR), math.nan)
         edges = [edge for *_, edge, _ in found if edge is not None]
@@ -297,7 +305,9 @@ class EdgeProbe(PictureProbe):
             return gain, float(EVERY_FACTOR.index("noise"))
         return gain, first_largest(np.where(np.isnan(gain), 0.0, gain)[:-1])
 
-    def known_gains(self, transfers: Any, observed: Observed, edges: list[Edge]) -> tuple[Any, float]:
+    def known_gains(
+        self, transfers: Sequence[tuple[str, Otf]], observed: Observed, edges: list[Edge]
+    ) -> tuple[Any, float]:
         """Gains of what the transfer functions know, along the first edge, NaN where they do not say all; and what
         charge that moves between pixels leaves of MTF50.
         """
@@ -306,7 +316,7 @@ class EdgeProbe(PictureProbe):
             return np.full(len(FACTORS), math.nan), 1.0
         across = normal(edges[0])
 
-        def half(otf: Any) -> float:
+        def half(otf: Otf) -> float:
             return half_contrast(otf, observed, across, self.highest, self.nodes)
 
         gain = gains(pixel, half, 0.5 / self.pixel_pitch, self.highest)

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution.edge_interval import EdgeResolution, edge_resolution
 from etendue_camera.resolution.edge_region import find_edge
 from etendue_camera.resolution.slanted_edge import EdgeResponse, slanted_edge
@@ -51,7 +52,7 @@ class Edge:
 class KnownPicture:
     """A picture known by what it holds: an edge that many cells of a sweep look at is measured once."""
 
-    def __init__(self, plane: Any, sites: Any = None) -> None:
+    def __init__(self, plane: FloatArray, sites: Array | None = None) -> None:
         self.plane, self.sites = plane, sites
         found = hashlib.blake2b(plane.tobytes(), digest_size=16)
         found.update(b"" if sites is None else np.packbits(sites).tobytes())
@@ -63,7 +64,7 @@ _seen: dict[tuple[int, Any], tuple[weakref.ref[Any], Edge | None]] = {}
 _lock = threading.Lock()
 
 
-def once_for(array: Any, asked: Any, make: Callable[[], Edge | None]) -> Edge | None:
+def once_for(array: FloatArray, asked: Any, make: Callable[[], Edge | None]) -> Edge | None:
     """What ``make`` finds in an array: cells of a sweep that look at the very same one need not read it again."""
     key = (id(array), asked)
     with _lock:
@@ -104,8 +105,8 @@ def known_edge(
 
 
 def _measured(
-    plane: Any,
-    sites: Any,
+    plane: FloatArray,
+    sites: Array | None,
     window: Window | None,
     limits: tuple[float, float] | None,
     draws: int,
@@ -133,7 +134,7 @@ def _measured(
     return _certain(found.response, found) if found.snr > CERTAIN else _edge(found)
 
 
-def _found(plane: Any, sites: Any) -> tuple[Window, Any]:
+def _found(plane: FloatArray, sites: Array | None) -> tuple[Window, Any]:
     try:
         return find_edge(plane, sites)
     except ValueError:
@@ -159,7 +160,7 @@ def _inner(window: Window, shape: tuple[int, ...]) -> Window | None:
     return (found[0], found[1], found[2], found[3]) if min(found[1] - found[0], found[3] - found[2]) >= SMALL else None
 
 
-def _straight(plane: Any, sites: Any, tails: bool) -> EdgeResponse:
+def _straight(plane: FloatArray, sites: Array | None, tails: bool) -> EdgeResponse:
     middle = _middle(plane)
     return _strong(slanted_edge(plane[middle], sites=None if sites is None else sites[middle], tails=tails))
 
@@ -170,7 +171,7 @@ def _strong(found: EdgeResponse) -> EdgeResponse:
     return found
 
 
-def _middle(plane: Any) -> tuple[slice, slice]:
+def _middle(plane: FloatArray) -> tuple[slice, slice]:
     """No more than so much of the edge, about its middle."""
     gy, gx = (float(np.square(np.diff(plane, axis=axis)).sum()) for axis in (0, 1))
     cut = [slice(None), slice(None)]

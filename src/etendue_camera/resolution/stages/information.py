@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Line, Probe, measured, param, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise, Sheets, elsewhere
 from etendue_camera.resolution import information
 from etendue_camera.roles import CROSSTALK, DEFECTIVE, PROCESSING
@@ -73,7 +74,9 @@ class Information(KnownNoise, Probe):
     object_size: float = param(4.0, at_least=0.5, at_most=12, units="pixel", doc="width of the spot at half height")
     object_contrast: float = param(0.05, above=0, at_most=1, doc="of the spot, at its peak")
 
-    def run(self, transfers: Any, lights: Any, charges: Any, currents: Any = (), sheets: Sheets = ()) -> dict[str, Any]:
+    def run(
+        self, transfers: Any, lights: Any, charges: Any, currents: Any = (), sheets: Sheets = ()
+    ) -> dict[str, Array]:
         count = len(transfers)
         found = {name: np.full(count, math.nan) for name in ("information_capacity", "snri")}
         nothing = {**found, "information_of_light": np.array(math.nan), "neq": np.full(FREQUENCIES, math.nan)}
@@ -89,7 +92,7 @@ class Information(KnownNoise, Probe):
         spot = information.gaussian_object(square.fy[:, None], square.fx, self.object_size / math.sqrt(8 * math.log(2)))
         shares, (light, noise) = self.shares(), self.light_and_noise(charge, currents, sheets)
 
-        def quanta(otf: Any, fy: Any, fx: Any) -> Any:
+        def quanta(otf: Any, fy: FloatArray, fx: FloatArray) -> Any:
             """(m, n): of all channels together."""
             return sum(
                 share * information.neq(e * contrast, variance)
@@ -110,7 +113,7 @@ class Information(KnownNoise, Probe):
             "neq": neq,
         }
 
-    def contrasts(self, otf: Any, colours: Any, white: Any, fy: Any, fx: Any) -> Any:
+    def contrasts(self, otf: Any, colours: Any, white: FloatArray, fy: FloatArray, fx: FloatArray) -> Any:
         """(channel, m, n) at frequencies in cycles/pixel."""
         fy, fx = np.asarray(fy) / self.pixel_pitch, np.asarray(fx) / self.pixel_pitch
         if otf.behind:
@@ -118,7 +121,7 @@ class Information(KnownNoise, Probe):
         blurs = otf.plane(fy, fx)
         return [np.tensordot(colour, blurs, 1) for colour in colours]
 
-    def light_and_noise(self, charge: Any, currents: Any, sheets: Sheets) -> tuple[Any, Any]:
+    def light_and_noise(self, charge: FloatArray, currents: Any, sheets: Sheets) -> tuple[Any, Any]:
         """(channel,) charge of the light, electron, and variance of a pixel, electron^2."""
         figures = [sheet.figures for _, sheet in sheets]
         dark, spread = (sum(own.get(name, 0.0) for own in figures) for name in ("dark_current", "dark_spread"))
@@ -142,7 +145,7 @@ class Information(KnownNoise, Probe):
         letters = "".join("".join(row) for row in mask.rows)
         return np.array([letters.count(channel) / len(letters) for channel in mask.channels])
 
-    def by_channel(self, mosaic: Any, grid: Any) -> Any:
+    def by_channel(self, mosaic: FloatArray, grid: Any) -> Any:
         """(channel,) means of a mosaic, of the first exposure."""
         mosaic = mosaic.reshape(-1, *mosaic.shape[-2:])[0]
         y, x, mask = grid.line("y"), grid.line("x"), mask_of(self.pattern)
@@ -152,7 +155,7 @@ class Information(KnownNoise, Probe):
         )
 
     @staticmethod
-    def colours(weights: Any, light: Any) -> Any:
+    def colours(weights: FloatArray, light: FloatArray | None) -> Any:
         """(channel, wavelength): shares of the photons of a grey surface."""
         own = np.asarray(weights, dtype=float) * (1.0 if light is None else light)
         return own / own.sum(axis=1, keepdims=True)

@@ -6,15 +6,19 @@ Out: planes (y, x), linear in light.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from etendue.api import Probe, quantity
+from etendue_camera.arrays import FloatArray
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.resolution.stages.analytic import one_channel
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 NOISE_FREE = ("irradiance", "photon_rate")
 SATURATED = 1e-3  # share of pixels at clipping from which on a mosaic says nothing of its edge
@@ -47,7 +51,7 @@ class PictureProbe(Probe):
 
 
 def weighed(
-    transfers: Any, matrices: Any, whites: Any, decode: Callable[[Any], Any]
+    transfers: Sequence[tuple[str, Otf]], matrices: Any, whites: Any, decode: Callable[[Any], Any]
 ) -> dict[str, Callable[[Any], Any]]:
     """What makes the luminance of each variable; ``decode``: of encoded display values."""
     green = second_of(transfers)
@@ -63,7 +67,7 @@ def weighed(
     }
 
 
-def decoded(picture: Any, encoding: str, exponent: float) -> Any:
+def decoded(picture: FloatArray, encoding: str, exponent: float) -> FloatArray:
     """Linear values of display values."""
     if encoding == "power":
         return transfer.gamma_signed(picture, 1 / exponent)
@@ -83,32 +87,32 @@ def check_encoding(linear: Any, encoded: Any, encoding: str, exponent: float) ->
         )
 
 
-def channels_of(transfers: Any) -> Any:
+def channels_of(transfers: Sequence[tuple[str, Otf]]) -> FloatArray | None:
     """(channel, wavelength): weights of the pixel; None without one."""
     return next((otf.weights for _, otf in transfers if otf.weights is not None), None)
 
 
-def second_of(transfers: Any) -> Any:
+def second_of(transfers: Sequence[tuple[str, Otf]]) -> FloatArray | None:
     """(wavelength,): of the weights of channels those of the second, or of the only one."""
     weights = channels_of(transfers)
     return None if weights is None else np.asarray(one_channel(weights), dtype=float)
 
 
-def first_exposure(array: Any, variable: str) -> Any:
+def first_exposure(array: FloatArray, variable: str) -> FloatArray:
     """Of several exposures the first."""
     dims = 2 if variable == "mosaic_linear" else 3
     array = np.asarray(array)
     return array.reshape(-1, *array.shape[-dims:])[0]
 
 
-def _mixed(weights: Any, planes: Any) -> Any:
+def _mixed(weights: FloatArray | None, planes: FloatArray) -> FloatArray:
     own = (
         weights if weights is not None and len(weights) == len(planes) else np.eye(len(planes))[min(1, len(planes) - 1)]
     )
     return np.tensordot(own.astype(planes.dtype), planes, 1)
 
 
-def _luminance(matrices: Any, whites: Any) -> Any:
+def _luminance(matrices: Any, whites: Any) -> FloatArray | None:
     """(channel,): Y of camera primaries through the fitted matrix; None without one."""
     if not matrices or not whites or len(whites[-1][1]) != matrices[-1][1].shape[1] or not np.all(whites[-1][1] > 0):
         return None

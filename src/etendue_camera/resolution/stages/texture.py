@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from etendue.api import measured, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.resolution.siemens import Star, StarResponse, star_response
 from etendue_camera.resolution.stages.edge_pictures import FAINTEST
 from etendue_camera.resolution.stages.luminance import (
@@ -109,15 +110,15 @@ class StarProbe(_Pictures):
         lights: Any,
         matrices: Any,
         whites: Any,
-        irradiance: Any,
-        photon_rate: Any,
-        mosaic_linear: Any,
-        rgb_camera: Any,
-        xyz_scene: Any,
-        rgb_linear: Any,
-        rgb_display: Any,
+        irradiance: FloatArray,
+        photon_rate: FloatArray,
+        mosaic_linear: FloatArray,
+        rgb_camera: FloatArray,
+        xyz_scene: FloatArray,
+        rgb_linear: FloatArray,
+        rgb_display: FloatArray,
         stage: Any,
-    ) -> dict[str, Any]:
+    ) -> dict[str, Array]:
         given = {
             "irradiance": irradiance,
             "photon_rate": photon_rate,
@@ -139,7 +140,7 @@ class StarProbe(_Pictures):
         rows = np.array([found[name] for name in stage], dtype=float).reshape(-1, 3)
         return {"star_mtf50": rows[:, 0], "star_mtf50_cycles": rows[:, 1], "star_mtf10": rows[:, 2]}
 
-    def measured(self, plane: Any, grid: Any, contrast: float) -> StarResponse | None:
+    def measured(self, plane: FloatArray, grid: Any, contrast: float) -> StarResponse | None:
         """The star of a picture, None where there is none; contrast 0 where it is not known."""
         places = [
             (c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)
@@ -198,15 +199,15 @@ class LeavesProbe(_Pictures):
         lights: Any,
         matrices: Any,
         whites: Any,
-        irradiance: Any,
-        photon_rate: Any,
-        mosaic_linear: Any,
-        rgb_camera: Any,
-        xyz_scene: Any,
-        rgb_linear: Any,
-        rgb_display: Any,
+        irradiance: FloatArray,
+        photon_rate: FloatArray,
+        mosaic_linear: FloatArray,
+        rgb_camera: FloatArray,
+        xyz_scene: FloatArray,
+        rgb_linear: FloatArray,
+        rgb_display: FloatArray,
         stage: Any,
-    ) -> dict[str, Any]:
+    ) -> dict[str, Array]:
         given = {
             "irradiance": irradiance,
             "photon_rate": photon_rate,
@@ -232,7 +233,7 @@ class LeavesProbe(_Pictures):
         return {"leaves_mtf50": rows[:, 0], "leaves_mtf50_cycles": rows[:, 1]}
 
 
-def _clipped(array: Any) -> bool:
+def _clipped(array: FloatArray) -> bool:
     return float(np.mean(np.asarray(array) >= 1)) > SATURATED
 
 
@@ -241,7 +242,7 @@ def _lines(grid: Any) -> tuple[tuple[float, float], tuple[float, float]]:
     return grid.line("y").um(), grid.line("x").um()
 
 
-def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tuple[Any, float]:
+def _reference(plane: FloatArray, grid: Any, shape: tuple[int, int], wanted: Any) -> tuple[Any, float]:
     """The light at the places of another grid, and the rms width (pixels) of what it was blurred with; None where it
     is no texture.
     """
@@ -255,7 +256,7 @@ def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tu
     return (read, REFERENCE) if _textured(read) else (None, 0.0)
 
 
-def _textured(plane: Any) -> bool:
+def _textured(plane: FloatArray) -> bool:
     """Whether a picture has slopes in all directions."""
     down, across = np.gradient(plane)
     tensor = np.array([[np.sum(down**2), np.sum(down * across)], [np.sum(down * across), np.sum(across**2)]])
@@ -263,7 +264,7 @@ def _textured(plane: Any) -> bool:
     return bool(np.std(plane) >= FAINTEST * abs(np.mean(plane)) and np.mean(plane) != 0 and least >= EVEN * most)
 
 
-def _half(plane: Any, reference: Any, width: float) -> float:
+def _half(plane: FloatArray, reference: FloatArray, width: float) -> float:
     """MTF50 in cycles/pixel of a picture against its reference."""
     if reference is None:
         return math.nan

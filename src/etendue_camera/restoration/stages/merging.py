@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import measured, param
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.restoration import merging
 
@@ -55,8 +56,13 @@ class MergeFrames(KnownNoise):
     )
 
     def run(
-        self, rgb_camera: Any, integration_time: Any, white: Any, clipping_level: Any, balance_gains: Any = None
-    ) -> dict[str, Any]:
+        self,
+        rgb_camera: FloatArray,
+        integration_time: FloatArray,
+        white: FloatArray,
+        clipping_level: FloatArray,
+        balance_gains: Any = None,
+    ) -> dict[str, Array]:
         if not np.all(integration_time > 0):
             raise ValueError(
                 f"the times of the frames are {', '.join(f'{t:g}' for t in integration_time)} s; allowed are times "

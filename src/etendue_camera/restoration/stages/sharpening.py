@@ -6,15 +6,19 @@ Out: the same variable. What knows the camera's transfer function is in ``deconv
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from etendue.api import Bounded, Facts, Grid, Haloed, Stage, measured, param, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.electronics.stages.known_noise import KnownNoise
 from etendue_camera.restoration import denoise, sharpening
 from etendue_camera.restoration.stages.figures import FIGURES, LOOKS, UNSEEN, System, figures
 from etendue_camera.sensor.stages.masks import mask_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +51,10 @@ class Sharpen(Laplacian, Bounded, Haloed):
 
     pixel_pitch: float = quantity("pixel_pitch")
 
-    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
-        def response(frequency: Any) -> Any:
+    def run(
+        self, rgb_camera: FloatArray, transfers: Sequence[tuple[str, Otf]], asked: frozenset[str] = frozenset()
+    ) -> dict[str, Array]:
+        def response(frequency: FloatArray) -> Any:
             return sharpening.sharpen_response(0.0, frequency, self.strength)
 
         system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
@@ -80,7 +86,7 @@ class SharpenMosaic(Laplacian, Bounded, Haloed):
     def __post_init__(self) -> None:
         mask_of(self.pattern)
 
-    def run(self, mosaic_linear: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: FloatArray) -> dict[str, Array]:
         return {"mosaic_linear": sharpening.sharpen_mosaic(mosaic_linear, self.strength, self.period())}
 
     def period(self) -> tuple[int, int]:
@@ -112,8 +118,8 @@ class Unsharp(Bounded, Haloed):
         0.0, at_least=0, at_most=1, doc="differences are brought this much nearer to 0 first, 1 = clipping"
     )
 
-    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
-        def response(frequency: Any) -> Any:
+    def run(self, rgb_camera: FloatArray, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Array]:
+        def response(frequency: FloatArray) -> Any:
             return sharpening.unsharp_response(0.0, frequency, self.radius, self.amount)
 
         system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
@@ -154,7 +160,7 @@ class Denoise(KnownNoise, Bounded):
         1, at_least=1, at_most=32, units="pixel", doc="windows have 2 radius + 1 pixels along each axis"
     )
 
-    def run(self, rgb_camera: Any) -> dict[str, Any]:
+    def run(self, rgb_camera: FloatArray) -> dict[str, Array]:
         shot, floor = self.noise_model()
         return {"rgb_camera": denoise.denoise(rgb_camera, shot, floor, self.radius, self.strength)}
 

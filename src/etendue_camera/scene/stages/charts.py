@@ -17,7 +17,7 @@ from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
 from etendue.contract.bounds import MOST_BANDS, MOST_POINTS, beyond
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_camera.scene import charts, composite
 
@@ -167,10 +167,10 @@ class Scene(Source, Banded):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
 
-    def constants(self, prepared: Any) -> dict[str, Any]:
+    def constants(self, prepared: FloatArray) -> dict[str, Array]:
         return {"white_radiance": prepared[0] if isinstance(prepared, tuple) else prepared}
 
-    def white_light(self, edges: tuple[float, ...]) -> Any:
+    def white_light(self, edges: tuple[float, ...]) -> FloatArray:
         return spectra.light_of_radiance(self.illuminant, edges, 1.0)
 
     def softness_um(self, softness: float) -> float:
@@ -184,10 +184,10 @@ class Scene(Source, Banded):
         """Side of the cells over which values are means, um; 0 where they are samples."""
         return self.spacing if self.light == "cells" else 0.0
 
-    def centred(self, y: Any, x: Any) -> tuple[Any, Any]:
+    def centred(self, y: FloatArray, x: FloatArray) -> tuple[Any, Any]:
         return y - self.centre_y * 1e3, x - self.centre_x * 1e3
 
-    def grey(self, reflectance: Any, white: Any) -> dict[str, Any]:
+    def grey(self, reflectance: FloatArray, white: FloatArray) -> dict[str, Array]:
         """A chart whose reflectance is the same at every wavelength."""
         return {"radiance": white[:, None, None] * reflectance, "white_radiance": white}
 
@@ -214,7 +214,7 @@ class Uniform(Scene, FlatScene):
     def known(self) -> Facts:
         return Facts(uniform=True, contrast=1.0)
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         return self.grey(np.full((out_y.size, out_x.size), self.reflectance), prepared)
 
 
@@ -230,11 +230,11 @@ class _TwoLevels(Scene):
         charts.require_levels(self.low, self.high)  # refused before anything is drawn if they stand the wrong way round
         return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
         """(y, x): its reflectance, about the middle of the window."""
         raise TypeError(f"{type(self).__name__} must say how it is drawn")
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         return self.grey(
             self.chart(*self.centred(out_y, out_x), self.drawn(self.softness, self.low, self.high)), prepared
         )
@@ -246,7 +246,7 @@ class SlantedEdge(_TwoLevels, EdgeScene):
 
     angle: float = param(5.0, units="deg", above=-90, below=90)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> FloatArray:
         return charts.slanted_edge(y, x, self.angle, drawn)
 
 
@@ -257,7 +257,7 @@ class SiemensStar(_TwoLevels):
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
         return charts.siemens_star(y, x, self.cycles, self.radius, drawn)
 
 
@@ -268,7 +268,7 @@ class ZonePlate(_TwoLevels):
     highest_frequency: float = param(0.25, units="cycles/um", above=0, doc="local frequency at the radius")
     radius: float = param(400.0, units="um", above=0)
 
-    def chart(self, y: Any, x: Any, drawn: charts.Rendering) -> Any:
+    def chart(self, y: FloatArray, x: FloatArray, drawn: charts.Rendering) -> Any:
         return charts.zone_plate(y, x, self.highest_frequency, self.radius, drawn)
 
 
@@ -284,7 +284,7 @@ class StepWedge(Scene):
     def known(self) -> Facts:
         return Facts(uniform=False, contrast=max(self.high / self.low, self.low / self.high))
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         y, x = self.centred(out_y, out_x)
         levels = np.geomspace(self.low, self.high, self.steps)
         wedge = charts.step_wedge(y, x, levels, 0.9 * self.width, 0.6 * self.height, self.drawn(self.softness))
@@ -308,7 +308,7 @@ class Points(Scene):
             uniform=False, contrast=(self.background + self.peak) / self.background if self.background > 0 else math.inf
         )
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         y, x = self.centred(out_y, out_x)
         spots = charts.points(y, x, self.pitch, self.spot_sigma, self.drawn(self.softness, self.background, self.peak))
         return self.grey(spots, prepared)
@@ -320,11 +320,11 @@ class _Coloured(Scene):
 
     working: ClassVar = 1.1
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.colorchecker(edges)[1]
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: tuple[FloatArray, FloatArray], bands: slice) -> tuple[FloatArray, FloatArray]:
         return prepared[0][bands], prepared[1][:, bands]
 
     def warn(self, facts: Facts, grids: Mapping[str, Grid]) -> list[str]:
@@ -346,7 +346,7 @@ class ColorChecker(_Coloured):
     gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in patch pitches")
     softness: float = softness_knob()
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         size = min(self.width / 6, self.height / 4)
@@ -379,7 +379,7 @@ class CompositeChart(_Coloured):
         charts.require_levels(self.low, self.high)
         return super().known()
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         chart = composite.composite(

@@ -17,7 +17,7 @@ import numpy as np
 from etendue import require
 from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, proved, quantity
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene.stages import cube_store
 
 SPECTRAL = "W m-2 sr-1 nm-1"
@@ -109,7 +109,7 @@ class RadianceCube(Source, Banded):
         edges = _edges(self.file, group, array.shape[0], self.variable)
         return spectra.luminance_notes(self.illuminant, edges[0], edges[-1])
 
-    def _white(self, array: Any, group: Any) -> Any:
+    def _white(self, array: Any, group: Any) -> FloatArray:
         """Radiance of a white diffuser by band, as the store has it."""
         white = cube_store.values_of(self.file, group, "white_radiance", (array.shape[0],), SPECTRAL)
         if not (white >= 0).all() or not (white > 0).any():
@@ -144,10 +144,10 @@ class RadianceCube(Source, Banded):
         read, _, white, scale = prepared
         return read, bands, white[bands], scale[bands]
 
-    def constants(self, prepared: Any) -> dict[str, Any]:
+    def constants(self, prepared: Any) -> dict[str, Array]:
         return {"white_radiance": prepared[2]}
 
-    def run(self, prepared: Any) -> dict[str, Any]:
+    def run(self, prepared: Any) -> dict[str, Array]:
         read, bands, white, scale = prepared
         try:
             light = read(bands)

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from etendue.api import Facts, Grid, param
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.scene import composite
 from etendue_camera.scene.stages.charts import Scene, softness_knob
 
@@ -71,14 +71,14 @@ class PatchChart(Scene):
             *spectra.held_note(self.reflectances, rows, self.wavelength_from, self.wavelength_to),
         ]
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray]:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: tuple[FloatArray, FloatArray], bands: slice) -> tuple[FloatArray, FloatArray]:
         return prepared[0][bands], prepared[1][:, bands]
 
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: tuple[FloatArray, FloatArray]) -> dict[str, Array]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         across, down = self.layout(len(reflectance))[::-1]

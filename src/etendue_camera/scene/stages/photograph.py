@@ -101,7 +101,7 @@ class Photograph(Scene):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[0][bands], prepared[1][bands]
 
-    def run(self, prepared: Any) -> dict[str, Any]:
+    def run(self, prepared: Any) -> dict[str, Array]:
         white, basis = prepared
         linear, _ = _linear_photograph(self.file, *self.size())
         weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from etendue.api import Grid, Transfer
 from etendue.contract.facts import Content
 from etendue.transfer import effects, expansion
 from etendue.transfer import rings as scene_rings
+from etendue_camera.arrays import FloatArray
 from etendue_camera.sensor import photodiode
 
 PART = 0.25
@@ -74,13 +74,13 @@ def of_the_light(
 
 
 @lru_cache(64)
-def _amplitudes(content: Content) -> Any:
+def _amplitudes(content: Content) -> FloatArray:
     """(wavelength, ring): rms of what every ring holds."""
     return np.sqrt(np.array(content.power))
 
 
 @lru_cache(256)
-def passed(width: float, rings: tuple[float, ...]) -> Any:
+def passed(width: float, rings: tuple[float, ...]) -> FloatArray:
     """(frequency,): the largest value of the aperture's transfer function at a radial frequency, over all
     directions.
     """
@@ -103,7 +103,7 @@ def _missing(
     rings: tuple[float, ...],
     terms: int,
     limit: float,
-) -> Any:
+) -> FloatArray:
     """(channel, wavelength, frequency): the largest part of every band that is lost, over all directions."""
     own = np.array(weights)
     own = own[own.max(axis=1) > 0]
@@ -125,7 +125,7 @@ def _missing(
 @lru_cache(64)
 def basis_of(
     weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, terms: int
-) -> Any:
+) -> FloatArray:
     """(terms, wavelength): the functions of wavelength in which the light is gathered."""
     own = np.array(weights)
     frequency = np.linspace(0.0, corner, expansion.FITTED)

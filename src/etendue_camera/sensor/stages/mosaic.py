@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from etendue.api import Facts, Grid, Haloed, proved, quantity
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 
@@ -48,5 +49,5 @@ class Mosaic(Haloed):
         """Values of one plane or another: in the range of them all."""
         return Facts(low=facts["photon_rate"].low, high=facts["photon_rate"].high)
 
-    def run(self, photon_rate: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, photon_rate: FloatArray, y: FloatArray, x: FloatArray) -> dict[str, Array]:
         return {"photocurrent": cfa.pick(photon_rate, mask_of(self.pattern), *first_pixel(y, x))}

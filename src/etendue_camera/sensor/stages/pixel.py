@@ -18,7 +18,7 @@ from etendue.api import Bounded, Facts, Grid, Labels, Line, Stage, Summed, Trans
 from etendue.contract.stage import state_of
 from etendue.transfer.sampling import on_unique_rows
 from etendue_camera import spectra
-from etendue_camera.arrays import Array
+from etendue_camera.arrays import Array, FloatArray
 from etendue_camera.roles import CROSSTALK, InSilicon
 from etendue_camera.sensor import photodiode, silicon
 from etendue_camera.sensor.stages import missing
@@ -65,13 +65,13 @@ class Diffusion(Transfer, Bounded, InSilicon):
         doc="radial frequencies at which D is evaluated for a whole frame; cubic between them",
     )
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         if self.crosstalk == "through_filter":
             return np.ones((1, np.size(fy), np.size(fx)))
         alphas = silicon.absorption(np.ravel(wavelength))
         diode = (self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back)
 
-        def contrast(rows: Any) -> Any:
+        def contrast(rows: FloatArray) -> FloatArray:
             radial = np.hypot(rows, fx)
             return photodiode.collection_mtf_bands(radial, alphas, *diode, self.nodes)  # type: ignore[arg-type]
 
@@ -210,10 +210,10 @@ class Pixel(Collecting, Summed):
             )
         return Line(size, float(first), 1.0, "1", (start, self.pixel_pitch))
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return electrons_per_irradiance(self, tuple(coordinates["wavelength_edges"]))
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray, prepared: FloatArray) -> FloatArray:
         width = self.pixel_pitch * self.aperture_fraction
         aperture = photodiode.aperture_otf(fy, width) * photodiode.aperture_otf(fx, width)
         if self.aperture_offset_y == 0 == self.aperture_offset_x:
@@ -223,7 +223,7 @@ class Pixel(Collecting, Summed):
             * np.exp(2j * np.pi * self.pixel_pitch * (self.aperture_offset_y * fy + self.aperture_offset_x * fx))
         )[None]
 
-    def weights(self, prepared: Any) -> Any:
+    def weights(self, prepared: FloatArray) -> FloatArray:
         return prepared
 
     def segment_error(
