@@ -7,16 +7,18 @@ Out: reports, arrays of what is shown, the pictures. ``session`` begins and ends
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue import interrupts
 from etendue.compute.job import Job
 from etendue.compute.jobs import make_jobs
 from etendue.contract.ports import Keeper, Progress, Sheet
+from etendue.documents import Document
 from etendue.plan.model import CellRef
 from etendue.plan.reports import DONE, LEFT_OUT, Reports
 from etendue.plan.resume import Work
 from etendue.present.pictures import pictures, small_maps, thumbnails
+from etendue.present.pictures.thumbnails import Thumbnail
 from etendue.present.terminal import tables
 from etendue.run.batches import Batch, BatchResult
 from etendue.run.schedulers import scheduler as scheduler_of
@@ -45,7 +47,7 @@ class Running:
         self.looks = thumbnails.looks(self.plan, shown.values()) if keeper.draws else {}
         self.reports = Reports(self.plan)
         self.arrays: dict[CellRef, dict[str, Array]] = {}
-        self.small: dict[CellRef, dict[str, Array]] = {}
+        self.small: dict[CellRef, dict[str, Thumbnail]] = {}
         self.earlier: list[CellRef] = []
 
     def compute(self, options: Options, cut: Cut) -> None:
@@ -100,7 +102,7 @@ class Running:
 
     # -- behind the last cell -----------------------------------------------------------------------------------------
 
-    def tables(self) -> dict[str, Any]:
+    def tables(self) -> dict[str, Document]:
         return {"ledger": tables.ledger(self.plan, self.reports), "summary": tables.summary(self.plan, self.reports)}
 
     @property
@@ -122,7 +124,7 @@ class Running:
             return pictures.same_pictures(keeper.folder, self._maps)
         return None
 
-    def _maps(self) -> list[Any]:
+    def _maps(self) -> list[Array]:
         """Maps of figures over the sweep, as they stand on the contact sheet."""
         chosen = small_maps.small_maps(self.plan) if self.keeper.folder else []
         refs = dict.fromkeys(ref for one in chosen for ref in one.cells)

@@ -19,7 +19,7 @@ from etendue.accuracy.reference import Knob, knobs_of
 from etendue.accuracy.trials import PRECISION, Curve, Effort, Told, Trial, Trials
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
-from etendue.documents import DocumentView, Place
+from etendue.documents import Place
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline.file import Pipeline
 from etendue.plan.parameters import Unfit, resolve
@@ -58,7 +58,7 @@ def accuracy(
     most: int = 24,
     told: Told = lambda text: None,
     elsewhere: Pipeline | None = None,
-    verify: DocumentView = {},
+    verify: Mapping[str, Any] = {},
 ) -> Accuracy:
     """Try every knob alone, then combinations.
 

@@ -96,7 +96,7 @@ class CellFiles:
         default_factory=dict
     )  # by shard and slot; None: in its part
 
-    def write(self, arrays: Mapping[str, Array]) -> tuple[Written, ...]:
+    def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
         """Append every chunk to this process's part of its shard."""
         written = list(self.held)
         there = {(file.path, file.slot) for file in self.held}
@@ -123,7 +123,7 @@ class CellFiles:
         """What the cells of a batch have written stands in its files."""
         PARTS.settle(self.root, self.run_id)
 
-    def read(self, variable: str) -> Array:
+    def read(self, variable: str) -> Any:
         """The array of one variable, checked against its checksum."""
         own = [chunk for chunk in self.chunks if chunk.variable == variable]
         if len(own) == 1 and own[0].window is None:

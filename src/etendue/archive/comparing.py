@@ -44,7 +44,7 @@ class Comparing:
 
     cell: StoredArrays
 
-    def write(self, arrays: Mapping[str, Array]) -> tuple[Written, ...]:
+    def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
         """Hold arrays against the stored ones."""
         found = []
         for variable in self.cell.variables:
@@ -112,8 +112,8 @@ class ComparingKeeper(Passing):
     def place(self, ref: CellRef, variable: str) -> None: ...
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Array]]
-    ) -> Mapping[CellRef, dict[str, Array]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
         return {ref: {v: one for v, one in own.items() if (ref[0], v) in self.drawn} for ref, own in arrays.items()}
 

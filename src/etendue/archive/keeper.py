@@ -126,8 +126,8 @@ class ArchiveKeeper:
             self.store.starting(refs)
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Array]]
-    ) -> Mapping[CellRef, dict[str, Array]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
         with self.lock:
             self.store.reported(reports)
         return arrays

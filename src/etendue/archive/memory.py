@@ -69,14 +69,14 @@ class MemoryKeeper(Passing):
 
     def target(self, cell: Cell) -> None: ...
 
-    def place(self, ref: CellRef, variable: str) -> Any:
+    def place(self, ref: CellRef, variable: str) -> Array | None:
         path = self.layout.home.get(ref)
         whole = self.whole.get((path, variable)) if path else None
         return None if path is None or whole is None else whole[self.layout.groups[path].cells[ref]]
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Array]]
-    ) -> Mapping[CellRef, dict[str, Array]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
         for report in reports:
             self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
         return {ref: self._put(ref, found) for ref, found in arrays.items()}

@@ -7,6 +7,7 @@ Out: the name of a cell in the journal; which group it is of, and where it stand
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from etendue.documents import Place
 from etendue.plan.model import Cell, CellRef, Plan
@@ -24,7 +25,7 @@ def cell_label(stage: str, labels: Place) -> str:
     return stage + "".join([_piece(dim, value) for dim, value in labels.items()])
 
 
-def _piece(dim: str, value: float | str) -> str:
+def _piece(dim: str, value: Any) -> str:
     return f" {dim}={value!r}" if isinstance(value, str) else f" {dim}={value}"
 
 

@@ -46,7 +46,7 @@ class StoredArrays:
     def variables(self) -> list[str]:
         return list(dict.fromkeys(chunk.variable for chunk, _ in self.chunks))
 
-    def read(self, variable: str) -> Array:
+    def read(self, variable: str) -> Any:
         """The array of a variable, held against the journal.
 
         Raises

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
-from etendue.arrays import FloatArray
+from etendue.arrays import Array, FloatArray
 from etendue.compute.job import Job
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed
 from etendue.compute.tables import prepared_of
@@ -34,7 +35,7 @@ class Banded(ABC):
     """A (band, y, x) array that is made band by band."""
 
     shape: tuple[int, ...]
-    dtype: Any
+    dtype: np.dtype[Any]
     ndim = 3
     on_demand = True  # asking for a band costs its computation
 
@@ -50,10 +51,10 @@ class Banded(ABC):
         return self.shape[0]
 
     @abstractmethod
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         """One band, (y, x)."""
 
-    def __array__(self, dtype: Any = None, copy: Any = None) -> FloatArray:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
         whole = np.empty(self.shape, dtype=dtype or self.dtype)
         for band in range(self.shape[0]):
             whole[band] = self[band]
@@ -72,7 +73,7 @@ class StoredBands(Banded):
         self.shape = _shape(self.job, self.variable)
         self.dtype = np.dtype(self.job.precision)
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         assert self.job.target is not None
         with refused_by_the_machine():
             return self.job.target.read_band(self.variable, band)
@@ -84,13 +85,13 @@ class StageBands(Banded):
 
     job: Job
     variable: str
-    given: Mapping[str, Any]  # by port: arrays, or bands of them
+    given: Mapping[str, Array | Banded]  # by port: arrays, or bands of them
 
     def __post_init__(self) -> None:
         self.shape = _shape(self.job, self.variable)
         self.dtype = np.dtype(self.job.precision)
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         arrays = run_bands(self.job, self.given, slice(band, band + 1))
         if not isinstance(arrays, Mapping) or self.variable not in arrays:
             raise PluginError(f"{self.job.ref[0]!r} gave no {self.variable} for band {band}")
@@ -118,7 +119,7 @@ def _cut(grid: Grid, bands: slice) -> Grid:
     return grid.replace(**{grid.banded: Bands(grid.bands().edges[bands.start : bands.stop + 1])})
 
 
-def _of_bands(array: Any, dims: tuple[str, ...], grid: Grid, bands: slice) -> Any:
+def _of_bands(array: Array | Banded, dims: tuple[str, ...], grid: Grid, bands: slice) -> Any:
     if not grid.banded or dims[:1] != (grid.banded,):
         return array
     if isinstance(array, Banded):
@@ -126,7 +127,7 @@ def _of_bands(array: Any, dims: tuple[str, ...], grid: Grid, bands: slice) -> An
     return array[bands]
 
 
-def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = True) -> Mapping[str, Any]:
+def run_bands(job: Job, given: Mapping[str, Array | Banded], bands: slice, pixels: bool = True) -> Mapping[str, Any]:
     """``run`` of a stage on some of its bands; without ``pixels`` on one pixel, for what has no place."""
     stage: Any = job.stage
     declared = reads_of(type(stage))
@@ -169,9 +170,9 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
         return found
 
 
-def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:
+def made_by_band(job: Job, given: Mapping[str, Array | Banded]) -> dict[str, Array | Banded]:
     """What a stage writes, the large variables as bands to come, the small ones at once."""
-    arrays: dict[str, Any] = {}
+    arrays: dict[str, Array | Banded] = {}
     small = [v for v in job.writes if v not in job.by_band]
     bands = max(g.bands().size for g in job.grids.values() if g.banded)
     if small and is_source(type(job.stage)):
@@ -189,7 +190,7 @@ class Timed:
     def __init__(self, bands: Banded) -> None:
         self.bands, self.seconds = bands, 0.0
 
-    def __getitem__(self, band: int) -> Any:
+    def __getitem__(self, band: int) -> Array:
         began = time.thread_time()
         try:
             return self.bands[band]
@@ -206,10 +207,10 @@ class _Elsewhere(threading.local):
 elsewhere = _Elsewhere()
 
 
-def in_order(light: FloatArray) -> Iterator[Any]:
+def in_order(light: Array | Banded) -> Iterator[Array]:
     """Every band, the next one being made while this one is used."""
 
-    def made(band: int) -> tuple[Any, float]:
+    def made(band: int) -> tuple[Array, float]:
         began = time.thread_time()
         return light[band], time.thread_time() - began
 

@@ -23,7 +23,7 @@ from etendue.compute.job import Job
 from etendue.compute.joined.segments import Result, transferred
 from etendue.compute.mapped import one_by_one
 from etendue.compute.ownership import as_array, for_reading, frozen, guests_of, handed, taken, undisturbed
-from etendue.contract.ports import CellReport
+from etendue.contract.ports import CellReport, Written
 from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
@@ -31,7 +31,7 @@ from etendue.plugins import guests
 from etendue.telling import plain, told
 
 
-def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Array | Banded]:
+def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:
     """What a stage gave back, held against its declaration, or against some of it; floats are brought to the plan's
     precision.
     """
@@ -40,7 +40,7 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
         raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
     if arrays.keys() != (form.writes.keys() if outputs is None else {output.variable for output in outputs}):
         raise PluginError(f"{name}.run gave {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
-    checked, arrays = {}, dict(arrays)
+    checked, arrays = dict[str, Any](), dict(arrays)
     for output in form.outputs if outputs is None else outputs:
         variable, wanted = output.variable, output.dtype
         array = arrays.pop(variable)
@@ -69,7 +69,7 @@ def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> d
     return checked
 
 
-def smallest(array: Any) -> float:
+def smallest(array: Array) -> float:
     """Smallest value of an array; NaN if any of its values is NaN or infinite."""
     low, high = float(array.min()), float(array.max())
     return low if np.isfinite(low) and np.isfinite(high) else float("nan")
@@ -140,7 +140,7 @@ def kept(
 ) -> tuple[Result, CellReport]:
     """Store what is to be stored of a cell, and leave in its result what others read."""
     seconds = seconds_of()
-    written: tuple[Any, ...] = ()
+    written: tuple[Written, ...] = ()
     if job.target and job.store:
         given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
         with refused_by_the_machine():

@@ -30,7 +30,7 @@ class Output:
     variable: str
     declaration: Declaration
     shape: tuple[int, ...]
-    dtype: Any
+    dtype: np.dtype[Any]
     counted: bool
 
     @property

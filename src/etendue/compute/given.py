@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from etendue.contract.capabilities import Probe
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
 from etendue.plan.model import CellRef
+
+if TYPE_CHECKING:
+    from etendue.contract.grid import Grid
 
 NOTHING = Looking()
 Clipped = list[tuple[float, float]]  # share of values that were negative, and of their flux
@@ -77,7 +80,7 @@ def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: 
     return frozen(np.maximum(array, 0))
 
 
-def clipped_figures(array: Any) -> tuple[int, Any, Any]:
+def clipped_figures(array: Array) -> tuple[int, Array, Array]:
     """How many values are negative; what they and all values amount to in each row: sums over a frame are those over
     its strips.
     """
@@ -119,7 +122,7 @@ class _Seen(Sequence[tuple[Any, ...]]):
     """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light that is made by band is made
     whole where it is asked for: who goes from stage to stage holds that of one."""
 
-    def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Any]) -> None:
+    def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Grid]) -> None:
         self.seen, self.grids = seen, grids
 
     def given(self) -> Sequence[tuple[Any, ...]]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from etendue.contract.capabilities import Sampled, Sheet, Summed, Transfer, mean_arguments_of
 from etendue.contract.grid import Coordinate, Grid
@@ -20,6 +20,9 @@ from etendue.contract.stage import Stage, arguments_of, looks_at_stages
 from etendue.contract.variables import Declaration
 from etendue.plan.model import CellRef
 from etendue.plan.words import Open
+
+if TYPE_CHECKING:
+    from etendue.compute.form import Form
 
 Found = tuple[tuple[str, CellRef, str], ...]  # shared quantities, and the cells and variables that hold them
 
@@ -135,7 +138,7 @@ class Job:
     walk: Walk | None = None
     look: Look | None = None  # what the caller makes of what it is given, where that is made
 
-    form: Any = field(init=False, default=None, repr=False)  # once somebody asked ``run.form`` for it
+    form: Form | None = field(init=False, default=None, repr=False)  # once somebody asked ``run.form`` for it
 
     @property
     def averages(self) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Set
 from functools import cached_property
 from itertools import accumulate
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.compute.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
 from etendue.compute.rows import by_band, is_large, walker
@@ -23,6 +23,9 @@ from etendue.contract.stage import looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of, told_by
 
+if TYPE_CHECKING:
+    from etendue.arrays import Array
+
 
 def make_jobs(
     plan: Plan,
@@ -30,7 +33,7 @@ def make_jobs(
     target: Callable[[Cell], Target | None],
     deliver_all: bool = False,
     show: frozenset[CellRef] = frozenset(),
-    place: Callable[[CellRef, str], Any] | None = None,
+    place: Callable[[CellRef, str], Array | None] | None = None,
     looks: Mapping[CellRef, Look] = MappingProxyType({}),
 ) -> Mapping[CellRef, Job]:
     """Jobs for the cells to compute and for the stored cells they read, in order.

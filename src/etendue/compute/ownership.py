@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import Context
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from etendue.compute.job import Job
 from etendue.errors import PluginError
 from etendue.plugins import guests
 from etendue.process import FOLDER, WARNED, return_to
+
+if TYPE_CHECKING:
+    from etendue.contract.stage import Stage
 
 _NOBODY = nullcontext()
 _Given = ParamSpec("_Given")
@@ -34,7 +37,7 @@ def for_reading(array: Array) -> Array:
     return array.view() if type(array) is np.ndarray and not array.flags.writeable else array
 
 
-def handed(stage: Any, given: dict[str, Any]) -> dict[str, Any]:
+def handed(stage: Stage, given: dict[str, Any]) -> dict[str, Any]:
     """What the ``run`` of a stage is called with. Another distribution's gets arrays of its own: numpy's flag binds
     numpy alone.
     """

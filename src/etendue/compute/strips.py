@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute import rows as strips
 from etendue.compute.cell import check, kept, undefined
 from etendue.compute.form import Output, form_of
@@ -108,14 +109,14 @@ class _Flow:
     """A variable that is made and read row by row; ``whole``: where all of it is put, if somebody else wants it."""
 
     whole: Any = None
-    parts: list[tuple[int, int, Any]] = field(default_factory=list)
+    parts: list[tuple[int, int, Array]] = field(default_factory=list)
     end: int = 0
     readers: list[_Member] = field(default_factory=list)
     undefined: bool = False
     seen: Any = None  # what makes it small, if the caller only looks at it
     figure: Any = None  # of what has no rows: what was given for the first strip
 
-    def put(self, start: int, stop: int, rows: Any) -> None:
+    def put(self, start: int, stop: int, rows: Array) -> None:
         if self.whole is not None:
             self.whole[..., start:stop, :] = rows
         if self.seen is not None:
@@ -166,7 +167,7 @@ class _Member:
                     place = walk.places.get(name)
                     fits = place is not None and (place.shape, place.dtype) == (o.shape, o.dtype)
                     flow.whole = place if fits else np.empty(o.shape, o.dtype)
-        self.figures: dict[str, list[Any]] = {
+        self.figures: dict[str, list[Array]] = {
             name: [] for name, o in self.outputs.items() if not has_rows(o.declaration.dims)
         }
         self.sizes: list[int] = []
@@ -235,7 +236,7 @@ class _Member:
                     variable, self._rows(port, start, stop) if port in self.cut else self._fixed(port), start, stop
                 )
 
-    def _put(self, variable: str, array: Any, start: int, stop: int) -> None:
+    def _put(self, variable: str, array: Array, start: int, stop: int) -> None:
         flow = self.flows[variable]
         if variable not in self.figures:
             flow.put(start, stop, array)
@@ -345,7 +346,7 @@ class _Member:
         return check(self.job, found, tuple(self.outputs[name] for name in self.figures))
 
 
-def _read_only(array: Any) -> Any:
+def _read_only(array: Array) -> Array:
     """An array that is made, for reading: of somebody else's place a view."""
     if array.base is None:
         return frozen(array)
@@ -361,7 +362,7 @@ class _Negative:
         self.below, self.taken, self.flux = 0, [], []  # type: ignore[var-annotated]
         self.size = 0
 
-    def taken_off(self, rows: Any) -> Any:
+    def taken_off(self, rows: Array) -> Array:
         self.size += rows.size
         below, taken, flux = clipped_figures(rows)
         self.below += below

@@ -38,7 +38,7 @@ class Key:
 
     __slots__ = ("taken", "value")
 
-    def __init__(self, value: Any) -> None:
+    def __init__(self, value: Hashable) -> None:
         self.value, self.taken = value, hash(value)
 
     def __hash__(self) -> int:
@@ -201,7 +201,7 @@ class PatternRandom:
         return b"\n".join((self.serial, how.encode(), pattern.encode()))
 
     def _kept(
-        self, what: tuple[Any, ...], window: Window, dtype: np.dtype[Any], make: Callable[[], FloatArray]
+        self, what: tuple[str | float, ...], window: Window, dtype: np.dtype[Any], make: Callable[[], FloatArray]
     ) -> FloatArray:
         """What is made, for reading; made anew for strips of a frame so large that none would be found again."""
 

@@ -9,8 +9,8 @@ A limit lies far above what anybody has and far below what hurts: planning a cel
 from __future__ import annotations
 
 import re
-from typing import Any
 
+from etendue.documents import DocumentView
 from etendue.errors import Fault
 
 LARGEST_FILE = 1 << 20  # bytes
@@ -48,7 +48,7 @@ def more_values(text: str, most_cells: int) -> Fault | None:
     return Fault("sweep", beyond(count, "values", most_cells, "a run of more has --most-cells N"))
 
 
-def document_fault(document: Any) -> Fault | None:
+def document_fault(document: DocumentView) -> Fault | None:
     """A document that is nested too deeply or has too many keys; looked at without going down into it by calls."""
     keys, open_ = 0, [(document, "", 0)]
     while open_:

@@ -14,7 +14,7 @@ import inspect
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from etendue.contract.dims import banded, is_light
 from etendue.contract.facts import Facts
@@ -30,6 +30,9 @@ from etendue.contract.stage import (
     writes_of,
 )
 
+if TYPE_CHECKING:
+    from etendue.arrays import Array
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Source(Stage):
@@ -38,7 +41,7 @@ class Source(Stage):
     @abstractmethod
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
 
-    def white_light(self, edges: tuple[float, ...]) -> Any:
+    def white_light(self, edges: tuple[float, ...]) -> Array | None:
         """(band,): light of a white surface in bands with these edges, of any scale, by which figures weigh them; None:
         not known, and they take light that is equally strong in all bands."""
         return None
@@ -49,7 +52,7 @@ class Tinting(Stage):
     """A stage that takes light by band, the same all over the frame, as a filter does."""
 
     @abstractmethod
-    def transmission(self, grid: Grid) -> Any:
+    def transmission(self, grid: Grid) -> Array:
         """(band,): of the bands of a grid."""
 
 
@@ -61,7 +64,7 @@ class Transfer(Stage):
     radial: ClassVar[bool] = False
 
     @abstractmethod
-    def transfer(self, *given: Any, **named: Any) -> Any:
+    def transfer(self, *given: Any, **named: Any) -> Array:
         """At separable frequencies: ``(fy, fx, middles of the bands)``, cycles/um and the unit in which their dim is
         asked, and ``prepared`` where ``prepare`` gives something."""
 
@@ -71,7 +74,7 @@ class Summed(Transfer):
     """A transfer function that ends in a weighted sum over the bands, as a pixel behind its filters does."""
 
     @abstractmethod
-    def weights(self, prepared: Any) -> Any:
+    def weights(self, prepared: Any) -> Array:
         """(channel, band)."""
 
     def segment_error(
@@ -97,7 +100,7 @@ class ChannelTransfer(Stage):
     """
 
     @abstractmethod
-    def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+    def channel_transfer(self, fy: Array, fx: Array, light: Array, prepared: Any) -> Array:
         """(channel that collects, channel of the filter, m, n) at fy (m,), fx (n,), cycles/um.
 
         ``light``: (band,), of a white surface, of any scale.
@@ -116,7 +119,7 @@ class Banded(Stage):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         """What is prepared for these bands."""
 
-    def constants(self, prepared: Any) -> Mapping[str, Any]:
+    def constants(self, prepared: Any) -> Mapping[str, Array]:
         """Of a source: what it writes that has no place."""
         return {}
 
@@ -135,7 +138,7 @@ class Haloed(Stage):
         """Rows above and below that a row depends on; None: with these parameters on the whole frame."""
         return 0
 
-    def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
+    def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> Mapping[str, Array]:
         """What is written without rows, from what was given for each strip; ``sizes``: values of a strip's first
         variable. The same for all strips, unless a stage without a halo says otherwise."""
         apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
@@ -164,7 +167,7 @@ class Sampled(Stage):
     """
 
     @abstractmethod
-    def mean(self, *given: Any, **named: Any) -> Any:
+    def mean(self, *given: Any, **named: Any) -> Mapping[str, Array]:
         """What ``run`` gives on average, before rounding: the same variables, as floats. It asks by name for what
         ``run`` may ask for, random numbers aside."""
 
@@ -227,7 +230,7 @@ class Viewed(Stage):
     """A stage whose pictures are meant for an eye that is adapted to a white of their own."""
 
     @abstractmethod
-    def viewing_white(self) -> Any:
+    def viewing_white(self) -> Array | None:
         """XYZ of that white, or None where it is the display's."""
 
 
@@ -329,7 +332,7 @@ def is_transfer(kind: type[Stage]) -> bool:
     return issubclass(kind, Transfer)
 
 
-def _equal(one: Any, other: Any) -> bool:
+def _equal(one: Array, other: Array) -> bool:
     """Whether two plain figures are the same; what is undefined equals itself."""
     same = (one == other) | ((one != one) & (other != other))
     return bool(same.all() if hasattr(same, "all") else same)

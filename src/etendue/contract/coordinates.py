@@ -8,16 +8,16 @@ Out: read-only arrays: ``y`` ``x`` as they stand on the grid, ``y_um`` ``x_um`` 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.grid import Bands, Grid, Line
 
 
-def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Any]:
+def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Array]:
     """By name, with a prefix."""
-    found: dict[str, Any] = {}
+    found: dict[str, Array] = {}
     for grid in grids.values():
         for dim, coordinate in grid.entries:
             if f"{prefix}{dim}" in found:

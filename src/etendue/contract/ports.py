@@ -34,11 +34,11 @@ class Written:
 class Target(Protocol):
     """Where the variables of one cell are kept. Picklable: it travels with the work."""
 
-    def write(self, arrays: Mapping[str, Array]) -> tuple[Written, ...]: ...
+    def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]: ...
 
-    def read(self, variable: str) -> Any: ...
+    def read(self, variable: str) -> Array: ...
 
-    def read_band(self, variable: str, band: int) -> Any: ...
+    def read_band(self, variable: str, band: int) -> Array: ...
 
     def settle(self) -> None:
         """Called behind the last cell of a batch: what was written stands in its files before it is reported."""
@@ -110,7 +110,7 @@ class Keeper(Protocol):
 
     def target(self, cell: Cell) -> Target | None: ...
 
-    def place(self, ref: CellRef, variable: str) -> Any:
+    def place(self, ref: CellRef, variable: str) -> Array | None:
         """Where a variable that is made piece by piece may be put at once, an array to be filled; None: it is taken
         when it is whole.
         """
@@ -118,8 +118,8 @@ class Keeper(Protocol):
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 
     def finished(
-        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Array]]
-    ) -> Mapping[CellRef, dict[str, Array]]:
+        self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]
+    ) -> Mapping[CellRef, dict[str, Any]]:
         """Take what became of cells, in any thread; gives their arrays where they stand from now on."""
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]: ...

@@ -14,7 +14,7 @@ import inspect
 import os
 import stat
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -125,7 +125,7 @@ class Stage:
         """The same about the stages of the pipeline: classes by the name of their use."""
         return []
 
-    def assumes(self) -> Mapping[str, Any]:
+    def assumes(self) -> Mapping[str, Hashable]:
         """What it takes for granted of things that others take for granted too; the plan notes where one before it
         has another value.
         """

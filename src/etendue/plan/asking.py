@@ -98,7 +98,7 @@ def _facts(stage: Stage, method: str, found: Facts) -> Facts:
 RUN = object()  # what depends on what a run finds is refused
 
 
-def _asked(stage: Any, method: str, *given: Any, unknown: Any = RUN) -> Any:
+def _asked(stage: Stage, method: str, *given: Any, unknown: Any = RUN) -> Any:
     """What a method gives; ``unknown`` where it depends on a value that only a run finds."""
     with foreign(_name(stage, method)):
         try:
@@ -112,27 +112,27 @@ def _asked(stage: Any, method: str, *given: Any, unknown: Any = RUN) -> Any:
             ) from None
 
 
-def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
+def described(stage: Stage) -> tuple[Facts, Mapping[str, Grid]]:
     found = _asked(stage, "describe")
     if not isinstance(found, tuple) or len(found) != 2:
         raise _nonsense(stage, "describe", found, "(Facts, {variable: Grid})")
     return _facts(stage, "describe", found[0]), _grids(stage, "describe", found[1])
 
 
-def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
+def grids_of(stage: Stage, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
     """What ``grid`` says of what a stage writes; nothing where it has none."""
     if type(stage).grid is Stage.grid:
         return {}
     return _grids(stage, "grid", _asked(stage, "grid", dict(inputs)))
 
 
-def carried(stage: Any, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
+def carried(stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
     if type(stage).carry is Stage.carry:
         return UNKNOWN
     return _facts(stage, "carry", _asked(stage, "carry", dict(facts), dict(grids), unknown=UNKNOWN))
 
 
-def negligible(stage: Any, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+def negligible(stage: Stage, facts: Facts, grid: Grid) -> tuple[float, str] | None:
     found = _asked(stage, "negligible", facts, grid, unknown=None)
     if found is None:
         return None
@@ -142,7 +142,7 @@ def negligible(stage: Any, facts: Facts, grid: Grid) -> tuple[float, str] | None
     return float(found[0]), plain(found[1])
 
 
-def variance_of(stage: Any, charge: float) -> float | None:
+def variance_of(stage: Stage, charge: float) -> float | None:
     """What a source of noise adds at a charge; None where what it depends on is found by a run, or where it refuses."""
     with foreign(_name(stage, "variance")):
         try:
@@ -154,7 +154,7 @@ def variance_of(stage: Any, charge: float) -> float | None:
     return max(float(found), 0.0)
 
 
-def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
+def error_of(stage: Stage, method: str, *given: Any) -> tuple[float | None, str]:
     """What ``error`` or ``segment_error`` states."""
     found = _asked(stage, method, *given, unknown=(None, "unknown"))
     fine = isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], str) and found[1] in KNOWN_BY
@@ -163,7 +163,7 @@ def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
     return (None if found[0] is None else float(found[0])), found[1]
 
 
-def texts(stage: Any, method: str, *given: Any) -> list[str]:
+def texts(stage: Stage, method: str, *given: Any) -> list[str]:
     """What ``warn`` or ``warn_among`` has to say; nothing where there is no such method."""
     with foreign(_name(stage, method)):
         try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -56,13 +56,13 @@ class _Expansion:
         self.nodes = {node.name: node for node in graph.nodes}
         self.axes = {axis.dim: axis for axis in graph.axes}
         self.cells: dict[CellRef, Cell] = {}
-        self.stages: dict[tuple[str, tuple[Any, ...]], Stage] = {}
+        self.stages: dict[tuple[str, tuple[Hashable, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
         numbered = [(node, number) for node in graph.nodes for number in range(len(node.alternatives))]
         self.readings = {(node.name, number): reading_of(node, number, self.nodes) for node, number in numbered}
-        self.forms: dict[tuple[Any, ...], Form] = {}
+        self.forms: dict[Hashable, Form] = {}
         # of cells of one stage and form that read what nothing is known of
-        self.decisions: dict[tuple[Any, ...], Decisions] = {}
+        self.decisions: dict[Hashable, Decisions] = {}
         self.grids: dict[Grid, Grid] = {}
         self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
         self.faults: dict[str, Fault] = {}

@@ -24,7 +24,7 @@ from etendue.plan.agreement import met_twice, taken_differently
 from etendue.plan.cells import Told, expand
 from etendue.plan.fields import notes_on_the_scene
 from etendue.plan.graph import build_graph, resolve_keep
-from etendue.plan.model import Node, Plan
+from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.plan.request import Choice
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.plugins.guests import Guest
@@ -105,7 +105,7 @@ def make_plan(
     )
 
 
-def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
+def _warnings(nodes: Sequence[Node], cells: Mapping[CellRef, Cell], tolerance: float) -> tuple[str, ...]:
     """What stages have to say about their own cells: each text once."""
     places = {node.name: node.place for node in nodes}
     uses = {one.use: one.kind for node in nodes for one in node.alternatives}
@@ -128,7 +128,7 @@ def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
+def _beyond_tolerance(cells: Mapping[CellRef, Cell], tolerance: float) -> list[str]:
     """Stages that are more wrong than the tolerance, by what they state, and that cannot be asked for less without
     being told to.
     """

@@ -7,7 +7,7 @@ Out: the fields of its key and their digest; the words that key its random numbe
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 from etendue.contract.capabilities import Sampled, draws_anew, is_random
@@ -44,13 +44,13 @@ class Recipes:
         # Of the parameters of a stage, by its identity: hashing a stage costs as much again. Whoever plans holds it: no
         # other takes its number.
         self.digests: dict[int, str] = {}
-        self.heads: dict[tuple[Any, ...], Head] = {}
+        self.heads: dict[Hashable, Head] = {}
         self.forms: dict[Form, str] = {}  # what counts of grids
-        self.looked: dict[tuple[Any, ...], str] = {}  # of transfer functions that are looked at: the same by many cells
+        self.looked: dict[Hashable, str] = {}  # of transfer functions that are looked at: the same by many cells
         self.versions: dict[frozenset[str], dict[str, str]] = {}
         self.behind: dict[CellRef, Lines | None] = {}
-        self.alike: dict[tuple[Any, ...], Lines | None] = {}
-        self.seeds: dict[tuple[Any, ...], bytes] = {}
+        self.alike: dict[Hashable, Lines | None] = {}
+        self.seeds: dict[Hashable, bytes] = {}
 
     def parameters(self, stage: Stage) -> str:
         """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""

@@ -13,7 +13,7 @@ from typing import Any
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import looks_at_stages
 from etendue.contract.tables import preset_keys
-from etendue.documents import DocumentView
+from etendue.documents import AxisValue, DocumentView
 from etendue.errors import RequestError
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
@@ -51,13 +51,13 @@ PLANNED = 5_000
 
 
 def with_stored_values(
-    plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[DocumentView] = ()
+    plan: Plan, stored: Mapping[str, Mapping[str, list[AxisValue]]], sweeps: Sequence[DocumentView] = ()
 ) -> Plan:
     """The plan over the axis values of an archive's earlier runs as well: what is still right there stays.
 
     ``sweeps`` of earlier runs, as they stood in their files, say what a label of a swapped stage means.
     """
-    extra: dict[str, list[Any]] = {}
+    extra: dict[str, list[AxisValue]] = {}
     for axis in plan.axes:
         earlier = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()) if v not in axis.values)
         if is_of_names(axis.key):
@@ -76,7 +76,9 @@ def with_stored_values(
     return whole or plan
 
 
-def _possible(plan: Plan, key: str, values: list[Any], stored: Mapping[str, Mapping[str, list[Any]]]) -> list[Any]:
+def _possible(
+    plan: Plan, key: str, values: list[AxisValue], stored: Mapping[str, Mapping[str, list[AxisValue]]]
+) -> list[AxisValue]:
     """Those of the values over which there is a plan, found by halves: few values that are not cost few plans.
 
     A journal that names millions is not gone through to the end: what nobody has come to stays out.
@@ -93,7 +95,9 @@ def _possible(plan: Plan, key: str, values: list[Any], stored: Mapping[str, Mapp
     return found
 
 
-def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mapping[str, list[Any]]]) -> Plan | None:
+def _over(
+    plan: Plan, extra: Mapping[str, list[AxisValue]], stored: Mapping[str, Mapping[str, list[AxisValue]]]
+) -> Plan | None:
     """The plan with further axis values, in stored order; None where it is impossible."""
     sweep = dict(plan.pipeline.sweep)
     for axis in plan.axes:

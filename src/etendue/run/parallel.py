@@ -72,11 +72,11 @@ def _threaded(
     numbers = {_key(run, batch.number): batch for batch in batches}
     ends = [key for key, batch in numbers.items() if not batch.exports]
 
-    def started(key: Any, *_: Any) -> None:
+    def started(key: str, *_: Any) -> None:
         if not stop.asked:
             before(numbers[key])
 
-    def ended(key: Any, value: Any, *_: Any) -> None:
+    def ended(key: str, value: Any, *_: Any) -> None:
         after(numbers[key], value)
 
     # Told by this call alone: a ``dask.callbacks.Callback`` hears of every graph of the process. A pool of our own: an

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Set
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue import interrupts
 from etendue.compute.ownership import abandoned
@@ -21,7 +21,7 @@ from etendue.run.one_thread import ONE_THREAD
 from etendue.run.schedulers import How, scheduler
 
 if TYPE_CHECKING:
-    from etendue.run.batches import Batch
+    from etendue.run.batches import Batch, BatchResult
 
 GRACE = 3.0  # seconds in which the batches under way may end; a stage that hangs in a thread cannot be stopped
 LOOK = 0.05  # seconds between two looks for a signal
@@ -81,7 +81,13 @@ def watched(work: Callable[[], None], stop: Stop) -> None:
         raise broke[0]
 
 
-def run_batches(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, how: How) -> None:
+def run_batches(
+    batches: list[Batch],
+    deliver: Set[CellRef],
+    before: Callable[[Batch], None],
+    after: Callable[[Batch, BatchResult], None],
+    how: How,
+) -> None:
     """Run batches; what goes on beside them is stopped with them, and what they leave to the process is let go."""
     if not batches:
         return

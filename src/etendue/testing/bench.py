@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from etendue.arrays import Array
 from etendue.compute.cell import compute, smallest
 from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
@@ -69,7 +70,7 @@ class Finding:
 class Trial:
     """What came of one cell."""
 
-    arrays: dict[str, Any]
+    arrays: dict[str, Array]
     report: CellReport
     touched: tuple[str, ...]  # inputs that were changed
 
@@ -239,7 +240,7 @@ class Bench:
         declaration = self.reads[port]
         return self.scales.get(port, wording.units().get(declaration.unit, wording.Unit()).full)
 
-    def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Any:
+    def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Array:
         """One input, in double precision: ordinary values, six decades of them, or an extreme."""
         declaration, grid = self.reads[port], self.input_grids(frame)[port]
         shape = grid.shape(declaration.dims)
@@ -278,10 +279,10 @@ class Bench:
     def _seen_dims(declaration: Declaration) -> tuple[str, ...]:
         return declaration.dims or _usual(declaration) or PLANE
 
-    def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Any]:
+    def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Array]:
         return {port: self.array(port, what, frame, factor) for port in self.reads}
 
-    def given(self, inputs: Arrays, precision: str) -> dict[str, Any]:
+    def given(self, inputs: Arrays, precision: str) -> dict[str, Array]:
         """Inputs as a stage gets them: in the plan's precision or the declared integers, read-only."""
         found = {}
         for port, values in inputs.items():
@@ -339,7 +340,7 @@ class Bench:
         """What is true of these arrays."""
         return {port: facts_of(array, self.reads[port].dims) for port, array in inputs.items()}
 
-    def full_scale(self, variable: str, array: Any, frame: Frame = FRAME) -> float:
+    def full_scale(self, variable: str, array: Array, frame: Frame = FRAME) -> float:
         """The largest value of a result; of whole numbers the largest code which the stage gives to too bright an
         input.
         """
@@ -353,7 +354,7 @@ class Bench:
         if self.kind.error is Stage.error:
             return None
         facts = self.stage.describe()[0] if is_source(self.kind) else self.facts(inputs)  # type: ignore[attr-defined]
-        return self.stage.error(facts, self.input_grids(frame), precision)[0]  # type: ignore[attr-defined]
+        return self.stage.error(facts, self.input_grids(frame), precision)[0]
 
 
 def _usual(declaration: Declaration) -> tuple[str, ...]:
@@ -368,7 +369,7 @@ def digests(arrays: Arrays) -> dict[str, str]:
     }
 
 
-def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
+def facts_of(array: Array, dims: tuple[str, ...]) -> Facts:
     """Facts of an array: uniform and contrast over positions, at every band and channel."""
     array = np.asarray(array, dtype=float)
     places = tuple(i for i, dim in enumerate(dims) if dim in ("y", "x"))
@@ -386,12 +387,12 @@ def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
     )
 
 
-def full_scale(array: Any) -> float:
+def full_scale(array: Array) -> float:
     found = np.abs(np.asarray(array, dtype=float))
     return float(np.nanmax(found)) if found.size and not np.isnan(found).all() else 0.0
 
 
-def largest_difference(one: Any, other: Any) -> float:
+def largest_difference(one: Array, other: Array) -> float:
     """Largest absolute difference; infinite where only one of the two is undefined."""
     one, other = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
     if np.any(np.isnan(one) != np.isnan(other)):

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract import wording
 from etendue.contract.capabilities import Noisy
-from etendue.testing.bench import LARGE, SMALL, Bench, full_scale
+from etendue.testing.bench import LARGE, SMALL, Arrays, Bench, full_scale
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
@@ -59,13 +60,13 @@ def frame_read(bench: Bench) -> str | None:
     return frames[0] if len(frames) == 1 and not bench.looks else None
 
 
-def spot(array: Any, height: float) -> Any:
+def spot(array: Array, height: float) -> Array:
     found = np.zeros_like(array)
     found[tuple(size // 2 for size in found.shape)] = height
     return found
 
 
-def check_order(bench: Bench, base: Any, brighter: Any, what: str) -> None:
+def check_order(bench: Bench, base: Arrays, brighter: Arrays, what: str) -> None:
     for variable, declaration in bench.writes.items():
         if not {"y", "x"} <= set(declaration.dims):
             continue

@@ -10,14 +10,15 @@ reference.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
+from etendue.arrays import Array
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, is_random
 from etendue.plan.parameters import SMALLEST
-from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, full_scale, largest_difference
+from etendue.testing.bench import FRAME, LARGE, Arrays, Bench, Frame, Trial, full_scale, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.examples import edges
 from etendue.testing.measured import ratio_of, within
@@ -108,7 +109,7 @@ def inputs_of(bench: Bench) -> Iterator[tuple[str, float, Frame]]:
         yield "ordinary", 1.0, LARGE
 
 
-def long_double(bench: Bench, given: Any, frame: Frame) -> Trial | None:
+def long_double(bench: Bench, given: Arrays, frame: Frame) -> Trial | None:
     """The same in long double, where the stage and the libraries below it know that precision."""
     if is_random(bench.kind):
         return None  # draws are made in one of two precisions
@@ -119,7 +120,7 @@ def long_double(bench: Bench, given: Any, frame: Frame) -> Trial | None:
     return found if found.done else None
 
 
-def allowed(bench: Bench, given: Any, precision: str, frame: Frame) -> float:
+def allowed(bench: Bench, given: Arrays, precision: str, frame: Frame) -> float:
     """What the stage states, or what a careful one keeps."""
     stated = bench.own_error(given, precision, frame)
     least = UNSTATED[precision] if stated is None or precision == "float64" else 0.0
@@ -161,7 +162,7 @@ def transfer_digits(bench: Bench) -> None:
     bands = np.array(edges())
     middle = (0.5e-3 * (bands[:-1] + bands[1:]))[:, None, None]
 
-    def planes(frequency: Any, precision: Any) -> Any:
+    def planes(frequency: Array, precision: DTypeLike) -> Array:
         fx, fy = frequency.astype(precision)[None, :], np.zeros((1, 1), precision)
         with np.errstate(all="ignore"):
             return np.asarray(stage.transfer(fy, fx, middle.astype(precision), *last))

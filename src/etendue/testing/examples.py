@@ -7,7 +7,6 @@ Out: the example of each, where nobody says one a plain one of its own.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -24,20 +23,20 @@ GUESSED = Labels((0.0, 1.0, 2.0))  # of a dim of which nothing is known
 class Blur(Transfer):
     """What probes look at: a Gaussian transfer function."""
 
-    def transfer(self, fy: Any, fx: Any, band: Any) -> Any:
+    def transfer(self, fy: Array, fx: Array, band: Array) -> Array:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
 
 
 class BlurAndSum(Summed):
     """The same, ending in a sum over bands."""
 
-    def transfer(self, fy: Any, fx: Any, band: Any, prepared: Any) -> Any:
+    def transfer(self, fy: Array, fx: Array, band: Array, prepared: Array) -> Array:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> Array:
         return np.stack([np.linspace(low, 1.0, coordinates[dims.banded(coordinates)].size) for low in (0.1, 0.5, 0.9)])
 
-    def weights(self, prepared: Any) -> Any:
+    def weights(self, prepared: Array) -> Array:
         return prepared
 
 

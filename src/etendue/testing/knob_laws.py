@@ -9,17 +9,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.cell import compute
 from etendue.compute.joined.segments import Result
 from etendue.contract.capabilities import Sampled, is_random, mean_arguments_of, rounds
 from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.stage import Stage, parameters_of
 from etendue.plan.model import CellRef
-from etendue.testing.bench import Bench, LawBroken
+from etendue.testing.bench import Arrays, Bench, LawBroken
 from etendue.testing.checks import along_ladder
 from etendue.testing.measured import hold
 
@@ -98,7 +99,7 @@ def check_mean(bench: Bench) -> None:
         )
 
 
-def mean_of(bench: Bench, inputs: Any) -> dict[str, Any]:
+def mean_of(bench: Bench, inputs: Arrays) -> dict[str, Array]:
     """What ``mean`` gives, through the engine; every input as floats."""
     job = dataclasses.replace(bench.job(), expected=True)
     floats = {port: np.asarray(array, dtype=np.float64) for port, array in inputs.items()}

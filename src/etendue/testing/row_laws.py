@@ -7,10 +7,10 @@ Out: nothing, or a broken law.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.rows import has_rows
 from etendue.contract.capabilities import halo_of
 from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests
@@ -55,7 +55,7 @@ class RowLaws:
                     )
 
 
-def _differing(whole: Mapping[str, Any], cut: Mapping[str, Any], names: list[str]) -> str:
+def _differing(whole: Mapping[str, Array], cut: Mapping[str, Array], names: list[str]) -> str:
     """By how much, of the largest value, the worst of these arrays differs; nothing where that is no number."""
     shares = []
     for name in names:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 
@@ -79,7 +78,7 @@ def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> Non
         compare(bench, base, trials, f"{name} = {value:g}", inputs)
 
 
-def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> Trial | None:
+def with_parameter(bench: Bench, name: str, value: float, inputs: Arrays) -> Trial | None:
     """The result with one parameter changed; None where the stage refuses it, or the grid is another."""
     try:
         stage = dataclasses.replace(bench.stage, **{name: value})

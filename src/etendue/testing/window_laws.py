@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.rows import has_rows
 from etendue.contract import dims, quantities, seen, variables
 from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
@@ -69,7 +69,7 @@ class WindowLaws:
                         )
 
 
-def _off(found: Any, expected: Any, halo: int | None) -> float:
+def _off(found: Array, expected: Array, halo: int | None) -> float:
     """How far a window is from the same place of the whole, of full scale: at worst inside its border, or else at
     most pixels.
     """
@@ -120,7 +120,7 @@ def _pattern(bench: Bench) -> Pattern:
     return seen.pattern(str(getattr(bench.stage, name, quantities.declared(name).default))) if name else PLAIN
 
 
-def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Any:
+def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Array:
     """An input of the whole; of even colours a frame has that of its mask at every pixel, and a plane of several one
     of its own.
     """
@@ -137,7 +137,7 @@ def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -
     return np.rint(found) if declaration.dtype != "float" else found
 
 
-def _cut(array: Any, declaration: Declaration, first: Frame, frame: Frame) -> Any:
+def _cut(array: Array, declaration: Declaration, first: Frame, frame: Frame) -> Array:
     return (
         array[..., first[0] : first[0] + frame[0], first[1] : first[1] + frame[1]]
         if has_rows(declaration.dims)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import FloatArray
+from etendue.arrays import Array, FloatArray
 from etendue.contract.bounds import MOST_VALUES
 from etendue.contract.capabilities import Banded, Source, is_random
 from etendue.contract.coordinates import coordinates_of
@@ -89,7 +89,7 @@ def _content(rows: list[Any], edges: FloatArray, bands: int) -> Content:
     )
 
 
-def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterator[Any]:
+def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterator[Array]:
     """The scene's light, some bands at once; every so manieth band where there are too many values."""
     grid = grids[variable]
     given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}

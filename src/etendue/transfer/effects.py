@@ -7,14 +7,13 @@ Out: how much leaving them out changes, rms over the frame and at the largest pi
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
-from etendue.arrays import FloatArray
+from etendue.arrays import Array, FloatArray
 from etendue.contract.capabilities import Transfer
 from etendue.contract.facts import Content
-from etendue.contract.stage import state_of
+from etendue.contract.stage import Stage, state_of
 from etendue.transfer import rings as scene_rings
 from etendue.transfer.products import Product, alone
 
@@ -50,14 +49,16 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
     radial.
     """
     points = tuple(map(float, frequency))
-    found: Any = np.ones((1, len(edges) - 1, len(points)))
+    found: Array = np.ones((1, len(edges) - 1, len(points)))
     for stage in stages:
         found = found * _rays(state_of(stage), edges, points)
     return found
 
 
 @lru_cache(48)
-def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> FloatArray:
+def _rays(
+    state: tuple[Stage, tuple[tuple[int, int], ...]], edges: tuple[float, ...], points: tuple[float, ...]
+) -> FloatArray:
     """Of one stage, asked once: the same stage stands in front of many others."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:
@@ -71,12 +72,14 @@ def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Fl
     return np.stack(found)
 
 
-def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
+def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Array, Array]:
     return _remembered(state_of(stage), edges, rings)
 
 
 @lru_cache(96)
-def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
+def _remembered(
+    state: tuple[Stage, tuple[tuple[int, int], ...]], edges: tuple[float, ...], rings: tuple[float, ...]
+) -> tuple[Array, Array]:
     """(band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))

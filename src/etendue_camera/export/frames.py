@@ -30,7 +30,7 @@ from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import is_called, is_value
 from etendue.present.plots.strip import white_of
-from etendue_camera.arrays import FloatArray
+from etendue_camera.arrays import Array, FloatArray
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")
@@ -65,7 +65,7 @@ class ArchivedFrame:
     status: str
     stored: Stored
 
-    def picture(self) -> FloatArray:
+    def picture(self) -> Array:
         """The array: (y, x) or (channel, y, x).
 
         Raises
@@ -99,7 +99,7 @@ def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str
     return inner.isel(rest).to_numpy()
 
 
-def plain(value: float) -> str:
+def plain(value: Any) -> str:
     """A value of an axis as short text."""
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from etendue import require
+from etendue_camera.arrays import Array
 
 TOP = 65535
 
 
-def codes(picture: Any) -> Any:
+def codes(picture: Array) -> Any:
     """uint16 (y, x) or (y, x, 3): integers as they are; 0 to 1 scaled to 0 to 65535, rounded, clipped at both ends.
 
     Raises
@@ -48,7 +49,7 @@ def srgb_profile() -> bytes:
 
 
 def write(
-    path: Path, picture: Any, description: str = "", software: str = "etendue", when: str = "", srgb: bool = False
+    path: Path, picture: Array, description: str = "", software: str = "etendue", when: str = "", srgb: bool = False
 ) -> None:
     """Write one picture; ``srgb`` says that its values are encoded so."""
     import tifffile

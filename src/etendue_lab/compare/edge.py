@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError, RequestError
@@ -112,7 +113,7 @@ def _named(matrix: tuple[Any, Any]) -> tuple[tuple[Any, str], ...]:
     return (matrix[0], "colour_matrix"), (matrix[1], "white")
 
 
-def _luminance(variable: str, channels: int, matrix: Any, white: Any) -> Any:
+def _luminance(variable: str, channels: int, matrix: Array, white: Any) -> Any:
     """Weights of the channels: Y where it is known, else the middle channel."""
     if variable == CAMERA and matrix is not None and white is not None:
         return np.asarray(matrix, np.float64)[1] / np.asarray(white, np.float64)
@@ -133,7 +134,7 @@ def pitches_of(plan: Plan) -> list[float]:
     return [float(plan.shared["pixel_pitch"])]
 
 
-def crossing(picture: Any, sigma: float) -> float:
+def crossing(picture: Array, sigma: float) -> float:
     """Lowest frequency of half contrast of what made a picture of an edge that was drawn with a Gaussian of ``sigma``
     pixels.
 

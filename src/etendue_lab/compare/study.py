@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.compute.cell import compute
 from etendue.compute.jobs import make_jobs
 from etendue.compute.joined.segments import Result
@@ -64,8 +65,8 @@ class Comparison:
     rank_by: str = "psnr"  # the figure that rows are ranked by
     own_reference: bool = False  # whether each value has a reference of its own
     named: bool = False  # whether the values were asked for one by one, not found among what is installed
-    pictures: dict[int, Any] = field(default_factory=dict)  # by position: (3, y, x), encoded
-    reference_pictures: dict[int, Any] = field(default_factory=dict)
+    pictures: dict[int, Array] = field(default_factory=dict)  # by position: (3, y, x), encoded
+    reference_pictures: dict[int, Array] = field(default_factory=dict)
     planes: dict[int, Plane] = field(default_factory=dict)  # where their pixels lie
 
     @property
@@ -175,7 +176,7 @@ def _with_edges(
     return [found.note] if found.note else []
 
 
-def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Any]:
+def _references(reader: Reader, branched: Branched, file: str) -> dict[int, Array]:
     """The reference of each value; None where it was not computed.
 
     Raises
@@ -294,7 +295,7 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
     return best if math.isfinite(best) else None
 
 
-def _on_the_references(references: dict[int, Any], rows: list[Row], reader: Reader, branched: Branched) -> list[str]:
+def _on_the_references(references: dict[int, Array], rows: list[Row], reader: Reader, branched: Branched) -> list[str]:
     """What a reader of the table should know about the pictures it was measured on."""
     labels = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in references}
     notes, variable = [], branched.linear.reference[1]

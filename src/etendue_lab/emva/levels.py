@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.capabilities import Datasheet
 from etendue.contract.stage import Stage
-from etendue.documents import AxisValue
 from etendue.errors import RequestError
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import Cell, CellRef, Node, Plan
@@ -89,10 +89,10 @@ def _by_camera(
 
 def _measured(
     plan: Plan,
-    at: dict[str, AxisValue],
+    at: dict[str, Any],
     bright: list[Cell],
     dark: list[Cell],
-    times: Mapping[CellRef, Any],
+    times: Mapping[CellRef, Array],
     read: Read,
     options: Options | None,
 ) -> list[SensorChannel]:
@@ -131,7 +131,7 @@ def _measured(
     return found
 
 
-def _stacks(cells: list[Cell], times: Mapping[CellRef, Any], read: Read) -> dict[float, list[Any]]:
+def _stacks(cells: list[Cell], times: Mapping[CellRef, Array], read: Read) -> dict[float, list[Any]]:
     """Frames by time."""
     found: dict[float, list[Any]] = {}
     for cell in cells:
@@ -142,7 +142,7 @@ def _stacks(cells: list[Cell], times: Mapping[CellRef, Any], read: Read) -> dict
     return found
 
 
-def _times(plan: Plan, cells: list[Cell], options: Options | None) -> dict[CellRef, Any]:
+def _times(plan: Plan, cells: list[Cell], options: Options | None) -> dict[CellRef, Array]:
     """Exposure time of every cell, of each frame where a stage says so: of its axis, else of the camera."""
     series = [node for node in plan.nodes if TIME in node.writes]
     if not series:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.registry import Registry
 from etendue.documents import Document
 from etendue.pipeline.derived import wanting
@@ -34,7 +35,7 @@ def edge_contrast(
     detail: FineDetail,
     places: list[Place],
     white: float,
-    frequency: Any,
+    frequency: Array,
     registry: Registry,
     options: Options | None = None,
 ) -> dict[Place, Document]:
@@ -85,7 +86,7 @@ def _sites(plan: Plan, place: Place, channel: str) -> Any:
     return index == list(mask.channels).index(channel)
 
 
-def _response(picture: Any, frequency: Any, own: Any, sites: Any) -> Any:
+def _response(picture: Array, frequency: Array, own: Any, sites: Any) -> Any:
     found = slanted_edge(picture, samples=SAMPLES, tails=False, sites=sites)
     return np.interp(frequency, found.frequency, found.sfr) / own
 

@@ -121,12 +121,12 @@ class FineDetail(FlatField):
         made, _ = compute(replace(self.jobs[node.name, ()], expected=True), results)
         return 0.0 if made.failed else float(np.mean(made.arrays[CHARGE]))
 
-    def contrast(self, channel: str, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
+    def contrast(self, channel: str, fy: Array, fx: Array, without: Collection[str] = ()) -> Any:
         """(m, n) transfer function of a channel in front of the mosaic, without some of its stages."""
         bands = self.band_contrast(fy, fx, [n for n in self.lens if n not in without])
         return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
 
-    def mean(self, channel: str, bands: Any, fy: Any, fx: Any, moved: Collection[str]) -> Any:
+    def mean(self, channel: str, bands: Array, fy: Array, fx: Array, moved: Collection[str]) -> Any:
         """(m, n) of a channel from what its bands hold (wavelength, m, n), with the charge that some stages move
         between pixels.
         """
@@ -139,7 +139,7 @@ class FineDetail(FlatField):
         )
         return behind_filters(bands, self.photons, made, [one[..., 0, 0] for one in still])[self.number[channel]]
 
-    def band_contrast(self, fy: Any, fx: Any, names: Collection[str]) -> Any:
+    def band_contrast(self, fy: Array, fx: Array, names: Collection[str]) -> Any:
         """(wavelength, m, n) of some stages together."""
         product = Product(tuple(self.lens[name] for name in names), self.edges)
         found = product.at(np.asarray(fy)[:, None] / self.pitch, np.asarray(fx)[None, :] / self.pitch)
@@ -162,7 +162,7 @@ class FineDetail(FlatField):
             for name, stage in self.noisy().items()
         }
 
-    def quanta(self, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
+    def quanta(self, fy: Array, fx: Array, without: Collection[str] = ()) -> Any:
         """(m, n) NEQ of the mosaic: of all its pixels together, each by its own noise.
 
         The mean over the places of the cell: the ideal observer of one wave knows what every pixel's filter is.
@@ -175,7 +175,7 @@ class FineDetail(FlatField):
             total += share * information.neq(signal, self.variances(channel, without))
         return total
 
-    def quanta_of(self, channel: str, fy: Any, fx: Any) -> Any:
+    def quanta_of(self, channel: str, fy: Array, fx: Array) -> Any:
         """(m, n) NEQ of the pixels of one channel, in quanta a pixel of the frame."""
         share = float(np.mean(self.mask == channel))
         return share * information.neq(
@@ -203,7 +203,7 @@ class FineDetail(FlatField):
         corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the border in front, not behind
         return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
 
-    def signal_in(self, picture: Place, fy: Any, fx: Any, dark: bool = False) -> Any:
+    def signal_in(self, picture: Place, fy: Array, fx: Array, dark: bool = False) -> Any:
         """(channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean alone,
         dark charge included.
         """
@@ -217,7 +217,7 @@ class FineDetail(FlatField):
             )
         return total
 
-    def noise_in(self, picture: Place, fy: Any, fx: Any) -> Any:
+    def noise_in(self, picture: Place, fy: Array, fx: Array) -> Any:
         """(channel, channel, m, n): cross power of a picture's noise."""
         total: Any = 0.0
         for responses, variance, weight in self.answers[picture]:

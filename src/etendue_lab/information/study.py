@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
 from etendue.documents import Document
@@ -123,7 +124,7 @@ class _Chain:
                 picture[0], picture[1], lambda fy, fx, p=picture: self._together(p, fy, fx), self._by_channel(picture)
             )
 
-    def _together(self, picture: Place, fy: Any, fx: Any) -> Any:
+    def _together(self, picture: Place, fy: Array, fx: Array) -> Any:
         return kernel.neq_of_channels(self.detail.signal_in(picture, fy, fx), self.detail.noise_in(picture, fy, fx))
 
     def _by_channel(self, picture: Place) -> dict[str, float]:
@@ -134,7 +135,7 @@ class _Chain:
             for i, name in enumerate(self.detail.names_of(picture))
         }
 
-    def _add(self, stage: str, what: str, quanta: Any, channels: dict[str, float] | None = None) -> None:
+    def _add(self, stage: str, what: str, quanta: Array, channels: dict[str, float] | None = None) -> None:
         found = quanta(self.square.fy, self.square.fx)
         ends = quanta(np.zeros(1), np.array([0.0, 0.25, 0.4999]))[0]
         self.report.rows.append(
@@ -194,7 +195,7 @@ class _Found:
 
     # -- noise ------------------------------------------------------------------------------------------------------
 
-    def _mosaic(self, frames: Any, contrast: Document) -> list[Curve]:
+    def _mosaic(self, frames: Array, contrast: Document) -> list[Curve]:
         """By channel: each place of the cell by itself, on its own lattice, whose power repeats beyond its Nyquist
         frequency.
         """
@@ -224,7 +225,7 @@ class _Found:
             curves.append(self._curve(place, channel, expected, total, periodograms))
         return curves
 
-    def _picture(self, place: Place, frames: Any, contrast: Document) -> list[Curve]:
+    def _picture(self, place: Place, frames: Array, contrast: Document) -> list[Curve]:
         detail = self.detail
         power, count = noise_power.periodograms(frames, BLOCK)
         expected_power = detail.periodogram_of(place, BLOCK)
@@ -242,11 +243,11 @@ class _Found:
         return curves
 
     @staticmethod
-    def _band(power: Any) -> Any:
+    def _band(power: Array) -> Any:
         """Along x: the mean of the three rows next to fy = 0."""
         return (power[0] + power[1] + power[-1]) / ROWS
 
-    def _curve(self, place: Place, channel: str, expected: Any, found: Any, count: int) -> Curve:
+    def _curve(self, place: Place, channel: str, expected: Array, found: Any, count: int) -> Curve:
         bits = [
             kernel.capacity_along(partial(np.interp, xp=self.frequency, fp=own), self.variance)
             for own in (expected, found)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue_camera import spectra
@@ -130,14 +131,14 @@ def _errors(
     return as_is, colour_errors(exposed, convert, goal, confidence, draws=draws), gain
 
 
-def _luminance(lightness: Any) -> Any:
+def _luminance(lightness: Array) -> Any:
     """Y of L*, 1 at white."""
     f = (np.asarray(lightness) + 16) / 116
     return np.where(f > 6 / 29, f**3, 3 * (6 / 29) ** 2 * (f - 4 / 29))
 
 
 def _in_order(
-    text: str, places: Any, first: Any, planes: Any, clipped: Any, convert: Any, confidence: float
+    text: str, places: Any, first: Array, planes: Array, clipped: Any, convert: Any, confidence: float
 ) -> tuple[Patches, ColourErrors, ColourErrors, float]:
     """The patches in the given order of corners; another order that fits much better is told instead."""
 

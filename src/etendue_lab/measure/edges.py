@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from etendue.arrays import Array
 from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue_camera.electronics.rounding import both, lasting_error
@@ -275,7 +276,7 @@ def _wider(value: float, low: float, high: float, doubt: float, higher: float = 
     return max(value - max(below - higher * value, 0.0), 0.0), value + above + higher * value
 
 
-def _said(why: str, seen: bool, image: Any) -> str:
+def _said(why: str, seen: bool, image: Array) -> str:
     """What keeps an edge from being measured: a step that is seen is not lost in noise."""
     if not seen and float(np.ptp(image)) > 0:
         return HIDDEN
@@ -303,7 +304,7 @@ def _widened(first: int, length: int, size: int) -> tuple[int, int]:
     return begin, end - begin
 
 
-def _shape(what: str, image: Any, sites: Any) -> EdgeShape | None:
+def _shape(what: str, image: Array, sites: Any) -> EdgeShape | None:
     """How the edge of a region stands; one along the raster is refused."""
     try:
         shape = edge_shape(image, sites)
@@ -318,7 +319,7 @@ def _stands(shape: EdgeShape) -> str:
     return f"{abs(shape.angle):.1f} degrees from the {'columns' if shape.vertical else 'rows'}"
 
 
-def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, image: Any, sites: Any) -> None:
+def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, image: Array, sites: Any) -> None:
     """An edge that no cubic follows: the picture departs from what was fitted by more than its noise."""
     step = 1 / found.snr if found.snr > 0 else math.inf
     if step <= MISFIT or step <= TIMES * _noise(image, sites) / _step(image, sites):
@@ -329,12 +330,12 @@ def _check_straight(what: str, found: EdgeResolution, shape: EdgeShape | None, i
     )
 
 
-def _step(image: Any, sites: Any) -> float:
+def _step(image: Array, sites: Any) -> float:
     low, high = np.percentile(image if sites is None else image[sites], (5, 95))
     return max(float(high - low), 1e-300)
 
 
-def _noise(image: Any, sites: Any) -> float:
+def _noise(image: Array, sites: Any) -> float:
     """rms of a pixel, from the median of differences between neighbours of one colour along the smoother direction."""
     if sites is None:
         steps = [np.diff(image, axis=0), np.diff(image, axis=1)]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue_camera.resolution.edge_region import FoundEdge, find_edges
 from etendue_lab.measure.photograph import Photograph
 from etendue_lab.measure.regions import Window
@@ -94,7 +95,7 @@ def _place(found: FoundEdge) -> Place:
     return Place(Window(left, top, right - left, bottom - top), found.strip)
 
 
-def _in_parts(image: Any, sites: Any) -> tuple[list[FoundEdge], list[str]]:
+def _in_parts(image: Array, sites: Any) -> tuple[list[FoundEdge], list[str]]:
     """Edges of the whole picture and of its parts, whose strongest things are others."""
     found, why = [], []
     for top, bottom, left, right in _parts(*image.shape):
@@ -167,7 +168,7 @@ def _smaller(photograph: Photograph, sites: Any, factor: int) -> Any:
     """Means of all channels over squares of so many pixels; of one colour where there are sites."""
     rows, columns = photograph.rows // factor, photograph.columns // factor
 
-    def total(plane: Any) -> Any:
+    def total(plane: Array) -> Any:
         return (
             plane[: rows * factor, : columns * factor]
             .reshape(rows, factor, columns, factor)

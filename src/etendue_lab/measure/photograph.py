@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from etendue import plain_files
+from etendue.arrays import Array
 from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue_camera.colour import encoding as transfer
@@ -159,7 +160,7 @@ class Photograph:
         """Whether the file holds cosine transforms of blocks, rounded."""
         return self.table is not None
 
-    def written(self, linear: Any, rng: np.random.Generator) -> Any:
+    def written(self, linear: Array, rng: np.random.Generator) -> Any:
         """A plane in linear light as a file like this one gives it back, at some place of its blocks, its levels
         between its numbers.
         """
@@ -186,7 +187,7 @@ class Photograph:
         top = (part >= self.full).any(-1)
         return top if self.is_raw else top | (part <= 0).any(-1)
 
-    def _decoded(self, values: Any) -> Any:
+    def _decoded(self, values: Array) -> Any:
         return LINEARISED[self.encoding](np.asarray(values, np.float64) / self.full)
 
 

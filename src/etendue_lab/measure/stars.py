@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.documents import Document
 from etendue.errors import RequestError
 from etendue_camera.resolution.star_interval import Bootstrap, count_cycles, star_resolution
@@ -65,7 +66,7 @@ def measured_star(photograph: Photograph, text: str, channel: str, cycles: int |
     }
 
 
-def _cycles(image: Any, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:
+def _cycles(image: Array, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:
     """What to try with the number of cycles."""
     if given is None:
         return "; --cycles N says how many periods it has in a turn"

@@ -147,7 +147,7 @@ class FlatField:
         cell = np.array([list(row) for row in mask.rows], dtype=object)
         return np.roll(cell, (-(down % cell.shape[0]), -(right % cell.shape[1])), (0, 1))
 
-    def window(self, array: Any) -> Any:
+    def window(self, array: Array) -> Any:
         """The middle of a picture, beginning at the cell's first place."""
         slices = []
         for size, period in zip(array.shape[-2:], self.mask.shape, strict=True):
@@ -194,7 +194,7 @@ class FlatField:
         full = scale.electrons()
         return {channel: sum(stage.variance(charge) for stage in noisy) / full**2 for channel, charge in signal.items()}
 
-    def flat_mosaic(self, mosaics: list[Any]) -> Any:
+    def flat_mosaic(self, mosaics: list[Array]) -> Any:
         """A mosaic of even channels, as large as the frame."""
         flat = np.empty((self.rows, self.columns))
         for y, x in np.ndindex(self.mask.shape):
@@ -224,7 +224,7 @@ class FlatField:
         return [((y, x), float(v * w)) for y, v in lines[0] for x, w in lines[1]]
 
     def responses(
-        self, flat: Any, found: Mapping[tuple[int, int], float], modelled: bool
+        self, flat: Array, found: Mapping[tuple[int, int], float], modelled: bool
     ) -> dict[tuple[str, str], list[tuple[Any, Any, float]]]:
         """By picture, for several places of the frame: its answers to a step of one pixel, (place in the cell, channel,
         y, x), the variance of these pixels, and the weight of the place."""
@@ -279,7 +279,7 @@ class FlatField:
                 reached.add(node.name)
         return [node.name for node in self.plan.nodes if node.name in reached - {self.first.name}]
 
-    def run(self, behind: list[str], mosaic: Any) -> dict[tuple[str, str], Any]:
+    def run(self, behind: list[str], mosaic: Array) -> dict[tuple[str, str], Any]:
         """The pictures that the stages behind make of another mosaic."""
         results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
         results[self.ref] = Result(arrays={**results[self.ref].arrays, MOSAIC: mosaic})

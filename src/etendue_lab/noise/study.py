@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.capabilities import Noisy
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
@@ -180,7 +181,7 @@ class _Measurement(FlatField):
             [(float(next_to[0][i, i]), float(next_to[1][i, i])) for i in range(len(names))],
         )
 
-    def _without_pattern(self, frames: Any) -> Any:
+    def _without_pattern(self, frames: Array) -> Any:
         """Minus what repeats with the cell: a demosaicer may leave the mosaic's own pattern on a flat field."""
         mean = frames.copy()
         for y, x in np.ndindex(self.mask.shape):

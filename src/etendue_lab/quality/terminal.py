@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from etendue.arrays import Array
 from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape, short_axes
 from etendue_camera.colour import matrices
@@ -130,7 +131,7 @@ def _line(console: Console, word: str, text: str) -> None:
     console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
 
 
-def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: str) -> bytes:
+def side_by_side(picture: Array, reference: Array, shown: Any, white: Any, title: str) -> bytes:
     """Camera, ideal camera and the map of CIEDE2000 as one PNG, at a whole number of screen pixels per pixel.
 
     ``picture`` and ``reference`` are XYZ within the range of their display, whose white is ``white``; they are shown as

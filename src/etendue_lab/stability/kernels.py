@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.telling import said
 from etendue_camera.colour import difference, encoding
 from etendue_camera.constants import ELEMENTARY_CHARGE
@@ -134,7 +135,7 @@ def rows_of_forms(names: frozenset[str]) -> Iterator[Row]:
 
 
 def judged(
-    stage: str, form: Form, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float
+    stage: str, form: Form, law: str, case: str, given: list[float], expected: Array, condition: float, unit: float
 ) -> Row:
     """One case: the largest relative error of what the kernel gives."""
     wanted = np.asarray([float(v) for v in expected] if isinstance(expected, list) else float(expected))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -164,7 +165,7 @@ class Otf:
         )
 
     @property
-    def weights(self) -> Array | None:
+    def weights(self) -> Any:
         """(channel, band): weights of the bands behind each filter, or None in front of the pixel."""
         stage = next((stage for _, stage in self.parts if isinstance(stage, Summed)), None)
         return None if stage is None else weights_of(stage, self.edges)
@@ -174,7 +175,7 @@ class Otf:
         """Middle of every band, in the unit in which transfer functions are asked."""
         return Product(tuple(stage for _, stage in self.parts), self.edges, prepared_for).middles[:, 0, 0]
 
-    def scene_along(self, fy: Array, fx: Array) -> Array:
+    def scene_along(self, fy: Array, fx: Array) -> Any:
         """(n,): with what the ideal chart of the scene was rendered; 1 where the scene does not say (photographs)."""
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         softness, cell = self.rendered or (0.0, 0.0)

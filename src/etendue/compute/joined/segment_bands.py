@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from etendue.plan.model import CellRef
 from etendue.transfer import expansion, sampling
 from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.segments import Result
 
 TOGETHER = 4  # bands projected in one product
 LARGEST_SHARED = 64 << 20  # bytes of the transforms of all channels, up to which they are kept for other pixels
@@ -58,12 +61,12 @@ class GridTransfer:
         """Rows and columns of the half transform that there is."""
         return self._rows.size, self._columns.size
 
-    def band(self, number: int) -> Array:
+    def band(self, number: int) -> Any:
         """(rows, columns)."""
         return self.product.at(self._rows[:, None], self._columns[None, :], slice(number, number + 1))[0]
 
     @cached_property
-    def plane(self) -> expansion.RadialPlane | None:
+    def plane(self) -> Any:
         """Radial look-up, where every stage depends on the radial frequency alone; else None."""
         if self.product.radial:
             y, x = self.grid.line("y"), self.grid.line("x")
@@ -138,7 +141,7 @@ def places(grid: Grid, out: Grid) -> list[tuple[float, float, int]]:
     return found
 
 
-def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Array | Banded]:
+def from_bands(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array | Banded]:
     """The arrays of a transfer stage, from the segment's input and every transfer function since."""
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]

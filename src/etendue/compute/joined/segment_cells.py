@@ -9,10 +9,10 @@ what the grid knows of each would not do. So every cell of such a segment starts
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from etendue.plan.model import CellRef
 from etendue.transfer import cell_pixels, cells, sampling
 from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.segments import Result
 
 ROUNDING = 64  # units in the last place of the brightest cell: what transforms leave where there is no light
 
@@ -47,7 +50,7 @@ class CellTransfer:
 
     @cached_property
     def product(self) -> Product:
-        def prepared(stage: Stage, _: Any) -> Any:
+        def prepared(stage: Stage, _: tuple[float, ...]) -> Any:
             return self.last[1] if self.last and stage is self.last[0] else prepared_on(stage, self.grid)
 
         return Product((*self.stages, *((self.last[0],) if self.last else ())), self.grid.bands().edges, prepared)
@@ -57,7 +60,7 @@ class CellTransfer:
         return lambda fy, fx: self.product.at(fy, fx, slice(band, band + 1))[0]
 
     @cached_property
-    def _key(self) -> tuple[Any, ...]:
+    def _key(self) -> tuple[Hashable, ...]:
         states = tuple(state_of(stage) for stage in self.product.stages)
         return (states, self.grid.line("y"), self.grid.line("x"), self.grid.bands().edges)
 
@@ -66,7 +69,7 @@ class CellTransfer:
         found: cells.Reach = TABLES.get(("cells reach", *self._key, band), lambda: cells.reach_of(self.otf(band), step))
         return found
 
-    def table(self, band: int, what: Any, along_y: cells.Rule, along_x: cells.Rule) -> Array:
+    def table(self, band: int, what: Hashable, along_y: cells.Rule, along_x: cells.Rule) -> Array:
         """What multiplies the transform of one band, in the precision of the run; ``what`` names the rules."""
 
         def make() -> Array:
@@ -111,7 +114,7 @@ def without_rounding(found: Array, given: Array) -> Array:
     return found
 
 
-def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Array | Banded]:
+def from_cells(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Array | Banded]:
     """The arrays of a transfer stage on cells, from the segment's input and every transfer function since."""
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.documents import Document
 
 KINDS: dict[str, np.dtype[Any]] = {
@@ -31,7 +32,7 @@ class Columns:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def put(self, values: Any, kind: str = "f4") -> Document:
+    def put(self, values: Array, kind: str = "f4") -> Document:
         """Keep an array, flat in C order: ``{"at": byte, "count": numbers, "kind": "f4"}``."""
         flat = np.ascontiguousarray(values).ravel().astype(KINDS[kind])
         shuffled = flat.view("u1").reshape(-1, KINDS[kind].itemsize).T.tobytes()
@@ -40,7 +41,7 @@ class Columns:
         self._size += len(shuffled)
         return place
 
-    def words(self, texts: Any) -> Document:
+    def words(self, texts: Array) -> Document:
         """Keep texts that come again and again: each once, and which one it is."""
         known, which = np.unique(np.asarray(texts, dtype=object).astype(str), return_inverse=True)
         kind = "u1" if len(known) <= 256 else "u2" if len(known) <= 65536 else "u4"

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.variables import variable, without
 from etendue.errors import ArchiveError
 from etendue.present.page.opened import PLANE, Group, Opened
@@ -29,7 +30,7 @@ class Coordinate:
     label: str
     units: str
     axes: tuple[str, ...]
-    values: Any  # (axes..., dim)
+    values: Array  # (axes..., dim)
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Figure:
     units: str
     axes: tuple[str, ...]
     dims: tuple[str, ...]
-    values: Any  # (axes..., dims...)
+    values: Array  # (axes..., dims...)
     coordinates: dict[str, list[Coordinate]] = field(default_factory=dict)
     meanings: tuple[str, ...] = ()  # of whole numbers that stand for something
 

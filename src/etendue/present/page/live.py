@@ -11,7 +11,7 @@ import json
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ class Live:
         self.serial = 1
         self._lock = threading.RLock()
         self._drawn: tuple[int, Document] | None = None
-        self._pictures: OrderedDict[tuple[Any, ...], Picture] = OrderedDict()
+        self._pictures: OrderedDict[tuple[Hashable, ...], Picture] = OrderedDict()
         self._seen, self._state, self._cost = time.monotonic(), self._stat(), 0.5
         self._made()
         self.answers: dict[str, Callable[[Words], tuple[str, bytes, dict[str, str]]]] = {

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from etendue.arrays import Array
 from etendue.contract import seen as seen_as
 from etendue.contract.drawn import Drawn, Pictured, read
 from etendue.errors import ArchiveError
@@ -44,7 +45,7 @@ class Picture:
     group: Group
     variable: str
     places: Mapping[str, int]  # on the axes of the sweep
-    array: Any  # (..., y, x) as stored
+    array: Array  # (..., y, x) as stored
     origin: tuple[float, float]  # y, x of the first sample
     step: tuple[float, float]
     on_plane: bool  # whether they are um on the image plane; else samples
@@ -158,7 +159,7 @@ def drawn_of(opened: Opened, stage: str, variable: str) -> Drawn:
     return read(variable, opened.groups[stage][0].data.variables[variable].attrs, {})
 
 
-def _bytes(picture: Any) -> Any:
+def _bytes(picture: Array) -> Any:
     return np.ascontiguousarray(np.moveaxis(as_bytes(picture), 0, -1))
 
 

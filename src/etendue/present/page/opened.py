@@ -7,7 +7,7 @@ Out: ``Opened``. Arrays are read where the journal says they lie, and held again
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from etendue.archive.provenance import latest_record, records
 from etendue.archive.reading import metadata_of
 from etendue.archive.stored import Stored
 from etendue.archive.unfolding import check_group
-from etendue.documents import Document
+from etendue.documents import AxisValue, Document
 from etendue.errors import ArchiveError
 
 PLANE = ("y", "x")
@@ -41,10 +41,10 @@ class Axis:
     key: str  # the parameter: "sharpen.strength"
     label: str
     units: str
-    values: tuple[Any, ...]
+    values: tuple[AxisValue, ...]
 
     @cached_property
-    def places(self) -> Mapping[Any, int]:
+    def places(self) -> Mapping[AxisValue, int]:
         return {value: place for place, value in enumerate(self.values)}
 
     @property
@@ -58,7 +58,7 @@ class Group:
 
     stage: str
     path: str
-    axes: Mapping[str, list[Any]]  # values by dim, as stored
+    axes: Mapping[str, list[AxisValue]]  # values by dim, as stored
     data: xarray.Dataset
 
     @property
@@ -92,7 +92,7 @@ class Opened:
         self.running = is_running(folder)
         self.stored = Stored(folder)
         self.damaged: set[str] = set()
-        self.whites: dict[tuple[Any, ...], float] = {}
+        self.whites: dict[tuple[Hashable, ...], float] = {}
         record = latest_record(folder)
         if record is None:
             why = (
@@ -148,7 +148,7 @@ class Opened:
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
         """Every axis that any group has, in the order of the sweep."""
-        values: dict[str, dict[Any, None]] = {str(dim): {} for dim in self.record["axes"]}
+        values: dict[str, dict[AxisValue, None]] = {str(dim): {} for dim in self.record["axes"]}
         shown: dict[str, tuple[str, str, str]] = {}
         for group in (one for groups in self.groups.values() for one in groups):
             for dim, own in group.axes.items():

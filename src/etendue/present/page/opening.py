@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.contract.variables import Variable
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import Subject, subjects
-from etendue.documents import Document, Place
+from etendue.documents import Document, DocumentView
 from etendue.present.page.figures import Figure
 from etendue.present.page.opened import Axis
 from etendue.present.page.tables import Ledger
@@ -69,7 +70,7 @@ class Number:
     def at(self, place: Mapping[str, int]) -> float:
         return float(self.values[tuple(place[dim] for dim in self.figure.axes)])
 
-    def worth(self, values: Any) -> Any:
+    def worth(self, values: Array) -> Any:
         """More is better, in equal ratios: decibels and stops are ratios already."""
         if self.figure.units in ("dB", "stop"):
             values = 10 ** (values / 20) if self.figure.units == "dB" else 2.0**values
@@ -114,7 +115,7 @@ def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
     return sorted(last.values(), key=lambda one: one.known.rank)
 
 
-def _open(numbers: Sequence[Number], chosen: Place | None) -> list[Number]:
+def _open(numbers: Sequence[Number], chosen: DocumentView | None) -> list[Number]:
     """One figure of each subject, those of the front first; where no subject is known, the first that there are."""
     found = []
     for subject in _opens():
@@ -211,7 +212,7 @@ def _burnt(numbers: Sequence[Number], over: Sequence[Axis]) -> Any:
     return found
 
 
-def _shares(worth: Any) -> Any:
+def _shares(worth: Array) -> Any:
     """Of the best of each column: its ratio, or, where less is better, that of the best to it; of what may be 0, the
     share of its range.
     """
@@ -228,7 +229,7 @@ def _shares(worth: Any) -> Any:
     return found
 
 
-def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int], usable: Any) -> list[Document]:
+def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int], usable: Array) -> list[Document]:
     """What one step along each axis would change: the ratio of both figures, and whether it would burn."""
     found = []
     for axis in over:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.arrays import Array
 from etendue.documents import Document
 from etendue.errors import ArchiveError
 from etendue.present.page.looks import Picture, drawn_of, picture, pictured
@@ -188,7 +189,7 @@ def _picture(opened: Opened, stage: str, variable: str, place: dict[str, int]) -
         return None
 
 
-def _webp(pixels: Any, quality: int | None) -> bytes:
+def _webp(pixels: Array, quality: int | None) -> bytes:
     from PIL import Image
 
     file = io.BytesIO()

@@ -17,6 +17,7 @@ import xarray
 from etendue.archive.manifest import DATA
 from etendue.archive.remembered import documents
 from etendue.archive.unfolding import check_group
+from etendue.arrays import Array
 from etendue.documents import Document
 from etendue.present.page.opened import Opened
 
@@ -155,19 +156,19 @@ def measured(opened: Opened) -> list[Document]:
     return sorted(found.values(), key=lambda one: -one["rms"])
 
 
-def _by(table: Ledger, which: Any, column: str) -> list[tuple[str, str, Any]]:
+def _by(table: Ledger, which: Array, column: str) -> list[tuple[str, str, Array]]:
     pairs = dict.fromkeys(zip(table["stage"][which].tolist(), table[column][which].tolist(), strict=True))
     return [
         (str(stage), str(text), which & (table["stage"] == stage) & (table[column] == text)) for stage, text in pairs
     ]
 
 
-def _total(values: Any) -> float | None:
+def _total(values: Array) -> float | None:
     known = values[np.isfinite(values)]
     return float(known.sum()) if known.size else None
 
 
-def _largest(values: Any) -> float | None:
+def _largest(values: Array) -> float | None:
     known = values[np.isfinite(values)]
     return float(known.max()) if known.size else None
 

@@ -67,7 +67,7 @@ class Appearance:
             return planes[:3] if len(planes) >= 3 else np.repeat(planes[:1], 3, axis=0)
         return np.tensordot(self.matrix.astype(planes.dtype), planes, axes=1)
 
-    def ends(self, plane: Any) -> tuple[float, float]:
+    def ends(self, plane: Array) -> tuple[float, float]:
         """The numbers of a map that are black and white, or their logarithms."""
         if self.drawn.range is not None:
             low, high = np.log(self.drawn.range) if self.drawn.log else self.drawn.range
@@ -79,14 +79,14 @@ class Appearance:
             low, high = min(low, found.min(initial=np.inf)), max(high, found.max(initial=-np.inf))
         return float(low), float(high)
 
-    def share(self, rows: Any, ends: tuple[float, float]) -> Any:
+    def share(self, rows: Array, ends: tuple[float, float]) -> Any:
         """How far numbers lie between both ends."""
         found, (low, high) = self._measured(rows), ends
         with np.errstate(invalid="ignore"):
             share = (found - low) / (high - low) if high > low else np.where(np.isnan(found), np.nan, 0.5)
         return np.clip(share, 0, 1).astype(np.float32)
 
-    def _measured(self, rows: Any) -> Any:
+    def _measured(self, rows: Array) -> Any:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.log(rows, dtype=np.float64) if self.drawn.log else rows.astype(np.float64)
 
@@ -134,7 +134,7 @@ def brightness(small: Array) -> float:
     return bright if bright > 0 else 1.0
 
 
-def whites_of(pictures: Sequence[tuple[Pictured, Any]]) -> list[float]:
+def whites_of(pictures: Sequence[tuple[Pictured, Array]]) -> list[float]:
     """The value shown as white in each of a cell's pictures, made small, in the order of the light."""
     order, found = [one for one, _ in pictures], dict[int, float]()
     for number, (one, _) in enumerate(pictures):
@@ -162,12 +162,12 @@ def striped(shape: tuple[int, ...]) -> Any:
     return np.moveaxis(stripes, -1, 0)
 
 
-def as_bytes(seen: Array) -> Array:
+def as_bytes(seen: Array) -> Any:
     """(3, y, x) uint8."""
     return np.rint(255 * seen).astype(np.uint8)
 
 
-def encoded(linear: Array) -> Array:
+def encoded(linear: Array) -> Any:
     """The curve of a screen: (...) of linear values in 0 to 1, IEC 61966-2-1, in the dtype of what is given."""
     linear = np.asarray(linear)
     curve = np.maximum(linear, linear.dtype.type(0.0031308)) ** linear.dtype.type(1 / 2.4)

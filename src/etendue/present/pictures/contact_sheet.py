@@ -49,7 +49,7 @@ class _Tile:
     place: tuple[float, ...]
 
 
-def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Any] = ()) -> None:
+def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Array] = ()) -> None:
     """All frames in order, each with its stage, variable and true size, as one PNG. Written whole or not at all.
 
     Frames stand at a whole number of dots per sample where they are enlarged, and so does what has a pattern: resampled
@@ -92,7 +92,7 @@ def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequen
     _save(whole, maps, path)
 
 
-def with_maps(path: Path, sheet: Path, maps: Sequence[Any]) -> None:
+def with_maps(path: Path, sheet: Path, maps: Sequence[Array]) -> None:
     """The sheet of an earlier run with the maps of this one below its pictures."""
     from PIL import Image
 
@@ -102,7 +102,7 @@ def with_maps(path: Path, sheet: Path, maps: Sequence[Any]) -> None:
     _save(pictures, maps, path)
 
 
-def _save(pictures: Image.Image, maps: Sequence[Any], path: Path) -> None:
+def _save(pictures: Image.Image, maps: Sequence[Array], path: Path) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -121,9 +121,9 @@ def _save(pictures: Image.Image, maps: Sequence[Any], path: Path) -> None:
     os.replace(temporary, path)
 
 
-def _flowed(maps: Sequence[Any], width: int) -> list[tuple[int, list[tuple[int, Any]]]]:
+def _flowed(maps: Sequence[Array], width: int) -> list[tuple[int, list[tuple[int, Array]]]]:
     """Maps side by side in as many rows as they need: the height of each row, and where its maps begin."""
-    rows: list[tuple[int, list[tuple[int, Any]]]] = []
+    rows: list[tuple[int, list[tuple[int, Array]]]] = []
     left = width
     for one in maps:
         y, x = one.shape[:2]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from etendue.arrays import Array
 from etendue.present.pictures.appearance import encoded as on_screen
 
 SIDE, SHOWN, COLUMNS = 56, 280, 5  # samples of a crop, its size on the screen, crops in a row
@@ -31,7 +32,7 @@ class Strip:
     plane: Plane | None = None
 
 
-def where_most(pictures: list[Any], side: int) -> tuple[int, int]:
+def where_most(pictures: list[Array], side: int) -> tuple[int, int]:
     """First row and column of the window in which pictures differ most among each other."""
     spread = np.stack([np.asarray(p, np.float64) for p in pictures]).std(axis=0).mean(axis=0)
     rows, columns = spread.shape

@@ -24,7 +24,7 @@ def as_float(rows: Array) -> Array:
     return rows.astype(np.float32, copy=False)
 
 
-def fitted(picture: Array, decode: Decode = as_float) -> Array:
+def fitted(picture: Array, decode: Decode = as_float) -> Any:
     """Area-averaged until it fits; smaller pictures stay as they are.
 
     Parameters
@@ -87,7 +87,7 @@ class Rows(ABC):
         self.left = rows[..., self.start - start :, :].copy()
 
     @abstractmethod
-    def put(self, row: int, first: int, weights: Any, light: Any) -> None: ...
+    def put(self, row: int, first: int, weights: Array, light: Array) -> None: ...
 
     @abstractmethod
     def made(self) -> Any: ...
@@ -139,14 +139,14 @@ def _fitting(size: int, largest: int) -> int:
 
 
 @lru_cache(maxsize=16)
-def _down(before: int, after: int) -> tuple[tuple[int, Any], ...]:
+def _down(before: int, after: int) -> tuple[tuple[int, Array], ...]:
     """For each sample after: the first sample before that lies in it, and the share of that one and the next."""
     whole = area_weights(before, after).astype(np.float32)
     spans = [(row * before // after, -(-(row + 1) * before // after)) for row in range(after)]
     return tuple((first, whole[row, first:last].copy()) for row, (first, last) in enumerate(spans))
 
 
-def _across(rows: Array, down: tuple[tuple[int, Any], ...]) -> Array:
+def _across(rows: Array, down: tuple[tuple[int, Array], ...]) -> Array:
     """Columns averaged as rows were: (..., y', x) to (..., y', x')."""
     turned = np.ascontiguousarray(np.swapaxes(rows, -1, -2))
     found = np.empty((*turned.shape[:-2], len(down), turned.shape[-1]), np.float32)

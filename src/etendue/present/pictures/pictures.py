@@ -113,7 +113,7 @@ def sheet(
     shown: Mapping[str, CellRef],
     small: Mapping[CellRef, Mapping[str, Thumbnail]],
     at: str,
-    maps: Callable[[], list[Any]] = list,
+    maps: Callable[[], list[Array]] = list,
 ) -> Sheet | None:
     """The pictures of the shown cells, which stand at the axis values ``at``; None where there is nothing to be
     seen.
@@ -126,7 +126,7 @@ def sheet(
     return Sheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
 
 
-def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> Sheet | None:
+def same_pictures(folder: Path, maps: Callable[[], list[Array]]) -> Sheet | None:
     """The sheet of an earlier run, whose pictures are still those of the shown cells, with maps of what is known
     now.
     """

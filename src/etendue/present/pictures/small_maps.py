@@ -17,6 +17,7 @@ import numpy as np
 from etendue.arrays import Array
 from etendue.contract.variables import variable as known
 from etendue.contract.wording import first
+from etendue.documents import AxisValue
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, CellRef, Node, Plan
 from etendue.plan.shown import shown_cells
@@ -41,7 +42,7 @@ class SmallMap:
     node: str
     variable: str
     unit: str
-    sides: tuple[tuple[str, tuple[Any, ...], str], ...]  # along x, then y: name, values, unit
+    sides: tuple[tuple[str, tuple[AxisValue, ...], str], ...]  # along x, then y: name, values, unit
     cells: tuple[CellRef, ...]  # (y, x), row by row
     at: str
     names: tuple[str, ...] = ()  # that its numbers stand for
@@ -97,7 +98,7 @@ def _some(axis: Axis) -> list[int]:
     ]
 
 
-def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> Array:
+def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Array]]) -> Array:
     """(y, x) float64: the last of several stages; NaN where a cell is not there."""
     found = [
         float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan
@@ -160,7 +161,7 @@ def _draw_names(pen: Any, names: Sequence[str], base: int) -> None:
         place += 26 + round(letters.getlength(text))
 
 
-def _colours(values: Array, named: bool) -> Array:
+def _colours(values: Array, named: bool) -> Any:
     """(y, x, 3): by share of the range, in equal ratios where numbers differ by more than thirty times; or by index."""
     if named:
         return NAMED[np.nan_to_num(values).astype(int) % len(NAMED)]
@@ -194,14 +195,14 @@ def _text(value: float | str) -> str:
     return str(value) if isinstance(value, str | bool) else f"{float(value):.4g}"
 
 
-def _number(value: float) -> str:
+def _number(value: Any) -> str:
     text = f"{value:.2e}" if 0 < abs(value) < 1e-3 else f"{value:.3g}"
     return f"{value:.0f}" if "e+0" in text and abs(value) < 1e5 else text.replace("e-0", "e-").replace("e+0", "e")
 
 
 def all_drawn(
-    maps: Sequence[SmallMap], figures: Mapping[CellRef, Mapping[str, Any]], failed: Sequence[CellRef]
-) -> list[Any]:
+    maps: Sequence[SmallMap], figures: Mapping[CellRef, Mapping[str, Array]], failed: Sequence[CellRef]
+) -> list[Array]:
     """Every map whose numbers differ."""
     wrong = set(failed)
     found = []

@@ -69,7 +69,7 @@ class _View:
         """The same of rows that begin where the band begins; what comes row by row has it from here."""
         return np.array(self.seen.rgb(rows, self.rows[0]), dtype=np.float32)
 
-    def _large_light(self, array: Array) -> tuple[Any, Any]:
+    def _large_light(self, array: Array) -> tuple[Array, Array]:
         """Made small, and some rows of it: perhaps stored by band, as it is too large to be held."""
         small, band = [], _Mixing(self.seen)
         for number in range(array.shape[0]):
@@ -101,7 +101,7 @@ class Look:
     figures: frozenset[str]
     kept: frozenset[str] = frozenset()  # what is handed on as it is
 
-    def __call__(self, arrays: Mapping[str, Array]) -> dict[str, Any]:
+    def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]:
         """Thumbnails and figures by variable; a thumbnail stays as it is."""
         found = {v: arrays[v] for v in self.figures | self.kept if v in arrays}
         for variable, view in self.views.items():
@@ -153,7 +153,7 @@ class Gathering:
         self.view, self.size, self.rows = view, (shape[-2], shape[-1]), rows
         self.band: list[Any] = []
 
-    def take(self, start: int, rows: Any) -> None:
+    def take(self, start: int, rows: Array) -> None:
         self.rows.take(start, rows)
         first, last = (min(max(0, end - start), rows.shape[-2]) for end in self.view.rows)
         if last > first:

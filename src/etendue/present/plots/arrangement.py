@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etendue.contract.wording import first, prefix
-from etendue.documents import Place
+from etendue.documents import AxisValue, Place
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.holdings import Held
 from etendue.present.plots.labels import name_text, value_text
@@ -25,14 +25,14 @@ class Dim:
     """A dim as it stands beside a plot."""
 
     name: str
-    values: tuple[Any, ...]
+    values: tuple[AxisValue, ...]
     units: str = "1"
 
     @property
     def title(self) -> str:
         return name_text(self.name, self.units)
 
-    def text(self, value: float | str) -> str:
+    def text(self, value: Any) -> str:
         """A value with its unit; with the name of the dim where the unit does not tell it."""
         text = value_text(value, self.units, self.name)
         bare = not isinstance(value, str) and self.units in ("", "1") and not prefix(self.name)

@@ -7,17 +7,20 @@ Out: a ``Plot`` of three columns of bars over the stages in their order.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from etendue.contract.wording import words as called
-from etendue.documents import DocumentView
+from etendue.documents import AxisValue, DocumentView
 from etendue.errors import RequestError
 from etendue.plugins.shares import shared_out
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import Plot, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "seconds_saved", "error", "how", "bound")
 
@@ -73,7 +76,7 @@ def budget(holdings: Holdings, blame: DocumentView | None = None, place: str = "
     )
 
 
-def _draw_time(axes: Any, at: Mapping[str, list[Any]]) -> None:
+def _draw_time(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
     """Bars of thread time by stage, spent and saved."""
     rank = np.arange(len(at["stage"]))
     seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
@@ -104,7 +107,7 @@ def _draw_time(axes: Any, at: Mapping[str, list[Any]]) -> None:
     axes.invert_yaxis()
 
 
-def _draw_error(axes: Any, at: Mapping[str, list[Any]]) -> None:
+def _draw_error(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
     """Bars of stated errors by stage, on a logarithmic axis."""
     rank = np.arange(len(at["stage"]))
     stated = np.array([np.nan if v is None else v for v in at["error"]], float)
@@ -135,7 +138,7 @@ def _draw_error(axes: Any, at: Mapping[str, list[Any]]) -> None:
     axes.set_title("largest error, share of full scale", fontsize=9)
 
 
-def _draw_cells(axes: Any, at: Mapping[str, list[Any]]) -> None:
+def _draw_cells(axes: Axes, at: Mapping[str, list[AxisValue]]) -> None:
     """Bars of the share of cells that were left out, coarser or failed."""
     rank = np.arange(len(at["stage"]))
     shares = {
@@ -155,7 +158,7 @@ def _draw_cells(axes: Any, at: Mapping[str, list[Any]]) -> None:
     axes.set_title("share of the cells, %", fontsize=9)
 
 
-def _draw_loss(axes: Any, loss: DocumentView) -> None:
+def _draw_loss(axes: Axes, loss: DocumentView) -> None:
     """Bars of what each stage is owed; what wins back to the left."""
     names, shares = [one["stage"] for one in loss["stages"]], np.array([_known(one["share"]) for one in loss["stages"]])
     place = np.arange(len(names))

@@ -78,7 +78,7 @@ def curves(
     return Plot(figure, columns, rows)
 
 
-def _scale(grid: Sequence[Any], held: Held, spread: Dim | None) -> None:
+def _scale(grid: Sequence[Axes], held: Held, spread: Dim | None) -> None:
     """``spread``: the axis along x, if its values are far apart."""
     unit = unit_text(held.units)
     for axes in grid:
@@ -91,7 +91,7 @@ def _scale(grid: Sequence[Any], held: Held, spread: Dim | None) -> None:
 
 
 def _draw_panels(
-    grid: Sequence[Any], place: Arrangement, holdings: Holdings, held: Held, x: tuple[str, str], hue: Dim | None
+    grid: Sequence[Axes], place: Arrangement, holdings: Holdings, held: Held, x: tuple[str, str], hue: Dim | None
 ) -> tuple[list[list[Any]], str]:
     """All panels: their numbers, and what the last end of x is called."""
     rows: list[list[Any]] = []
@@ -215,7 +215,7 @@ def _end(holdings: Holdings, held: Held, at: Place, units: str) -> tuple[float, 
     return None
 
 
-def _figure(panels: Sequence[Dim]) -> tuple[Any, list[Any]]:
+def _figure(panels: Sequence[Dim]) -> tuple[Figure, list[Axes]]:
     count = int(np.prod([len(dim.values) for dim in panels])) if panels else 1
     columns = len(panels[1].values) if len(panels) == 2 else min(3, count)
     rows = -(-count // columns)
@@ -227,7 +227,7 @@ def _figure(panels: Sequence[Dim]) -> tuple[Any, list[Any]]:
     ]
 
 
-def _colours(hue: Dim | None) -> Sequence[Any]:
+def _colours(hue: Dim | None) -> Any:
     from matplotlib import colormaps
 
     if hue is None:
@@ -237,7 +237,7 @@ def _colours(hue: Dim | None) -> Sequence[Any]:
     return [colormaps["tab10" if len(hue.values) <= 10 else "tab20"](i) for i in range(len(hue.values))]
 
 
-def _plain_ticks(axes: Any, values: Sequence[float]) -> None:
+def _plain_ticks(axes: Axes, values: Sequence[float]) -> None:
     from matplotlib.ticker import NullFormatter
 
     shown = values if len(values) <= 8 else values[:: -(-len(values) // 8)]

@@ -15,10 +15,11 @@ import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS
+from etendue.arrays import Array
 from etendue.contract.names import TABLES
 from etendue.contract.variables import Variable, without
 from etendue.contract.variables import variable as known
-from etendue.documents import Document, DocumentView, Place
+from etendue.documents import AxisValue, Document, DocumentView, Place
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.present.plots.labels import title_text
 
@@ -37,7 +38,7 @@ class Held:
     stage: str
     variable: str
     groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one, or one for each shape
-    order: Mapping[str, Mapping[Any, int]] = field(
+    order: Mapping[str, Mapping[AxisValue, int]] = field(
         default_factory=dict, repr=False
     )  # of names along axes, as they were swept
     archive: str = field(default=ANY, repr=False)  # as it is called where commands are typed
@@ -90,9 +91,9 @@ class Held:
         coordinate = self.groups[0].get(dim)
         return coordinate is None or coordinate.dtype.kind in "fiu"
 
-    def values_of(self, dim: str) -> list[Any]:
+    def values_of(self, dim: str) -> list[AxisValue]:
         """The values along an axis or a dim: those of all shapes, numbers in order."""
-        found: dict[Any, None] = {}
+        found: dict[AxisValue, None] = {}
         for group in self.groups:
             if dim in group.coords:
                 found.update(dict.fromkeys(group[dim].values.tolist()))
@@ -177,7 +178,7 @@ class Held:
 
     def _cells(
         self, group: xarray.Dataset, variable: str, at: Place, axes: Sequence[str]
-    ) -> tuple[xarray.DataArray, Any]:
+    ) -> tuple[xarray.DataArray, Array]:
         """A variable of a group at some values, and over the axes what became of each cell."""
         chosen = group[[variable, *(["status"] if "status" in group else [])]].sel(
             {k: v for k, v in at.items() if k in group.coords}
@@ -211,25 +212,25 @@ class Holdings:
         return [one for one in self if one.kind in kinds]
 
     @property
-    def axes(self) -> dict[str, list[Any]]:
+    def axes(self) -> dict[str, list[AxisValue]]:
         """Every axis of the sweep with its values."""
-        found: dict[str, dict[Any, None]] = {}
+        found: dict[str, dict[AxisValue, None]] = {}
         for one in self:
             for dim in one.axes:
                 found.setdefault(dim, {}).update(dict.fromkeys(one.values_of(dim)))
         return {dim: self._sorted(dim, values) for dim, values in found.items()}
 
-    def _sorted(self, dim: str, values: Iterable[Any]) -> list[Any]:
+    def _sorted(self, dim: str, values: Iterable[AxisValue]) -> list[AxisValue]:
         """Names as they were swept; numbers as they stand."""
         place = self.order.get(dim, {})
         return sorted(values, key=lambda v: place.get(v, len(place))) if place else list(values)
 
-    def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[Any, int]]:
+    def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[AxisValue, int]]:
         """The names along each axis as they were swept: as the ledger has them, else as the group that has most of
         them.
         """
         ledger = self.table("ledger")
-        found: dict[str, dict[Any, None]] = {}
+        found: dict[str, dict[AxisValue, None]] = {}
         along: dict[str, list[list[str]]] = {}
         for group in groups:
             for dim in map(str, group["status"].dims if "status" in group else ()):

@@ -41,7 +41,7 @@ def unit_text(units: str) -> str:
     return re.sub(r"(?<=[A-Za-zµ])-?\d+", lambda found: found.group().translate(RAISED), text)
 
 
-def value_text(value: float | str, units: str = "", dim: str = "") -> str:
+def value_text(value: Any, units: str = "", dim: str = "") -> str:
     """A value of an axis with its unit or what its quantity has in front, seconds with a prefix."""
     if isinstance(value, str) or value is None or not _is_number(value):
         return str(value)

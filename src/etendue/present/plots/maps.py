@@ -112,7 +112,7 @@ def names_of(held: Held) -> list[str]:
     return said or beside
 
 
-def laid_out(held: Held, place: Arrangement) -> tuple[Any, Any, Any]:
+def laid_out(held: Held, place: Arrangement) -> tuple[Array, Array, Array]:
     """Values, whether the cell failed, and whether it was computed: (panel, y, x) each."""
     at = {dim: value for dim, value in place.fixed.items() if dim in (*held.axes, *held.dims)}
     values, failed = held.values(at), held.failed(at)

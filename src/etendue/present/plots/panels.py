@@ -7,13 +7,15 @@ Out: a figure, every cell with its value or its name's colour; cells that failed
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from etendue.arrays import Array
+from etendue.documents import AxisValue
 from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import new_figure
 
@@ -33,23 +35,23 @@ FAILED, NOTHING = "×", "–"
 class Sides:
     """What stands along the sides of every panel, and over each. Texts, or numbers that become texts."""
 
-    x: Sequence[Any]
-    y: Sequence[Any]
-    panels: Sequence[Any]
+    x: Sequence[AxisValue]
+    y: Sequence[AxisValue]
+    panels: Sequence[AxisValue]
     x_name: str = ""
     y_name: str = ""
     columns: int = 0  # of panels; 0: as fits
 
 
 def map_of_figures(
-    values: Any,
+    values: ArrayLike,
     sides: Sides,
     title: str,
     unit: str = "",
     digits: int = 3,
     failed: Array | None = None,
     there: Array | None = None,
-) -> Figure | None:
+) -> Any:
     """Numbers by colour on one scale, each also written in its cell.
 
     Parameters
@@ -119,10 +121,10 @@ def map_of_names(
     names: Sequence[str],
     sides: Sides,
     title: str,
-    failed: Any = None,
+    failed: ArrayLike | None = None,
     said: str = "no value",
     tints: Mapping[str, str] | None = None,
-) -> Figure:
+) -> Any:
     """Names by colour with a legend; ``indices`` (panel, y, x) point into ``names``, and what is unknown (NaN) stays
     white.
 
@@ -199,7 +201,7 @@ def _explain(figure: Figure, failed: Array | None, values: Array, there: Array |
         figure.supxlabel("     ".join(words), fontsize=8, color="0.35")
 
 
-def _checked(values: Any, sides: Sides) -> Array:
+def _checked(values: ArrayLike, sides: Sides) -> Any:
     values = np.asarray(values, dtype=float)
     wanted = (len(sides.panels), len(sides.y), len(sides.x))
     if values.shape != wanted:
@@ -207,7 +209,7 @@ def _checked(values: Any, sides: Sides) -> Array:
     return values
 
 
-def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
+def _panels(sides: Sides, title: str) -> tuple[Figure, list[Axes], float]:
     """A figure with one panel for each label, its sides labelled; and how high letters in a cell may be, 0 where
     they do not fit.
     """
@@ -237,7 +239,7 @@ def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
     return figure, found, min(7.5, 26 * cell) if cell > 0.17 else 0
 
 
-def _ticks(put: Any, labels: Sequence[Any], inches: float, turned: bool) -> None:
+def _ticks(put: Callable[..., object], labels: Sequence[Any], inches: float, turned: bool) -> None:
     """Labels of cells, as many as there is room for."""
     texts = [_text(label) for label in labels]
     letters = max((len(text) for text in texts), default=1)

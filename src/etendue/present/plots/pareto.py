@@ -8,11 +8,12 @@ Out: a ``Plot``, its front named by axis values.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray
 
+from etendue.arrays import Array
 from etendue.contract.wording import first as goes_first
 from etendue.documents import AxisValue, Place
 from etendue.errors import RequestError, nearest
@@ -23,13 +24,16 @@ from etendue.present.plots.panels import wrapped
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 HIGHER, LOWER = "higher", "lower"
 SAID = {HIGHER: HIGHER, "max": HIGHER, "more": HIGHER, LOWER: LOWER, "min": LOWER, "less": LOWER}
 MARKERS = "osD^vP*Xhp<>"
 MOST_NAMED = 24
 
 
-def front(points: Any) -> Any:
+def front(points: Array) -> Any:
     """Which of some points no other beats: none is at least as good in every column and better in one.
 
     Parameters
@@ -164,7 +168,13 @@ def _at(held: Held, place: Place) -> xarray.DataArray:
 
 
 def _draw(
-    held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, index: Any, dims: Sequence[Dim], title: str
+    held: Sequence[Held],
+    sense: Sequence[str],
+    values: Array,
+    best: Array,
+    index: Array,
+    dims: Sequence[Dim],
+    title: str,
 ) -> Any:
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
@@ -227,7 +237,7 @@ def _draw(
     return figure
 
 
-def _name_points(axes: Any, values: Any, named: Any, index: Any, dims: Sequence[Dim]) -> list[str]:
+def _name_points(axes: Axes, values: Array, named: Array, index: Array, dims: Sequence[Dim]) -> list[str]:
     """Numbers beside some points, and a line for each: where it is, and both figures."""
     lines = []
     for number, place in enumerate(named, 1):
@@ -238,7 +248,7 @@ def _name_points(axes: Any, values: Any, named: Any, index: Any, dims: Sequence[
     return lines
 
 
-def _name_sides(axes: Any, held: Sequence[Held], sense: Sequence[str], values: Any) -> None:
+def _name_sides(axes: Axes, held: Sequence[Held], sense: Sequence[str], values: Array) -> None:
     for number, (one, word, name) in enumerate(zip(held, sense, "xy", strict=True)):
         unit = unit_text(one.units)
         own = values[:, number][np.isfinite(values[:, number])]

@@ -254,7 +254,7 @@ def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool, float]]) -> 
     return tiles
 
 
-def _draw(tiles: list[Tile], title: str) -> Figure:
+def _draw(tiles: list[Tile], title: str) -> Any:
     largest = max(max(one.picture.shape[:2]) for one in tiles)
     box = max(BOX, largest) if largest <= 512 and len(tiles) <= 12 else BOX
     across = min(COLUMNS if len(tiles) > 8 else 4, len(tiles))

@@ -10,6 +10,7 @@ import csv
 import io
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -223,7 +224,7 @@ def _value(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _settings(settings: DocumentView, reference: DocumentView = {}) -> str:
+def _settings(settings: DocumentView, reference: Mapping[str, Any] = {}) -> str:
     """Settings in words; those that stand at their reference go without saying."""
     moved = {key: value for key, value in settings.items() if key not in reference or value != reference[key]}
     return ", ".join(f"{key} = {_value(value)}" for key, value in moved.items()) or "the reference"

@@ -41,7 +41,7 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     cells, nodes = plan.cells, {node.name: node for node in plan.nodes}
     arrays: dict[str, Any] = {}
 
-    def put(name: str, long_name: str, of: Callable[[Cell], Any], units: str = "") -> None:
+    def put(name: str, long_name: str, of: Callable[[Cell], float | str], units: str = "") -> None:
         """Of every cell a text, or a number where there are units."""
         _put(arrays, name, long_name, lambda: [of(cell) for cell in cells.values()], units)
 

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from etendue.documents import Document
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 AROUND = (  # where a label may stand, points beside its own
     (8, 6, "left"),
@@ -73,7 +76,7 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
     return picture.getvalue()
 
 
-def _label(axes: Any, points: list[Point], renderer: Any) -> None:
+def _label(axes: Axes, points: list[Point], renderer: Any) -> None:
     """A name beside each point, where it covers no other and no name."""
     taken = [axes.transData.transform((p.seconds, p.error)) for p in points]
     boxes: list[Any] = []
@@ -139,7 +142,7 @@ def diagrams(title: str, panels: list[Panel]) -> bytes:
     return picture.getvalue()
 
 
-def _draw(axes: Any, series: Series, order: int) -> None:
+def _draw(axes: Axes, series: Series, order: int) -> None:
     points = [(seconds, error) for seconds, error in series.points if seconds > 0 and error > 0]
     if not points:
         return
@@ -153,7 +156,7 @@ def _draw(axes: Any, series: Series, order: int) -> None:
     axes.plot(x, y, label=series.label, **how)
 
 
-def _few_ticks(axes: Any) -> None:
+def _few_ticks(axes: Axes) -> None:
     """Numbers that do not overlap, room above for the legend."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 

@@ -6,7 +6,7 @@ Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; a variable's nam
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -89,7 +89,7 @@ class Display(Displaying, Haloed):
     def __post_init__(self) -> None:
         check_display(self.display)
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the display": self.display, "the white of the display": white_name(self.display)}
 
     def to_xyz(self) -> Any:
@@ -126,7 +126,7 @@ class _Cones(Haloed):
     def __post_init__(self) -> None:
         check_display(self.display)
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the display": self.display}
 
     def prepare(self, coordinates: Mapping[str, Array]) -> Any:
@@ -183,7 +183,7 @@ class ToXyz(Haloed):
     working: ClassVar = 0.7
 
     libraries: ClassVar = ("colour-science",)
-    error: ClassVar[Any] = measured(1e-6, 1e-15)
+    error: ClassVar = measured(1e-6, 1e-15)
 
     matrix: str = param(
         "sRGB", doc="of the display, as of stage display; ebu (eq. 16), eq16_corrected_3digit, eq16_as_printed"
@@ -192,7 +192,7 @@ class ToXyz(Haloed):
     def __post_init__(self) -> None:
         spectra.check_rgb_space(self.matrix, (*PRINTED, "ebu", *MEASURED))
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the display": "ebu" if self.matrix in PRINTED else self.matrix}
 
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
@@ -216,7 +216,7 @@ class _Encoding(Haloed):
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"))
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power' (eq. 15)")
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the encoding": ("power", self.exponent) if self.encoding == "power" else self.encoding}
 
 

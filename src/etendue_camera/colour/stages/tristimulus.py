@@ -6,7 +6,7 @@ Out: ``xyz_scene``; what becomes of it on a display is in ``display.py``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -243,7 +243,7 @@ class Balance(Viewed, Haloed):
     def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return white_of(self.target)
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         """The paper's diagonal ends in a white of its own."""
         return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
 

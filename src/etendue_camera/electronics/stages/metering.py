@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -62,7 +62,7 @@ class Meter(GainChain):
             not self.shortest > self.longest, f"shortest = {self.shortest:g} s is above longest = {self.longest:g} s"
         )
 
-    def time(self, photocurrent: FloatArray | None) -> float:
+    def time(self, photocurrent: Any) -> float:
         if self.metering == "exposure_value":
             wanted = self.f_number**2 / 2.0**self.exposure_value * 2.0**self.ev_bias
             return min(max(wanted, self.shortest), self.longest)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -103,7 +103,7 @@ class PhotonTransfer(Stage):
         whole = levels * self.repeats
         stacks = raw[:whole].reshape(levels, self.repeats, *raw.shape[1:])
         times = np.asarray(integration_time, dtype=float)[:whole].reshape(levels, self.repeats)
-        found: dict[str, Any] = {name: np.full((len(mask.channels), 3), np.nan) for name in FIGURES}
+        found: dict[str, Array] = {name: np.full((len(mask.channels), 3), np.nan) for name in FIGURES}
         curve = {name: np.full((len(mask.channels), levels), np.nan) for name in ("signal", "variance", "fit")}
         one_time = bool(np.all(times == times[:, :1]))
         for number, channel in enumerate(mask.channels):
@@ -124,7 +124,7 @@ class PhotonTransfer(Stage):
         return {"transfer_time": time, **{f"transfer_{name}": values for name, values in curve.items()}, **found}
 
 
-def _measured(times: Any, stacks: Any) -> emva.SensorFigures | None:
+def _measured(times: Array, stacks: Array) -> emva.SensorFigures | None:
     """Of levels (level, frame, y, x) whose first is the dark; None where they are no photon transfer curve."""
     if len(times) < 5 or not 0 <= times[0] < DARK * times[1:].min():
         return None

@@ -101,7 +101,7 @@ class Aberrations(Blur, Aberrated, Banded):
     def aperture(self) -> pupil.Aperture:
         return pupil.Aperture("annular", self.obstruction) if self.obstruction else pupil.Aperture()
 
-    def path(self, y: FloatArray, x: FloatArray, height_um: float) -> Any:
+    def path(self, y: FloatArray, x: FloatArray, height_um: float) -> FloatArray:
         """For an image point on the +y axis."""
         return self.path_at(y, x, height_um * 1e-3 / self.full_height, 0.0)
 
@@ -131,7 +131,7 @@ class Aberrations(Blur, Aberrated, Banded):
             )
         return samples
 
-    def bank(self, heights: Any, wavelengths: Any) -> PsfBank:
+    def bank(self, heights: FloatArray, wavelengths: FloatArray) -> PsfBank:
         """Spread functions at image heights (um) and wavelengths (um), every wavelength on samples of its own."""
         number, half = self.cone_f_number(), self.half(float(wavelengths[0]), heights)
         samples = self.samples(half)
@@ -148,7 +148,7 @@ class Aberrations(Blur, Aberrated, Banded):
                 )
         return PsfBank(np.asarray(heights), np.asarray(wavelengths), pictures, spacing, "Seidel wavefront")
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> blur.Prepared:
         y, x, bands = (
             coordinates["y_um"],
             coordinates["x_um"],
@@ -174,7 +174,7 @@ class Aberrations(Blur, Aberrated, Banded):
         """
         return step > 0.5 * shortest * self.cone_f_number()
 
-    def by_band(self, prepared: Any, bands: slice) -> Any:
+    def by_band(self, prepared: blur.Prepared, bands: slice) -> blur.Prepared:
         return prepared.take(bands)
 
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
@@ -201,7 +201,7 @@ class Aberrations(Blur, Aberrated, Banded):
             )
         return {}
 
-    def run(self, irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, irradiance: FloatArray, prepared: blur.Prepared) -> dict[str, Array]:
         return {"irradiance": blur.apply(irradiance, prepared)}
 
     def carry(self, facts: Mapping[str, Facts], grid: Mapping[str, Grid]) -> Facts:

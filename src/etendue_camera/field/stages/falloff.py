@@ -7,9 +7,9 @@ Out: ``irradiance``, each place with the factor of its angle or of a table.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -86,7 +86,7 @@ class Falloff(Dimming, Banded, Bounded):
             return self.rows().range(float(self.place(nearest(grid), corner)), float(self.place(corner, corner)))
         return float(self.relative(np.array(self.tangent(corner, corner)))), 1.0
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         if self.model == "table":
             return {"the fall-off": ("that of", self.table)}
         return {"the fall-off": (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))}

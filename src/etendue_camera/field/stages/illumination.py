@@ -7,7 +7,7 @@ Out: ``irradiance``, weaker away from the axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -148,7 +148,7 @@ class AngularResponse(Dimming, Banded, Bounded):
         if self.table and self.power:
             raise ValueError("power and table are both given; the response is one or the other")
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         return {"the response by angle": ("that of", self.table) if self.table else ("power", self.power)}
 
     def distance(self) -> float:

@@ -22,7 +22,7 @@ from etendue_camera.sensor.stages.masks import first_pixel, mask_of
 class DefectDetection(KnownNoise):
     """What the search for defects needs to know of the camera, and what it finds."""
 
-    error: ClassVar[Any] = measured(2e-7, 1e-15)  # of the arithmetic; what stood where a defect is, nobody knows
+    error: ClassVar = measured(2e-7, 1e-15)  # of the arithmetic; what stood where a defect is, nobody knows
 
     pattern: str = quantity("pattern")
     threshold: float = param(

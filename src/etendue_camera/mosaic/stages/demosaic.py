@@ -130,7 +130,7 @@ class DemosaicAny(Haloed):
     nanoseconds: ClassVar = 10.0
     working: ClassVar = 0.6
     # Of the arithmetic; what the method invents between samples is not an error of its arithmetic.
-    error: ClassVar[Any] = measured(1e-6, 3e-15)
+    error: ClassVar = measured(1e-6, 3e-15)
 
     pattern: str = quantity("pattern")
 

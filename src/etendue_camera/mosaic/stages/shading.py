@@ -7,7 +7,7 @@ Out: ``mosaic_linear``, as a lens without fall-off would give it, noisier away f
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -58,7 +58,7 @@ class LensShading(Conjugates, Bounded, Haloed):
     nanoseconds: ClassVar = 8.0
     working: ClassVar = 7.0
     # Of the arithmetic; how well model or table fit the lens is no error of it.
-    error: ClassVar[Any] = measured(1e-6, 2e-14)
+    error: ClassVar = measured(1e-6, 2e-14)
 
     pattern: str = quantity("pattern")
     map: str = param("model", choices=("model", "table"), doc="where the gains come from")
@@ -135,7 +135,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             )[0]
         )
 
-    def gains(self, y_um: FloatArray, x_um: FloatArray) -> FloatArray | None:
+    def gains(self, y_um: FloatArray, x_um: FloatArray) -> Any:
         """(1 or channel, y, x): what multiplies the light."""
         radius = np.hypot(y_um[:, None], x_um[None, :])
         if self.map == "model":
@@ -176,7 +176,7 @@ class LensShading(Conjugates, Bounded, Haloed):
             return 0.0, "strength is 0"
         return (self.largest(grid) - 1, "the largest gain is this close to 1") if self.map == "model" else None
 
-    def assumes(self) -> dict[str, Any]:
+    def assumes(self) -> dict[str, Hashable]:
         """What the model takes the lens for; a table is of no model."""
         if self.map != "model" or self.strength == 0:
             return {}

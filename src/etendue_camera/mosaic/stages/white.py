@@ -83,7 +83,7 @@ class WhiteEstimate(KnownNoise):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 6.0
     # Of the arithmetic; how far the estimate is from the truth is ``white_error``.
-    error: ClassVar[Any] = measured(2e-7, 1e-12)
+    error: ClassVar = measured(2e-7, 1e-12)
 
     pattern: str = quantity("pattern")
     method: str = param(

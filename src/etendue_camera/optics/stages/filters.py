@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Birefringent(Blur, Transfer):
     gain: ClassVar = (
         41.0  # shifts by parts of a sample on a grid that cuts the light's spectrum off, 10000 x 10000; else 1
     )
-    error: ClassVar[Any] = measured(1e-6, 5e-15)  # of the transform pair, as for every transfer function
+    error: ClassVar = measured(1e-6, 5e-15)  # of the transform pair, as for every transfer function
 
     separation_y: float = param(
         0.0, units="um", at_least=0, held=(0, 1e4), doc="distance of the spots along the filter's y; 0: not split"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -284,7 +284,7 @@ class Resolution(Probe):
             )
 
         how = (self.rendering, self.highest, self.nodes, self.solved, self.cut_off_contrast, self.point_nodes)
-        return cast(CurveFigures, otf.once(("resolution", *observed.key, towards, how), make))
+        return otf.once(("resolution", *observed.key, towards, how), make)
 
     def half(self, otf: Otf, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
         """MTF50 of a camera, remembered where it may come again."""

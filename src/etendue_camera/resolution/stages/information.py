@@ -7,8 +7,9 @@ Out: bits a pixel and SNRi by ``stage``, NEQ of the whole camera by frequency.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from etendue_camera.resolution import information
 from etendue_camera.roles import CROSSTALK, DEFECTIVE, PROCESSING
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import mask_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 FREQUENCIES = 33  # from 0 to Nyquist
 
@@ -64,7 +68,7 @@ class Information(KnownNoise, Probe):
     creates: ClassVar = {"detail": Line(FREQUENCIES, 0.0, 0.5 / (FREQUENCIES - 1), "cycles/pixel")}
     nanoseconds: ClassVar = 2e7
     # Of bits, relative: largest where a diffraction cut-off lies inside the square.
-    error: ClassVar[Any] = measured(2e-4)
+    error: ClassVar = measured(2e-4)
 
     pattern: str = quantity("pattern")
     prnu: float = param(
@@ -75,7 +79,7 @@ class Information(KnownNoise, Probe):
     object_contrast: float = param(0.05, above=0, at_most=1, doc="of the spot, at its peak")
 
     def run(
-        self, transfers: Any, lights: Any, charges: Any, currents: Any = (), sheets: Sheets = ()
+        self, transfers: Sequence[tuple[str, Otf]], lights: Any, charges: Any, currents: Any = (), sheets: Sheets = ()
     ) -> dict[str, Array]:
         count = len(transfers)
         found = {name: np.full(count, math.nan) for name in ("information_capacity", "snri")}
@@ -92,7 +96,7 @@ class Information(KnownNoise, Probe):
         spot = information.gaussian_object(square.fy[:, None], square.fx, self.object_size / math.sqrt(8 * math.log(2)))
         shares, (light, noise) = self.shares(), self.light_and_noise(charge, currents, sheets)
 
-        def quanta(otf: Any, fy: FloatArray, fx: FloatArray) -> Any:
+        def quanta(otf: Otf, fy: FloatArray, fx: FloatArray) -> Any:
             """(m, n): of all channels together."""
             return sum(
                 share * information.neq(e * contrast, variance)
@@ -113,7 +117,7 @@ class Information(KnownNoise, Probe):
             "neq": neq,
         }
 
-    def contrasts(self, otf: Any, colours: Any, white: FloatArray, fy: FloatArray, fx: FloatArray) -> Any:
+    def contrasts(self, otf: Otf, colours: FloatArray, white: FloatArray | None, fy: FloatArray, fx: FloatArray) -> Any:
         """(channel, m, n) at frequencies in cycles/pixel."""
         fy, fx = np.asarray(fy) / self.pixel_pitch, np.asarray(fx) / self.pixel_pitch
         if otf.behind:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Probe, quantity
+from etendue.api import Grid, Probe, quantity
 from etendue_camera.arrays import FloatArray
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.resolution.stages.analytic import one_channel
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 NOISE_FREE = ("irradiance", "photon_rate")
 SATURATED = 1e-3  # share of pixels at clipping from which on a mosaic says nothing of its edge
+Seen = Sequence[tuple[str, FloatArray, Grid]]  # the arrays of a variable, by the stage that wrote it
 LUMINANCE = (0.2126390058715104, 0.7151686787677559, 0.0721923153607337)  # of sRGB primaries
 
 

@@ -7,9 +7,9 @@ Out: MTF50 and MTF10 of the star, MTF50 of the texture, by ``stage``; NaN where 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy
@@ -22,6 +22,7 @@ from etendue_camera.resolution.stages.luminance import (
     NOISE_FREE,
     SATURATED,
     PictureProbe,
+    Seen,
     check_encoding,
     decoded,
     first_exposure,
@@ -29,6 +30,9 @@ from etendue_camera.resolution.stages.luminance import (
 )
 from etendue_camera.resolution.texture import SMALLEST, TextureResponse, texture_response
 from etendue_camera.sensor.stages.masks import mask_of
+
+if TYPE_CHECKING:
+    from etendue.compute.joined.otf import Otf
 
 MARGIN = 1.0  # pixels between the outermost ring and the border, in which the centre may move
 OUTERMOST = 0.75  # response of the outermost ring, below which it says too little of a contrast that is not known
@@ -48,7 +52,7 @@ class _Pictures(PictureProbe):
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
 
     def planes(
-        self, transfers: Any, matrices: Any, whites: Any, given: dict[str, Any]
+        self, transfers: Sequence[tuple[str, Otf]], matrices: Seen, whites: Seen, given: dict[str, Any]
     ) -> Iterator[tuple[str, str, Any, Any]]:
         """(stage, variable, plane, grid); the plane is None where it is clipped or shows one colour here and another
         there.
@@ -91,7 +95,7 @@ class StarProbe(_Pictures):
         "star_mtf10": "stage [cycles/um] nan",
     }
     nanoseconds: ClassVar = 1e8
-    error: ClassVar[Any] = measured(2e-3)  # of a noise-free star of 36 cycles
+    error: ClassVar = measured(2e-3)  # of a noise-free star of 36 cycles
 
     cycles: int = param(36, at_least=8, doc="of the star, as the scene has it")
     radius: float = param(400.0, units="um", above=0, doc="of the star on the image plane, as the scene has it")
@@ -106,10 +110,10 @@ class StarProbe(_Pictures):
 
     def run(
         self,
-        transfers: Any,
-        lights: Any,
-        matrices: Any,
-        whites: Any,
+        transfers: Sequence[tuple[str, Otf]],
+        lights: Seen,
+        matrices: Seen,
+        whites: Seen,
         irradiance: FloatArray,
         photon_rate: FloatArray,
         mosaic_linear: FloatArray,
@@ -191,14 +195,14 @@ class LeavesProbe(_Pictures):
     writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}
     nanoseconds: ClassVar = 1e8
     # Of a noise-free picture of 144 x 144 pixels at 0.49 cycles/pixel, where aliases are near; 4e-3 up to 0.38.
-    error: ClassVar[Any] = measured(4e-2)
+    error: ClassVar = measured(4e-2)
 
     def run(
         self,
-        transfers: Any,
-        lights: Any,
-        matrices: Any,
-        whites: Any,
+        transfers: Sequence[tuple[str, Otf]],
+        lights: Seen,
+        matrices: Seen,
+        whites: Seen,
         irradiance: FloatArray,
         photon_rate: FloatArray,
         mosaic_linear: FloatArray,

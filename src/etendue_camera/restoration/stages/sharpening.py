@@ -118,7 +118,9 @@ class Unsharp(Bounded, Haloed):
         0.0, at_least=0, at_most=1, doc="differences are brought this much nearer to 0 first, 1 = clipping"
     )
 
-    def run(self, rgb_camera: FloatArray, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Array]:
+    def run(
+        self, rgb_camera: FloatArray, transfers: Sequence[tuple[str, Otf]], asked: frozenset[str] = frozenset()
+    ) -> dict[str, Array]:
         def response(frequency: FloatArray) -> Any:
             return sharpening.unsharp_response(0.0, frequency, self.radius, self.amount)
 
@@ -151,7 +153,7 @@ class Denoise(KnownNoise, Bounded):
     nanoseconds: ClassVar = 80.0
     working: ClassVar = 3.6
     # Of the arithmetic. In single precision the input's own rounding is seen as noise of 3e-8.
-    error: ClassVar[Any] = measured(1e-6, 1e-13)
+    error: ClassVar = measured(1e-6, 1e-13)
 
     strength: float = param(
         1.0, at_least=0, at_most=10, doc="factor on the known standard deviation of the noise; 0: nothing"

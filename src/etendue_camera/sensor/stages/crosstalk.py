@@ -54,9 +54,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         "where that is all",
     )
 
-    def prepare(
-        self, coordinates: Mapping[str, Array]
-    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, tuple[FloatArray, ...]]:
         edges = tuple(float(e) for e in coordinates["wavelength_edges"])
         return electrons_per_irradiance(self, edges), tables_of(self, edges)
 
@@ -66,7 +64,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         white_irradiance: FloatArray,
         y: FloatArray,
         x: FloatArray,
-        prepared: tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray, FloatArray]],
+        prepared: tuple[FloatArray, tuple[FloatArray, ...]],
     ) -> dict[str, Array]:
         if self.crosstalk == "per_plane":
             return {"photocurrent": photocurrent}
@@ -81,7 +79,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
         fy: FloatArray,
         fx: FloatArray,
         light: FloatArray,
-        prepared: tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray, FloatArray]],
+        prepared: tuple[FloatArray, tuple[FloatArray, ...]],
     ) -> Any:
         """Of kernels as wide as the charge wanders, whatever ``beyond`` is."""
         electrons, (kept, moved, along_y, along_x) = prepared
@@ -132,9 +130,7 @@ def _tables(edges: tuple[float, ...], diode: tuple[Any, ...], pixel: tuple[float
     return kept, moved, *along
 
 
-def channel_kernels(
-    photons: FloatArray, tables: tuple[FloatArray, FloatArray, FloatArray, FloatArray], beyond: float
-) -> FloatArray:
+def channel_kernels(photons: FloatArray, tables: tuple[FloatArray, ...], beyond: float) -> FloatArray:
     """Kernels of the channels: means over wavelength with these weights, (channel, wavelength)."""
     kept, moved, along_y, along_x = tables
     share = shares_of(photons)

@@ -123,7 +123,7 @@ class Pixel(Collecting, Summed):
     nanoseconds: ClassVar = 8.0
     libraries: ClassVar = ("colour-science",)
     # Of the sum over wavelength and the evaluation between samples: 3e-6 at worst, up to 1024 x 1500.
-    error: ClassVar[Any] = measured(5e-6, 2e-14)
+    error: ClassVar = measured(5e-6, 2e-14)
 
     sampling: str = param(
         "physical", choices=("physical", "paper"), doc="pixels of their own, or one scene sample = one pixel"
