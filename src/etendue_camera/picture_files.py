@@ -60,7 +60,7 @@ _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture u
 class FilePicture:
     """Values in the file's own numbers, and by what they are divided; what is not done to them."""
 
-    values: Any  # (rows, columns, 1 or 3), unsigned integers or floats
+    values: Array  # (rows, columns, 1 or 3), unsigned integers or floats
     full: float
     note: str = ""
     table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness, y first
@@ -235,7 +235,7 @@ def _refuse_clear(path: str, clear: int) -> None:
     )
 
 
-def _transparent(picture: Any) -> int:
+def _transparent(picture: Array) -> int:
     """How many pixels are not opaque."""
     if "A" not in picture.mode and "transparency" not in picture.info:
         return 0
@@ -376,7 +376,7 @@ def _by_pillow(path: str) -> Array:
         )
 
 
-def _check_floats(path: str, values: Any) -> None:
+def _check_floats(path: str, values: Array) -> None:
     """Floats are reflectances behind the sRGB curve: from 0 to 1."""
     bad = ~((values >= 0) & (values <= 1))
     if bad.any():

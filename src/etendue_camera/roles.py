@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any
 
 from etendue.contract.stage import Stage
+from etendue_camera.arrays import FloatArray
 
 LENS = ("lens", "distortion", "glare", "low-pass filter")  # what spreads or moves light in front of the sensor
 DISTORTION = "distortion"
@@ -67,5 +67,5 @@ class Displaying(Stage):
     """A stage that writes linear values for a display, and knows its primaries."""
 
     @abstractmethod
-    def to_xyz(self) -> Any:
+    def to_xyz(self) -> FloatArray:
         """(3, 3): linear RGB to XYZ, Y = 1 for the display's white."""

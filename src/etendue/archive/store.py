@@ -41,6 +41,7 @@ from etendue.archive.strangers import check_folder, known_axes, other_stages, re
 from etendue.archive.tree import ROOT, incompatible
 from etendue.contract.names import TABLES
 from etendue.contract.ports import CellReport, Written
+from etendue.documents import DocumentView
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
 from etendue.plan.model import Cell, CellRef, Plan
 
@@ -352,7 +353,7 @@ class Archive:
         """The keys of the cells whose pictures an earlier run has left; None where there are no whole ones."""
         return frames.attributes(frames.stored(self.folder, self.listing)).get("shown")
 
-    def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
+    def close_run(self, tables: Mapping[str, DocumentView]) -> None:
         """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the
         one before.
         """
@@ -375,7 +376,7 @@ class Archive:
         self.root = self.tree.consolidated(others)
         self._put({ROOT: self.root})
 
-    def _put_table(self, name: str, table: Mapping[str, Any]) -> None:
+    def _put_table(self, name: str, table: DocumentView) -> None:
         """A table in its place; of one of an earlier run no column stays that this one has not."""
         for column, (dims, values, attrs) in table["arrays"].items():
             self.tree.put_array(name, column, values, dims, attrs)

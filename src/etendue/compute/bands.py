@@ -170,9 +170,9 @@ def run_bands(job: Job, given: Mapping[str, Array | Banded], bands: slice, pixel
         return found
 
 
-def made_by_band(job: Job, given: Mapping[str, Array | Banded]) -> dict[str, Array | Banded]:
+def made_by_band(job: Job, given: Mapping[str, Array | Banded]) -> dict[str, Any]:
     """What a stage writes, the large variables as bands to come, the small ones at once."""
-    arrays: dict[str, Array | Banded] = {}
+    arrays: dict[str, Any] = {}
     small = [v for v in job.writes if v not in job.by_band]
     bands = max(g.bands().size for g in job.grids.values() if g.banded)
     if small and is_source(type(job.stage)):

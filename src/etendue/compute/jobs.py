@@ -7,7 +7,7 @@ Out: jobs for these cells and for the stored ones they read.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Hashable, Iterator, Mapping, Set
 from functools import cached_property
 from itertools import accumulate
 from types import MappingProxyType
@@ -24,7 +24,7 @@ from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of, told_by
 
 if TYPE_CHECKING:
-    from etendue.arrays import Array
+    pass
 
 
 def make_jobs(
@@ -33,7 +33,7 @@ def make_jobs(
     target: Callable[[Cell], Target | None],
     deliver_all: bool = False,
     show: frozenset[CellRef] = frozenset(),
-    place: Callable[[CellRef, str], Array | None] | None = None,
+    place: Callable[[CellRef, str], Any] | None = None,
     looks: Mapping[CellRef, Look] = MappingProxyType({}),
 ) -> Mapping[CellRef, Job]:
     """Jobs for the cells to compute and for the stored cells they read, in order.
@@ -80,9 +80,9 @@ class Jobs(Mapping[CellRef, Job]):
         self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # of every cell what others read, () of most
         self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination of variables once
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
-        self.costs: dict[tuple[Any, ...], tuple[float, tuple[str, ...]]] = {}
+        self.costs: dict[tuple[Hashable, ...], tuple[float, tuple[str, ...]]] = {}
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
-        self.looked: dict[str, tuple[Any, Looking]] = {}
+        self.looked: dict[str, tuple[Hashable, Looking]] = {}
         for ref, cell in plan.cells.items():
             if self.nodes[cell.node].segment and (found := _direct(plan, self.nodes, cell)) is not None:
                 self.direct[ref] = found

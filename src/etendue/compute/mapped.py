@@ -42,7 +42,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     ):
         return slices.at_once(names, check)
     called = "mean" if job.averages else "run"
-    arrays: dict[str, Array] = {}
+    arrays: dict[str, Any] = {}
     constant: dict[str, Array] = {}
     generator: np.random.Generator | None = None
     for number, at in enumerate(np.ndindex(*slices.sizes)):
@@ -61,7 +61,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     return arrays
 
 
-def _put(arrays: dict[str, Array], found: Mapping[str, Array], slices: _Slices, at: tuple[int, ...]) -> None:
+def _put(arrays: dict[str, Array], found: Any, slices: _Slices, at: tuple[int, ...]) -> None:
     """One more slice into its place: of the form that the first one had."""
     name = type(slices.core.stage).__name__
     if not isinstance(found, dict) or found.keys() != arrays.keys():

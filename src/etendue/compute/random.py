@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from etendue.arrays import FloatArray
+from etendue.arrays import Array, FloatArray
 
 TILE = 64  # positions
 
@@ -68,7 +68,7 @@ def tiled_normal(
     rows: int,
     columns: int,
     dtype: DTypeLike = np.float32,
-) -> FloatArray:
+) -> Array:
     """Standard normals that belong to absolute positions.
 
     Parameters

@@ -12,7 +12,7 @@ holds cells of one depth.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from etendue.compute.job import Job, Walk
 from etendue.compute.rows import Walker, has_rows, is_large, rows_of
@@ -21,13 +21,13 @@ from etendue.contract.stage import looks_at_stages
 from etendue.plan.model import CellRef, told_by
 
 if TYPE_CHECKING:
-    from etendue.arrays import Array
+    pass
 
 
 def with_walks(
     jobs: dict[CellRef, Job],
     can: Callable[[CellRef], Walker | None],
-    place: Callable[[CellRef, str], Array | None] | None = None,
+    place: Callable[[CellRef, str], Any] | None = None,
 ) -> dict[CellRef, Job]:
     """Tell the jobs of each walk of it; ``can``: what a cell needs of its frame, where a few rows do; ``place``: where
     the caller wants a variable put, which nobody else reads."""

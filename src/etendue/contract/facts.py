@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
 
@@ -58,7 +59,7 @@ class Content:
         darkest = tuple(v * low / high for v in self.low)
         return replace(self, full=self.full * high, power=tuple(power), amplitude=tuple(amplitude), low=darkest)
 
-    def _nothing(self) -> dict[str, Rings | tuple[float, ...]]:
+    def _nothing(self) -> dict[str, Any]:
         """Of light that is not there."""
         none, rings = (0.0,) * len(self.mean), tuple((0.0,) * len(row) for row in self.power)
         return {"power": rings, "amplitude": rings, "low": none, "mean": none, "high": none}

@@ -110,7 +110,7 @@ class Keeper(Protocol):
 
     def target(self, cell: Cell) -> Target | None: ...
 
-    def place(self, ref: CellRef, variable: str) -> Array | None:
+    def place(self, ref: CellRef, variable: str) -> Any:
         """Where a variable that is made piece by piece may be put at once, an array to be filled; None: it is taken
         when it is whole.
         """

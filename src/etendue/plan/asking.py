@@ -142,7 +142,7 @@ def negligible(stage: Stage, facts: Facts, grid: Grid) -> tuple[float, str] | No
     return float(found[0]), plain(found[1])
 
 
-def variance_of(stage: Stage, charge: float) -> float | None:
+def variance_of(stage: Any, charge: float) -> float | None:
     """What a source of noise adds at a charge; None where what it depends on is found by a run, or where it refuses."""
     with foreign(_name(stage, "variance")):
         try:

@@ -7,15 +7,14 @@ the measured ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Hashable, Iterable
 
 from etendue.contract.capabilities import Summed
 from etendue.contract.grid import Grid
 from etendue.contract.parameter import Parameter
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.variables import Declaration
-from etendue.plan.model import Cell, Node, told_by
+from etendue.plan.model import Cell, CellRef, Node, told_by
 
 LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
@@ -35,7 +34,7 @@ def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
     """Of the cells of a node one of each that cost the same, being of one stage and of the same grids, and how many
     there are.
     """
-    found: dict[tuple[Any, ...], list[Any]] = {}
+    found: dict[tuple[Hashable, ...], list[CellRef]] = {}
     for cell in cells:
         place = id(cell.stage), told_by(cell.grids, cell.input_grids), cell.left_out is None
         known = found.get(place)

@@ -29,7 +29,7 @@ from etendue.contract.facts import Facts
 from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
 from etendue.contract.variables import Declaration
-from etendue.documents import AxisValue, DocumentView
+from etendue.documents import DocumentView
 from etendue.pipeline.file import Pipeline
 
 CellRef = tuple[str, tuple[int, ...]]
@@ -342,7 +342,7 @@ class Plan:
         one = next(a for a in self.node(ref[0]).alternatives if a.kind is type(cell.stage) and a.use == cell.use)
         return f"{one.use} of {one.distribution} {one.version}"
 
-    def labels(self, ref: CellRef) -> dict[str, AxisValue]:
+    def labels(self, ref: CellRef) -> dict[str, Any]:
         """Axis values of a cell by dim."""
         node = self.node(ref[0])
         return {dim: self.axis(dim).values[i] for dim, i in zip(node.axes, ref[1], strict=True)}

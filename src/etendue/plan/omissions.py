@@ -7,7 +7,7 @@ Out: documents with the number of cells, the bound and, where it can be told, th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -37,8 +37,8 @@ def approximated(node: Node, cells: Sequence[Cell], precision: str) -> list[Docu
     """Of a stage whose knobs a plan has set: every knob and setting, in how many cells, and what that saves beside
     the reference's.
     """
-    found: dict[tuple[str, Any], list[Approximated]] = {}
-    saved: dict[tuple[str, Any], list[float | None]] = {}
+    found: dict[tuple[str, Hashable], list[Approximated]] = {}
+    saved: dict[tuple[str, Hashable], list[float | None]] = {}
     for cell in cells:
         for one in cell.approximated:
             found.setdefault((one.knob, one.value), []).append(one)

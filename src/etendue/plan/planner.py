@@ -8,10 +8,9 @@ from __future__ import annotations
 import gc
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import MappingProxyType
-from typing import Any
 
 from etendue.contract.names import LOOKS
 from etendue.contract.registry import Registry
@@ -132,7 +131,7 @@ def _beyond_tolerance(cells: Mapping[CellRef, Cell], tolerance: float) -> list[s
     """Stages that are more wrong than the tolerance, by what they state, and that cannot be asked for less without
     being told to.
     """
-    worst: dict[tuple[str, str, Any], float] = {}
+    worst: dict[tuple[str, str, Hashable], float] = {}
     for cell in cells.values():
         dear = next((name for name, (p, _, _) in parameters_of(type(cell.stage)).items() if p.dear), None)
         error = cell.error[0]

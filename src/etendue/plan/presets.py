@@ -57,7 +57,7 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
     return None if len(request.faults) > before else Axis(word, word, tuple(tables), "", gives)
 
 
-def _tables(request: Request, written: Iterable[Any]) -> dict[str, DocumentView]:
+def _tables(request: Request, written: Iterable[str]) -> dict[str, DocumentView]:
     """The table of each value of the axis, by its label."""
     word = request.pipeline.table.preset
     place, tables = f"sweep.{word}", dict[str, Mapping[str, Any]]()

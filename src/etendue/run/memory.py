@@ -20,7 +20,7 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from etendue.process import Shared
 
@@ -55,8 +55,8 @@ class Trees:
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.young: list[tuple[weakref.ref[Any], int]] = []  # since the young were collected
-        self.old: list[tuple[weakref.ref[Any], int]] = []
+        self.young: list[tuple[weakref.ref[xarray.DataTree], int]] = []  # since the young were collected
+        self.old: list[tuple[weakref.ref[xarray.DataTree], int]] = []
         self.allowed = 0  # of the old; what is held by somebody would be looked through in vain
 
     def hand_out(self, tree: xarray.DataTree, size: int) -> None:
@@ -87,7 +87,7 @@ class Trees:
             self.allowed = 2 * _there(self.old)
 
 
-def _there(trees: list[tuple[weakref.ref[Any], int]]) -> int:
+def _there(trees: list[tuple[weakref.ref[xarray.DataTree], int]]) -> int:
     """Bytes of those that are still there; the others are forgotten."""
     trees[:] = [(tree, size) for tree, size in trees if tree() is not None]
     return sum(size for _, size in trees)

@@ -15,7 +15,7 @@ import numpy as np
 from etendue.arrays import Array
 from etendue.contract import wording
 from etendue.contract.capabilities import Noisy
-from etendue.testing.bench import LARGE, SMALL, Arrays, Bench, full_scale
+from etendue.testing.bench import LARGE, SMALL, Bench, full_scale
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
@@ -66,7 +66,7 @@ def spot(array: Array, height: float) -> Array:
     return found
 
 
-def check_order(bench: Bench, base: Arrays, brighter: Arrays, what: str) -> None:
+def check_order(bench: Bench, base: Any, brighter: Any, what: str) -> None:
     for variable, declaration in bench.writes.items():
         if not {"y", "x"} <= set(declaration.dims):
             continue

@@ -7,13 +7,14 @@ Out: how much leaving them out changes, rms over the frame and at the largest pi
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from etendue.arrays import Array, FloatArray
 from etendue.contract.capabilities import Transfer
 from etendue.contract.facts import Content
-from etendue.contract.stage import Stage, state_of
+from etendue.contract.stage import state_of
 from etendue.transfer import rings as scene_rings
 from etendue.transfer.products import Product, alone
 
@@ -56,9 +57,7 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
 
 
 @lru_cache(48)
-def _rays(
-    state: tuple[Stage, tuple[tuple[int, int], ...]], edges: tuple[float, ...], points: tuple[float, ...]
-) -> FloatArray:
+def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> FloatArray:
     """Of one stage, asked once: the same stage stands in front of many others."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:
@@ -77,9 +76,7 @@ def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) 
 
 
 @lru_cache(96)
-def _remembered(
-    state: tuple[Stage, tuple[tuple[int, int], ...]], edges: tuple[float, ...], rings: tuple[float, ...]
-) -> tuple[Array, Array]:
+def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Array, Array]:
     """(band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))

@@ -12,8 +12,6 @@ import struct
 from collections.abc import Sequence
 from typing import Any, BinaryIO
 
-from etendue_camera.arrays import Array
-
 BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL = 1, 2, 3, 4, 5, 7, 10
 FORMS = {BYTE: "B", UNDEFINED: "B", SHORT: "H", LONG: "I", RATIONAL: "I", SRATIONAL: "i"}
 STRIP_OFFSET, STRIP_BYTES, EXIF = 273, 279, 34665
@@ -22,7 +20,7 @@ LARGEST = 2**32 - 1
 Tag = tuple[int, int, Any]  # code, type, and values: text, or numbers (numerator and denominator in turn)
 
 
-def _packed(kind: int, values: Array) -> tuple[int, bytes]:
+def _packed(kind: int, values: Any) -> tuple[int, bytes]:
     """How many values, and their bytes."""
     if kind == ASCII:
         data = values.encode("ascii", "replace") + b"\0"

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etendue import require
-from etendue_camera.arrays import FloatArray
 from etendue_camera.colour import matrices
 from etendue_camera.export.container import ASCII, BYTE, LONG, RATIONAL, SHORT, SRATIONAL, UNDEFINED, Tag, write_picture
 
@@ -70,7 +69,7 @@ def refusal(mask: tuple[str, ...] | None) -> str:
     return ""
 
 
-def colour_matrices(camera_white: FloatArray, balanced_to_xyz: FloatArray) -> tuple[Any, Any]:
+def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[Any, Any]:
     """``ColorMatrix1`` and ``ForwardMatrix1`` of the specification.
 
     Parameters
@@ -114,7 +113,7 @@ def colour_matrices(camera_white: FloatArray, balanced_to_xyz: FloatArray) -> tu
     return to_camera, matrices.von_kries_matrix(matrix.sum(axis=1), D50_XYZ, matrices.TRANSFORMS["bradford"]) @ matrix
 
 
-def _ratios(values: FloatArray, limit: int = 10**8) -> tuple[int, ...]:
+def _ratios(values: Any, limit: int = 10**8) -> tuple[int, ...]:
     """Numerators and denominators in turn, each in 32 bits; error below 1e-8 for values up to 20."""
     pairs = []
     for value in np.ravel(np.asarray(values, float)):

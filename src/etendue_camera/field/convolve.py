@@ -7,7 +7,7 @@ Sources: see ``field_blur``; fast convolution by the discrete Fourier transform,
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -90,7 +90,7 @@ def tiles(plane: FloatArray, kernels: FloatArray, hats: list[FloatArray], weight
         wy = hats[0][top:bottom, i, None]
         for j, (left, right) in enumerate(spans[1]):
             share = wy * hats[1][left:right, j]
-            block: Any
+            block: Array
             if weights == "source":
                 block = wide[top:bottom, left:right] * share
                 shape = fast(block.shape[0] + size - 1, block.shape[1] + size - 1)

@@ -113,7 +113,7 @@ def _named(matrix: tuple[Any, Any]) -> tuple[tuple[Any, str], ...]:
     return (matrix[0], "colour_matrix"), (matrix[1], "white")
 
 
-def _luminance(variable: str, channels: int, matrix: Array, white: Any) -> Any:
+def _luminance(variable: str, channels: int, matrix: Any, white: Any) -> Any:
     """Weights of the channels: Y where it is known, else the middle channel."""
     if variable == CAMERA and matrix is not None and white is not None:
         return np.asarray(matrix, np.float64)[1] / np.asarray(white, np.float64)

@@ -45,7 +45,7 @@ def display_figures(picture: Array, reference: Array) -> dict[str, float | None]
     return {"psnr_encoded": fidelity.psnr(ours, theirs), "ssim": fidelity.ssim(ours, theirs) if large else None}
 
 
-def colour_figures(picture: Array, reference: Array, white: Any) -> dict[str, float | None]:
+def colour_figures(picture: Array, reference: Array, white: Array) -> dict[str, float | None]:
     """Mean CIEDE2000, zipper and false colour, of tristimulus values seen by an eye that is adapted to a white."""
     ours, theirs = (difference.lab(np.asarray(inside(p), np.float64), white) for p in (picture, reference))
     return {

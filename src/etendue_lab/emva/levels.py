@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.capabilities import Datasheet
 from etendue.contract.stage import Stage
 from etendue.errors import RequestError
@@ -92,7 +91,7 @@ def _measured(
     at: dict[str, Any],
     bright: list[Cell],
     dark: list[Cell],
-    times: Mapping[CellRef, Array],
+    times: Mapping[CellRef, Any],
     read: Read,
     options: Options | None,
 ) -> list[SensorChannel]:
@@ -131,7 +130,7 @@ def _measured(
     return found
 
 
-def _stacks(cells: list[Cell], times: Mapping[CellRef, Array], read: Read) -> dict[float, list[Any]]:
+def _stacks(cells: list[Cell], times: Mapping[CellRef, Any], read: Read) -> dict[float, list[Any]]:
     """Frames by time."""
     found: dict[float, list[Any]] = {}
     for cell in cells:
@@ -142,7 +141,7 @@ def _stacks(cells: list[Cell], times: Mapping[CellRef, Array], read: Read) -> di
     return found
 
 
-def _times(plan: Plan, cells: list[Cell], options: Options | None) -> dict[CellRef, Array]:
+def _times(plan: Plan, cells: list[Cell], options: Options | None) -> dict[CellRef, Any]:
     """Exposure time of every cell, of each frame where a stage says so: of its axis, else of the camera."""
     series = [node for node in plan.nodes if TIME in node.writes]
     if not series:

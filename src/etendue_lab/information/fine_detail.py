@@ -175,7 +175,7 @@ class FineDetail(FlatField):
             total += share * information.neq(signal, self.variances(channel, without))
         return total
 
-    def quanta_of(self, channel: str, fy: Array, fx: Array) -> Any:
+    def quanta_of(self, channel: str, fy: Any, fx: Any) -> Any:
         """(m, n) NEQ of the pixels of one channel, in quanta a pixel of the frame."""
         share = float(np.mean(self.mask == channel))
         return share * information.neq(

@@ -135,7 +135,7 @@ class _Chain:
             for i, name in enumerate(self.detail.names_of(picture))
         }
 
-    def _add(self, stage: str, what: str, quanta: Array, channels: dict[str, float] | None = None) -> None:
+    def _add(self, stage: str, what: str, quanta: Any, channels: dict[str, float] | None = None) -> None:
         found = quanta(self.square.fy, self.square.fx)
         ends = quanta(np.zeros(1), np.array([0.0, 0.25, 0.4999]))[0]
         self.report.rows.append(

@@ -6,10 +6,13 @@ Out: two tables: bits a pixel up to each stage, and NEQ of every linear picture,
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _print_whole, escape
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 KINDS = {"photons": "shot noise alone, no blur", "blur": "blurs", "noise": "adds noise"}
 
@@ -69,7 +72,7 @@ def print_information(document: Document) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _print_curves(console: Any, curves: list[Document]) -> None:
+def _print_curves(console: Console, curves: list[Document]) -> None:
     frequency = curves[0]["cycles_per_pixel"]
     shown = [min(range(len(frequency)), key=[abs(f - at) for f in frequency].__getitem__) for at in (0.125, 0.25, 0.5)]
     columns = (

@@ -36,7 +36,7 @@ ORDER = "dark skin, bluish green, black, white"
 
 
 @cache
-def reference() -> tuple[tuple[str, ...], Any, Any]:
+def reference() -> tuple[tuple[str, ...], Array, Array]:
     """Names, L*a*b* (3, 24) and the XYZ of white: the mean of 30 charts under D50 for the CIE 1931 observer."""
     light = spectra.illuminant(WHITE, OBSERVED) * np.diff(OBSERVED)
     seen = spectra.colour_matching(OBSERVED)
@@ -138,7 +138,7 @@ def _luminance(lightness: Array) -> Any:
 
 
 def _in_order(
-    text: str, places: Any, first: Array, planes: Array, clipped: Any, convert: Any, confidence: float
+    text: str, places: Any, first: Any, planes: Any, clipped: Any, convert: Any, confidence: float
 ) -> tuple[Patches, ColourErrors, ColourErrors, float]:
     """The patches in the given order of corners; another order that fits much better is told instead."""
 

@@ -7,10 +7,13 @@ Out: a table each for edges, stars, noise and the chart.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from etendue.documents import Document
 from etendue.present.terminal.terminal import _out, _table, escape
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 FLAGS = {
     "above_nyquist": "above Nyquist",
@@ -54,7 +57,7 @@ def print_photograph(document: Document) -> None:
         console.print(f"note: {escape(note)}")
 
 
-def _print_responses(console: Any, title: str, where: str, rows: list[Document], pitch: float | None) -> None:
+def _print_responses(console: Console, title: str, where: str, rows: list[Document], pitch: float | None) -> None:
     edges = where == "region"
     columns = [
         (where, "left"),
@@ -93,7 +96,7 @@ def _print_responses(console: Any, title: str, where: str, rows: list[Document],
             )
 
 
-def _print_noise(console: Any, patch: Document) -> None:
+def _print_noise(console: Console, patch: Document) -> None:
     columns = (
         ("channel", "left"),
         ("mean", "right"),
@@ -126,7 +129,7 @@ def _print_noise(console: Any, patch: Document) -> None:
         console.print(f"{patch['region']}: not covered: noise that JPEG has taken off is not known")
 
 
-def _print_chart(console: Any, chart: Document) -> None:
+def _print_chart(console: Console, chart: Document) -> None:
     columns = (
         ("patch", "left"),
         ("as it stands", "right"),

@@ -147,7 +147,7 @@ class FlatField:
         cell = np.array([list(row) for row in mask.rows], dtype=object)
         return np.roll(cell, (-(down % cell.shape[0]), -(right % cell.shape[1])), (0, 1))
 
-    def window(self, array: Array) -> Any:
+    def window(self, array: Any) -> Any:
         """The middle of a picture, beginning at the cell's first place."""
         slices = []
         for size, period in zip(array.shape[-2:], self.mask.shape, strict=True):

@@ -32,7 +32,7 @@ class Columns:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def put(self, values: Array, kind: str = "f4") -> Document:
+    def put(self, values: Any, kind: str = "f4") -> Document:
         """Keep an array, flat in C order: ``{"at": byte, "count": numbers, "kind": "f4"}``."""
         flat = np.ascontiguousarray(values).ravel().astype(KINDS[kind])
         shuffled = flat.view("u1").reshape(-1, KINDS[kind].itemsize).T.tobytes()

@@ -102,7 +102,7 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[Group]) -> Figur
     )
 
 
-def _arrays(opened: Opened, groups: list[Group], name: str) -> Iterator[tuple[Group, tuple[int, ...], Any]]:
+def _arrays(opened: Opened, groups: list[Group], name: str) -> Iterator[tuple[Group, tuple[int, ...], Array]]:
     for group in groups:
         for place, cell in opened.cells(group):
             if opened.has(cell):

@@ -10,7 +10,6 @@ import base64
 import io
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -112,7 +111,7 @@ def _shown(opened: Opened) -> list[tuple[str, str]]:
 def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)) -> tuple[list[Document], int]:
     """Every stage's picture of one cell, and their bytes: without loss, as far as that fits, the largest first with."""
     found: list[Document] = []
-    exact: list[tuple[Any, bytes]] = []
+    exact: list[tuple[Array, bytes]] = []
     for stage, variable in _shown(opened):
         one = _picture(opened, stage, variable, start)
         if one is None:

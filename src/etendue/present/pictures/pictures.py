@@ -38,7 +38,7 @@ class Frame:
 
     stage: str
     variable: str
-    picture: Any
+    picture: Array
     size: tuple[int, int]
     drawn: Drawn
     exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one, before it is scaled and encoded

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, CellRef, Node, Plan
 from etendue.plan.shown import shown_cells
 from etendue.present.pictures.contact_sheet import font
+
+if TYPE_CHECKING:
+    from PIL import ImageDraw
 
 MOST, LONGEST = 4, 20  # maps, and values along a side: of more some are left out
 WIDE, HIGH, LETTERS = 46, 24, 12  # dots of a cell, and of its letters
@@ -152,7 +155,7 @@ def drawn(one: SmallMap, values: Array, failed: Array) -> Array:
     return np.asarray(picture)
 
 
-def _draw_names(pen: Any, names: Sequence[str], base: int) -> None:
+def _draw_names(pen: ImageDraw.ImageDraw, names: Sequence[str], base: int) -> None:
     """What colours stand for, in a line."""
     place, letters = 6, font(LETTERS)
     for number, text in enumerate(names):
@@ -191,7 +194,7 @@ def _along(one: SmallMap) -> str:
     return f"{names[0]} →" + (f"   {names[1]} ↑" if len(names) > 1 else "")
 
 
-def _text(value: float | str) -> str:
+def _text(value: Any) -> str:
     return str(value) if isinstance(value, str | bool) else f"{float(value):.4g}"
 
 

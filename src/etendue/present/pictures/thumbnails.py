@@ -60,7 +60,7 @@ class _View:
             picture, band = self.seen.small(array), self.band(array) if max(size) > LARGEST else None
         return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, band, self.rows[0])
 
-    def band(self, array: Array) -> Array | None:
+    def band(self, array: Array) -> Any:
         """Some rows of a large picture as they are, in the colours of the whole."""
         first, last = self.rows
         return None if last <= first or self.seen.grey else self.banded(np.asarray(array[..., first:last, :]))
@@ -69,7 +69,7 @@ class _View:
         """The same of rows that begin where the band begins; what comes row by row has it from here."""
         return np.array(self.seen.rgb(rows, self.rows[0]), dtype=np.float32)
 
-    def _large_light(self, array: Array) -> tuple[Array, Array]:
+    def _large_light(self, array: Array) -> tuple[Any, Any]:
         """Made small, and some rows of it: perhaps stored by band, as it is too large to be held."""
         small, band = [], _Mixing(self.seen)
         for number in range(array.shape[0]):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etendue.contract.wording import first, prefix
-from etendue.documents import AxisValue, Place
+from etendue.documents import Place
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.holdings import Held
 from etendue.present.plots.labels import name_text, value_text
@@ -25,7 +25,7 @@ class Dim:
     """A dim as it stands beside a plot."""
 
     name: str
-    values: tuple[AxisValue, ...]
+    values: tuple[Any, ...]
     units: str = "1"
 
     @property

@@ -220,7 +220,7 @@ class Holdings:
                 found.setdefault(dim, {}).update(dict.fromkeys(one.values_of(dim)))
         return {dim: self._sorted(dim, values) for dim, values in found.items()}
 
-    def _sorted(self, dim: str, values: Iterable[AxisValue]) -> list[AxisValue]:
+    def _sorted(self, dim: str, values: Iterable[Any]) -> list[Any]:
         """Names as they were swept; numbers as they stand."""
         place = self.order.get(dim, {})
         return sorted(values, key=lambda v: place.get(v, len(place))) if place else list(values)

@@ -55,7 +55,7 @@ def value_text(value: Any, units: str = "", dim: str = "") -> str:
     return f"{number:.4g}{'' if unit in ('', '°') else ' '}{unit}"
 
 
-def bare_text(value: float | str, units: str = "", dim: str = "") -> str:
+def bare_text(value: Any, units: str = "", dim: str = "") -> str:
     """The same without a unit, for ticks beside an axis whose title has it; seconds keep their prefix."""
     if isinstance(value, str) or not _is_number(value):
         return str(value)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from etendue.arrays import Array
 from etendue.documents import AxisValue
@@ -44,13 +43,13 @@ class Sides:
 
 
 def map_of_figures(
-    values: ArrayLike,
+    values: Any,
     sides: Sides,
     title: str,
     unit: str = "",
     digits: int = 3,
-    failed: Array | None = None,
-    there: Array | None = None,
+    failed: Any = None,
+    there: Any = None,
 ) -> Any:
     """Numbers by colour on one scale, each also written in its cell.
 
@@ -117,11 +116,11 @@ def map_of_figures(
 
 
 def map_of_names(
-    indices: Array,
+    indices: Any,
     names: Sequence[str],
     sides: Sides,
     title: str,
-    failed: ArrayLike | None = None,
+    failed: Any = None,
     said: str = "no value",
     tints: Mapping[str, str] | None = None,
 ) -> Any:
@@ -189,7 +188,7 @@ def _mark(panel: Axes, row: int, column: int, text: str, colour: str, room: floa
     panel.text(column, row, text, ha="center", va="center", fontsize=room or 5, color=colour)
 
 
-def _explain(figure: Figure, failed: Array | None, values: Array, there: Array | None) -> None:
+def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
     """Below the panels: what marks mean that stand in them."""
     words = [f"{FAILED} the cell failed"] if failed is not None and np.any(failed) else []
     lost = ~np.isfinite(values) & (np.zeros_like(values, bool) if failed is None else ~np.asarray(failed))
@@ -201,7 +200,7 @@ def _explain(figure: Figure, failed: Array | None, values: Array, there: Array |
         figure.supxlabel("     ".join(words), fontsize=8, color="0.35")
 
 
-def _checked(values: ArrayLike, sides: Sides) -> Any:
+def _checked(values: Any, sides: Sides) -> Any:
     values = np.asarray(values, dtype=float)
     wanted = (len(sides.panels), len(sides.y), len(sides.x))
     if values.shape != wanted:

@@ -33,7 +33,7 @@ MARKERS = "osD^vP*Xhp<>"
 MOST_NAMED = 24
 
 
-def front(points: Array) -> Any:
+def front(points: Any) -> Any:
     """Which of some points no other beats: none is at least as good in every column and better in one.
 
     Parameters

@@ -21,7 +21,7 @@ def _span(sizes: list[int]) -> str:
     return f"{min(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)}..{max(sizes)}"
 
 
-def short(text: object, most: int = 200) -> str:
+def short(text: str, most: int = 200) -> str:
     """What an archive calls something, on one line."""
     said = str(text)
     return said if len(said) <= most else f"{said[:most]}... ({len(said)} characters)"

@@ -6,7 +6,7 @@ Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; a variable's nam
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -36,7 +36,7 @@ def space_to_xyz(name: str) -> FloatArray:
     return spectra.rgb_space_matrix(name)[0]  # XYZ itself as a space: its primaries have no luminance
 
 
-def primaries_to_xyz(display: str) -> Any:
+def primaries_to_xyz(display: str) -> FloatArray:
     """Linear RGB of a display to XYZ, Y = 1 for its white: from its spectra where they are measured, else from those
     of its space.
     """
@@ -92,7 +92,7 @@ class Display(Displaying, Haloed):
     def assumes(self) -> dict[str, Hashable]:
         return {"the display": self.display, "the white of the display": white_name(self.display)}
 
-    def to_xyz(self) -> Any:
+    def to_xyz(self) -> FloatArray:
         return primaries_to_xyz(self.display)
 
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
@@ -129,7 +129,7 @@ class _Cones(Haloed):
     def assumes(self) -> dict[str, Hashable]:
         return {"the display": self.display}
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return primaries_to_cones(self.display)
 
 
@@ -145,7 +145,7 @@ class ToCones(_Cones):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"lms": inputs["rgb_linear"].replace(channel=LMS)}
 
-    def run(self, rgb_linear: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, rgb_linear: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {"lms": matrices.apply_matrix(prepared, rgb_linear)}
 
 
@@ -158,13 +158,13 @@ class FromCones(_Cones, Displaying):
     writes: ClassVar = {"rgb_linear": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}
 
-    def to_xyz(self) -> Any:
+    def to_xyz(self) -> FloatArray:
         return primaries_to_xyz(self.display)
 
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"rgb_linear": inputs["lms"].replace(channel=RGB)}
 
-    def run(self, lms: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, lms: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {"rgb_linear": matrices.apply_matrix(np.linalg.inv(prepared), lms)}
 
 
@@ -198,10 +198,10 @@ class ToXyz(Haloed):
     def grid(self, inputs: Mapping[str, Grid]) -> dict[str, Grid]:
         return {"xyz_display": inputs["rgb_linear"].replace(channel=XYZ)}
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> FloatArray:
         return PRINTED[self.matrix] if self.matrix in PRINTED else primaries_to_xyz(self.matrix)
 
-    def run(self, rgb_linear: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, rgb_linear: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         return {"xyz_display": matrices.apply_matrix(prepared, rgb_linear)}
 
 
@@ -241,7 +241,7 @@ class Encode(_Encoding):
             encoded = (transfer.srgb_encode if self.encoding == "sRGB" else transfer.bt709_encode)(inside)
         return {"rgb_display": encoded, "gamut_clipped": np.array(outside)}
 
-    def joined(self, parts: Any, sizes: Any) -> dict[str, Array]:
+    def joined(self, parts: Mapping[str, Sequence[Array]], sizes: Sequence[int]) -> dict[str, Array]:
         """The share of all values, from whole numbers of them."""
         clipped = sum(round(float(share) * size) for share, size in zip(parts["gamut_clipped"], sizes, strict=True))
         return {"gamut_clipped": np.array(clipped / max(sum(sizes), 1))}

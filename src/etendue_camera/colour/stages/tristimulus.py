@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -93,7 +93,7 @@ class ColourFit(Collecting):
             )
         return {"colour_matrix": Grid.of({"component": XYZ, "channel": Labels(self.channels)})}
 
-    def prepare(self, coordinates: Mapping[str, Array]) -> Any:
+    def prepare(self, coordinates: Mapping[str, Array]) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, ...]]:
         edges = tuple(coordinates["wavelength_edges"])
         centres = coordinates["wavelength"] * np.diff(coordinates["wavelength_edges"])
         response = quantum_efficiency(self, edges) * centres
@@ -105,7 +105,12 @@ class ColourFit(Collecting):
             return spectra.colorchecker(edges)[1]
         return spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
 
-    def run(self, white_radiance: FloatArray, white_irradiance: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(
+        self,
+        white_radiance: FloatArray,
+        white_irradiance: FloatArray,
+        prepared: tuple[FloatArray, FloatArray, FloatArray, tuple[float, ...]],
+    ) -> dict[str, Array]:
         response, cmf, reflectance, edges = prepared
         light = np.asarray(white_irradiance, dtype=float)
         response = mixing_of(self, edges, response * light) @ response

@@ -7,12 +7,13 @@ Out: full well and saturation (electrons), analogue gain, DN per electron.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from etendue.api import Stage, quantity
 from etendue_camera.electronics import amplifier
 
 
-def analogue_gain(stage: Stage) -> float:
+def analogue_gain(stage: Any) -> float:
     """The gain of the amplifier: as given, or as the ISO speed asks for; ``ValueError`` where they do not go
     together.
     """

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -124,7 +124,7 @@ class PhotonTransfer(Stage):
         return {"transfer_time": time, **{f"transfer_{name}": values for name, values in curve.items()}, **found}
 
 
-def _measured(times: Array, stacks: Array) -> emva.SensorFigures | None:
+def _measured(times: Array, stacks: Any) -> emva.SensorFigures | None:
     """Of levels (level, frame, y, x) whose first is the dark; None where they are no photon transfer curve."""
     if len(times) < 5 or not 0 <= times[0] < DARK * times[1:].min():
         return None

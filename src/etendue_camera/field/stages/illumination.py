@@ -162,7 +162,7 @@ class AngularResponse(Dimming, Banded, Bounded):
     def rows(self) -> FieldTable:
         return field_table(self.table, ("angle_deg",))
 
-    def folded(self, angle: FloatArray) -> Any:
+    def folded(self, angle: FloatArray) -> FloatArray:
         """A table that begins on the axis holds for either side."""
         return np.abs(angle) if self.rows().nodes[0] >= 0 else angle
 

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -26,8 +25,8 @@ class FieldTable:
 
     path: str
     axis: str
-    nodes: Any
-    values: Any  # (rows, columns)
+    nodes: FloatArray
+    values: FloatArray  # (rows, columns)
     wavelengths: tuple[float, ...]
 
     def centre(self) -> FloatArray:

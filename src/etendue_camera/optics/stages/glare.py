@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Glare(Blur, Transfer):
                 f"most 1"
             )
 
-    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> Any:
+    def transfer(self, fy: FloatArray, fx: FloatArray, wavelength: FloatArray) -> FloatArray:
         return glare.glare_otf(np.hypot(fy, fx), self.fraction, self.veil, self.radius, self.power)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:

@@ -45,8 +45,8 @@ class Edge:
     not_reached: bool
     clipped: bool
     noisy: bool
-    frequency: Any = field(repr=False, compare=False)
-    sfr: Any = field(repr=False, compare=False)
+    frequency: FloatArray = field(repr=False, compare=False)
+    sfr: FloatArray = field(repr=False, compare=False)
 
 
 class KnownPicture:

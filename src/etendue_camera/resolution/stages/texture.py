@@ -246,7 +246,7 @@ def _lines(grid: Any) -> tuple[tuple[float, float], tuple[float, float]]:
     return grid.line("y").um(), grid.line("x").um()
 
 
-def _reference(plane: FloatArray, grid: Any, shape: tuple[int, int], wanted: Any) -> tuple[Any, float]:
+def _reference(plane: FloatArray, grid: Any, shape: tuple[int, int], wanted: FloatArray) -> tuple[Any, float]:
     """The light at the places of another grid, and the rms width (pixels) of what it was blurred with; None where it
     is no texture.
     """

@@ -7,7 +7,7 @@ Out: the same of one picture, and the variance that is left.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class MergeFrames(KnownNoise):
         integration_time: FloatArray,
         white: FloatArray,
         clipping_level: FloatArray,
-        balance_gains: Any = None,
+        balance_gains: FloatArray = None,
     ) -> dict[str, Array]:
         if not np.all(integration_time > 0):
             raise ValueError(

@@ -109,7 +109,7 @@ class RadianceCube(Source, Banded):
         edges = _edges(self.file, group, array.shape[0], self.variable)
         return spectra.luminance_notes(self.illuminant, edges[0], edges[-1])
 
-    def _white(self, array: Any, group: zarr.Group) -> Any:
+    def _white(self, array: Any, group: Any) -> Any:
         """Radiance of a white diffuser by band, as the store has it."""
         white = cube_store.values_of(self.file, group, "white_radiance", (array.shape[0],), SPECTRAL)
         if not (white >= 0).all() or not (white > 0).any():
@@ -119,7 +119,7 @@ class RadianceCube(Source, Banded):
             )
         return white
 
-    def _line(self, group: zarr.Group, dim: str, size: int) -> Line:
+    def _line(self, group: Any, dim: str, size: int) -> Line:
         if self.spacing:
             return Line(size, -0.5 * (size - 1) * self.spacing, self.spacing)
         require.that(dim in group and size >= 2, f"{self.file} has no coordinate {dim!r}; give the spacing in um")
@@ -170,7 +170,7 @@ def _range(given: Any) -> tuple[float, float]:
     return (low, high) if 0 < low <= high < math.inf else (0.0, 0.0)
 
 
-def _edges(path: str, group: zarr.Group, size: int, variable: str) -> tuple[float, ...]:
+def _edges(path: str, group: Any, size: int, variable: str) -> tuple[float, ...]:
     if "wavelength_bounds" in group:
         bounds = cube_store.values_of(path, group, "wavelength_bounds", (size, 2), "nm")
         if not (

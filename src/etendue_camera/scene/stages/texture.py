@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from etendue.api import Facts, Grid, param
 from etendue_camera.arrays import Array, FloatArray
@@ -84,7 +84,7 @@ class DeadLeaves(Scene):
         painted = min(1.0, worst * crowded / self.oversampling**2) * (self.high - self.low)
         return super().error(facts, grid, precision)[0] + painted, "measured"
 
-    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: Any) -> dict[str, Array]:
+    def run(self, out_y: FloatArray, out_x: FloatArray, prepared: FloatArray) -> dict[str, Array]:
         y, x = self.centred(out_y, out_x)
         return self.grey(
             dead_leaves.dead_leaves(y, x, self.chart(), self.softness_um(self.softness), self.cell, self.oversampling),
