@@ -235,7 +235,7 @@ def _refuse_clear(path: str, clear: int) -> None:
     )
 
 
-def _transparent(picture: Array) -> int:
+def _transparent(picture: Any) -> int:
     """How many pixels are not opaque."""
     if "A" not in picture.mode and "transparency" not in picture.info:
         return 0

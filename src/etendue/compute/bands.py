@@ -91,7 +91,7 @@ class StageBands(Banded):
         self.shape = _shape(self.job, self.variable)
         self.dtype = np.dtype(self.job.precision)
 
-    def __getitem__(self, band: int) -> Array:
+    def __getitem__(self, band: int) -> Any:
         arrays = run_bands(self.job, self.given, slice(band, band + 1))
         if not isinstance(arrays, Mapping) or self.variable not in arrays:
             raise PluginError(f"{self.job.ref[0]!r} gave no {self.variable} for band {band}")

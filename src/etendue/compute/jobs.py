@@ -80,7 +80,7 @@ class Jobs(Mapping[CellRef, Job]):
         self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # of every cell what others read, () of most
         self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination of variables once
         self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
-        self.costs: dict[tuple[Hashable, ...], tuple[float, tuple[str, ...]]] = {}
+        self.costs: dict[tuple[Any, ...], tuple[float, tuple[str, ...]]] = {}
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
         self.looked: dict[str, tuple[Hashable, Looking]] = {}
         for ref, cell in plan.cells.items():

@@ -43,7 +43,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
         return slices.at_once(names, check)
     called = "mean" if job.averages else "run"
     arrays: dict[str, Any] = {}
-    constant: dict[str, Array] = {}
+    constant: dict[str, Any] = {}
     generator: np.random.Generator | None = None
     for number, at in enumerate(np.ndindex(*slices.sizes)):
         stage = slices.stage_at(at)
@@ -113,8 +113,7 @@ class _Slices:
             replace(stage, **{name: self.labels[i][at[i]] for name, i in self.along.items()}) if self.along else stage
         )
 
-    def arrays_at(self, at: tuple[int, ...]) -> dict[str, Array]:
-        """What a slice reads; of arrays that nobody can write to."""
+    def arrays_at(self, at: tuple[int, ...]) -> dict[str, Any]        """What a slice reads; of arrays that nobody can write to."""
         found = {
             port: array[tuple([at[i] for i in lead])] if lead else for_reading(array)
             for port, array, lead in self.given

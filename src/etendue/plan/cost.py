@@ -14,7 +14,7 @@ from etendue.contract.grid import Grid
 from etendue.contract.parameter import Parameter
 from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.variables import Declaration
-from etendue.plan.model import Cell, CellRef, Node, told_by
+from etendue.plan.model import Cell, Node, told_by
 
 LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
@@ -34,7 +34,7 @@ def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
     """Of the cells of a node one of each that cost the same, being of one stage and of the same grids, and how many
     there are.
     """
-    found: dict[tuple[Hashable, ...], list[CellRef]] = {}
+    found: dict[tuple[Hashable, ...], list[Any]] = {}
     for cell in cells:
         place = id(cell.stage), told_by(cell.grids, cell.input_grids), cell.left_out is None
         known = found.get(place)

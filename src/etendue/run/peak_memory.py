@@ -37,7 +37,7 @@ from etendue.run.peak_segments import segment_bytes
 from etendue.transfer.sampling import padded_size
 
 if TYPE_CHECKING:
-    from etendue.present.pictures.thumbnails import Look
+    pass
 
 WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds for all bands while it makes one of them
 AROUND = 4  # times as many combinations of a sweep as there are workers are gone through
@@ -106,7 +106,7 @@ def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[
     ]
     todo = ancestry(plan, refs) if len(refs) < len(plan.cells) else set(refs)
     show = frozenset(ref for ref in shown_cells(plan).values() if pictures and ref in todo)
-    looks: dict[CellRef, Look] = dict.fromkeys(show, _LOOK)
+    looks: dict[CellRef, Any] = dict.fromkeys(show, _LOOK)
     place = (lambda ref, variable: True if (ref[0], variable) in plan.kept else None) if in_memory else None
     return make_jobs(plan, todo, lambda cell: None, deliver_all=in_memory, show=show, place=place, looks=looks)
 

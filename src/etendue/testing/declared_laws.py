@@ -175,7 +175,7 @@ def _solved_back(bench: Bench) -> None:
     ordinary = bench.arrays("ordinary", SMALL)
     size = ordinary[port].shape[0]
     base = np.random.default_rng(3).uniform(0.3, 0.7, size)
-    colours = [base, base * 0.9, *(base + STEP * unit for unit in np.eye(size))]
+    colours: list[Any] = [base, base * 0.9, *(base + STEP * unit for unit in np.eye(size))]
     found = []
     for colour in colours:
         one = bench.run(

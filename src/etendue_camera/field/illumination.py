@@ -169,7 +169,7 @@ def _segment(half_angle: Floats) -> Floats:
     """(u - sin u)/2 for u = 2 x half_angle: area of a circular segment of a unit circle."""
     u = 2.0 * np.asarray(half_angle)
     squared = u * u
-    series: FloatArray = 0.0
+    series: Any = 0.0
     for k in (
         17,
         15,

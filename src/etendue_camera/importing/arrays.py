@@ -91,7 +91,7 @@ def chosen(arrays: Mapping[str, Array], variable: str, path: str) -> Cube:
     )
 
 
-def spectral(values: Array, wavelength: Array) -> Cube:
+def spectral(values: Array, wavelength: Any) -> Cube:
     """With the axis of wavelengths in front: the one of their number, the last where two have it."""
     if wavelength is None or values.ndim != 3:
         return Cube(values, wavelength)

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue.arrays import Array
 from etendue.contract.registry import Registry
 from etendue.contract.stage import reads_of
 from etendue.documents import Document
@@ -219,7 +218,7 @@ class _Cameras:
         on_it = {n for n, kind in kinds.items() if MOSAIC in {d.variable for d in reads_of(kind).values()}}
         self.beside = frozenset(on_it & set(self.ideal.left_out))
         self.players = (*(n for n in self.ideal.left_out if n not in self.beside), self.mosaic)
-        self.pictures: dict[frozenset[str], Array] = {}
+        self.pictures: dict[frozenset[str], Any] = {}
         self.reference = self._lab(frozenset())
 
     def loss(self, present: frozenset[str]) -> float:

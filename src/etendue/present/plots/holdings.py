@@ -91,9 +91,9 @@ class Held:
         coordinate = self.groups[0].get(dim)
         return coordinate is None or coordinate.dtype.kind in "fiu"
 
-    def values_of(self, dim: str) -> list[AxisValue]:
+    def values_of(self, dim: str) -> list[Any]:
         """The values along an axis or a dim: those of all shapes, numbers in order."""
-        found: dict[AxisValue, None] = {}
+        found: dict[Any, None] = {}
         for group in self.groups:
             if dim in group.coords:
                 found.update(dict.fromkeys(group[dim].values.tolist()))
@@ -212,9 +212,9 @@ class Holdings:
         return [one for one in self if one.kind in kinds]
 
     @property
-    def axes(self) -> dict[str, list[AxisValue]]:
+    def axes(self) -> dict[str, list[Any]]:
         """Every axis of the sweep with its values."""
-        found: dict[str, dict[AxisValue, None]] = {}
+        found: dict[str, dict[Any, None]] = {}
         for one in self:
             for dim in one.axes:
                 found.setdefault(dim, {}).update(dict.fromkeys(one.values_of(dim)))

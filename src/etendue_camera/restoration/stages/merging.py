@@ -61,7 +61,7 @@ class MergeFrames(KnownNoise):
         integration_time: FloatArray,
         white: FloatArray,
         clipping_level: FloatArray,
-        balance_gains: FloatArray = None,
+        balance_gains: FloatArray | None = None,
     ) -> dict[str, Array]:
         if not np.all(integration_time > 0):
             raise ValueError(
