@@ -113,7 +113,8 @@ class _Slices:
             replace(stage, **{name: self.labels[i][at[i]] for name, i in self.along.items()}) if self.along else stage
         )
 
-    def arrays_at(self, at: tuple[int, ...]) -> dict[str, Any]        """What a slice reads; of arrays that nobody can write to."""
+    def arrays_at(self, at: tuple[int, ...]) -> dict[str, Any]:
+        """What a slice reads; of arrays that nobody can write to."""
         found = {
             port: array[tuple([at[i] for i in lead])] if lead else for_reading(array)
             for port, array, lead in self.given

@@ -8,6 +8,7 @@ the measured ones.
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
+from typing import Any
 
 from etendue.contract.capabilities import Summed
 from etendue.contract.grid import Grid

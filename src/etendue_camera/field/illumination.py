@@ -7,6 +7,8 @@ Sources: plane geometry; conjugates of the pupils of a lens in air.
 `radiometry.cos4` and `radiometry.disc_falloff` are the fall-off of a whole pupil; what is here multiplies it.
 """
 
+from typing import Any
+
 import numpy as np
 
 from etendue import require
